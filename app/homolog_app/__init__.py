@@ -1,0 +1,1 @@
+"""The application: command line, pictures, reports and the desktop window."""

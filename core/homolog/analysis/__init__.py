@@ -1,0 +1,1 @@
+"""Statistics of particle arrays: shape model, parallel analysis, group tests."""

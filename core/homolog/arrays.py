@@ -1,0 +1,29 @@
+"""Array types and the read-only rule: arrays that travel between parts can't be written to."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Array", "BoolArray", "Float32Array", "FloatArray", "IntArray", "frozen"]
+
+Array = NDArray[Any]
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+IntArray = NDArray[np.integer[Any]]
+BoolArray = NDArray[np.bool_]
+
+
+def frozen(array: Array, dtype: Any = None) -> Array:  # noqa: ANN401 - whatever numpy takes as a dtype
+    """Return a contiguous, read-only array with the given values.
+
+    Parameters
+    ----------
+    array : array_like
+        Any shape. The caller's own array stays writable: a view or copy is frozen.
+    dtype : dtype, optional
+        Type of the result; the array's own by default.
+    """
+    result = np.ascontiguousarray(array, dtype=dtype).view()
+    result.setflags(write=False)
+    return result

@@ -1,0 +1,1 @@
+"""Particles and the entropies that place them (the paper's Eq. 1-6)."""

@@ -1,0 +1,43 @@
+"""The compute device: chosen here and nowhere else, and always named."""
+
+import warp as wp
+
+from homolog.errors import InputError
+
+__all__ = ["choose_device", "describe_device"]
+
+wp.config.quiet = True
+
+
+def choose_device(name: str = "auto") -> str:
+    """Return the Warp alias of the device to compute on.
+
+    Parameters
+    ----------
+    name : str
+        ``"auto"`` (first CUDA device, else the CPU), ``"cpu"`` or ``"cuda:<n>"``.
+
+    Raises
+    ------
+    InputError
+        If the named device does not exist here; the message lists those that do.
+    """
+    wp.init()
+    present = ["cpu", *(device.alias for device in wp.get_cuda_devices())]
+    if name == "auto":
+        return present[1] if len(present) > 1 else "cpu"
+    alias = "cuda:0" if name == "cuda" else name
+    if alias not in present:
+        raise InputError(f"device {name!r} is not on this machine; use one of: auto, {', '.join(present)}")
+    return alias
+
+
+def describe_device(alias: str) -> str:
+    """Return a line for people, such as ``"cuda:0 (NVIDIA H100, 80 GB)"`` or ``"cpu (2 cores)"``."""
+    import os
+
+    if alias == "cpu":
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        return f"cpu ({cores} cores)"
+    device = wp.get_device(alias)
+    return f"{alias} ({device.name}, {device.total_memory / 2**30:.0f} GB)"

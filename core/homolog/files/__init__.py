@@ -1,0 +1,1 @@
+"""Reading and writing: meshes, particles, tables, project folders."""

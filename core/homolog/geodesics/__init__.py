@@ -1,0 +1,1 @@
+"""Truncated all-pairs geodesic distances on triangle meshes."""

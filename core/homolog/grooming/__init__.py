@@ -1,0 +1,1 @@
+"""From a file to an aligned distance field and mesh, per subject."""

@@ -1,0 +1,126 @@
+"""Every parameter of a run, once: unit, bounds, default and help serve file, command line and form.
+
+Lengths that depend on the shapes are relative: regularisation and weights have no unit, so that they
+mean the same for a mouse femur in micrometres and a pelvis in millimetres (see docs/method.md).
+"""
+
+from enum import StrEnum
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+__all__ = ["Alignment", "GroomSettings", "Method", "OptimizeSettings", "RunSettings"]
+
+
+class Method(StrEnum):
+    """Which contributions of the paper are in force."""
+
+    GEODESIC_NORMALS = "geodesic-normals"
+    GEODESIC = "geodesic"
+    NORMALS = "normals"
+    EUCLIDEAN = "euclidean"
+
+    @property
+    def uses_geodesics(self) -> bool:
+        """Whether particles on one shape repel by geodesic distance."""
+        return self in (Method.GEODESIC_NORMALS, Method.GEODESIC)
+
+    @property
+    def uses_normals(self) -> bool:
+        """Whether the entropy of surface normals H(V) is part of the objective."""
+        return self in (Method.GEODESIC_NORMALS, Method.NORMALS)
+
+
+class Alignment(StrEnum):
+    """How the groomed shapes are brought into one frame."""
+
+    NONE = "none"
+    CENTER = "center"
+    AXES = "axes"
+    ICP = "icp"
+
+
+def _unit(name: str) -> dict[str, Any]:
+    return {"unit": name}
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class GroomSettings(_Settings):
+    """From a segmentation to a distance field and a mesh."""
+
+    label: Annotated[
+        int | None,
+        Field(ge=1, le=2**31 - 1, description="Label value to keep; every value above 0 if not given."),
+    ] = None
+    spacing: Annotated[
+        float | None,
+        Field(
+            gt=0.0,
+            le=100.0,
+            json_schema_extra=_unit("mm"),
+            description="Node spacing of the isotropic grid; chosen from the finest input axis if not given.",
+        ),
+    ] = None
+    smoothing: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            le=5.0,
+            json_schema_extra=_unit("voxels"),
+            description="Standard deviation of the Gaussian that removes voxel steps.",
+        ),
+    ] = 1.0
+    alignment: Annotated[
+        Alignment,
+        Field(description="Rigid alignment: none, centre of mass, principal axes, or ICP to a medoid shape."),
+    ] = Alignment.ICP
+    scaling: Annotated[
+        bool,
+        Field(description="Also scale to a common size. The factor is stored; files keep their own size."),
+    ] = False
+    mesh_edge: Annotated[
+        float | None,
+        Field(
+            gt=0.0,
+            le=100.0,
+            json_schema_extra=_unit("mm"),
+            description="Edge length of the surface meshes; about 6000 vertices a shape if not given.",
+        ),
+    ] = None
+    adaptive_mesh: Annotated[
+        bool, Field(description="Finer triangles where the surface is strongly curved.")
+    ] = False
+
+
+class OptimizeSettings(_Settings):
+    """Placing the particles."""
+
+    method: Annotated[
+        Method, Field(description="The paper's method, its predecessor, or one contribution.")
+    ] = Method.GEODESIC_NORMALS
+    particles: Annotated[
+        int, Field(ge=4, le=65536, description="Corresponding points on every shape; any number.")
+    ] = 1024
+    seed: Annotated[
+        int, Field(ge=0, le=2**31 - 1, description="Seed of the split directions; same seed, same result.")
+    ] = 0
+
+
+class RunSettings(_Settings):
+    """All of a run's parameters."""
+
+    groom: GroomSettings = GroomSettings()
+    optimize: OptimizeSettings = OptimizeSettings()
+    device: Annotated[
+        str,
+        Field(
+            pattern=r"^(auto|cpu|cuda(:\d+)?)$",
+            description="Where to compute: auto, cpu, cuda:0 …; auto takes the first GPU.",
+        ),
+    ] = "auto"
+    workers: Annotated[
+        int | Literal["auto"], Field(description="Processes that groom subjects side by side.")
+    ] = "auto"

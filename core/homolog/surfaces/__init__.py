@@ -1,0 +1,1 @@
+"""Segmentations, distance fields and triangle meshes."""

@@ -1,0 +1,53 @@
+"""Closed triangle surfaces."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from homolog.arrays import FloatArray, IntArray, frozen
+
+__all__ = ["TriangleMesh"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TriangleMesh:
+    """A triangle surface in LPS millimetres, faces counter-clockwise seen from outside.
+
+    Attributes
+    ----------
+    vertices : (V, 3) float64 array
+        Positions [mm], read-only.
+    faces : (F, 3) int32 array
+        Vertex indices, read-only.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "vertices", frozen(self.vertices, np.float64))
+        object.__setattr__(self, "faces", frozen(self.faces, np.int32))
+
+    @property
+    def face_areas(self) -> FloatArray:
+        """Area of each face [mm²], shape (F,)."""
+        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
+        return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+    @property
+    def area(self) -> float:
+        """Surface area [mm²]."""
+        return float(self.face_areas.sum())
+
+    @property
+    def volume(self) -> float:
+        """Enclosed volume [mm³], by the divergence theorem; positive if the faces point outward."""
+        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
+        return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
+
+    @property
+    def mean_edge(self) -> float:
+        """Mean edge length [mm], over face sides."""
+        corners = self.vertices[self.faces]
+        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())

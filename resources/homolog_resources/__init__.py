@@ -1,0 +1,1 @@
+"""Icons, style sheets, colour tables and other files that the application shows."""
