@@ -1,0 +1,68 @@
+"""The command line: the same pipeline as the window's.
+
+Each command is one module here with two functions: ``add_parser(subparsers)`` declares its options and
+``run(arguments)`` does the work and returns the exit code. What is slow to import (warp, SimpleITK, VTK,
+matplotlib) is imported inside ``run``, so that ``homolog --help`` answers at once.
+"""
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+from importlib.util import find_spec
+from types import ModuleType
+
+from homolog import __version__
+from homolog.errors import Cancelled, InputError, NumericalError
+
+__all__ = ["CANCELLED", "INPUT_ERROR", "OK", "PROGRAM_ERROR", "main"]
+
+OK, PROGRAM_ERROR, INPUT_ERROR, CANCELLED = 0, 1, 2, 130
+"""Exit codes; 130 is the shell's own for a command ended by Ctrl-C."""
+
+_COMMANDS = ("run", "info", "demo", "beans", "analyze", "report", "geodesics")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments after the program's name; those of the process by default.
+    """
+    parser, modules = _parser()
+    arguments = parser.parse_args(argv)
+    if arguments.command is None:
+        parser.print_help(sys.stderr)
+        return INPUT_ERROR
+    try:
+        return int(modules[arguments.command].run(arguments))
+    except InputError as error:
+        _complain(error)
+        return INPUT_ERROR
+    except NumericalError as error:
+        _complain(error)
+        return PROGRAM_ERROR
+    except (Cancelled, KeyboardInterrupt):
+        sys.stderr.write("cancelled\n")
+        return CANCELLED
+
+
+def _parser() -> tuple[argparse.ArgumentParser, dict[str, ModuleType]]:
+    parser = argparse.ArgumentParser(
+        prog="homolog", description="Corresponding points on ensembles of shapes, and their statistics."
+    )
+    parser.add_argument("--version", action="version", version=f"homolog {__version__}")
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
+    present = [name for name in _COMMANDS if find_spec(f"{__name__}.{name}")]
+    modules = {name: importlib.import_module(f"{__name__}.{name}") for name in present}
+    for module in modules.values():
+        module.add_parser(subparsers)
+    return parser, modules
+
+
+def _complain(error: Exception) -> None:
+    """Print one line for each thing that is wrong."""
+    for line in str(error).splitlines():
+        sys.stderr.write(f"homolog: {line}\n")
