@@ -27,7 +27,7 @@ def add_progress_option(parser: argparse.ArgumentParser) -> None:
 
 def remaining_seconds(fraction: float, elapsed: float) -> float | None:
     """Seconds left if the work goes on as fast as so far; None while that can't be told."""
-    return elapsed * (1.0 - fraction) / fraction if 0.01 < fraction and elapsed > 1.0 else None
+    return elapsed * (1.0 - fraction) / fraction if fraction > 0.01 and elapsed > 1.0 else None
 
 
 class Progress:
@@ -39,7 +39,7 @@ class Progress:
         self._moves = mode == "bar" and stream.isatty()
         self._started = time.monotonic()
         self._drawn = 0.0
-        self._said = ""
+        self._said: str | None = ""
 
     def tick(self, fraction: float, message: str) -> None:
         """Show the progress of a piece of work that has no phases."""
@@ -50,11 +50,10 @@ class Progress:
     ) -> None:
         """Show a fraction of the whole [0, 1], what is being done and the seconds left, where known."""
         now = time.monotonic()
-        news = message.split(" ")[0] if phase is None else phase
         pause = _LINE_S if self._mode == "bar" and not self._moves else _REDRAW_S
-        if self._mode == "none" or (now - self._drawn < pause and news == self._said and fraction < 1.0):
+        if self._mode == "none" or (now - self._drawn < pause and phase == self._said and fraction < 1.0):
             return
-        self._drawn, self._said = now, news
+        self._drawn, self._said = now, phase
         if self._mode == "json":
             eta = None if eta_s is None else round(eta_s, 1)
             record = {"phase": phase, "fraction": round(fraction, 4), "message": message, "eta_s": eta}
