@@ -1,0 +1,156 @@
+"""Who is studied: the subjects' names, files and groups."""
+
+import csv
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+
+from homolog.errors import InputError
+
+__all__ = ["IMAGE_SUFFIXES", "MESH_SUFFIXES", "Cohort", "Subject", "read_cohort"]
+
+IMAGE_SUFFIXES = (".nii.gz", ".nii", ".nrrd", ".nhdr", ".mha", ".mhd")
+MESH_SUFFIXES = (".vtp", ".vtk", ".ply", ".stl", ".obj")
+
+MANIFEST = "cohort.csv"
+_OWN_COLUMNS = ("name", "path", "group")
+_BAD_IN_NAMES = set('/\\:*?"<>|') | {chr(code) for code in range(32)}
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """One shape of the study.
+
+    Attributes
+    ----------
+    name : str
+        Unique within the cohort and fit for a file name.
+    path : Path
+        Segmentation or closed surface mesh.
+    group : str or None
+        Value of the manifest's ``group`` column, if any.
+    columns : mapping of str to str
+        The manifest's further columns, kept as they are.
+    """
+
+    name: str
+    path: Path
+    group: str | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_mesh(self) -> bool:
+        """Whether the file is a surface mesh rather than a segmentation."""
+        return _suffix(self.path) in MESH_SUFFIXES
+
+    def __getstate__(self) -> tuple[object, ...]:
+        """Hand over what another process needs (a read-only mapping can't be pickled)."""
+        return self.name, self.path, self.group, dict(self.columns)
+
+    def __setstate__(self, state: tuple[object, ...]) -> None:
+        """Take over what `__getstate__` handed out."""
+        for slot, value in zip(("name", "path", "group", "columns"), state, strict=True):
+            object.__setattr__(self, slot, value)
+
+
+@dataclass(frozen=True, slots=True)
+class Cohort:
+    """The subjects of a study, in the order in which every result lists them.
+
+    Attributes
+    ----------
+    subjects : tuple of Subject
+        Sorted by name if read from a folder, in file order if read from a manifest.
+    folder : Path
+        Where the subjects' relative paths start.
+    """
+
+    subjects: tuple[Subject, ...]
+    folder: Path
+
+    def without(self, names: set[str]) -> "Cohort":
+        """Return the cohort without the named subjects."""
+        return Cohort(tuple(one for one in self.subjects if one.name not in names), self.folder)
+
+
+def read_cohort(path: Path) -> Cohort:
+    """Read a cohort from a folder of segmentations or meshes, or from a table.
+
+    Parameters
+    ----------
+    path : Path
+        A folder, or a CSV file with the columns ``name,path[,group,…]``; relative paths start at the
+        file's own folder. A folder that holds a ``cohort.csv`` is read through it.
+
+    Raises
+    ------
+    InputError
+        If nothing is there, a column or value is missing, or two subjects have the same name.
+    """
+    path = Path(path)
+    if path.is_dir():
+        manifest = path / MANIFEST
+        cohort = _read_manifest(manifest) if manifest.is_file() else _read_folder(path)
+    elif path.is_file() and path.suffix.lower() == ".csv":
+        cohort = _read_manifest(path)
+    elif path.is_file():
+        raise InputError(
+            f"{path}: is one file; give the folder that holds the cohort's files, or a cohort.csv"
+        )
+    else:
+        raise InputError(f"{path}: there is no such folder or file")
+    repeated = [name for name, count in Counter(one.name for one in cohort.subjects).items() if count > 1]
+    if repeated:
+        raise InputError(f"{path}: several subjects are called {', '.join(repeated)}; give each its own name")
+    return cohort
+
+
+def _suffix(path: Path) -> str:
+    name = path.name.lower()
+    return ".nii.gz" if name.endswith(".nii.gz") else path.suffix.lower()
+
+
+def _read_folder(folder: Path) -> Cohort:
+    known = IMAGE_SUFFIXES + MESH_SUFFIXES
+    files = sorted(one for one in folder.iterdir() if _suffix(one) in known and not one.name.startswith("."))
+    if not files:
+        raise InputError(f"{folder}: holds no segmentation or mesh; known files are {', '.join(known)}")
+    return Cohort(tuple(Subject(one.name[: -len(_suffix(one))], one) for one in files), folder)
+
+
+def _read_manifest(path: Path) -> Cohort:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.DictReader(stream, skipinitialspace=True)
+            columns = [name.strip() for name in reader.fieldnames or []]
+            reader.fieldnames = columns
+            rows = [{key: (value or "").strip() for key, value in row.items() if key} for row in reader]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: can't be read as a table: {error}") from error
+    missing = [name for name in ("name", "path") if name not in columns]
+    if missing:
+        raise InputError(
+            f"{path}: lacks the column {' and '.join(missing)}; the first line must be name,path,group"
+        )
+    if not rows:
+        raise InputError(f"{path}: lists no subject")
+    subjects = [_subject(row, path, line) for line, row in enumerate(rows, start=2)]
+    return Cohort(tuple(subjects), path.parent)
+
+
+def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:
+    for column in ("name", "path"):
+        if not row[column]:
+            raise InputError(f"{manifest}, line {line}: the {column} is empty")
+    bad = sorted(_BAD_IN_NAMES & set(row["name"]))
+    if bad or row["name"] in (".", ".."):
+        raise InputError(f"{manifest}, line {line}: {row['name']!r} can't be a file name; rename the subject")
+    further = {key: value for key, value in row.items() if key not in _OWN_COLUMNS}
+    return Subject(
+        name=row["name"],
+        path=manifest.parent / row["path"],
+        group=row.get("group") or None,
+        columns=MappingProxyType(further),
+    )

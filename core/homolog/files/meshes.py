@@ -1,0 +1,186 @@
+"""Surface meshes as files: VTP, VTK, PLY, STL and OBJ, through VTK's own readers and writers."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from homolog.arrays import Array, FloatArray
+from homolog.errors import InputError
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["read_mesh", "write_mesh"]
+
+# (module, class name) pieces of `vtkmodules`, by suffix: reader and writer.
+_MODULES = {
+    ".vtp": ("vtkIOXML", "vtkXMLPolyData"),
+    ".vtk": ("vtkIOLegacy", "vtkPolyData"),
+    ".ply": ("vtkIOPLY", "vtkPLY"),
+    ".stl": ("vtkIOGeometry", "vtkSTL"),
+    ".obj": ("vtkIOGeometry", "vtkOBJ"),
+}
+_LPS_HEADER = "SPACE=LPS"  # 3D Slicer's mark for the patient frame used here
+
+
+def read_mesh(path: Path) -> TriangleMesh:
+    """Read a triangle surface; polygons are split and coinciding points merged.
+
+    Parameters
+    ----------
+    path : Path
+        A file that ends in .vtp, .vtk, .ply, .stl or .obj. Coordinates are millimetres, LPS unless the
+        file says ``SPACE=RAS``.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or can't be read, or holds no triangles or values that aren't finite.
+        Whether the surface is closed is not looked at.
+    """
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkFiltersCore import vtkCleanPolyData, vtkTriangleFilter
+
+    polydata, space = _read_polydata(path)
+    triangles = vtkTriangleFilter(pass_verts=False, pass_lines=False)
+    triangles.SetInputData(polydata)
+    merge = vtkCleanPolyData(tolerance=0.0)
+    merge.SetInputConnection(triangles.GetOutputPort())
+    merge.Update()
+    surface = merge.GetOutput()
+    if surface.GetNumberOfPolys() == 0:
+        raise InputError(f"{path}: holds no triangles; export the surface again")
+    vertices = vtk_to_numpy(surface.GetPoints().GetData()).astype(np.float64)
+    faces = vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    if not np.isfinite(vertices).all():
+        raise InputError(f"{path}: holds coordinates that aren't numbers; export the surface again")
+    if space == "RAS":
+        vertices[:, :2] *= -1.0
+    return TriangleMesh(vertices, faces)
+
+
+def write_mesh(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array] | None = None) -> None:
+    """Write a surface, marked as LPS where the format has room for it.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in .vtp, .vtk, .ply, .stl or .obj. Replaced only after everything is written.
+    mesh : TriangleMesh
+        The surface, in LPS millimetres.
+    point_data : mapping of str to (V,) or (V, C) array, optional
+        Values at the vertices; kept by .vtp, .vtk and, as float properties, .ply.
+
+    Raises
+    ------
+    InputError
+        If the suffix is unknown, the file can't be written, or .stl or .obj was asked to keep values.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if point_data and suffix in (".stl", ".obj"):
+        raise InputError(f"{path}: {suffix} files can't hold values at vertices; use .vtp or .ply")
+    if suffix == ".ply":
+        _write_ply(path, mesh, point_data or {})
+        return
+    writer = _piece(path, "Writer")
+    writer.SetInputData(_as_polydata(mesh, point_data or {}))
+    if suffix == ".vtk" or suffix == ".stl":
+        writer.SetHeader(_LPS_HEADER)
+        writer.SetFileTypeToBinary()
+    part = path.with_name(f"{path.stem}.part{suffix}")
+    writer.SetFileName(os.fspath(part))
+    if not writer.Write() or writer.GetErrorCode():
+        part.unlink(missing_ok=True)
+        raise InputError(f"{path}: can't be written; is the folder there, writable and not full?")
+    part.replace(path)
+
+
+def _piece(path: Path, kind: str) -> Any:  # noqa: ANN401 - VTK has no common type for its readers
+    import importlib
+
+    if path.suffix.lower() not in _MODULES:
+        raise InputError(f"{path}: is no mesh file; known are {', '.join(_MODULES)}")
+    module, name = _MODULES[path.suffix.lower()]
+    return getattr(importlib.import_module(f"vtkmodules.{module}"), name + kind)()
+
+
+def _read_polydata(path: Path) -> tuple[Any, str]:
+    """Return what the file holds and its frame, ``"LPS"`` or ``"RAS"``."""
+    path = Path(path)
+    reader = _piece(path, "Reader")
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file")
+    complaints: list[str] = []
+    reader.AddObserver("ErrorEvent", lambda *_: complaints.append("error"))
+    reader.SetFileName(os.fspath(path))
+    reader.Update()
+    polydata = reader.GetOutput()
+    if complaints or reader.GetErrorCode() or polydata is None or polydata.GetNumberOfPoints() == 0:
+        raise InputError(f"{path}: can't be read as a mesh; it may be cut short or of another kind")
+    return polydata, "RAS" if "SPACE=RAS" in _header(reader, polydata, path) else "LPS"
+
+
+def _header(reader: Any, polydata: Any, path: Path) -> str:  # noqa: ANN401 - VTK objects
+    """Return the text in which 3D Slicer notes the frame, for the formats that carry one."""
+    array = polydata.GetFieldData().GetAbstractArray("SPACE")
+    if array is not None:
+        return f"SPACE={array.GetValue(0)}"
+    if path.suffix.lower() in (".vtk", ".stl"):
+        return str(reader.GetHeader() or "")
+    with path.open("rb") as stream:
+        return stream.read(2000).decode("latin-1")
+
+
+def _as_polydata(mesh: TriangleMesh, point_data: Mapping[str, Array]) -> Any:  # noqa: ANN401
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
+    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+
+    polydata, points, cells, space = vtkPolyData(), vtkPoints(), vtkCellArray(), vtkStringArray()
+    points.SetData(numpy_to_vtk(mesh.vertices, deep=True))
+    faces = np.array(mesh.faces, dtype=np.int64)
+    cells.SetData(3, numpy_to_vtk(faces.ravel(), deep=True))
+    polydata.SetPoints(points)
+    polydata.SetPolys(cells)
+    for name, values in point_data.items():
+        array = numpy_to_vtk(np.array(values), deep=True)
+        array.SetName(name)
+        polydata.GetPointData().AddArray(array)
+    space.SetName("SPACE")
+    space.InsertNextValue("LPS")
+    polydata.GetFieldData().AddArray(space)
+    return polydata
+
+
+def _write_ply(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array]) -> None:
+    """Write a binary PLY with doubles and one float property per column of values.
+
+    VTK's PLY writer stores only colours and single-precision points.
+    """
+    columns: dict[str, FloatArray] = {}
+    for name, values in point_data.items():
+        table = np.asarray(values, dtype=np.float64).reshape(len(mesh.vertices), -1)
+        names = [name] if table.shape[1] == 1 else [f"{name}_{index}" for index in range(table.shape[1])]
+        columns.update(zip(["_".join(one.split()) for one in names], table.T, strict=True))
+    points = np.empty(
+        len(mesh.vertices), [(axis, "<f8") for axis in "xyz"] + [(one, "<f4") for one in columns]
+    )
+    for index, axis in enumerate("xyz"):
+        points[axis] = mesh.vertices[:, index]
+    for name, column in columns.items():
+        points[name] = column
+    triangles = np.empty(len(mesh.faces), [("count", "u1"), ("corners", "<i4", 3)])
+    triangles["count"], triangles["corners"] = 3, mesh.faces
+    header = [
+        "ply", "format binary_little_endian 1.0", f"comment {_LPS_HEADER}", f"element vertex {len(points)}",
+        *(f"property double {axis}" for axis in "xyz"), *(f"property float {name}" for name in columns),
+        f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header\n",
+    ]  # fmt: skip
+    part = path.with_name(f"{path.name}.part")
+    try:
+        part.write_bytes("\n".join(header).encode() + points.tobytes() + triangles.tobytes())
+        part.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: can't be written: {error.strerror}") from error
