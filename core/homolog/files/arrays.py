@@ -1,0 +1,45 @@
+"""Named arrays in one compressed file (npz), never pickled."""
+
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from homolog.arrays import Array, frozen
+from homolog.errors import InputError
+from homolog.files.atomic import replacing
+
+__all__ = ["read_arrays", "write_arrays"]
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write arrays, numbers and texts by name, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If the file can't be written.
+    """
+    with replacing(path) as part, part.open("wb") as stream:
+        np.savez_compressed(stream, allow_pickle=False, **arrays)
+
+
+def read_arrays(path: Path) -> dict[str, Array]:
+    """Read what `write_arrays` wrote, as read-only arrays.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged or holds anything but plain arrays.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return {
+                name: frozen(stored[name]) if stored[name].ndim else stored[name] for name in stored.files
+            }
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: there is no such file") from error
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, MemoryError) as error:
+        raise InputError(f"{path}: is damaged: {error}; delete it and run again") from error

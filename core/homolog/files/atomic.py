@@ -1,0 +1,51 @@
+"""Files appear whole or not at all: written beside their place, flushed, then renamed."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from homolog.errors import InputError
+
+__all__ = ["replacing", "write_text"]
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a path to write to; it takes the place of `path` when the block ends well.
+
+    Parameters
+    ----------
+    path : Path
+        The file to make or replace. Its folder is made if need be.
+
+    Yields
+    ------
+    Path
+        A hidden file in the same folder with the same suffix.
+
+    Raises
+    ------
+    InputError
+        If the folder can't be written to or the disk is full; `path` is then as it was.
+    """
+    path = Path(path)
+    part = path.with_name(f".part-{os.getpid()}-{path.name}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield part
+        with part.open("rb+") as stream:
+            os.fsync(stream.fileno())
+        part.replace(path)
+    except OSError as error:
+        raise InputError(
+            f"{path}: can't be written: {error.strerror or error}; is the disk full or read-only?"
+        ) from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a UTF-8 text file whole or not at all; raises as `replacing` does."""
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8", newline="")

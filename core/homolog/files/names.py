@@ -1,0 +1,30 @@
+"""Subjects' names as file names: portable, inside their folder, no two alike."""
+
+import re
+from collections.abc import Sequence
+
+__all__ = ["file_stems"]
+
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+_LONGEST = 100
+
+
+def file_stems(names: Sequence[str]) -> list[str]:
+    """Return one file name without suffix for each name.
+
+    Letters of any script, digits, ``.``, ``_`` and ``-`` are kept, everything else becomes ``_``. Names that
+    are then alike on some file system (``a`` and ``A``) get a number.
+    """
+    stems: list[str] = []
+    taken: set[str] = set()
+    for name in names:
+        plain = re.sub(r"[^\w.-]", "_", name)[:_LONGEST].strip(".") or "_"
+        if _RESERVED.fullmatch(plain):
+            plain = f"_{plain}"
+        stem, number = plain, 1
+        while stem.casefold() in taken:
+            number += 1
+            stem = f"{plain}_{number}"
+        taken.add(stem.casefold())
+        stems.append(stem)
+    return stems

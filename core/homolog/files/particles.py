@@ -1,0 +1,68 @@
+"""Particles as text, one ``x y z`` a line, as ShapeWorks reads and writes them."""
+
+from pathlib import Path
+
+import numpy as np
+
+from homolog.arrays import FloatArray, frozen
+from homolog.errors import InputError
+from homolog.files.atomic import write_text
+
+__all__ = ["read_particles", "write_particles"]
+
+
+def write_particles(path: Path, points: FloatArray) -> None:
+    """Write particles with all their digits; the line is the index of the correspondence.
+
+    Parameters
+    ----------
+    path : Path
+        The ``.particles`` file, replaced whole or not at all.
+    points : (N, 3) array
+        Positions [mm].
+
+    Raises
+    ------
+    InputError
+        If the file can't be written.
+    """
+    lines = (" ".join(map(repr, point)) for point in np.asarray(points, dtype=np.float64).tolist())
+    write_text(path, "".join(f"{line}\n" for line in lines))
+
+
+def read_particles(path: Path) -> FloatArray:
+    """Read particles, shape (N, 3) [mm], read-only.
+
+    Like ShapeWorks, stops at the first line that doesn't start with a number.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, empty, or holds a line of other than three finite numbers.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: can't be read as particles: {error}") from error
+    points = []
+    for number, line in enumerate(lines, start=1):
+        words = line.split()
+        if not words or not _is_number(words[0]):
+            break
+        if len(words) != 3 or not all(_is_number(word) for word in words):
+            raise InputError(f"{path}, line {number}: is no point; each line must be three numbers")
+        points.append([float(word) for word in words])
+    if not points:
+        raise InputError(f"{path}: holds no particles")
+    if not np.isfinite(points).all():
+        raise InputError(f"{path}: holds values that are not finite; write the particles again")
+    return frozen(np.array(points))
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
