@@ -1,0 +1,157 @@
+"""Checks of triangle meshes: what a surface must be before anything is computed on it."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from homolog.arrays import IntArray
+from homolog.errors import InputError
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["check_mesh", "edges", "euler_number", "face_components", "longest_edge"]
+
+FLATTEST = 1e-7
+"""A face whose height is below this part of its longest side counts as a face without area."""
+
+
+def edges(faces: IntArray) -> IntArray:
+    """Return each undirected edge once, shape (E, 2), smaller vertex first."""
+    sides = np.sort(_sides(faces), axis=1).astype(np.int64)
+    n_vertices = int(faces.max(initial=-1)) + 1
+    keys = np.unique(sides[:, 0] * n_vertices + sides[:, 1])
+    return np.stack([keys // max(n_vertices, 1), keys % max(n_vertices, 1)], axis=1)
+
+
+def euler_number(faces: IntArray) -> int:
+    """Return V - E + F over the vertices in use: 2 for a sphere, 0 for a torus."""
+    return len(np.unique(faces)) - len(edges(faces)) + len(faces)
+
+
+def face_components(faces: IntArray) -> IntArray:
+    """Return the number of the connected component of each face, shape (F,), the largest first.
+
+    Faces that share a vertex are connected.
+    """
+    labels = _vertex_components(faces, int(faces.max(initial=-1)) + 1)[faces[:, 0]]
+    found, counts = np.unique(labels, return_counts=True)
+    rank = np.empty(labels.max(initial=-1) + 1, np.int64)
+    rank[found[np.argsort(-counts, kind="stable")]] = np.arange(len(found))
+    return rank[labels]
+
+
+def longest_edge(mesh: TriangleMesh) -> float:
+    """Return the length of the longest edge [mm]."""
+    corners = mesh.vertices[mesh.faces]
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+
+
+def check_mesh(mesh: TriangleMesh, name: str) -> None:
+    """Refuse a mesh that is not one closed, oriented, manifold surface without degenerate faces.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Any arrays of the right shapes.
+    name : str
+        Subject or file, for the message.
+
+    Raises
+    ------
+    InputError
+        The first fault found, what it does, and the remedy.
+    """
+    fault = (
+        _array_fault(mesh)
+        or _face_fault(mesh)
+        or _vertex_fault(mesh)
+        or _edge_fault(mesh)
+        or _link_fault(mesh)
+    )
+    if fault:
+        raise InputError(f"{name}: the mesh {fault}")
+
+
+def _sides(faces: IntArray) -> IntArray:
+    """Directed sides of all faces, shape (3F, 2): first sides of all faces, then second, then third."""
+    return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+
+
+def _vertex_components(faces: IntArray, n_vertices: int) -> IntArray:
+    sides = _sides(faces)[: 2 * len(faces)]
+    graph = coo_array((np.ones(len(sides), np.int8), (sides[:, 0], sides[:, 1])), shape=(n_vertices,) * 2)
+    labels: IntArray = connected_components(graph, directed=False)[1]
+    return labels
+
+
+def _array_fault(mesh: TriangleMesh) -> str:
+    vertices, faces = mesh.vertices, mesh.faces
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
+        return f"needs arrays of shape (V, 3) and (F, 3), not {vertices.shape} and {faces.shape}"
+    if len(faces) == 0:
+        return "has no faces; is the segmentation empty?"
+    if not np.isfinite(vertices).all():
+        bad = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
+        return f"has {bad} vertices that are not finite numbers; export it again"
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        return f"has faces that refer to vertices outside 0 … {len(vertices) - 1}; export it again"
+    return ""
+
+
+def _face_fault(mesh: TriangleMesh) -> str:
+    corners = mesh.vertices[mesh.faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    bad = np.flatnonzero(2.0 * mesh.face_areas <= FLATTEST * longest**2)
+    if len(bad):
+        return f"has {len(bad)} faces without area (the first is face {bad[0]}); remove them or remesh"
+    return ""
+
+
+def _vertex_fault(mesh: TriangleMesh) -> str:
+    unused = len(mesh.vertices) - np.count_nonzero(
+        np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices))
+    )
+    if unused:
+        return f"has {unused} vertices that belong to no face; remove them"
+    ordered = mesh.vertices[np.lexsort(mesh.vertices.T)]
+    twins = np.count_nonzero((ordered[1:] == ordered[:-1]).all(axis=1))
+    if twins:
+        return f"is not welded: {twins} vertices lie exactly on another one; merge coincident vertices"
+    return ""
+
+
+def _edge_fault(mesh: TriangleMesh) -> str:
+    """Every directed side exactly once and its opposite exactly once: closed, manifold at edges, oriented."""
+    n_vertices = len(mesh.vertices)
+    sides = _sides(mesh.faces).astype(np.int64)
+    there = np.sort(sides[:, 0] * n_vertices + sides[:, 1])
+    back = np.sort(sides[:, 1] * n_vertices + sides[:, 0])
+    if np.array_equal(there, back) and (np.diff(there) > 0).all():
+        return ""
+    low, high = sides.min(axis=1), sides.max(axis=1)
+    uses = np.unique(low * n_vertices + high, return_counts=True)[1]
+    if (uses > 2).any():
+        return f"is not manifold: {np.count_nonzero(uses > 2)} edges have more than two faces; repair it"
+    if (uses < 2).any():
+        return f"is not closed: {np.count_nonzero(uses < 2)} edges have one face only; fill its holes"
+    return "has faces of opposite orientation side by side; orient its normals consistently"
+
+
+def _link_fault(mesh: TriangleMesh) -> str:
+    """One component, and one fan of faces around every vertex; presumes that the edges are in order."""
+    n_vertices, n_faces = len(mesh.vertices), len(mesh.faces)
+    components = int(_vertex_components(mesh.faces, n_vertices).max()) + 1
+    if components > 1:
+        return f"has {components} separate pieces; keep the largest or treat them as subjects of their own"
+    # A corner is named by the side that leaves it. The next corner around its vertex is reached over the
+    # side that arrives at it in the same face: the cycles of this permutation are the fans.
+    sides = _sides(mesh.faces).astype(np.int64)
+    there = np.argsort(sides[:, 0] * n_vertices + sides[:, 1])
+    twin = np.empty(3 * n_faces, np.int64)
+    twin[np.argsort(sides[:, 1] * n_vertices + sides[:, 0])] = there
+    following = np.roll(twin.reshape(3, n_faces), 1, axis=0).ravel()
+    ones = np.ones(3 * n_faces, np.int8)
+    graph = coo_array((ones, (np.arange(3 * n_faces), following)), shape=(3 * n_faces,) * 2)
+    fans = int(connected_components(graph, directed=False)[0])
+    if fans != n_vertices:
+        return f"is not manifold: it touches itself at {fans - n_vertices} vertices; repair it"
+    return ""
