@@ -7,7 +7,19 @@ from pathlib import Path
 
 from homolog.errors import InputError
 
-__all__ = ["replacing", "write_text"]
+__all__ = ["replacing", "write_text", "writing"]
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn what the system says about writing to `path` into an `InputError` with a remedy."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(
+            f"{path}: can't be written: {reason}; choose a folder that is writable and has room"
+        ) from error
 
 
 @contextmanager
@@ -31,18 +43,15 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     path = Path(path)
     part = path.with_name(f".part-{os.getpid()}-{path.name}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield part
-        with part.open("rb+") as stream:
-            os.fsync(stream.fileno())
-        part.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"{path}: can't be written: {error.strerror or error}; is the disk full or read-only?"
-        ) from error
-    finally:
-        part.unlink(missing_ok=True)
+    with writing(path):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield part
+            with part.open("rb+") as stream:
+                os.fsync(stream.fileno())
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -1,0 +1,198 @@
+"""A project: one folder that can be moved, with everything about a study in it.
+
+::
+
+    project.json              cohort, settings, and how the result came about
+    groomed/                  surfaces in the coordinates of their files
+    particles/                NAME_local.particles, NAME_world.particles
+    model/                    mean, modes, scores, eigenvalues
+    energies.csv              the objective's parts along the run
+    figures/                  pictures
+    checkpoint.npz            only while a run is unfinished
+
+A new result is written into ``.next/`` and takes the place of the old one when it is complete, so that at
+every moment, also after a crash, one whole result can be read.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+from pydantic import ValidationError
+
+from homolog.cohort import Cohort, Subject
+from homolog.errors import InputError
+from homolog.files.atomic import write_text, writing
+from homolog.files.records import FORMAT_VERSION, ProjectRecord, SubjectRecord
+
+__all__ = ["Project", "is_project"]
+
+_RECORD = "project.json"
+_NEXT = ".next"
+_COMPLETE = "complete"
+
+
+def is_project(folder: Path) -> bool:
+    """Whether the folder holds a project."""
+    return (Path(folder) / _RECORD).is_file()
+
+
+@dataclass(frozen=True, slots=True)
+class Project:
+    """A project folder. Holds no data itself: `read` and `write` go to the disk."""
+
+    folder: Path
+
+    @property
+    def groomed(self) -> Path:
+        """Folder of the groomed surfaces."""
+        return self.folder / "groomed"
+
+    @property
+    def particles(self) -> Path:
+        """Folder of the particles."""
+        return self.folder / "particles"
+
+    @property
+    def model(self) -> Path:
+        """Folder of the shape model."""
+        return self.folder / "model"
+
+    @property
+    def figures(self) -> Path:
+        """Folder of the pictures."""
+        return self.folder / "figures"
+
+    @property
+    def checkpoint(self) -> Path:
+        """State of an unfinished run."""
+        return self.folder / "checkpoint.npz"
+
+    def read(self) -> ProjectRecord:
+        """Read project.json.
+
+        Raises
+        ------
+        InputError
+            If the folder is no project, its file is damaged, or a newer Homolog wrote it.
+        """
+        path = self.folder / _RECORD
+        try:
+            content = json.loads(path.read_bytes())
+            newer = isinstance(content, dict) and content.get("version")
+            if isinstance(newer, int) and newer > FORMAT_VERSION:
+                raise InputError(
+                    f"{path}: was written by a newer Homolog (format {newer}); update Homolog to open it"
+                )
+            return ProjectRecord.model_validate(content)
+        except FileNotFoundError as error:
+            raise InputError(f"{self.folder}: is no project (it holds no {_RECORD})") from error
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"])) or "the file"
+            raise InputError(
+                f"{path}: is damaged: {where}: {first['msg']}; restore it from a backup"
+            ) from error
+        except (OSError, ValueError, RecursionError) as error:
+            raise InputError(f"{path}: is damaged: {error}; restore it from a backup") from error
+
+    def write(self, record: ProjectRecord) -> None:
+        """Replace project.json; raises InputError if the folder can't be written to."""
+        write_text(self.folder / _RECORD, record.model_dump_json(indent=2) + "\n")
+
+    def cohort(self) -> Cohort:
+        """Return the project's cohort, its files found from where the project lies now."""
+        subjects = [
+            Subject(one.name, (self.folder / one.path).resolve(), one.group, one.columns)
+            for one in self.read().subjects
+        ]
+        return Cohort(tuple(subjects), self.folder)
+
+    def describe(self, cohort: Cohort) -> list[SubjectRecord]:
+        """Return the cohort as project.json keeps it, with paths that start at the project's folder."""
+        return [
+            SubjectRecord(
+                name=one.name,
+                path=_relative(one.path, self.folder),
+                group=one.group,
+                columns=dict(one.columns),
+            )
+            for one in cohort.subjects
+        ]
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other programs from writing to the project; makes the folder and finishes a broken-off swap.
+
+        Raises
+        ------
+        InputError
+            If another program has the project open, or the folder can't be made or written to.
+        """
+        lock = FileLock(self.folder / ".lock", timeout=0)
+        with writing(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            try:
+                lock.acquire()
+            except Timeout as error:
+                message = f"{self.folder}: is in use by another Homolog; close that one or wait"
+                raise InputError(message) from error
+        try:
+            self._swap()
+            yield
+        finally:
+            lock.release()
+
+    def recover(self) -> None:
+        """Finish the swap of a result that a crash broke off; does nothing otherwise."""
+        if (self.folder / _NEXT / _COMPLETE).is_file():
+            with self.locked():
+                pass
+
+    @contextmanager
+    def replacing_result(self) -> Iterator["Project"]:
+        """Give an empty project folder for a new result; it takes the old one's place if the block ends well.
+
+        The block writes project.json and everything else of the result. To be used inside `locked`.
+        """
+        following = Project(self.folder / _NEXT)
+        shutil.rmtree(following.folder, ignore_errors=True)
+        try:
+            with writing(following.folder):
+                for folder in (following.particles, following.model, following.figures):
+                    folder.mkdir(parents=True)
+            yield following
+            write_text(following.folder / _COMPLETE, "")
+        except BaseException:
+            shutil.rmtree(following.folder, ignore_errors=True)
+            raise
+        self._swap()
+
+    def _swap(self) -> None:
+        """Move a complete new result into place; can be broken off and repeated at any point."""
+        following = self.folder / _NEXT
+        if not (following / _COMPLETE).is_file():
+            shutil.rmtree(following, ignore_errors=True)
+            return
+        with writing(self.folder):
+            for entry in sorted(following.iterdir()):
+                target = self.folder / entry.name
+                if entry.name == _COMPLETE:
+                    continue
+                if target.is_dir():
+                    shutil.rmtree(target)
+                entry.replace(target)
+            shutil.rmtree(following)
+
+
+def _relative(path: Path, folder: Path) -> str:
+    """Return the way from the folder to the file, or the whole path if there is none (another drive)."""
+    try:
+        return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    except ValueError:
+        return path.resolve().as_posix()

@@ -1,0 +1,79 @@
+"""What project.json says, as a schema: hostile or newer files are refused, never guessed at."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from homolog.settings import RunSettings
+
+__all__ = ["FORMAT_VERSION", "ProjectRecord", "ResultRecord", "ResultSubject", "SubjectRecord"]
+
+FORMAT_VERSION = 1
+
+_Row = Annotated[list[float], Field(min_length=4, max_length=4)]
+_Stem = Annotated[str, Field(pattern=r"^\w[\w.-]*$", max_length=120)]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class SubjectRecord(_Record):
+    """A subject of the project's cohort; `path` starts at the project's folder, with forward slashes."""
+
+    name: str
+    path: str
+    group: str | None = None
+    columns: dict[str, str] = {}
+
+
+class ResultSubject(_Record):
+    """A subject of the result, with what is needed to use the result without the input files.
+
+    `file` is the stem of the subject's files, `content` the hash of its groomed surface, `alignment` the
+    similarity from local to world coordinates, `notes` what grooming found and changed.
+    """
+
+    name: str
+    file: _Stem
+    group: str | None = None
+    columns: dict[str, str] = {}
+    content: str
+    alignment: Annotated[list[_Row], Field(min_length=4, max_length=4)]
+    notes: list[str] = []
+
+
+class ResultRecord(_Record):
+    """How the result came about: enough to tell whether it is the same as another and to repeat it.
+
+    `ended` says why the optimizer stopped, `metric` which distance kept particles on a surface apart,
+    `fingerprint` is a hash of the settings and of every groomed surface, `seconds` the time by phase.
+    """
+
+    finished: str
+    ended: str
+    iterations: Annotated[int, Field(ge=0)]
+    particles: Annotated[int, Field(ge=1)]
+    metric: Literal["geodesic", "euclidean"]
+    settings: RunSettings
+    device: str
+    versions: dict[str, str]
+    seconds: dict[str, float]
+    fingerprint: str
+    subjects: Annotated[list[ResultSubject], Field(min_length=2)]
+
+    @model_validator(mode="after")
+    def _files_are_distinct(self) -> "ResultRecord":
+        if len({one.file.casefold() for one in self.subjects}) < len(self.subjects):
+            raise ValueError("two subjects have the same file")
+        return self
+
+
+class ProjectRecord(_Record):
+    """The whole of project.json: the cohort and settings of the next run, and the last result if any."""
+
+    format: Literal["homolog-project"] = "homolog-project"
+    version: Annotated[int, Field(ge=1, le=FORMAT_VERSION)] = FORMAT_VERSION
+    subjects: list[SubjectRecord] = []
+    settings: RunSettings = RunSettings()
+    result: ResultRecord | None = None
