@@ -1,0 +1,70 @@
+"""Command-line options made from settings models, so that each setting is described once."""
+
+import argparse
+from typing import TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from homolog.errors import InputError
+from homolog.parameters import Parameter, parameters
+
+__all__ = ["add_options", "with_options"]
+
+_Model = TypeVar("_Model", bound=BaseModel)
+_AUTO = "auto"
+
+
+def add_options(parser: argparse.ArgumentParser, model: type[BaseModel]) -> None:
+    """Declare an option for each setting of the model; an option that isn't given leaves no trace."""
+    group = parser.add_argument_group(_title(model))
+    for one in parameters(model):
+        if one.kind is bool:
+            group.add_argument(
+                _option(one),
+                action=argparse.BooleanOptionalAction,
+                default=argparse.SUPPRESS,
+                help=_help(one),
+            )
+        else:
+            group.add_argument(
+                _option(one),
+                default=argparse.SUPPRESS,
+                metavar="{" + ",".join(one.choices) + "}" if one.choices else one.kind.__name__.upper(),
+                help=_help(one),
+            )
+
+
+def with_options(settings: _Model, arguments: argparse.Namespace) -> _Model:
+    """Return the settings with those that the command line names put in.
+
+    Raises
+    ------
+    InputError
+        One line for each value that is no such value or out of bounds.
+    """
+    given = {
+        one.name: None if value == _AUTO and one.default is None else value
+        for one in parameters(type(settings))
+        if (value := getattr(arguments, one.name, one)) is not one
+    }
+    try:
+        return type(settings).model_validate(settings.model_dump() | given)
+    except ValidationError as error:
+        lines = [
+            f"--{str(one['loc'][0]).replace('_', '-')} {one['input']}: {one['msg']}" for one in error.errors()
+        ]
+        raise InputError("\n".join(dict.fromkeys(lines))) from error
+
+
+def _option(one: Parameter) -> str:
+    return f"--{one.name.replace('_', '-')}"
+
+
+def _title(model: type[BaseModel]) -> str:
+    return (model.__doc__ or model.__name__).split("\n")[0].rstrip(".").lower()
+
+
+def _help(one: Parameter) -> str:
+    default = _AUTO if one.default is None else one.default
+    facts = [one.bounds, one.unit, f"default {default}"]
+    return f"{one.help} ({', '.join(fact for fact in facts if fact)})".replace("%", "%%")

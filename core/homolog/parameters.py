@@ -1,0 +1,103 @@
+"""What a settings model says about its fields, for command lines and forms to be made from."""
+
+from dataclasses import dataclass
+from enum import Enum
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+__all__ = ["Parameter", "parameters"]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One setting.
+
+    Attributes
+    ----------
+    name : str
+        The field's name.
+    kind : type
+        ``bool``, ``int``, ``float`` or ``str``; for a closed set of values its `Enum`.
+    automatic : bool
+        Whether the value may be left to the program (None, or the literal ``"auto"``).
+    default : object
+        The value if nothing is said.
+    low, high : float or None
+        Bounds, if any. `low_excluded` says that `low` itself is not allowed.
+    low_excluded : bool
+    unit : str
+        Empty for numbers without dimension.
+    help : str
+        One or two sentences.
+    """
+
+    name: str
+    kind: type
+    automatic: bool
+    default: Any
+    low: float | None
+    high: float | None
+    low_excluded: bool
+    unit: str
+    help: str
+
+    @property
+    def label(self) -> str:
+        """The name for people: ``"mesh edge"``."""
+        return self.name.replace("_", " ")
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """The values of a closed set; empty for anything else."""
+        return tuple(str(one.value) for one in self.kind) if issubclass(self.kind, Enum) else ()
+
+    @property
+    def bounds(self) -> str:
+        """The bounds for people: ``"4 to 65536"``, or an empty text."""
+        if self.low is None or self.high is None:
+            return ""
+        return f"{'above ' if self.low_excluded else ''}{self.low:g} to {self.high:g}"
+
+
+def parameters(model: type[BaseModel]) -> list[Parameter]:
+    """Return the model's own settings in order, without the models nested in it."""
+    return [
+        _parameter(name, field)
+        for name, field in model.model_fields.items()
+        if not (isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel))
+    ]
+
+
+def _parameter(name: str, field: FieldInfo) -> Parameter:
+    kind, automatic = _kind(field.annotation)
+    bounds = {
+        bound: getattr(one, bound)
+        for one in field.metadata
+        for bound in ("ge", "gt", "le", "lt")
+        if getattr(one, bound, None) is not None
+    }
+    extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+    return Parameter(
+        name=name,
+        kind=kind,
+        automatic=automatic,
+        default=field.default,
+        low=bounds.get("ge", bounds.get("gt")),
+        high=bounds.get("le", bounds.get("lt")),
+        low_excluded="gt" in bounds,
+        unit=str(extra.get("unit", "")),
+        help=field.description or "",
+    )
+
+
+def _kind(annotation: Any) -> tuple[type, bool]:  # noqa: ANN401 - annotations have no common type
+    """Return the type that a value has when it is not left to the program, and whether it may be."""
+    if get_origin(annotation) not in (Union, UnionType):
+        return annotation, False
+    members = get_args(annotation)
+    automatic = [one for one in members if one is type(None) or get_origin(one) is Literal]
+    (kind,) = [one for one in members if one not in automatic]
+    return kind, bool(automatic)
