@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum
 from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -22,7 +22,7 @@ class Parameter:
     kind : type
         ``bool``, ``int``, ``float`` or ``str``; for a closed set of values its `Enum`.
     automatic : bool
-        Whether the value may be left to the program (None, or the literal ``"auto"``).
+        Whether the value may be left to the program (None).
     default : object
         The value if nothing is said.
     low, high : float or None
@@ -59,7 +59,7 @@ class Parameter:
         """The bounds for people: ``"4 to 65536"``, or an empty text."""
         if self.low is None or self.high is None:
             return ""
-        return f"{'above ' if self.low_excluded else ''}{self.low:g} to {self.high:g}"
+        return f"{'above ' if self.low_excluded else ''}{self.low} to {self.high}"
 
 
 def parameters(model: type[BaseModel]) -> list[Parameter]:
@@ -97,7 +97,5 @@ def _kind(annotation: Any) -> tuple[type, bool]:  # noqa: ANN401 - annotations h
     """Return the type that a value has when it is not left to the program, and whether it may be."""
     if get_origin(annotation) not in (Union, UnionType):
         return annotation, False
-    members = get_args(annotation)
-    automatic = [one for one in members if one is type(None) or get_origin(one) is Literal]
-    (kind,) = [one for one in members if one not in automatic]
-    return kind, bool(automatic)
+    (kind,) = [one for one in get_args(annotation) if one is not type(None)]
+    return kind, True

@@ -5,7 +5,7 @@ mean the same for a mouse femur in micrometres and a pelvis in millimetres (see 
 """
 
 from enum import StrEnum
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -122,5 +122,10 @@ class RunSettings(_Settings):
         ),
     ] = "auto"
     workers: Annotated[
-        int | Literal["auto"], Field(description="Processes that groom subjects side by side.")
-    ] = "auto"
+        int | None,
+        Field(
+            ge=1,
+            le=256,
+            description="Processes that groom subjects side by side; one for each core if not given.",
+        ),
+    ] = None
