@@ -1,0 +1,125 @@
+"""The reins of a run: progress out, pause and cancel in, from any thread."""
+
+import threading
+import time
+from dataclasses import replace
+
+from homolog.errors import Cancelled
+from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
+
+__all__ = ["Control"]
+
+_SHARES = {
+    Phase.READING: 0.03,
+    Phase.GROOMING: 0.12,
+    Phase.ALIGNING: 0.02,
+    Phase.GEODESICS: 0.1,
+    Phase.SPLITTING: 0.3,
+    Phase.OPTIMIZING: 0.38,
+    Phase.MODELING: 0.03,
+    Phase.WRITING: 0.02,
+}
+"""Of a usual run's time; they make one fraction of the phases' own."""
+
+_REPORT_S = 0.1
+_ETA_AFTER_S = 2.0
+
+
+class Control:
+    """The status of one run, and the wishes of those who watch it.
+
+    The working thread calls `enter`, `tick` and `finish`; any thread may call `cancel`, `set_paused` and
+    read `status`.
+    """
+
+    def __init__(self) -> None:
+        self.observer: Observer = ignore
+        self.seconds: dict[str, float] = {}
+        self._status = RunStatus()
+        self._wishes = threading.Condition()
+        self._cancelled = False
+        self._paused = False
+        self._span = (0.0, 0.0)
+        self._entered = self._reported = time.monotonic()
+        self._pace_from = (self._entered, 0.0)
+
+    @property
+    def status(self) -> RunStatus:
+        """The newest status; frozen, so it may be read from any thread."""
+        return self._status
+
+    def cancel(self) -> None:
+        """Ask the run to end at its next tick; may be called often and at any time."""
+        with self._wishes:
+            self._cancelled = True
+            self._wishes.notify_all()
+
+    def set_paused(self, paused: bool) -> None:
+        """Ask the run to wait at its next tick, or to go on."""
+        with self._wishes:
+            self._paused = paused
+            self._wishes.notify_all()
+
+    def enter(self, phase: Phase, message: str) -> None:
+        """Begin a phase."""
+        self._close_phase()
+        phases = list(Phase)
+        start = sum(_SHARES[one] for one in phases[: phases.index(phase)])
+        start = max(start, self._status.fraction)
+        self._span = (start, max(start, sum(_SHARES[one] for one in phases[: phases.index(phase) + 1])))
+        if phase in (
+            Phase.READING,
+            Phase.GEODESICS,
+        ):  # grooming may be cached: it says nothing of what follows
+            self._pace_from = (self._entered, start)
+        self._reported = 0.0
+        self._status = replace(self._status, phase=phase)
+        self.tick(0.0, message)
+
+    def tick(self, fraction: float, message: str) -> None:
+        """Take the progress of the phase (a `homolog.progress.Tick`); wait while paused, raise if cancelled."""
+        if self._paused or self._cancelled:
+            self._obey(message)
+        now = time.monotonic()
+        if now - self._reported < _REPORT_S and fraction < 1.0:
+            return
+        self._reported = now
+        start, stop = self._span
+        whole = max(self._status.fraction, start + (stop - start) * min(max(fraction, 0.0), 1.0))
+        self._tell(replace(self._status, fraction=whole, message=message, eta_s=self._eta(now, whole)))
+
+    def finish(self, reason: FinishReason, message: str) -> None:
+        """Say how the run ended; the last thing the observer hears."""
+        self._close_phase()
+        fraction = 1.0 if reason is FinishReason.COMPLETED else self._status.fraction
+        self._tell(RunStatus(self._status.phase, fraction, message, reason=reason))
+
+    def _close_phase(self) -> None:
+        now = time.monotonic()
+        phase = self._status.phase
+        self.seconds[phase] = round(self.seconds.get(phase, 0.0) + now - self._entered, 3)
+        self._entered = now
+
+    def _tell(self, status: RunStatus) -> None:
+        self._status = status
+        self.observer(status)
+
+    def _obey(self, message: str) -> None:
+        if not self._cancelled:
+            self._tell(replace(self._status, message=message, eta_s=None, paused=True))
+            began = time.monotonic()
+            with self._wishes:
+                self._wishes.wait_for(lambda: self._cancelled or not self._paused)
+            idle = time.monotonic() - began
+            self._entered += idle
+            self._pace_from = (self._pace_from[0] + idle, self._pace_from[1])
+            self._reported = 0.0
+            self._status = replace(self._status, paused=False)
+        if self._cancelled:
+            raise Cancelled("cancelled")
+
+    def _eta(self, now: float, whole: float) -> float | None:
+        since, start = self._pace_from
+        if now - since < _ETA_AFTER_S or whole - start < 0.01:
+            return None
+        return (now - since) * (1.0 - whole) / (whole - start)
