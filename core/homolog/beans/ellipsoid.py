@@ -8,7 +8,7 @@ from homolog.arrays import FloatArray
 __all__ = ["closest_on_ellipsoid", "ellipsoid_area", "ellipsoid_level", "ellipsoid_normals", "spread_points"]
 
 _NEWTON_STEPS = 60
-_SMALL = 1e-12
+_SMALL = 1e-9
 
 
 def ellipsoid_level(points: FloatArray, axes: FloatArray) -> FloatArray:
