@@ -1,1 +1,6 @@
-"""Truncated all-pairs geodesic distances on triangle meshes."""
+"""Geodesic distances on triangle meshes: all pairs up to a reach, fields from sources, distances between points."""
+
+from homolog.geodesics.solve import Element, local_distances, solve_table, solve_tables
+from homolog.geodesics.table import GeodesicTable
+
+__all__ = ["Element", "GeodesicTable", "local_distances", "solve_table", "solve_tables"]

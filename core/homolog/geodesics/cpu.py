@@ -1,0 +1,189 @@
+"""Solve on the CPU: clusters of sources dealt to one thread per core."""
+
+import itertools
+import os
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from homolog.errors import InputError
+from homolog.geodesics import kernels
+from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
+from homolog.geodesics.lookup import LANES, MISSING
+from homolog.geodesics.table import GeodesicTable
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["cores", "solve_on_cpu"]
+
+Report = Callable[[float], None]
+"""Takes the fraction done; may raise to stop the work."""
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """One mesh ready to be solved."""
+
+    fans: Fans
+    clusters: Clusters
+    members: Any  # clusters.members as a wp.array
+    reach: Any
+    element: int
+
+    @property
+    def n_vertices(self) -> int:
+        return len(self.clusters.slot)
+
+    def sweep(self) -> tuple[Any, Any]:
+        """Return scratch for one thread and its recorded launch of the sweep."""
+        scratch = kernels.Scratch()
+        scratch.u = wp.full(
+            self.n_vertices, kernels.Lanes(float(kernels.FAR)), dtype=kernels.Lanes, device="cpu"
+        )
+        scratch.dirty = wp.zeros(self.n_vertices, dtype=wp.int32, device="cpu")
+        scratch.patch = wp.zeros(self.n_vertices, dtype=wp.int32, device="cpu")
+        scratch.bucket = wp.zeros(int(kernels.BUCKETS) + 1, dtype=wp.int32, device="cpu")
+        scratch.size = wp.zeros(1, dtype=wp.int32, device="cpu")
+        fans = self.fans
+        inputs = [scratch, fans.position, fans.start, fans.corners, self.reach, self.members, self.element, 0]
+        return scratch, _recorded(kernels.sweep_cluster, 1, inputs)
+
+
+def solve_on_cpu(
+    mesh: TriangleMesh,
+    reach: Any,
+    dense: bool,
+    element: int,
+    report: Report,
+    threads: int,
+    d_max: float,  # noqa: ANN401
+) -> GeodesicTable:
+    """Return the table of one checked mesh; the same, to the bit, for any number of threads."""
+    fans = build_fans([mesh], "cpu")
+    clusters = find_clusters(fans)
+    members = wp.array(clusters.members, dtype=wp.int32, ndim=2, device="cpu")
+    problem = Problem(fans, clusters, members, reach, element)
+    solve = _solve_dense if dense else _solve_blocks
+    arrays = solve(problem, threads, report)
+    return GeodesicTable(problem.n_vertices, d_max, float(reach.unit), *arrays)
+
+
+def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, ...]:
+    n = problem.n_vertices
+    codes = wp.full((n, n), MISSING, dtype=wp.uint16, device="cpu")
+
+    def worker() -> Callable[[int], None]:
+        scratch, sweep = problem.sweep()
+        store = _recorded(kernels.store_dense, 1, [scratch, problem.reach, problem.members, codes, 0])
+
+        def solve_cluster(cluster: int) -> None:
+            _launch(sweep, cluster)
+            _launch(store, cluster)
+
+        return solve_cluster
+
+    deal(worker, len(problem.clusters.members), threads, lambda done: report(0.95 * done))
+    # rows of growing length, in pieces of about equal work
+    ends = np.unique((n * np.sqrt(np.linspace(0.0, 1.0, 64))).astype(int))
+
+    def symmetrize(piece: int) -> None:
+        low, high = int(ends[piece]), int(ends[piece + 1])
+        wp.launch(kernels.symmetrize_dense, high - low, inputs=[codes, low], device="cpu")
+
+    deal(lambda: symmetrize, len(ends) - 1, threads, lambda done: report(0.95 + 0.05 * done))
+    return (codes,)
+
+
+def _solve_blocks(problem: Problem, threads: int, report: Report) -> tuple[Any, ...]:
+    n, n_clusters = problem.n_vertices, len(problem.clusters.members)
+    row = wp.full((n_clusters, n), MISSING, dtype=wp.uint16, device="cpu")
+    blocks: list[Any] = [None] * n_clusters
+
+    def worker() -> Callable[[int], None]:
+        scratch, sweep = problem.sweep()
+        block = wp.empty((n, LANES), dtype=wp.uint16, device="cpu")
+        n_rows = wp.zeros(1, dtype=wp.int32, device="cpu")
+        store = _recorded(kernels.store_block, 1, [scratch, problem.reach, row, block, n_rows, 0])
+        rows, count = block.numpy(), n_rows.numpy()
+
+        def solve_cluster(cluster: int) -> None:
+            _launch(sweep, cluster)
+            _launch(store, cluster)
+            if count[0] >= MISSING:
+                raise InputError("the distances reach over more than 65534 vertices: choose a shorter d_max")
+            blocks[cluster] = rows[: count[0]].copy()
+
+        return solve_cluster
+
+    deal(worker, n_clusters, threads, lambda done: report(0.95 * done))
+    starts = np.concatenate([[0], np.cumsum([len(block) for block in blocks])])
+    codes = wp.empty((int(starts[-1]), LANES), dtype=wp.uint16, device="cpu")
+    together = codes.numpy()
+    for cluster in range(n_clusters):
+        together[starts[cluster] : starts[cluster + 1]] = blocks[cluster]
+        blocks[cluster] = None  # memory goes back as the copy grows
+    start = wp.array(starts[:-1].astype(np.int32), dtype=wp.int32, device="cpu")
+    slot = wp.array(problem.clusters.slot, dtype=wp.int32, device="cpu")
+
+    def symmetrize(cluster: int) -> None:
+        inputs = [problem.members, slot, start, row, codes, cluster]
+        wp.launch(kernels.symmetrize_blocks, (1, n), inputs=inputs, device="cpu")
+
+    deal(lambda: symmetrize, n_clusters, threads, lambda done: report(0.95 + 0.05 * done))
+    return codes, row, start, slot
+
+
+def deal(worker: Callable[[], Callable[[int], None]], n_items: int, threads: int, report: Report) -> None:
+    """Deal items to threads until all are done; report from the calling thread, which may raise to stop.
+
+    Parameters
+    ----------
+    worker : callable
+        Called once in each thread: allocates scratch and returns the function that does one item.
+    """
+    items = itertools.count()  # next() on it is atomic
+    stop = threading.Event()
+    done = [0] * threads
+    failures: list[BaseException] = []
+
+    def loop(thread: int) -> None:
+        try:
+            work = worker()
+            while not stop.is_set() and (item := next(items)) < n_items:
+                work(item)
+                done[thread] += 1
+        except BaseException as failure:  # noqa: BLE001 - raised again by the calling thread
+            failures.append(failure)
+            stop.set()
+
+    pool = [threading.Thread(target=loop, args=(k,), daemon=True) for k in range(threads)]
+    for thread in pool:
+        thread.start()
+    try:
+        while alive := [thread for thread in pool if thread.is_alive()]:
+            alive[0].join(0.1)
+            report(sum(done) / max(n_items, 1))
+    finally:
+        stop.set()
+        for thread in pool:
+            thread.join()
+    if failures:
+        raise failures[0]
+
+
+def _recorded(kernel: Any, dim: int, inputs: list[Any]) -> Any:  # noqa: ANN401
+    """A launch on the CPU whose last parameter, the cluster, is set anew each time."""
+    return wp.launch(kernel, dim, inputs=inputs, device="cpu", record_cmd=True)
+
+
+def _launch(command: Any, cluster: int) -> None:  # noqa: ANN401
+    command.set_param_by_name("cluster", cluster)
+    command.launch()

@@ -1,0 +1,128 @@
+"""Warp side of a geodesic table: distances between vertices and between any points of a surface.
+
+Kernels of other parts import the structs and functions of this module.
+"""
+
+# mypy: disable-error-code="valid-type"
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+__all__ = ["LANES", "MISSING", "SurfacePoint", "TableData", "geodesic", "surface_point", "table_distance"]
+
+LANES = 16
+"""Sources in a cluster: neighbouring vertices that are solved, and stored, side by side."""
+MISSING = 65535
+"""Code of a pair that is farther apart than the table reaches."""
+
+
+@wp.struct
+class TableData:
+    """A geodesic table on a device; make it with `GeodesicTable.on_device`, put several in one array."""
+
+    dense: wp.array2d(dtype=wp.uint16)  # (V, V) codes, or empty
+    blocks: wp.array2d(dtype=wp.uint16)  # (R, LANES) codes: the patches of all clusters, one after another
+    start: wp.array(dtype=wp.int32)  # (C,) first row of each cluster in blocks
+    row: wp.array2d(dtype=wp.uint16)  # (C, V) row of a vertex within the cluster's patch, or MISSING
+    slot: wp.array(dtype=wp.int32)  # (V,) LANES * cluster + lane of each vertex
+    unit: float  # length of one code step
+    is_dense: int
+
+
+@wp.struct
+class SurfacePoint:
+    """A point of a triangle, with what the interpolation needs of its corners."""
+
+    corners: wp.vec3i
+    weights: wp.vec3  # barycentric
+    position: wp.vec3
+    spread: wp.vec3  # squared distances from the point to the corners
+    variance: float  # sum of weights times spread
+    gradients: wp.mat33  # row i: gradient of weight i within the plane of the triangle
+
+
+@wp.func
+def table_distance(table: TableData, i: int, j: int) -> float:
+    """Return the geodesic distance between vertices i and j, negative if it is out of the table's range."""
+    code = int(MISSING)
+    if table.is_dense != 0:
+        code = int(table.dense[i, j])
+    else:
+        slot = table.slot[i]
+        cluster = slot // LANES
+        row = int(table.row[cluster, j])
+        if row != MISSING:
+            code = int(table.blocks[table.start[cluster] + row, slot % LANES])
+    return wp.where(code == MISSING, -1.0, float(code) * table.unit)
+
+
+@wp.func
+def surface_point(
+    vertices: wp.array(dtype=wp.vec3), faces: wp.array(dtype=wp.vec3i), face: int, position: wp.vec3
+) -> SurfacePoint:
+    """Return the point of a face next to a position, which should lie in or close to the face.
+
+    Weights outside [0, 1] are clamped, so that the result is always a point of the face.
+    """
+    point = SurfacePoint()
+    point.corners = faces[face]
+    a = vertices[point.corners[0]]
+    b = vertices[point.corners[1]]
+    c = vertices[point.corners[2]]
+    normal = wp.cross(b - a, c - a)
+    scaled = normal / wp.max(wp.dot(normal, normal), 1.0e-30)
+    gradient_a = wp.cross(scaled, c - b)
+    gradient_b = wp.cross(scaled, a - c)
+    gradient_c = wp.cross(scaled, b - a)
+    # from each corner's opposite side: no cancellation where a weight is small
+    weights = wp.vec3(
+        wp.max(wp.dot(gradient_a, position - b), 0.0),
+        wp.max(wp.dot(gradient_b, position - c), 0.0),
+        wp.max(wp.dot(gradient_c, position - a), 0.0),
+    )
+    weights = weights / (weights[0] + weights[1] + weights[2])
+    point.weights = weights
+    point.position = weights[0] * a + weights[1] * b + weights[2] * c
+    point.spread = wp.vec3(
+        wp.length_sq(a - point.position), wp.length_sq(b - point.position), wp.length_sq(c - point.position)
+    )
+    point.variance = wp.dot(weights, point.spread)
+    point.gradients = wp.matrix_from_rows(gradient_a, gradient_b, gradient_c)
+    return point
+
+
+@wp.func
+def geodesic(table: TableData, x: SurfacePoint, y: SurfacePoint, form: int) -> wp.vec4:
+    """Return the derivative of the geodesic distance D(x, y) with respect to x, and D.
+
+    Form 0 interpolates the square: D² = Σ aᵢ bⱼ dᵢⱼ² - Σ aᵢ |vᵢ - x|² - Σ bⱼ |wⱼ - y|², exact in the plane
+    and smooth at x = y. Form 1 is the paper's (Datar et al. 2011, section 2): D = Σ aᵢ bⱼ dᵢⱼ, too long
+    for points closer than an edge or two, and not 0 at x = y.
+
+    Returns
+    -------
+    vec4
+        The derivative, in the plane of x's triangle (its length is about 1; it is 0 where D is 0), then D
+        in the table's unit of length. D is negative, and the derivative 0, if one of the nine vertex
+        distances is out of the table's range.
+    """
+    toward = wp.vec3(0.0, 0.0, 0.0)  # y's interpolation at each corner of x
+    for i in range(3):
+        total = float(0.0)
+        for j in range(3):
+            d = table_distance(table, x.corners[i], y.corners[j])
+            if d < 0.0:
+                return wp.vec4(0.0, 0.0, 0.0, -1.0)
+            total += y.weights[j] * wp.where(form == 0, d * d, d)
+        toward[i] = total
+    value = wp.dot(x.weights, toward)
+    if form != 0:
+        plain = wp.transpose(x.gradients) * toward
+        return wp.vec4(plain[0], plain[1], plain[2], value)
+    squared = value - x.variance - y.variance
+    if squared <= 1.0e-12 * (x.variance + y.variance):
+        return wp.vec4(0.0, 0.0, 0.0, 0.0)
+    distance = wp.sqrt(squared)
+    # the derivative of x's variance is Σ ∇aᵢ |vᵢ - x|²: the rest cancels, since Σ aᵢ (vᵢ - x) = 0
+    slope = wp.transpose(x.gradients) * (toward - x.spread) / (2.0 * distance)
+    return wp.vec4(slope[0], slope[1], slope[2], distance)
