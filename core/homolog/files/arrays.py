@@ -35,11 +35,11 @@ def read_arrays(path: Path) -> dict[str, Array]:
         If the file is missing, damaged or holds anything but plain arrays.
     """
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             return {
                 name: frozen(stored[name]) if stored[name].ndim else stored[name] for name in stored.files
             }
     except FileNotFoundError as error:
         raise InputError(f"{path}: there is no such file") from error
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, MemoryError) as error:
+    except (OSError, ValueError, TypeError, EOFError, KeyError, zipfile.BadZipFile, MemoryError) as error:
         raise InputError(f"{path}: is damaged: {error}; delete it and run again") from error

@@ -30,16 +30,11 @@ from homolog.errors import InputError
 from homolog.files.atomic import write_text, writing
 from homolog.files.records import FORMAT_VERSION, ProjectRecord, SubjectRecord
 
-__all__ = ["Project", "is_project"]
+__all__ = ["Project"]
 
 _RECORD = "project.json"
 _NEXT = ".next"
 _COMPLETE = "complete"
-
-
-def is_project(folder: Path) -> bool:
-    """Whether the folder holds a project."""
-    return (Path(folder) / _RECORD).is_file()
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +67,22 @@ class Project:
     def checkpoint(self) -> Path:
         """State of an unfinished run."""
         return self.folder / "checkpoint.npz"
+
+    @property
+    def exists(self) -> bool:
+        """Whether the folder holds a project."""
+        return (self.folder / _RECORD).is_file()
+
+    def check_is_free(self) -> None:
+        """Raise InputError if the folder holds anything but a project: a run would write among it."""
+        if (
+            self.folder.is_dir()
+            and not self.exists
+            and any(one.name != ".lock" for one in self.folder.iterdir())
+        ):
+            raise InputError(
+                f"{self.folder}: holds other files; choose a new or empty folder for the project"
+            )
 
     def read(self) -> ProjectRecord:
         """Read project.json.

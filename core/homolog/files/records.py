@@ -70,10 +70,15 @@ class ResultRecord(_Record):
 
 
 class ProjectRecord(_Record):
-    """The whole of project.json: the cohort and settings of the next run, and the last result if any."""
+    """The whole of project.json.
+
+    `subjects` and `settings` are those of the next run, `unfinished` says that a run was begun and did not
+    come to its end, `result` is the last that did.
+    """
 
     format: Literal["homolog-project"] = "homolog-project"
     version: Annotated[int, Field(ge=1, le=FORMAT_VERSION)] = FORMAT_VERSION
     subjects: list[SubjectRecord] = []
     settings: RunSettings = RunSettings()
+    unfinished: bool = False
     result: ResultRecord | None = None

@@ -1,0 +1,39 @@
+import pytest
+
+from homolog.errors import InputError
+from homolog.files.atomic import replacing, write_text
+
+
+def _write_half(path):
+    path.write_text("half")
+    raise ZeroDivisionError
+
+
+def test_a_text_is_replaced_whole(tmp_path):
+    write_text(tmp_path / "new" / "a.txt", "first\n")
+    write_text(tmp_path / "new" / "a.txt", "Ä second\n")
+    assert (tmp_path / "new" / "a.txt").read_text(encoding="utf-8") == "Ä second\n"
+    assert [one.name for one in (tmp_path / "new").iterdir()] == ["a.txt"]
+
+
+def test_a_write_that_breaks_off_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+    with pytest.raises(ZeroDivisionError), replacing(path) as part:
+        _write_half(part)
+    assert path.read_text() == "old"
+    assert [one.name for one in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_full_disk_is_an_input_error_that_names_the_file(tmp_path):
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+    with pytest.raises(InputError, match=r"a\.txt: can't be written: No space left"), replacing(path):
+        raise OSError(28, "No space left on device")
+    assert path.read_text() == "old"
+
+
+def test_a_file_where_the_folder_should_be_is_an_input_error(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="can't be written"):
+        write_text(tmp_path / "file" / "a.txt", "text")

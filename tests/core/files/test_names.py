@@ -1,0 +1,27 @@
+import re
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from homolog.files.names import file_stems
+
+
+def test_plain_names_stay_as_they_are():
+    assert file_stems(["acdc004", "Müller-2", "verse.010_L1"]) == ["acdc004", "Müller-2", "verse.010_L1"]
+
+
+def test_names_that_differ_in_case_only_get_numbers():
+    assert file_stems(["a", "A", "a_2", "á"]) == ["a", "A_2", "a_2_2", "á"]
+
+
+def test_paths_and_device_names_lose_their_meaning():
+    assert file_stems(["../../etc/passwd", "/root", "C:\\x", "con", "NUL.txt", "..", ".hidden"]) == [
+        "_.._etc_passwd", "_root", "C__x", "_con", "_NUL.txt", "_", "hidden",
+    ]  # fmt: skip
+
+
+@given(st.lists(st.text(), max_size=8))
+def test_any_names_give_distinct_stems_that_stay_in_their_folder(names):
+    stems = file_stems(names)
+    assert len({stem.casefold() for stem in stems}) == len(names)
+    assert all(re.fullmatch(r"[\w-][\w.-]*", stem) and not stem.endswith(".") for stem in stems)

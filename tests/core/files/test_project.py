@@ -1,0 +1,215 @@
+import json
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from homolog.cohort import Cohort, Subject
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
+from homolog.settings import RunSettings
+
+
+def result_of(*names, files=None):
+    identity = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    return ResultRecord(
+        finished="2026-01-01T00:00:00+00:00",
+        ended="converged",
+        iterations=3,
+        particles=8,
+        metric="geodesic",
+        settings=RunSettings(),
+        device="cpu (2 cores)",
+        versions={"homolog": "0.1.0"},
+        seconds={"reading": 0.5},
+        fingerprint="0" * 32,
+        subjects=[
+            ResultSubject(name=name, file=file, content="0" * 32, alignment=identity)
+            for name, file in zip(names, files or names, strict=True)
+        ],
+    )
+
+
+def test_a_record_comes_back_as_it_was(tmp_path):
+    record = ProjectRecord(unfinished=True, result=result_of("a", "b"))
+    Project(tmp_path).write(record)
+    assert Project(tmp_path).read() == record
+
+
+def test_paths_start_at_the_project_and_follow_it_when_both_are_moved(tmp_path):
+    (tmp_path / "study" / "scans").mkdir(parents=True)
+    project = Project(tmp_path / "study" / "project")
+    scans = tmp_path / "study" / "scans"
+    cohort = Cohort((Subject("a", scans / "a.nrrd", "sick", {"age": "61"}),), scans)
+    project.write(ProjectRecord(subjects=project.describe(cohort)))
+    assert (
+        json.loads((project.folder / "project.json").read_text())["subjects"][0]["path"] == "../scans/a.nrrd"
+    )
+    (tmp_path / "study").rename(tmp_path / "moved")
+    subject = Project(tmp_path / "moved" / "project").cohort().subjects[0]
+    assert subject.path == (tmp_path / "moved" / "scans" / "a.nrrd").resolve()
+    assert (subject.name, subject.group, dict(subject.columns)) == ("a", "sick", {"age": "61"})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"version": 2}, "newer Homolog"),
+        ({"version": 0}, "version"),
+        ({"format": "other"}, "format"),
+        ({"more": 1}, "more"),
+        ({"subjects": [{"name": "a"}]}, r"subjects\.0\.path"),
+        ({"settings": {"optimize": {"particles": -1}}}, r"settings\.optimize\.particles"),
+    ],
+)
+def test_a_record_that_breaks_the_schema_is_refused_with_the_place(tmp_path, change, message):
+    content = json.loads(ProjectRecord().model_dump_json()) | change
+    (tmp_path / "project.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=message):
+        Project(tmp_path).read()
+
+
+@pytest.mark.parametrize("stem", ["../a", "/a", "", ".hidden", "a/b", "a\\b", "a\n"])
+def test_a_result_cannot_name_files_outside_its_folder(stem):
+    with pytest.raises(ValueError, match="file"):
+        result_of("a", "b", files=[stem, "b"])
+
+
+def test_a_result_cannot_name_one_file_twice():
+    with pytest.raises(ValueError, match="same file"):
+        result_of("a", "b", files=["x", "X"])
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.one_of(
+        st.binary(max_size=200),
+        st.recursive(st.none() | st.integers(), st.lists).map(json.dumps).map(str.encode),
+    )
+)
+def test_any_bytes_are_read_or_refused_as_input(tmp_path, content):
+    (tmp_path / "project.json").write_bytes(content)
+    with suppress(InputError):
+        assert Project(tmp_path).read().version == 1
+
+
+def test_deeply_nested_text_is_refused(tmp_path):
+    (tmp_path / "project.json").write_text("[" * 100_000)
+    with pytest.raises(InputError, match="damaged"):
+        Project(tmp_path).read()
+
+
+def test_a_folder_without_project_is_named(tmp_path):
+    assert not Project(tmp_path).exists
+    with pytest.raises(InputError, match="is no project"):
+        Project(tmp_path).read()
+
+
+def test_a_folder_with_other_files_is_not_free(tmp_path):
+    Project(tmp_path / "new").check_is_free()
+    (tmp_path / "thesis.tex").write_text("")
+    with pytest.raises(InputError, match="holds other files"):
+        Project(tmp_path).check_is_free()
+    Project(tmp_path).write(ProjectRecord())
+    Project(tmp_path).check_is_free()
+
+
+def test_a_second_program_is_told_that_the_project_is_in_use(tmp_path):
+    project = Project(tmp_path / "p")
+    other = (
+        "import sys; from pathlib import Path; from homolog.errors import InputError\n"
+        "from homolog.files.project import Project\n"
+        "try:\n    with Project(Path(sys.argv[1])).locked(): print('got it')\n"
+        "except InputError as error: print(error)\n"
+    )
+    root = Path(__file__).parents[3] / "core"
+    command = [
+        sys.executable,
+        "-c",
+        f"import sys; sys.path.insert(0, {str(root)!r})\n{other}",
+        str(project.folder),
+    ]
+    with project.locked():
+        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        assert "is in use by another Homolog" in said
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "got it\n"
+
+
+def finished(folder, text):
+    """Write a small result, as a run would."""
+    (folder.particles / "a_world.particles").write_text(text)
+    (folder.folder / "energies.csv").write_text(text)
+    folder.write(ProjectRecord())
+
+
+def contents(folder):
+    return {
+        str(one.relative_to(folder)): one.read_text()
+        for one in folder.rglob("*")
+        if one.is_file() and one.name not in (".lock", "project.json")
+    }
+
+
+def test_a_new_result_takes_the_place_of_the_old_one_with_its_pictures(tmp_path):
+    project = Project(tmp_path)
+    with project.locked():
+        with project.replacing_result() as new:
+            finished(new, "old")
+        (project.figures / "mean.png").write_text("picture")
+        (project.groomed).mkdir()
+        (project.groomed / "a.vtp").write_text("cache")
+        with project.replacing_result() as new:
+            finished(new, "new")
+    assert contents(tmp_path) == {
+        "particles/a_world.particles": "new", "energies.csv": "new", "groomed/a.vtp": "cache",
+    }  # fmt: skip
+
+
+def test_a_result_that_breaks_off_leaves_the_old_one(tmp_path):
+    project = Project(tmp_path)
+    with project.locked():
+        with project.replacing_result() as new:
+            finished(new, "old")
+        with pytest.raises(FileExistsError), project.replacing_result() as new:
+            new.model.mkdir()  # breaks off: the folder is there already
+    assert contents(tmp_path) == {"particles/a_world.particles": "old", "energies.csv": "old"}
+
+
+@pytest.mark.parametrize("moves", range(5))
+def test_a_swap_that_a_crash_broke_off_is_finished_by_the_next_program(tmp_path, monkeypatch, moves):
+    project = Project(tmp_path)
+    with project.locked(), project.replacing_result() as new:
+        finished(new, "old")
+    left = moves
+
+    def replace(self, target, real=Path.replace):
+        nonlocal left
+        if ".next" in self.parts and ".part-" not in self.name:
+            if left == 0:
+                raise KeyboardInterrupt
+            left -= 1
+        return real(self, target)
+
+    monkeypatch.setattr(Path, "replace", replace)
+    with pytest.raises(KeyboardInterrupt), project.locked(), project.replacing_result() as new:
+        finished(new, "new")
+    monkeypatch.undo()
+    project.recover()
+    assert contents(tmp_path) == {"particles/a_world.particles": "new", "energies.csv": "new"}
+    assert project.read() == ProjectRecord()
+
+
+def test_an_incomplete_new_result_is_thrown_away_by_the_next_program(tmp_path):
+    project = Project(tmp_path)
+    with project.locked(), project.replacing_result() as new:
+        finished(new, "old")
+    (tmp_path / ".next").mkdir()
+    (tmp_path / ".next" / "energies.csv").write_text("half")
+    with project.locked():
+        pass
+    assert contents(tmp_path) == {"particles/a_world.particles": "old", "energies.csv": "old"}
