@@ -1,0 +1,34 @@
+"""What all tests share: the real cohorts, and the rule for tests that open windows."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="session")
+def data():
+    """Return the folder of the real cohorts; they are not part of the repository."""
+    folder = Path(os.environ.get("HOMOLOG_DATA", ROOT.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"the real cohorts are not here ({folder}); set HOMOLOG_DATA to their folder")
+    return folder
+
+
+def pytest_runtest_setup(item):
+    """Skip window tests where no window can open; in continuous integration that is a fault."""
+    if item.get_closest_marker("window") is None or _has_display():
+        return
+    reason = "no display server: run under Xvfb (see README.md) to test the window"
+    if os.environ.get("CI"):
+        pytest.fail(reason, pytrace=False)
+    pytest.skip(reason)
+
+
+def _has_display():
+    return not sys.platform.startswith("linux") or any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
+    )
