@@ -1,0 +1,45 @@
+from typing import Annotated
+
+import pytest
+from pydantic import BaseModel, Field
+
+from homolog.parameters import Parameter, parameters
+from homolog.settings import Alignment, GroomSettings, Method, OptimizeSettings, RunSettings
+
+ALL = [one for model in (RunSettings, GroomSettings, OptimizeSettings) for one in parameters(model)]
+LENGTHS = {"spacing", "mesh_edge"}
+
+
+@pytest.mark.parametrize("one", ALL, ids=lambda one: one.name)
+def test_every_setting_says_what_it_does(one):
+    assert len(one.help) > 20
+    assert one.help.endswith(".")
+
+
+@pytest.mark.parametrize("one", [one for one in ALL if one.kind in (int, float)], ids=lambda one: one.name)
+def test_every_number_has_bounds_and_lengths_have_a_unit(one):
+    assert one.low is not None
+    assert one.high is not None
+    assert (one.unit == "mm") == (one.name in LENGTHS)
+
+
+def test_names_are_unique_across_the_models_so_that_each_can_be_an_option():
+    assert len({one.name for one in ALL}) == len(ALL)
+
+
+def test_a_field_is_described_in_full():
+    class Model(BaseModel):
+        some_length: Annotated[
+            float | None, Field(gt=0.5, le=2.0, description="How long.", json_schema_extra={"unit": "mm"})
+        ] = None
+
+    (one,) = parameters(Model)
+    assert one == Parameter("some_length", float, True, None, 0.5, 2.0, True, "mm", "How long.")
+    assert (one.label, one.bounds, one.choices) == ("some length", "above 0.5 to 2.0", ())
+
+
+def test_closed_sets_list_their_choices():
+    by_name = {one.name: one for one in ALL}
+    assert by_name["method"].choices == tuple(Method)
+    assert by_name["alignment"].choices == tuple(Alignment)
+    assert by_name["method"].default is Method.GEODESIC_NORMALS

@@ -1,0 +1,82 @@
+"""The repository as a whole: boundaries, types, style, what the wheel holds, what an import loads."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PATHS = ":".join(str(ROOT / folder) for folder in ("core", "app", "resources"))
+
+
+def run(*command):
+    """Run a Python module's command in the repository; returns its output, fails with it."""
+    done = subprocess.run(
+        [sys.executable, *command],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": PATHS},
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_style_rules_hold():
+    run("-m", "ruff", "check", ".")
+
+
+def test_every_file_is_formatted():
+    run("-m", "ruff", "format", "--check", ".")
+
+
+@pytest.mark.timeout(300)
+def test_types_are_strict_and_hold():
+    run("-m", "mypy")
+
+
+def test_layers_import_downwards_only():
+    run("-c", "from importlinter.cli import lint_imports_command; lint_imports_command()")
+
+
+@pytest.mark.parametrize("package", ["homolog.run", "homolog.analysis", "homolog.files.results"])
+def test_the_core_loads_neither_qt_nor_a_renderer(package):
+    loaded = run("-c", f"import sys, {package}; print(*sys.modules)").split()
+    heads = {name.split(".")[0] for name in loaded}
+    assert not heads & {"PySide6", "qtpy", "pyvista", "pyvistaqt", "vtkmodules", "matplotlib", "homolog_app"}
+
+
+def test_help_answers_without_the_heavy_libraries():
+    loaded = run("-c", "import sys, homolog_app.cli as c; c._parser(); print(*sys.modules)").split()
+    heads = {name.split(".")[0] for name in loaded}
+    assert not heads & {"warp", "SimpleITK", "vtkmodules", "pyvista", "matplotlib", "PySide6", "scipy"}
+
+
+@pytest.mark.timeout(300)
+def test_the_wheel_holds_the_three_packages_and_nothing_else(tmp_path):
+    run("-m", "build", "--wheel", "--no-isolation", "--outdir", str(tmp_path), str(ROOT))
+    (wheel,) = tmp_path.glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    tops = {name.split("/")[0] for name in names if ".dist-info/" not in name}
+    assert tops == {"homolog", "homolog_app", "homolog_resources"}
+    sources = {
+        str(path.relative_to(ROOT / folder))
+        for folder in ("core", "app", "resources")
+        for path in (ROOT / folder).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    assert {name for name in names if ".dist-info/" not in name} == sources
+
+
+def test_source_files_stay_small():
+    long = {
+        str(path.relative_to(ROOT)): lines
+        for folder in ("core", "app", "resources")
+        for path in (ROOT / folder).rglob("*.py")
+        if (lines := len(path.read_text(encoding="utf-8").splitlines())) > 400
+    }
+    assert long == {}
