@@ -47,7 +47,8 @@ class ResultRecord(_Record):
     """How the result came about: enough to tell whether it is the same as another and to repeat it.
 
     `ended` says why the optimizer stopped, `metric` which distance kept particles on a surface apart,
-    `fingerprint` is a hash of the settings and of every groomed surface, `seconds` the time by phase.
+    `folded_faces` counts those of the mean surface, `fingerprint` is a hash of the settings and of every
+    groomed surface, `seconds` the time by phase.
     """
 
     finished: str
@@ -55,6 +56,7 @@ class ResultRecord(_Record):
     iterations: Annotated[int, Field(ge=0)]
     particles: Annotated[int, Field(ge=1)]
     metric: Literal["geodesic", "euclidean"]
+    folded_faces: Annotated[int, Field(ge=0)]
     settings: RunSettings
     device: str
     versions: dict[str, str]

@@ -60,24 +60,25 @@ class Control:
             self._paused = paused
             self._wishes.notify_all()
 
-    def enter(self, phase: Phase, message: str) -> None:
-        """Begin a phase."""
-        self._close_phase()
+    def enter(self, phase: Phase, message: str, until: Phase | None = None) -> None:
+        """Begin a phase, or several that are ticked as one, up to and with `until`."""
         phases = list(Phase)
         start = sum(_SHARES[one] for one in phases[: phases.index(phase)])
-        start = max(start, self._status.fraction)
-        self._span = (start, max(start, sum(_SHARES[one] for one in phases[: phases.index(phase) + 1])))
-        if phase in (
-            Phase.READING,
-            Phase.GEODESICS,
-        ):  # grooming may be cached: it says nothing of what follows
-            self._pace_from = (self._entered, start)
-        self._reported = 0.0
-        self._status = replace(self._status, phase=phase)
+        stop = sum(_SHARES[one] for one in phases[: phases.index(until or phase) + 1])
+        self._span = (max(start, self._status.fraction), stop)
+        self.move_to(phase)
+        if phase in (Phase.READING, Phase.GEODESICS):  # cached grooming says nothing about what follows
+            self._pace_from = (self._entered, self._span[0])
         self.tick(0.0, message)
 
+    def move_to(self, phase: Phase) -> None:
+        """Go on to the next of the phases that are ticked as one."""
+        self._close_phase()
+        self._status = replace(self._status, phase=phase)
+        self._reported = 0.0
+
     def tick(self, fraction: float, message: str) -> None:
-        """Take the progress of the phase (a `homolog.progress.Tick`); wait while paused, raise if cancelled."""
+        """Take the progress of the phase; wait while paused, raise `Cancelled` if cancelled."""
         if self._paused or self._cancelled:
             self._obey(message)
         now = time.monotonic()

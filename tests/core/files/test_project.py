@@ -23,6 +23,7 @@ def result_of(*names, files=None):
         iterations=3,
         particles=8,
         metric="geodesic",
+        folded_faces=0,
         settings=RunSettings(),
         device="cpu (2 cores)",
         versions={"homolog": "0.1.0"},

@@ -1,0 +1,100 @@
+"""``homolog run``: from a cohort to a shape model, in a project folder."""
+
+import argparse
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from homolog.cohort import Cohort, read_cohort
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+from homolog_app.cli.options import add_options, with_options
+from homolog_app.cli.progress import add_progress_option, show_progress
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "run",
+        help="place corresponding particles on a cohort and make a shape model",
+        description="Place corresponding particles on a cohort's surfaces and make a shape model of them. "
+        "Ctrl-C stops at once; --resume goes on from there.",
+    )
+    parser.add_argument("cohort", type=Path, help="folder of segmentations or meshes, cohort.csv, or project")
+    parser.add_argument("--out", type=Path, help="project folder to make; COHORT itself if that is a project")
+    parser.add_argument("--resume", action="store_true", help="go on with a run that was cancelled or killed")
+    parser.add_argument("--skip-bad", action="store_true", help="leave out files that can't be used")
+    parser.add_argument("--no-figures", dest="figures", action="store_false", help="write no pictures")
+    add_progress_option(parser)
+    for model in (OptimizeSettings, GroomSettings, RunSettings):
+        add_options(parser, model)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the pipeline; returns the exit code."""
+    project, cohort, settings = _what_to_run(arguments)
+    from homolog.run import FinishReason, Run
+    from homolog_app.cli import CANCELLED, OK
+
+    job = Run(project, cohort, settings, resume=arguments.resume, skip_bad=arguments.skip_bad)
+    with show_progress(arguments.progress) as progress, _interrupt_cancels(job.cancel):
+        reason = job.execute(
+            lambda status: progress.show(status.fraction, status.message, status.eta_s, status.phase)
+        )
+    for note in job.notes:
+        sys.stderr.write(f"homolog: left out: {note}\n")
+    if reason is FinishReason.CANCELLED:
+        sys.stderr.write(f"cancelled; to go on: homolog run {project.folder} --resume\n")
+        return CANCELLED
+    if arguments.figures:
+        from homolog_app.pictures import draw_figures
+
+        with show_progress(arguments.progress) as progress:
+            draw_figures(project, progress.tick)
+    sys.stdout.write(f"{project.folder}\n")
+    return OK
+
+
+def _what_to_run(arguments: argparse.Namespace) -> tuple[Project, Cohort, RunSettings]:
+    source = Project(arguments.cohort)
+    if source.exists:
+        project = Project(arguments.out or arguments.cohort)
+        record, cohort = source.read(), source.cohort()
+        settings = record.settings
+        if arguments.resume and not record.unfinished:
+            raise InputError(f"{source.folder}: its last run came to its end; there is nothing to resume")
+    elif arguments.resume:
+        raise InputError(f"{source.folder}: is no project, so there is nothing to resume")
+    elif arguments.out is None:
+        raise InputError(f"say where the results go: homolog run {arguments.cohort} --out PROJECT")
+    else:
+        project, cohort, settings = Project(arguments.out), read_cohort(arguments.cohort), RunSettings()
+    project.check_is_free()
+    settings = with_options(settings, arguments).model_copy(
+        update={
+            "groom": with_options(settings.groom, arguments),
+            "optimize": with_options(settings.optimize, arguments),
+        }
+    )
+    return project, cohort, settings
+
+
+@contextmanager
+def _interrupt_cancels(cancel: Callable[[], None]) -> Iterator[None]:
+    """Let the first Ctrl-C cancel in order and a second one break off."""
+
+    def handle(number: int, frame: object) -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        cancel()
+
+    before = signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

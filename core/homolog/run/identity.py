@@ -1,0 +1,45 @@
+"""Hashes that tell whether two runs start from the same surfaces and settings, and the versions at work."""
+
+import hashlib
+import platform
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+
+from homolog import __version__
+from homolog.correspondence import Shape
+from homolog.settings import OptimizeSettings
+
+__all__ = ["content_of", "fingerprint_of", "versions"]
+
+_PACKAGES = ("numpy", "scipy", "scikit-image", "SimpleITK", "warp-lang")
+
+
+def content_of(shape: Shape) -> str:
+    """Return a hash of everything about a shape that the optimizer sees, but not its name."""
+    digest = hashlib.blake2b(digest_size=16)
+    for array in (
+        shape.field.values,
+        shape.field.index_to_world,
+        *(part for mesh in (shape.mesh, shape.coarse_mesh) for part in (mesh.vertices, mesh.faces)),
+        shape.alignment,
+    ):
+        digest.update(f"{array.shape}{array.dtype}".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def fingerprint_of(settings: OptimizeSettings, shapes: Sequence[Shape]) -> str:
+    """Return a hash of the settings and of the shapes in their order; the device is not in it."""
+    text = "\n".join([settings.model_dump_json(), *map(content_of, shapes)])
+    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of everything that numbers depend on."""
+    found = {"homolog": __version__, "python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    return found

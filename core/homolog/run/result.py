@@ -1,0 +1,203 @@
+"""A finished run on disk: particles, shape model, tables, and the record of how they came about."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+
+from homolog.analysis.reconstruction import MeanSurface, mean_surface, medoid
+from homolog.analysis.shape_model import ShapeModel, fit_shape_model
+from homolog.arrays import FloatArray
+from homolog.cohort import Cohort
+from homolog.correspondence import Correspondence, Shape
+from homolog.files.meshes import write_mesh
+from homolog.files.names import file_stems
+from homolog.files.particles import write_particles
+from homolog.files.project import Project
+from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
+from homolog.files.results import MEAN_SURFACE, particle_file
+from homolog.files.tables import write_table
+from homolog.grooming import GroomedSubject
+from homolog.progress import Tick, part_of
+from homolog.run.identity import content_of, versions
+from homolog.settings import RunSettings
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["Outcome", "write_result"]
+
+_DEVIATIONS = 2.0
+_SHOWN_SHARE = 0.95
+_MOST_SHOWN = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """All that a run has come to.
+
+    Attributes
+    ----------
+    cohort : Cohort
+    settings : RunSettings
+    groomed : sequence of GroomedSubject
+    shapes : sequence of Shape
+    correspondence : Correspondence
+    fingerprint : str
+        Of the settings and shapes.
+    device : str
+        For people.
+    seconds : dict of str to float
+        Time by phase.
+    """
+
+    cohort: Cohort
+    settings: RunSettings
+    groomed: Sequence[GroomedSubject]
+    shapes: Sequence[Shape]
+    correspondence: Correspondence
+    fingerprint: str
+    device: str
+    seconds: dict[str, float]
+
+
+def write_result(project: Project, outcome: Outcome, tick: Tick) -> None:
+    """Make the shape model and let the outcome take the place of the project's last result.
+
+    Parameters
+    ----------
+    project : Project
+        Locked by the caller.
+    outcome : Outcome
+    tick : Tick
+
+    Raises
+    ------
+    InputError
+        If the project can't be written to; its last result is then as it was.
+    NumericalError
+        If particles coincide, so that no surface can be carried by them.
+    """
+    stems = file_stems([one.name for one in outcome.cohort.subjects])
+    particles = outcome.correspondence.world
+    tick(0.0, "principal components")
+    model = fit_shape_model(particles, names=[one.name for one in outcome.cohort.subjects])
+    tick(0.1, "mean surface")
+    surface = _mean_surface(model, outcome)
+    with project.replacing_result() as new:
+        _write_subjects(new, project, outcome, stems, part_of(tick, 0.5, 0.8))
+        tick(0.8, "shape model")
+        _write_model(new, outcome.cohort, model)
+        _write_surfaces(new, model, surface, part_of(tick, 0.85, 1.0))
+        write_table(
+            new.folder / "energies.csv",
+            ["iteration", "sampling", "ensemble", "normals"],
+            ([int(row[0]), *row[1:]] for row in outcome.correspondence.energies.tolist()),
+        )
+        new.write(
+            ProjectRecord(
+                subjects=project.describe(outcome.cohort),
+                settings=outcome.settings,
+                result=_record(outcome, stems, surface.folded),
+            )
+        )
+
+
+def _mean_surface(model: ShapeModel, outcome: Outcome) -> MeanSurface:
+    found = outcome.correspondence
+    nearest = medoid(found.world, model.mean)
+    mesh = outcome.shapes[nearest].mesh
+    vertices = _moved(mesh.vertices, found.alignments[nearest])
+    return mean_surface(model.mean, found.world[nearest], vertices, mesh.faces)
+
+
+def _moved(points: FloatArray, alignment: FloatArray) -> FloatArray:
+    moved: FloatArray = points @ alignment[:3, :3].T + alignment[:3, 3]
+    return moved
+
+
+def _write_subjects(
+    new: Project, project: Project, outcome: Outcome, stems: Sequence[str], tick: Tick
+) -> None:
+    found = outcome.correspondence
+    for index, stem in enumerate(stems):
+        tick(index / len(stems), f"writing {outcome.shapes[index].name}")
+        write_particles(particle_file(new, stem, "local"), found.local[index])
+        write_particles(particle_file(new, stem, "world"), found.world[index])
+        write_mesh(project.groomed / f"{stem}.vtp", outcome.shapes[index].mesh)
+
+
+def _write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
+    modes = [f"mode_{number}" for number in range(1, len(model.variances) + 1)]
+    write_table(
+        new.model / "scores.csv",
+        ["name", "group", *modes],
+        (
+            [one.name, one.group, *scores]
+            for one, scores in zip(cohort.subjects, model.scores.tolist(), strict=True)
+        ),
+    )
+    write_table(
+        new.model / "eigenvalues.csv",
+        ["mode", "variance_mm2", "standard_deviation_mm", "share", "cumulative_share"],
+        zip(
+            range(1, len(modes) + 1),
+            model.variances.tolist(),
+            model.standard_deviations.tolist(),
+            model.explained.tolist(),
+            np.cumsum(model.explained).tolist(),
+            strict=True,
+        ),
+    )
+    flat = model.modes.reshape(len(modes), -1).T.tolist()
+    write_table(
+        new.model / "eigenvectors.csv",
+        ["particle", "axis", *modes],
+        ([row // 3, "xyz"[row % 3], *values] for row, values in enumerate(flat)),
+    )
+    write_particles(new.model / "mean.particles", model.mean)
+
+
+def _write_surfaces(new: Project, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:
+    write_mesh(new.model / MEAN_SURFACE, TriangleMesh(surface.vertices, surface.faces))
+    enough = int(np.searchsorted(np.cumsum(model.explained), _SHOWN_SHARE)) + 1
+    shown = min(enough, _MOST_SHOWN, len(model.variances))
+    for mode in range(shown):
+        tick(mode / shown, f"surfaces of mode {mode + 1}")
+        for sign, word in ((-1.0, "minus"), (1.0, "plus")):
+            deviations = np.zeros(mode + 1)
+            deviations[mode] = sign * _DEVIATIONS
+            vertices = surface.moved(model.shape(deviations))
+            name = f"mode_{mode + 1:02d}_{word}_2sd.vtp"
+            write_mesh(new.model / name, TriangleMesh(vertices, surface.faces))
+
+
+def _record(outcome: Outcome, stems: Sequence[str], folded: int) -> ResultRecord:
+    found = outcome.correspondence
+    subjects = [
+        ResultSubject(
+            name=subject.name,
+            file=stem,
+            group=subject.group,
+            columns=dict(subject.columns),
+            content=content_of(shape),
+            alignment=alignment.tolist(),
+            notes=list(groomed.report.notes),
+        )
+        for subject, stem, shape, alignment, groomed in zip(
+            outcome.cohort.subjects, stems, outcome.shapes, found.alignments, outcome.groomed, strict=True
+        )
+    ]
+    return ResultRecord(
+        finished=datetime.now(UTC).isoformat(timespec="seconds"),
+        ended=found.reason.value,
+        iterations=found.iterations,
+        particles=found.world.shape[1],
+        metric="geodesic" if outcome.settings.optimize.method.uses_geodesics else "euclidean",
+        folded_faces=folded,
+        settings=outcome.settings,
+        device=outcome.device,
+        versions=versions(),
+        seconds=outcome.seconds,
+        fingerprint=outcome.fingerprint,
+        subjects=subjects,
+    )

@@ -1,0 +1,197 @@
+"""The pipeline, from files to a shape model, as a state machine that can be watched, paused and cancelled."""
+
+from collections.abc import Sequence
+
+from homolog.cohort import Cohort
+from homolog.correspondence import Checkpoint, Correspondence, Frame, Shape, optimize
+from homolog.device import choose_device, describe_device
+from homolog.errors import Cancelled, InputError
+from homolog.files.project import Project
+from homolog.files.records import ProjectRecord
+from homolog.grooming import GroomedSubject, align, check_cohort, groom_cohort
+from homolog.run.checkpoints import read_checkpoint, write_checkpoint
+from homolog.run.control import Control
+from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
+from homolog.run.identity import fingerprint_of
+from homolog.run.result import Outcome, write_result
+from homolog.settings import RunSettings
+
+__all__ = ["Run"]
+
+
+class Run:
+    """One run of the pipeline in a project folder.
+
+    ::
+
+        reading -> grooming -> aligning -> geodesics -> splitting -> optimizing -> modeling -> writing
+              any of them <-> paused          any of them -> completed | cancelled | failed
+
+    `execute` works in the thread that calls it. Everything else may be called from any thread.
+
+    Parameters
+    ----------
+    project : Project
+        Where everything is written; made if need be. Its last result stays until the new one is complete.
+    cohort : Cohort
+        Whose shapes.
+    settings : RunSettings
+        How.
+    resume : bool
+        Go on from the state that a cancelled or killed run left.
+    skip_bad : bool
+        Leave out subjects whose files are bad, with a note, instead of stopping.
+    """
+
+    def __init__(
+        self,
+        project: Project,
+        cohort: Cohort,
+        settings: RunSettings,
+        *,
+        resume: bool = False,
+        skip_bad: bool = False,
+    ) -> None:
+        self.project = project
+        self._cohort = cohort
+        self._settings = settings
+        self._resume = resume
+        self._skip_bad = skip_bad
+        self._control = Control()
+        self._frame: Frame | None = None
+        self._notes: list[str] = []
+
+    @property
+    def status(self) -> RunStatus:
+        """Where the run is."""
+        return self._control.status
+
+    @property
+    def frame(self) -> Frame | None:
+        """The newest particles, None before the first; a mailbox to look into as often as one can draw."""
+        return self._frame
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One line for each subject left out."""
+        return tuple(self._notes)
+
+    def cancel(self) -> None:
+        """End the run as soon as possible; what is done so far stays for `resume`."""
+        self._control.cancel()
+
+    def set_paused(self, paused: bool) -> None:
+        """Hold the run, or let it go on."""
+        self._control.set_paused(paused)
+
+    def execute(self, observer: Observer = ignore) -> FinishReason:
+        """Do the work; returns whether it was completed or cancelled.
+
+        Raises
+        ------
+        InputError
+            If files are bad (a line for each) or the project can't be written to.
+        NumericalError
+            If a computation failed.
+
+        Notes
+        -----
+        However the run ends, the observer hears it first.
+        """
+        self._control.observer = observer
+        try:
+            self._work()
+        except Cancelled:
+            self._control.finish(FinishReason.CANCELLED, "cancelled")
+            return FinishReason.CANCELLED
+        except BaseException as error:
+            self._control.finish(FinishReason.FAILED, str(error))
+            raise
+        self._control.finish(FinishReason.COMPLETED, "completed")
+        return FinishReason.COMPLETED
+
+    def _work(self) -> None:
+        device = choose_device(self._settings.device)
+        cohort = self._checked()
+        with self.project.locked():
+            self._claim(cohort)
+            groomed = self._groomed(cohort)
+            shapes = self._aligned(groomed)
+            fingerprint = fingerprint_of(self._settings.optimize, shapes)
+            correspondence = self._optimized(shapes, fingerprint, device)
+            self._control.enter(Phase.MODELING, "principal components", until=Phase.WRITING)
+            outcome = Outcome(
+                cohort=cohort,
+                settings=self._settings,
+                groomed=groomed,
+                shapes=shapes,
+                correspondence=correspondence,
+                fingerprint=fingerprint,
+                device=describe_device(device),
+                seconds=self._control.seconds,
+            )
+            write_result(self.project, outcome, self._control.tick)
+            self.project.checkpoint.unlink(missing_ok=True)
+
+    def _checked(self) -> Cohort:
+        self._control.enter(Phase.READING, "reading")
+        problems = check_cohort(self._cohort, self._settings.groom, self._control.tick)
+        self._notes = [one.message for one in problems]
+        if problems and not self._skip_bad:
+            raise InputError("\n".join(self._notes))
+        cohort = self._cohort.without({one.subject for one in problems})
+        if len(cohort.subjects) < 2:
+            count = "only one" if cohort.subjects else "no"
+            message = f"{cohort.folder}: has {count} usable subject; a shape model needs two or more"
+            raise InputError("\n".join([*self._notes, message]))
+        return cohort
+
+    def _claim(self, cohort: Cohort) -> None:
+        """Write down what is about to be done, so that a killed run can be resumed from the folder alone."""
+        before = self.project.read() if self.project.exists else ProjectRecord()
+        if not self._resume:
+            self.project.checkpoint.unlink(missing_ok=True)
+        self.project.write(
+            before.model_copy(
+                update={
+                    "subjects": self.project.describe(cohort),
+                    "settings": self._settings,
+                    "unfinished": True,
+                }
+            )
+        )
+
+    def _groomed(self, cohort: Cohort) -> list[GroomedSubject]:
+        self._control.enter(Phase.GROOMING, "grooming")
+        return groom_cohort(cohort, self._settings.groom, cache=self.project.groomed, tick=self._control.tick)
+
+    def _aligned(self, groomed: Sequence[GroomedSubject]) -> list[Shape]:
+        self._control.enter(Phase.ALIGNING, "aligning")
+        alignments = align(groomed, self._settings.groom)
+        return [
+            Shape(one.name, one.field, one.mesh, one.coarse_mesh, alignment)
+            for one, alignment in zip(groomed, alignments, strict=True)
+        ]
+
+    def _optimized(self, shapes: Sequence[Shape], fingerprint: str, device: str) -> Correspondence:
+        geodesic = self._settings.optimize.method.uses_geodesics
+        first = Phase.GEODESICS if geodesic else Phase.SPLITTING
+        self._control.enter(first, "distances on the surfaces", until=Phase.OPTIMIZING)
+
+        def observe(frame: Frame) -> None:
+            self._frame = frame
+            if (phase := Phase(frame.stage.value)) is not self.status.phase:
+                self._control.move_to(phase)
+
+        def keep(checkpoint: Checkpoint) -> None:
+            write_checkpoint(self.project.checkpoint, checkpoint, fingerprint)
+
+        return optimize(
+            shapes,
+            self._settings.optimize,
+            device=device,
+            tick=self._control.tick,
+            observe=observe,
+            checkpoint=keep,
+            resume=read_checkpoint(self.project.checkpoint, fingerprint) if self._resume else None,
+        )
