@@ -1,0 +1,70 @@
+"""Checks of what statistics are computed from: clear messages instead of NaN."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from homolog.arrays import FloatArray, frozen
+from homolog.errors import InputError
+
+__all__ = ["checked_particles", "refuse_duplicates"]
+
+
+def checked_particles(particles: FloatArray, names: Sequence[str] | None = None) -> FloatArray:
+    """Return the particles as a read-only float64 array, or say what is wrong with them.
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array_like
+        Corresponding points of M subjects [mm].
+    names : sequence of str, optional
+        Subject names for the messages; ``subject 1`` … by default.
+
+    Raises
+    ------
+    InputError
+        If the array has another shape, fewer than two subjects, or values that are not finite.
+    """
+    array = np.asarray(particles, dtype=np.float64)
+    if array.ndim != 3 or array.shape[2] != 3 or array.shape[1] == 0:
+        raise InputError(f"particles need an array of shape (subjects, particles, 3), not {array.shape}")
+    if len(array) < 2:
+        raise InputError(f"statistics need at least two subjects, not {len(array)}; add subjects")
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=(1, 2)))
+    if len(bad):
+        who = ", ".join(_name(names, one) for one in bad[:5])
+        raise InputError(f"{who}: particle positions that are not finite numbers; leave out or run again")
+    return frozen(array)
+
+
+def refuse_duplicates(particles: FloatArray, names: Sequence[str] | None = None) -> None:
+    """Refuse subjects that are there twice: a test would count the same evidence twice.
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array
+        Checked particles [mm].
+    names : sequence of str, optional
+        Subject names for the messages.
+
+    Raises
+    ------
+    InputError
+        If two subjects have the same name, or exactly the same particles.
+    """
+    if names is not None and len(set(names)) < len(names):
+        twice = next(name for name in names if list(names).count(name) > 1)
+        raise InputError(f"{twice}: the name is there more than once; give each subject its own name")
+    _, first, member = np.unique(
+        particles.reshape(len(particles), -1), axis=0, return_index=True, return_inverse=True
+    )
+    for one, original in enumerate(first[member]):
+        if one != original:
+            raise InputError(
+                f"{_name(names, one)}: has exactly the particles of {_name(names, int(original))}; "
+                "leave out one of them"
+            )
+
+
+def _name(names: Sequence[str] | None, index: int) -> str:
+    return names[index] if names is not None else f"subject {index + 1}"

@@ -1,0 +1,122 @@
+"""Parallel analysis: how many modes hold more variance than chance gives (Horn 1965)."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from homolog.arrays import FloatArray, frozen
+from homolog.progress import Tick, no_tick
+
+__all__ = ["Null", "ParallelAnalysis", "parallel_analysis"]
+
+
+class Null(StrEnum):
+    """What chance is."""
+
+    PERMUTATION = "permutation"
+    """Each coordinate is shuffled among the subjects by itself: its distribution stays, correlation goes."""
+    GAUSSIAN = "gaussian"
+    """Each coordinate is drawn from a normal distribution with the variance it has in the data."""
+    SIGNS = "signs"
+    """Each coordinate of each subject gets a random sign: the null of differences about zero."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ParallelAnalysis:
+    """Eigenvalues of the data beside those of data without correlation. Arrays are read-only.
+
+    Attributes
+    ----------
+    variances : (K,) array
+        Eigenvalues of the data [mm²].
+    threshold : (K,) array
+        Percentile of each eigenvalue under the null [mm²].
+    null_mean : (K,) array
+        Mean of each eigenvalue under the null [mm²].
+    kept : int
+        Leading modes above the threshold, up to the first that is not.
+    null : Null
+        The kind of null data.
+    percentile : float
+        In percent.
+    repeats : int
+        Number of null data sets.
+    """
+
+    variances: FloatArray
+    threshold: FloatArray
+    null_mean: FloatArray
+    kept: int
+    null: Null
+    percentile: float
+    repeats: int
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("variances", "threshold", "null_mean"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
+
+
+def parallel_analysis(
+    data: FloatArray,
+    *,
+    null: Null = Null.PERMUTATION,
+    repeats: int = 200,
+    percentile: float = 95.0,
+    seed: int = 0,
+    tick: Tick = no_tick,
+) -> ParallelAnalysis:
+    """Count the modes whose variance is above that of the same mode in data without correlation.
+
+    Parameters
+    ----------
+    data : (M, N, 3) or (M, P) array
+        One row for each subject [mm]. Rows are centred here, except for the null `Null.SIGNS`.
+    null : Null
+        What chance is.
+    repeats : int
+        Null data sets drawn.
+    percentile : float
+        A mode is kept above this percentile of its null distribution.
+    seed : int
+        Same seed, same result.
+    tick : Tick
+        Progress and cancelling.
+    """
+    rows = np.asarray(data, dtype=np.float64).reshape(len(data), -1)
+    centre = null is not Null.SIGNS
+    if centre:
+        rows = rows - rows.mean(axis=0)
+    modes = min(len(rows) - 1 if centre else len(rows), rows.shape[1])
+    divisor = len(rows) - 1 if centre else len(rows)
+    generator = np.random.default_rng(seed)
+    drawn = np.empty((repeats, modes))
+    for repeat in range(repeats):
+        tick(repeat / repeats, "parallel analysis")
+        drawn[repeat] = _spectrum(_null_rows(rows, null, generator), centre)[:modes] / divisor
+    variances = _spectrum(rows, centre)[:modes] / divisor
+    threshold = np.percentile(drawn, percentile, axis=0)
+    above = variances > threshold
+    kept = modes if above.all() else int(above.argmin())
+    return ParallelAnalysis(variances, threshold, drawn.mean(axis=0), kept, null, percentile, repeats)
+
+
+def _null_rows(rows: FloatArray, null: Null, generator: np.random.Generator) -> FloatArray:
+    drawn: FloatArray
+    if null is Null.PERMUTATION:
+        drawn = generator.permuted(rows, axis=0)
+    elif null is Null.GAUSSIAN:
+        drawn = generator.standard_normal(rows.shape) * rows.std(axis=0, ddof=1)
+    else:
+        drawn = rows * generator.choice([-1.0, 1.0], size=rows.shape)
+    return drawn
+
+
+def _spectrum(rows: FloatArray, centre: bool) -> FloatArray:
+    """Squared singular values in descending order, none below zero."""
+    if centre:
+        rows = rows - rows.mean(axis=0)
+    gram = rows @ rows.T if len(rows) <= rows.shape[1] else rows.T @ rows
+    squares: FloatArray = np.clip(np.linalg.eigvalsh(gram)[::-1], 0.0, None)
+    return squares

@@ -1,0 +1,54 @@
+"""Generalized Procrustes alignment: position, rotation and, if wished, size taken out of particles."""
+
+import numpy as np
+
+from homolog.arrays import FloatArray
+
+__all__ = ["align", "sizes"]
+
+
+def sizes(particles: FloatArray) -> FloatArray:
+    """Return the size of each shape: root mean square distance of its particles from their centroid [mm].
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array
+        Positions [mm].
+    """
+    centred = particles - particles.mean(axis=1, keepdims=True)
+    size: FloatArray = np.sqrt(np.square(centred).sum(axis=2).mean(axis=1))
+    return size
+
+
+def align(
+    particles: FloatArray, *, scaling: bool, tolerance: float = 1e-10, iterations: int = 100
+) -> FloatArray:
+    """Return all shapes aligned to their mean (Gower 1975; reflections are not allowed).
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array
+        Positions [mm].
+    scaling : bool
+        Also bring every shape to the mean size of the cohort.
+    tolerance : float
+        Ends when the mean moves by less than this part of its size.
+    iterations : int
+        Ends after so many rounds in any case.
+    """
+    shapes = particles - particles.mean(axis=1, keepdims=True)
+    size = sizes(shapes)
+    if scaling:
+        shapes = shapes * (size.mean() / size)[:, None, None]
+    target = shapes[0]
+    for _ in range(iterations):
+        u, _, vt = np.linalg.svd(np.einsum("mni,nj->mij", shapes, target))
+        u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
+        shapes = shapes @ (u @ vt)
+        moved = shapes.mean(axis=0)
+        change = np.sqrt(np.square(moved - target).sum(axis=1).mean())
+        target = moved
+        if change < tolerance * size.mean():
+            break
+    aligned: FloatArray = shapes
+    return aligned
