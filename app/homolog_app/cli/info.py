@@ -1,0 +1,70 @@
+"""``homolog info``: what a project holds."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from homolog.files.project import Project
+from homolog.files.records import ProjectRecord, ResultRecord
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "info", help="say what a project holds", description="Say what a project holds."
+    )
+    parser.add_argument("project", type=Path, help="project folder")
+    parser.add_argument("--json", action="store_true", help="print the whole record as JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the record; returns the exit code."""
+    project = Project(arguments.project)
+    project.recover()
+    record = project.read()
+    if arguments.json:
+        sys.stdout.write(record.model_dump_json(indent=2) + "\n")
+    else:
+        sys.stdout.write("".join(f"{name:<12} {value}\n" for name, value in _facts(project, record)))
+    return 0
+
+
+def _facts(project: Project, record: ProjectRecord) -> list[tuple[str, str]]:
+    facts = [("project", str(project.folder)), ("subjects", _groups([one.group for one in record.subjects]))]
+    if record.unfinished:
+        state = "stopped on the way" if project.checkpoint.is_file() else "stopped before the first particles"
+        facts.append(("last run", f"{state}; to go on: homolog run {project.folder} --resume"))
+    if record.result is None:
+        return [*facts, ("result", "none yet")]
+    return [*facts, *_result_facts(record.result)]
+
+
+def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
+    settings = result.settings.optimize
+    changed = {
+        name: value
+        for part in (result.settings.groom, settings)
+        for name, value in part.model_dump(mode="json", exclude_defaults=True).items()
+    }
+    facts = [
+        ("result", f"{len(result.subjects)} subjects x {result.particles} particles, {result.finished}"),
+        ("method", f"{settings.method}, {result.metric} distances, seed {settings.seed}"),
+        ("ended", f"{result.ended} after {result.iterations} iterations"),
+        ("surface", f"{result.folded_faces} folded faces on the mean"),
+        ("settings", json.dumps(changed) if changed else "defaults"),
+        ("device", result.device),
+        ("time", ", ".join(f"{phase} {seconds:.1f} s" for phase, seconds in result.seconds.items())),
+        ("versions", ", ".join(f"{name} {number}" for name, number in result.versions.items())),
+        ("fingerprint", result.fingerprint),
+    ]
+    return facts + [("note", f"{one.name}: {note}") for one in result.subjects for note in one.notes]
+
+
+def _groups(groups: list[str | None]) -> str:
+    named = {name: groups.count(name) for name in groups if name is not None}
+    listed = ", ".join(f"{count} {name}" for name, count in named.items())
+    return f"{len(groups)} ({listed})" if listed else str(len(groups))
