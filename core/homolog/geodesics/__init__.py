@@ -1,4 +1,4 @@
-"""Geodesic distances on triangle meshes: all pairs up to a reach, fields from sources, distances between points."""
+"""Geodesic distances on triangle meshes: all pairs up to a reach, and between any points."""
 
 from homolog.geodesics.solve import Element, local_distances, solve_table, solve_tables
 from homolog.geodesics.table import GeodesicTable

@@ -11,10 +11,11 @@ import numpy as np
 import warp as wp
 
 from homolog.errors import InputError
-from homolog.geodesics import kernels
+from homolog.geodesics import kernels, sweep_kernels
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
 from homolog.geodesics.lookup import LANES, MISSING
 from homolog.geodesics.table import GeodesicTable
+from homolog.progress import Tick
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["cores", "solve_on_cpu"]
@@ -32,6 +33,7 @@ def cores() -> int:
 class Problem:
     """One mesh ready to be solved."""
 
+    name: str
     fans: Fans
     clusters: Clusters
     members: Any  # clusters.members as a wp.array
@@ -44,36 +46,42 @@ class Problem:
 
     def sweep(self) -> tuple[Any, Any]:
         """Return scratch for one thread and its recorded launch of the sweep."""
-        scratch = kernels.Scratch()
+        scratch = sweep_kernels.Scratch()
         scratch.u = wp.full(
-            self.n_vertices, kernels.Lanes(float(kernels.FAR)), dtype=kernels.Lanes, device="cpu"
+            self.n_vertices, sweep_kernels.Lanes(float(kernels.FAR)), dtype=sweep_kernels.Lanes, device="cpu"
         )
         scratch.dirty = wp.zeros(self.n_vertices, dtype=wp.int32, device="cpu")
         scratch.patch = wp.zeros(self.n_vertices, dtype=wp.int32, device="cpu")
-        scratch.bucket = wp.zeros(int(kernels.BUCKETS) + 1, dtype=wp.int32, device="cpu")
+        scratch.bucket = wp.zeros(int(sweep_kernels.BUCKETS) + 1, dtype=wp.int32, device="cpu")
         scratch.size = wp.zeros(1, dtype=wp.int32, device="cpu")
         fans = self.fans
         inputs = [scratch, fans.position, fans.start, fans.corners, self.reach, self.members, self.element, 0]
-        return scratch, _recorded(kernels.sweep_cluster, 1, inputs)
+        return scratch, _recorded(sweep_kernels.sweep_cluster, 1, inputs)
 
 
 def solve_on_cpu(
     mesh: TriangleMesh,
-    reach: Any,
+    reach: Any,  # noqa: ANN401 - a wp.struct has no type
+    d_max: float,
+    name: str,
+    *,
     dense: bool,
     element: int,
-    report: Report,
     threads: int,
-    d_max: float,  # noqa: ANN401
+    tick: Tick,
 ) -> GeodesicTable:
     """Return the table of one checked mesh; the same, to the bit, for any number of threads."""
+
+    def report(done: float) -> None:
+        tick(done, f"{name}: geodesic distances")
+
+    report(0.0)
     fans = build_fans([mesh], "cpu")
     clusters = find_clusters(fans)
     members = wp.array(clusters.members, dtype=wp.int32, ndim=2, device="cpu")
-    problem = Problem(fans, clusters, members, reach, element)
-    solve = _solve_dense if dense else _solve_blocks
-    arrays = solve(problem, threads, report)
-    return GeodesicTable(problem.n_vertices, d_max, float(reach.unit), *arrays)
+    problem = Problem(name, fans, clusters, members, reach, element)
+    arrays = (_solve_dense if dense else _solve_blocks)(problem, threads, report)
+    return GeodesicTable(len(mesh.vertices), d_max, float(reach.unit), *arrays)
 
 
 def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, ...]:
@@ -82,7 +90,7 @@ def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, .
 
     def worker() -> Callable[[int], None]:
         scratch, sweep = problem.sweep()
-        store = _recorded(kernels.store_dense, 1, [scratch, problem.reach, problem.members, codes, 0])
+        store = _recorded(sweep_kernels.store_dense, 1, [scratch, problem.reach, problem.members, codes, 0])
 
         def solve_cluster(cluster: int) -> None:
             _launch(sweep, cluster)
@@ -91,14 +99,12 @@ def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, .
         return solve_cluster
 
     deal(worker, len(problem.clusters.members), threads, lambda done: report(0.95 * done))
-    # rows of growing length, in pieces of about equal work
-    ends = np.unique((n * np.sqrt(np.linspace(0.0, 1.0, 64))).astype(int))
+    tiles = -(-n // 16)
 
-    def symmetrize(piece: int) -> None:
-        low, high = int(ends[piece]), int(ends[piece + 1])
-        wp.launch(kernels.symmetrize_dense, high - low, inputs=[codes, low], device="cpu")
+    def symmetrize(strip: int) -> None:
+        wp.launch(kernels.symmetrize_dense, (1, strip + 1, 256), inputs=[codes, strip], device="cpu")
 
-    deal(lambda: symmetrize, len(ends) - 1, threads, lambda done: report(0.95 + 0.05 * done))
+    deal(lambda: symmetrize, tiles, threads, lambda done: report(0.95 + 0.05 * done))
     return (codes,)
 
 
@@ -111,14 +117,16 @@ def _solve_blocks(problem: Problem, threads: int, report: Report) -> tuple[Any, 
         scratch, sweep = problem.sweep()
         block = wp.empty((n, LANES), dtype=wp.uint16, device="cpu")
         n_rows = wp.zeros(1, dtype=wp.int32, device="cpu")
-        store = _recorded(kernels.store_block, 1, [scratch, problem.reach, row, block, n_rows, 0])
+        store = _recorded(sweep_kernels.store_block, 1, [scratch, problem.reach, row, block, n_rows, 0])
         rows, count = block.numpy(), n_rows.numpy()
 
         def solve_cluster(cluster: int) -> None:
             _launch(sweep, cluster)
             _launch(store, cluster)
             if count[0] >= MISSING:
-                raise InputError("the distances reach over more than 65534 vertices: choose a shorter d_max")
+                raise InputError(
+                    f"{problem.name}: d_max reaches over more than 65534 vertices; choose a shorter one"
+                )
             blocks[cluster] = rows[: count[0]].copy()
 
         return solve_cluster
@@ -180,7 +188,7 @@ def deal(worker: Callable[[], Callable[[int], None]], n_items: int, threads: int
 
 
 def _recorded(kernel: Any, dim: int, inputs: list[Any]) -> Any:  # noqa: ANN401
-    """A launch on the CPU whose last parameter, the cluster, is set anew each time."""
+    """Return a launch on the CPU whose last parameter, the cluster, is set anew each time."""
     return wp.launch(kernel, dim, inputs=inputs, device="cpu", record_cmd=True)
 
 

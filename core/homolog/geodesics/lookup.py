@@ -3,7 +3,6 @@
 Kernels of other parts import the structs and functions of this module.
 """
 
-# mypy: disable-error-code="valid-type"
 import warp as wp
 
 wp.set_module_options({"enable_backward": False})

@@ -65,8 +65,8 @@ def plan_tables(
         return TablePlan(reaches, dense=True, nbytes=dense)
     if blocks > ceiling:
         raise InputError(
-            f"geodesic tables of {len(meshes)} shapes would take about {min(blocks, dense) / 1e9:.1f} GB, above the "
-            f"limit of {ceiling / 1e9:.1f} GB: raise the limit, shorten d_max or use coarser meshes"
+            f"geodesic tables of {len(meshes)} shapes would take about {blocks / 1e9:.1f} GB, above the limit "
+            f"of {ceiling / 1e9:.1f} GB: raise the limit, shorten d_max or use coarser meshes"
         )
     return TablePlan(reaches, dense=False, nbytes=blocks)
 
@@ -78,7 +78,9 @@ def _reach(mesh: TriangleMesh, d_max: float) -> float:
     pairs = edges(mesh.faces)
     lengths = np.linalg.norm(mesh.vertices[pairs[:, 0]] - mesh.vertices[pairs[:, 1]], axis=1)
     graph = coo_array((lengths, (pairs[:, 0], pairs[:, 1])), shape=(len(mesh.vertices),) * 2)
-    return min(float(d_max), 2.0 * float(dijkstra(graph.tocsr(), directed=False, indices=0).max()))
+    return min(
+        float(d_max), 2.0 * float(dijkstra(graph.tocsr(), directed=False, indices=np.array([0])).max())
+    )
 
 
 def _block_bytes(mesh: TriangleMesh, reach: float) -> int:

@@ -4,21 +4,24 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
+import warp as wp
 from scipy.sparse import csr_array
 
 from homolog.arrays import Array
 from homolog.device import choose_device
+from homolog.errors import InputError
 from homolog.geodesics import kernels
 from homolog.geodesics.cpu import cores, solve_on_cpu
+from homolog.geodesics.cuda import solve_on_cuda
 from homolog.geodesics.plan import plan_tables
 from homolog.geodesics.table import GeodesicTable
-from homolog.progress import Tick, no_tick
+from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Element", "local_distances", "solve_table", "solve_tables"]
 
 Element = Literal["point", "linear"]
-"""Local solver: fronts from a point (default), or the paper's planar fronts, which are some percent too long."""
+"""Local solver: fronts from a point, or the paper's planar fronts, which are some percent too long."""
 
 CHANGED = 1e-4
 """Improvements below this part of the mean edge are not passed on (measured in docs/geodesics.md)."""
@@ -42,8 +45,8 @@ def solve_tables(
     meshes : sequence of TriangleMesh
         Closed surfaces (see `check_mesh`).
     d_max : float or sequence of float
-        All vertex pairs up to this geodesic distance [mm] are stored; inf for complete tables. Distances up to
-        r between arbitrary points need r plus two longest edges.
+        All vertex pairs up to this geodesic distance [mm] are stored; inf for complete tables. Distances
+        up to r between arbitrary points need r plus two longest edges.
     device : str
         ``"auto"``, ``"cpu"`` or ``"cuda:<n>"``: where to solve and where the tables stay.
     memory_limit : int, optional
@@ -68,13 +71,27 @@ def solve_tables(
     where = choose_device(device)
     kind = ["point", "linear"].index(element)
     reaches = [_reach(mesh, length) for mesh, length in zip(meshes, plan.reaches, strict=True)]
+    if where != "cpu":
+        scratch = _scratch(where, plan.nbytes)
+        return solve_on_cuda(
+            meshes, reaches, limits, labels,
+            dense=plan.dense, element=kind, device=where, scratch=scratch, tick=tick,
+        )  # fmt: skip
     tables = []
-    for k, mesh in enumerate(meshes):
-
-        def report(done: float, k: int = k) -> None:
-            tick((k + done) / len(meshes), f"{labels[k]}: geodesic distances")
-
-        tables.append(solve_on_cpu(mesh, reaches[k], plan.dense, kind, report, threads or cores(), limits[k]))
+    for k, (mesh, label) in enumerate(zip(meshes, labels, strict=True)):
+        inner = part_of(tick, k / len(meshes), (k + 1) / len(meshes))
+        tables.append(
+            solve_on_cpu(
+                mesh,
+                reaches[k],
+                limits[k],
+                label,
+                dense=plan.dense,
+                element=kind,
+                threads=threads or cores(),
+                tick=inner,
+            )  # fmt: skip
+        )
     return tables
 
 
@@ -133,3 +150,15 @@ def _reach(mesh: TriangleMesh, length: float) -> Any:  # noqa: ANN401 - a wp.str
     reach.slack = mesh.mean_edge
     reach.changed = CHANGED * mesh.mean_edge
     return reach
+
+
+def _scratch(device: str, table_bytes: int) -> int:
+    """Return how much memory a batch may take beside the tables: half of what is left."""
+    free = int(wp.get_device(device).free_memory)
+    left = free - 2 * table_bytes  # a shape's blocks exist twice while they are joined
+    if left < free // 10:
+        raise InputError(
+            f"geodesic tables of {table_bytes / 1e9:.1f} GB do not fit the {free / 1e9:.1f} GB that are free on "
+            f"{device}: solve on the CPU, shorten d_max or use coarser meshes"
+        )
+    return left // 2

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import warp as wp
 from scipy.sparse import csr_array
 
 from homolog.geodesics.lookup import LANES, MISSING, TableData
@@ -69,7 +68,7 @@ class GeodesicTable:
         return data
 
     def to_csr(self) -> csr_array:
-        """Return the distances [mm], shape (V, V) float32, columns sorted; the diagonal's zeros are stored."""
+        """Return the distances [mm], (V, V) float32, columns sorted; the zeros of the diagonal are stored."""
         if self.row is None:
             codes = self.codes.numpy()
             present = codes != MISSING

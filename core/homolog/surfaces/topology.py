@@ -1,10 +1,10 @@
 """Checks of triangle meshes: what a surface must be before anything is computed on it."""
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
-from homolog.arrays import IntArray
+from homolog.arrays import FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -41,8 +41,7 @@ def face_components(faces: IntArray) -> IntArray:
 
 def longest_edge(mesh: TriangleMesh) -> float:
     """Return the length of the longest edge [mm]."""
-    corners = mesh.vertices[mesh.faces]
-    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+    return float(_longest_sides(mesh).max())
 
 
 def check_mesh(mesh: TriangleMesh, name: str) -> None:
@@ -76,6 +75,13 @@ def _sides(faces: IntArray) -> IntArray:
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
 
 
+def _longest_sides(mesh: TriangleMesh) -> FloatArray:
+    """Length of the longest side of each face [mm], shape (F,)."""
+    corners = mesh.vertices[mesh.faces]
+    longest: FloatArray = np.linalg.norm(corners - corners[:, [2, 0, 1]], axis=2).max(axis=1)
+    return longest
+
+
 def _vertex_components(faces: IntArray, n_vertices: int) -> IntArray:
     sides = _sides(faces)[: 2 * len(faces)]
     graph = coo_array((np.ones(len(sides), np.int8), (sides[:, 0], sides[:, 1])), shape=(n_vertices,) * 2)
@@ -98,9 +104,7 @@ def _array_fault(mesh: TriangleMesh) -> str:
 
 
 def _face_fault(mesh: TriangleMesh) -> str:
-    corners = mesh.vertices[mesh.faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    bad = np.flatnonzero(2.0 * mesh.face_areas <= FLATTEST * longest**2)
+    bad = np.flatnonzero(2.0 * mesh.face_areas <= FLATTEST * _longest_sides(mesh) ** 2)
     if len(bad):
         return f"has {len(bad)} faces without area (the first is face {bad[0]}); remove them or remesh"
     return ""
@@ -119,16 +123,26 @@ def _vertex_fault(mesh: TriangleMesh) -> str:
     return ""
 
 
+def _side_tables(mesh: TriangleMesh) -> tuple[csr_array, csr_array]:
+    """Return the number of each directed side at its (start, end), and at its (end, start)."""
+    sides = _sides(mesh.faces)
+    number = np.arange(len(sides))
+    shape = (len(mesh.vertices),) * 2
+    there = coo_array((number, (sides[:, 0], sides[:, 1])), shape=shape).tocsr()
+    back = coo_array((number, (sides[:, 1], sides[:, 0])), shape=shape).tocsr()
+    there.sort_indices()
+    back.sort_indices()
+    return there, back
+
+
 def _edge_fault(mesh: TriangleMesh) -> str:
     """Every directed side exactly once and its opposite exactly once: closed, manifold at edges, oriented."""
-    n_vertices = len(mesh.vertices)
-    sides = _sides(mesh.faces).astype(np.int64)
-    there = np.sort(sides[:, 0] * n_vertices + sides[:, 1])
-    back = np.sort(sides[:, 1] * n_vertices + sides[:, 0])
-    if np.array_equal(there, back) and (np.diff(there) > 0).all():
+    there, back = _side_tables(mesh)
+    distinct = there.nnz == 3 * len(mesh.faces)  # equal ones were merged
+    if distinct and np.array_equal(there.indptr, back.indptr) and np.array_equal(there.indices, back.indices):
         return ""
-    low, high = sides.min(axis=1), sides.max(axis=1)
-    uses = np.unique(low * n_vertices + high, return_counts=True)[1]
+    sides = np.sort(_sides(mesh.faces), axis=1)
+    uses = np.unique(sides, axis=0, return_counts=True)[1]
     if (uses > 2).any():
         return f"is not manifold: {np.count_nonzero(uses > 2)} edges have more than two faces; repair it"
     if (uses < 2).any():
@@ -142,16 +156,15 @@ def _link_fault(mesh: TriangleMesh) -> str:
     components = int(_vertex_components(mesh.faces, n_vertices).max()) + 1
     if components > 1:
         return f"has {components} separate pieces; keep the largest or treat them as subjects of their own"
-    # A corner is named by the side that leaves it. The next corner around its vertex is reached over the
-    # side that arrives at it in the same face: the cycles of this permutation are the fans.
-    sides = _sides(mesh.faces).astype(np.int64)
-    there = np.argsort(sides[:, 0] * n_vertices + sides[:, 1])
+    # A corner is named by the side that leaves it. The next corner around its vertex is named by the twin of
+    # the side that arrives at it in the same face: the cycles of this permutation are the fans.
+    there, back = _side_tables(mesh)
     twin = np.empty(3 * n_faces, np.int64)
-    twin[np.argsort(sides[:, 1] * n_vertices + sides[:, 0])] = there
+    twin[there.data] = back.data
     following = np.roll(twin.reshape(3, n_faces), 1, axis=0).ravel()
     ones = np.ones(3 * n_faces, np.int8)
-    graph = coo_array((ones, (np.arange(3 * n_faces), following)), shape=(3 * n_faces,) * 2)
-    fans = int(connected_components(graph, directed=False)[0])
+    graph = csr_array((ones, following, np.arange(3 * n_faces + 1)), shape=(3 * n_faces,) * 2)
+    fans = int(connected_components(graph, directed=True, connection="weak")[0])
     if fans != n_vertices:
         return f"is not manifold: it touches itself at {fans - n_vertices} vertices; repair it"
     return ""

@@ -1,0 +1,195 @@
+"""Solve on a GPU: the clusters of a whole cohort advance together, in batches that fit its memory."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from homolog.errors import InputError
+from homolog.geodesics import front_kernels, kernels
+from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
+from homolog.geodesics.lookup import LANES, MISSING
+from homolog.geodesics.table import GeodesicTable
+from homolog.progress import Tick
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["solve_on_cuda"]
+
+STEPS = 16
+"""Steps launched before the host looks whether anything is left to do; an idle step takes microseconds."""
+BYTES_PER_VERTEX = 4 * LANES + 4 + 8 + 4
+"""Scratch of one cluster for each vertex: u, queued, lists and the marks of what is stored."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cohort:
+    """Meshes, clusters and reaches on the device."""
+
+    fans: Fans
+    clusters: Clusters
+    sources: Any
+    reaches: Sequence[Any]
+    element: int
+    device: str
+
+    @property
+    def largest(self) -> int:
+        """Vertices of the largest mesh."""
+        return int(np.diff(self.fans.first).max())
+
+
+def solve_on_cuda(
+    meshes: Sequence[TriangleMesh],
+    reaches: Sequence[Any],
+    d_max: Sequence[float],
+    names: Sequence[str],
+    *,
+    dense: bool,
+    element: int,
+    device: str,
+    scratch: int,
+    tick: Tick,
+) -> list[GeodesicTable]:
+    """Return the tables of checked meshes, on the device.
+
+    Parameters
+    ----------
+    scratch : int
+        Memory [bytes] that the distances of one batch of clusters may take on the device.
+    """
+    cohort = _upload(meshes, reaches, element, device)
+    clusters_of = np.searchsorted(cohort.clusters.shape, np.arange(len(meshes) + 1)).tolist()
+    n_clusters = len(cohort.clusters.shape)
+    batch = int(np.clip(scratch // (BYTES_PER_VERTEX * cohort.largest), 1, n_clusters))
+    with wp.ScopedDevice(device):
+        front = _front(batch, cohort.largest)
+        stores = [
+            (_DenseStore if dense else _BlockStore)(cohort, shape, *clusters_of[shape : shape + 2])
+            for shape in range(len(meshes))
+        ]
+        tables = []
+        for begin in range(0, n_clusters, batch):
+            end = min(begin + batch, n_clusters)
+            shapes = range(int(cohort.clusters.shape[begin]), int(cohort.clusters.shape[end - 1]) + 1)
+            message = f"{names[shapes[0]]}: geodesic distances"
+            tick(begin / n_clusters, message)
+            _advance(front, cohort, begin, end, lambda at=begin / n_clusters, text=message: tick(at, text))
+            for shape in shapes:
+                low, high = max(begin, clusters_of[shape]), min(end, clusters_of[shape + 1])
+                stores[shape].add(front.u[low - begin : high - begin], low - clusters_of[shape])
+                if high == clusters_of[shape + 1]:
+                    n, unit = int(np.diff(cohort.fans.first)[shape]), float(reaches[shape].unit)
+                    tables.append(GeodesicTable(n, d_max[shape], unit, *stores[shape].finish(names[shape])))
+        tick(1.0, "geodesic distances")
+    return tables
+
+
+def _upload(meshes: Sequence[TriangleMesh], reaches: Sequence[Any], element: int, device: str) -> Cohort:
+    """Clusters are grown on the host, about 0.2 µs a vertex: one after another along the mesh."""
+    clusters = find_clusters(build_fans(meshes, "cpu"))
+    fans = build_fans(meshes, device)
+    sources = front_kernels.Sources()
+    with wp.ScopedDevice(device):
+        sources.members = wp.array(clusters.members, dtype=wp.int32, ndim=2)
+        sources.shape = wp.array(clusters.shape, dtype=wp.int32)
+        sources.first = wp.array(fans.first.astype(np.int32), dtype=wp.int32)
+        sources.reaches = wp.array(reaches, dtype=kernels.Reach)
+        sources.fan = fans.start
+        sources.corners = fans.corners
+    return Cohort(fans, clusters, sources, reaches, element, device)
+
+
+def _front(batch: int, n: int) -> Any:  # noqa: ANN401 - a wp.struct has no type
+    front = front_kernels.Front()
+    front.u = wp.empty((batch, n, LANES), dtype=wp.float32)
+    front.queued = wp.empty((batch, n), dtype=wp.int32)
+    front.lists = wp.empty((2, batch, n), dtype=wp.int32)
+    front.counts = wp.empty((3, batch), dtype=wp.int32)
+    front.last = wp.empty(1, dtype=wp.int32)
+    return front
+
+
+def _advance(front: Any, cohort: Cohort, begin: int, end: int, pause: Any) -> None:  # noqa: ANN401
+    """Solve clusters begin … end into front.u."""
+    front.u.fill_(float(kernels.FAR))
+    for array in (front.queued, front.counts, front.last):
+        array.zero_()
+    wp.launch(front_kernels.seed_front, (end - begin, LANES), inputs=[front, cohort.sources, begin])
+    step = wp.launch(
+        front_kernels.step_front,
+        (end - begin, int(front_kernels.WALKERS), LANES),
+        inputs=[front, cohort.sources, begin, cohort.element, 1],
+        record_cmd=True,
+    )
+    done = 0
+    while int(front.last.numpy()[0]) > done:
+        pause()
+        for _ in range(STEPS):
+            done += 1
+            step.set_param_by_name("step", done)
+            step.launch()
+
+
+class _DenseStore:
+    """Takes the solved distances of one shape, batch after batch, into a dense table."""
+
+    def __init__(self, cohort: Cohort, shape: int, begin: int, end: int) -> None:
+        n = int(np.diff(cohort.fans.first)[shape])
+        self._reach = cohort.reaches[shape]
+        self._members = cohort.sources.members[begin:end]
+        self._codes = wp.empty((n, n), dtype=wp.uint16)
+
+    def add(self, u: Any, at: int) -> None:  # noqa: ANN401
+        n = self._codes.shape[0]
+        inputs = [u, self._members[at : at + u.shape[0]], self._reach, self._codes]
+        wp.launch(front_kernels.store_front_dense, (u.shape[0], LANES, n), inputs=inputs)
+
+    def finish(self, name: str) -> tuple[Any, ...]:
+        tiles = -(-self._codes.shape[0] // 16)
+        wp.launch(kernels.symmetrize_dense, (tiles, tiles, 256), inputs=[self._codes, 0])
+        return (self._codes,)
+
+
+class _BlockStore:
+    """Takes the solved distances of one shape, batch after batch, into blocks."""
+
+    def __init__(self, cohort: Cohort, shape: int, begin: int, end: int) -> None:
+        n = int(np.diff(cohort.fans.first)[shape])
+        self._reach = cohort.reaches[shape]
+        self._members = cohort.sources.members[begin:end]
+        slot = cohort.clusters.slot[cohort.fans.first[shape] : cohort.fans.first[shape + 1]] - LANES * begin
+        self._slot = wp.array(slot, dtype=wp.int32)
+        self._row = wp.empty((end - begin, n), dtype=wp.uint16)
+        self._start = wp.empty(end - begin, dtype=wp.int32)
+        self._parts: list[Any] = []
+
+    def add(self, u: Any, at: int) -> None:  # noqa: ANN401
+        n_clusters, n = u.shape[0], self._row.shape[1]
+        reached = wp.empty((n_clusters, n), dtype=wp.int32)
+        wp.launch(front_kernels.mark_reached, reached.shape, inputs=[u, self._reach, reached])
+        wp.utils.array_scan(reached.flatten(), reached.flatten(), inclusive=True)
+        part = wp.empty((int(reached[n_clusters - 1, n - 1 : n].numpy()[0]), LANES), dtype=wp.uint16)
+        start, row = self._start[at : at + n_clusters], self._row[at : at + n_clusters]
+        offset = sum(p.shape[0] for p in self._parts)
+        inputs = [u, self._reach, reached, offset, start, row, part]
+        wp.launch(front_kernels.store_front_blocks, reached.shape, inputs=inputs)
+        self._parts.append(part)
+
+    def finish(self, name: str) -> tuple[Any, ...]:
+        total = sum(p.shape[0] for p in self._parts)
+        sizes = np.diff(np.append(self._start.numpy(), total))
+        if sizes.max() >= MISSING:
+            raise InputError(f"{name}: d_max reaches over more than 65534 vertices; choose a shorter one")
+        blocks = self._parts[0]
+        if len(self._parts) > 1:
+            blocks = wp.empty((total, LANES), dtype=wp.uint16)
+            at = 0
+            while self._parts:
+                part = self._parts.pop(0)
+                wp.copy(blocks[at : at + part.shape[0]], part)
+                at += part.shape[0]
+        inputs = [self._members, self._slot, self._start, self._row, blocks, 0]
+        wp.launch(kernels.symmetrize_blocks, self._row.shape, inputs=inputs)
+        return blocks, self._row, self._start, self._slot

@@ -1,0 +1,138 @@
+"""Kernels that lay out the triangles around every vertex and group neighbouring vertices."""
+
+import warp as wp
+
+from homolog.geodesics.kernels import Corner
+from homolog.geodesics.lookup import LANES
+
+wp.set_module_options({"enable_backward": False})
+
+UNSEEN = wp.constant(-1)
+IN_FRONT = wp.constant(-2)
+
+
+@wp.kernel
+def count_corners(faces: wp.array2d(dtype=wp.int32), start: wp.array(dtype=wp.int32)):
+    """Count the corners of each vertex, one place on."""
+    face, side = wp.tid()
+    wp.atomic_add(start, faces[face, side] + 1, 1)
+
+
+@wp.kernel
+def fill_corners(
+    faces: wp.array2d(dtype=wp.int32),
+    first: wp.array(dtype=wp.int32),
+    vertices: wp.array(dtype=wp.vec3d),
+    free: wp.array(dtype=wp.int32),
+    corners: wp.array(dtype=Corner),
+):
+    """Lay each triangle's corner next to the others of its vertex."""
+    face, side = wp.tid()
+    c = faces[face, side]
+    a = faces[face, (side + 1) % 3]
+    b = faces[face, (side + 2) % 3]
+    ab = vertices[b] - vertices[a]
+    ac = vertices[c] - vertices[a]
+    bc = vertices[c] - vertices[b]
+    length = wp.length(ab)
+    corner = Corner()
+    corner.a = a - first[face]
+    corner.b = b - first[face]
+    corner.length = float(length)
+    corner.half = float(wp.float64(0.5) / length)
+    corner.x = float(wp.dot(ab, ac) / length)
+    corner.y = float(wp.length(wp.cross(ab, ac)) / length)
+    corner.ac = float(wp.length(ac))
+    corner.bc = float(wp.length(bc))
+    corners[wp.atomic_add(free, c, 1)] = corner
+
+
+@wp.func
+def gather(
+    seed: int,
+    visits: int,
+    base: int,
+    cluster: int,
+    fan: wp.array(dtype=wp.int32),
+    corners: wp.array(dtype=Corner),
+    slot: wp.array(dtype=wp.int32),
+    seen: wp.array(dtype=wp.int32),
+    queue: wp.array(dtype=wp.int32),
+    members: wp.array2d(dtype=wp.int32),
+) -> wp.vec2i:
+    """Walk over the mesh from a seed; list the first LANES vertices without a cluster among those visited.
+
+    Returns how many there are and how many vertices the queue holds.
+    """
+    stamp = seen[0] + 1
+    seen[0] = stamp
+    queue[0] = seed
+    seen[seed + 1] = stamp
+    tail = int(1)
+    found = int(0)
+    head = int(0)
+    while head < tail and head < visits and found < LANES:
+        v = queue[head]
+        head += 1
+        if slot[v] < 0:
+            members[cluster, found] = v - base
+            found += 1
+        for k in range(fan[v], fan[v + 1]):
+            y = corners[k].a + base
+            if seen[y + 1] != stamp:
+                seen[y + 1] = stamp
+                queue[tail] = y
+                tail += 1
+    return wp.vec2i(found, tail)
+
+
+@wp.kernel
+def grow_clusters(
+    first: wp.array(dtype=wp.int32),
+    near: int,
+    far: int,
+    fan: wp.array(dtype=wp.int32),
+    corners: wp.array(dtype=Corner),
+    slot: wp.array(dtype=wp.int32),
+    seen: wp.array(dtype=wp.int32),
+    queue: wp.array(dtype=wp.int32),
+    front: wp.array(dtype=wp.int32),
+    members: wp.array2d(dtype=wp.int32),
+    shape: wp.array(dtype=wp.int32),
+    size: wp.array(dtype=wp.int32),
+):
+    """Group vertices along an advancing front; then group what was left over, from farther around."""
+    n_clusters = int(0)
+    for s in range(first.shape[0] - 1):
+        base = first[s]
+        front[0] = base
+        slot[base] = IN_FRONT
+        head = int(0)
+        tail = int(1)
+        while head < tail:
+            seed = front[head]
+            head += 1
+            if slot[seed] < 0:
+                got = gather(seed, near, base, n_clusters, fan, corners, slot, seen, queue, members)
+                if got[0] == LANES:
+                    for lane in range(LANES):
+                        slot[members[n_clusters, lane] + base] = n_clusters * LANES + lane
+                    shape[n_clusters] = s
+                    n_clusters += 1
+                for k in range(got[1]):
+                    v = queue[k]
+                    if slot[v] == UNSEEN:
+                        slot[v] = IN_FRONT
+                        front[tail] = v
+                        tail += 1
+        for v in range(base, first[s + 1]):
+            if slot[v] < 0:
+                got = gather(v, far, base, n_clusters, fan, corners, slot, seen, queue, members)
+                for lane in range(LANES):
+                    if lane < got[0]:
+                        slot[members[n_clusters, lane] + base] = n_clusters * LANES + lane
+                    else:
+                        members[n_clusters, lane] = -1
+                shape[n_clusters] = s
+                n_clusters += 1
+    size[0] = n_clusters
