@@ -1,0 +1,87 @@
+import os
+import subprocess
+import sys
+
+import pytest
+
+from homolog import __version__
+from homolog.errors import Cancelled, InputError, NumericalError
+from homolog.files.project import Project
+from homolog.files.records import ProjectRecord, SubjectRecord
+from homolog_app.cli import main
+
+
+def test_the_version_is_told(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["--version"])
+    assert capsys.readouterr().out == f"homolog {__version__}\n"
+
+
+def test_the_module_runs_as_the_script_does():
+    done = subprocess.run(
+        [sys.executable, "-m", "homolog_app", "--version"],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == f"homolog {__version__}\n"
+
+
+@pytest.mark.parametrize("words", [["nothing"], ["info"], ["run", "--particles"]])
+def test_a_wrong_use_ends_with_two_and_a_hint(words, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(words)
+    assert "usage: homolog" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "text"),
+    [
+        (InputError("a: is empty\nb: is missing"), 2, "homolog: a: is empty\nhomolog: b: is missing\n"),
+        (NumericalError("a: no surface"), 1, "homolog: a: no surface\n"),
+        (Cancelled("cancelled"), 130, "cancelled\n"),
+        (KeyboardInterrupt(), 130, "cancelled\n"),
+    ],
+)  # fmt: skip
+def test_errors_become_lines_and_exit_codes(monkeypatch, capsys, error, code, text):
+    def fail(arguments):
+        raise error
+
+    monkeypatch.setattr("homolog_app.cli.info.run", fail)
+    assert main(["info", "."]) == code
+    assert capsys.readouterr().err == text
+
+
+def test_a_bug_is_not_hidden(monkeypatch):
+    def fail(arguments):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("homolog_app.cli.info.run", fail)
+    with pytest.raises(ZeroDivisionError):
+        main(["info", "."])
+
+
+def test_info_tells_subjects_groups_and_an_unfinished_run(tmp_path, capsys):
+    project = Project(tmp_path)
+    subjects = [
+        SubjectRecord(name=name, path=f"{name}.nrrd", group=group) for name, group in ("aX", "bY", "cX")
+    ]
+    project.write(ProjectRecord(subjects=subjects, unfinished=True))
+    assert main(["info", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    assert "3 (2 X, 1 Y)" in text
+    assert f"stopped before the first particles; to go on: homolog run {tmp_path} --resume" in text
+    assert "none yet" in text
+
+
+def test_info_of_another_folder_is_an_input_error(tmp_path, capsys):
+    assert main(["info", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"homolog: {tmp_path}: is no project (it holds no project.json)\n"
+
+
+def test_info_as_json_is_the_record(tmp_path, capsys):
+    record = ProjectRecord(subjects=[SubjectRecord(name="a", path="a.nrrd")])
+    Project(tmp_path).write(record)
+    assert main(["info", str(tmp_path), "--json"]) == 0
+    assert ProjectRecord.model_validate_json(capsys.readouterr().out) == record
