@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stderr.write(f"cancelled; to go on: homolog run {project.folder} --resume\n")
         return CANCELLED
     if arguments.figures:
-        from homolog_app.pictures import draw_figures
+        from homolog_app.cli.figures import draw_figures
 
         with show_progress(arguments.progress) as progress:
             draw_figures(project, progress.tick)

@@ -11,12 +11,23 @@ from homolog.errors import InputError
 from homolog.files.meshes import read_mesh
 from homolog.files.particles import read_particles
 from homolog.files.project import Project
+from homolog.files.records import ResultRecord
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["MEAN_SURFACE", "Result", "particle_file", "read_result"]
+__all__ = [
+    "MODE_DEVIATIONS",
+    "Result",
+    "mean_file",
+    "mode_file",
+    "particle_file",
+    "read_modes",
+    "read_result",
+    "read_surfaces",
+    "surface_file",
+]
 
-MEAN_SURFACE = "mean.vtp"
-"""File of the mean surface in the project's ``model`` folder, in world coordinates."""
+MODE_DEVIATIONS = 2.0
+"""How far from the mean the surfaces of modes are, in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +64,21 @@ def particle_file(project: Project, stem: str, frame: str) -> Path:
     return project.particles / f"{stem}_{frame}.particles"
 
 
+def surface_file(project: Project, stem: str) -> Path:
+    """Return the path of a subject's groomed surface, in local coordinates."""
+    return project.groomed / f"{stem}.vtp"
+
+
+def mean_file(project: Project) -> Path:
+    """Return the path of the mean surface, in world coordinates."""
+    return project.model / "mean.vtp"
+
+
+def mode_file(project: Project, mode: int, side: str) -> Path:
+    """Return the path of the surface at one end (``"minus"``, ``"plus"``) of a mode, counted from 0."""
+    return project.model / f"mode_{mode + 1:02d}_{side}_{MODE_DEVIATIONS:g}sd.vtp"
+
+
 def read_result(project: Project) -> Result:
     """Read the last result of a project.
 
@@ -61,10 +87,7 @@ def read_result(project: Project) -> Result:
     InputError
         If there is none, or one of its files is missing or damaged.
     """
-    project.recover()
-    record = project.read().result
-    if record is None:
-        raise InputError(f"{project.folder}: has no result yet; run it first: homolog run {project.folder}")
+    record = _result_of(project)
     subjects = record.subjects
     world, local = (
         [read_particles(particle_file(project, one.file, frame)) for one in subjects]
@@ -82,5 +105,59 @@ def read_result(project: Project) -> Result:
         world=frozen(np.array(world)),
         local=frozen(np.array(local)),
         alignments=frozen(np.array([one.alignment for one in subjects])),
-        mean_surface=read_mesh(project.model / MEAN_SURFACE),
+        mean_surface=read_mesh(mean_file(project)),
     )
+
+
+def read_surfaces(project: Project) -> list[TriangleMesh]:
+    """Read the groomed surfaces of the result's subjects, moved to world coordinates.
+
+    Raises
+    ------
+    InputError
+        If there is no result, or one of the surfaces is missing or damaged.
+    """
+    record = _result_of(project)
+    surfaces = []
+    for one in record.subjects:
+        mesh, matrix = read_mesh(surface_file(project, one.file)), np.array(one.alignment)
+        surfaces.append(TriangleMesh(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], mesh.faces))
+    return surfaces
+
+
+def read_modes(project: Project, mean: TriangleMesh) -> FloatArray:
+    """Read how the mean surface moves along the modes whose surfaces were written.
+
+    Parameters
+    ----------
+    project : Project
+    mean : TriangleMesh
+        Its mean surface, V vertices.
+
+    Returns
+    -------
+    (K, V, 3) float64 array
+        Displacement of the vertices [mm] for one standard deviation, K >= 1.
+
+    Raises
+    ------
+    InputError
+        If a surface is damaged or does not belong to the mean surface.
+    """
+    displacements: list[FloatArray] = []
+    while (path := mode_file(project, len(displacements), "plus")).is_file():
+        plus, minus = (
+            read_mesh(one).vertices for one in (path, mode_file(project, len(displacements), "minus"))
+        )
+        if not plus.shape == minus.shape == mean.vertices.shape:
+            raise InputError(f"{path}: does not belong to {mean_file(project)}; run again")
+        displacements.append((plus - minus) / (2.0 * MODE_DEVIATIONS))
+    return frozen(np.array(displacements).reshape(-1, *mean.vertices.shape))
+
+
+def _result_of(project: Project) -> ResultRecord:
+    project.recover()
+    record = project.read().result
+    if record is None:
+        raise InputError(f"{project.folder}: has no result yet; run it first: homolog run {project.folder}")
+    return record

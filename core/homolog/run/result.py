@@ -16,7 +16,7 @@ from homolog.files.names import file_stems
 from homolog.files.particles import write_particles
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
-from homolog.files.results import MEAN_SURFACE, particle_file
+from homolog.files.results import MODE_DEVIATIONS, mean_file, mode_file, particle_file, surface_file
 from homolog.files.tables import write_table
 from homolog.grooming import GroomedSubject
 from homolog.progress import Tick, part_of
@@ -26,7 +26,6 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Outcome", "write_result"]
 
-_DEVIATIONS = 2.0
 _SHOWN_SHARE = 0.95
 _MOST_SHOWN = 5
 
@@ -123,7 +122,7 @@ def _write_subjects(
         tick(index / len(stems), f"writing {outcome.shapes[index].name}")
         write_particles(particle_file(new, stem, "local"), found.local[index])
         write_particles(particle_file(new, stem, "world"), found.world[index])
-        write_mesh(project.groomed / f"{stem}.vtp", outcome.shapes[index].mesh)
+        write_mesh(surface_file(project, stem), outcome.shapes[index].mesh)
 
 
 def _write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
@@ -158,17 +157,16 @@ def _write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
 
 
 def _write_surfaces(new: Project, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:
-    write_mesh(new.model / MEAN_SURFACE, TriangleMesh(surface.vertices, surface.faces))
+    write_mesh(mean_file(new), TriangleMesh(surface.vertices, surface.faces))
     enough = int(np.searchsorted(np.cumsum(model.explained), _SHOWN_SHARE)) + 1
     shown = min(enough, _MOST_SHOWN, len(model.variances))
     for mode in range(shown):
         tick(mode / shown, f"surfaces of mode {mode + 1}")
-        for sign, word in ((-1.0, "minus"), (1.0, "plus")):
+        for sign, side in ((-1.0, "minus"), (1.0, "plus")):
             deviations = np.zeros(mode + 1)
-            deviations[mode] = sign * _DEVIATIONS
+            deviations[mode] = sign * MODE_DEVIATIONS
             vertices = surface.moved(model.shape(deviations))
-            name = f"mode_{mode + 1:02d}_{word}_2sd.vtp"
-            write_mesh(new.model / name, TriangleMesh(vertices, surface.faces))
+            write_mesh(mode_file(new, mode, side), TriangleMesh(vertices, surface.faces))
 
 
 def _record(outcome: Outcome, stems: Sequence[str], folded: int) -> ResultRecord:

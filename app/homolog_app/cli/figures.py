@@ -1,0 +1,51 @@
+"""The pictures of a finished project: mean, modes, and every subject with its particles."""
+
+from matplotlib.figure import Figure
+
+from homolog.analysis.shape_model import fit_shape_model
+from homolog.files.atomic import replacing
+from homolog.files.project import Project
+from homolog.files.results import read_modes, read_result, read_surfaces
+from homolog.progress import Tick, no_tick
+from homolog_app.pictures import ModeSurfaces, draw_modes, draw_particles, draw_subjects, write_picture
+
+__all__ = ["draw_figures"]
+
+_MODES = 3
+
+
+def draw_figures(project: Project, tick: Tick = no_tick) -> None:
+    """Draw a project's result into its ``figures`` folder.
+
+    Parameters
+    ----------
+    project : Project
+    tick : Tick
+
+    Raises
+    ------
+    InputError
+        If there is no result, or a picture can't be written.
+    """
+    tick(0.0, "pictures")
+    result = read_result(project)
+    _write(
+        project,
+        "mean.png",
+        draw_particles(result.mean_surface, result.world.mean(axis=0), title="Mean shape"),
+    )
+    tick(0.2, "pictures of the modes")
+    moves = read_modes(project, result.mean_surface)
+    shares = fit_shape_model(result.world).explained[: len(moves)]
+    modes = ModeSurfaces(result.mean_surface, moves, shares)
+    _write(project, "modes.png", draw_modes(modes, modes=min(len(moves), _MODES), title="Modes of variation"))
+    surfaces = read_surfaces(project)
+    tick(0.4, "pictures of the subjects")
+    for page, figure in enumerate(draw_subjects(result.names, surfaces, result.world), start=1):
+        _write(project, f"subjects_{page:02d}.png", figure)
+        tick(0.4 + 0.6 * min(12 * page / len(surfaces), 1.0), "pictures of the subjects")
+
+
+def _write(project: Project, name: str, figure: Figure) -> None:
+    with replacing(project.figures / name) as part:
+        write_picture(figure, part)
