@@ -4,13 +4,14 @@ from dataclasses import dataclass
 
 from homolog.cohort import Subject
 from homolog.errors import InputError, NumericalError
+from homolog.grooming.clean import cleaned
+from homolog.grooming.fields import distance_field
 from homolog.grooming.images import read_segmentation
-from homolog.grooming.voxels import prepared
 from homolog.settings import GroomSettings
 from homolog.surfaces.distance_field import DistanceField
-from homolog.surfaces.isosurface import isosurface
+from homolog.surfaces.isosurface import coarse_isosurface, isosurface
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.simplify import simplified
+from homolog.surfaces.topology import euler_number
 
 __all__ = ["COARSE_VERTICES", "GroomReport", "GroomedSubject", "groom_subject"]
 
@@ -83,14 +84,14 @@ def groom_subject(subject: Subject, settings: GroomSettings) -> GroomedSubject:
     """
     try:
         segmentation = read_segmentation(subject.path, settings.label)
-        field, found = prepared(segmentation, settings)
-        mesh = isosurface(field, settings.mesh_edge)
-        coarse = simplified(mesh, COARSE_VERTICES)
+        found = cleaned(segmentation)
+        field, notes = distance_field(found.segmentation, settings.spacing, settings.smoothing)
+        mesh = isosurface(field, settings.mesh_edge, settings.adaptive_mesh)
+        coarse = coarse_isosurface(field, mesh, COARSE_VERTICES)
     except (InputError, NumericalError) as error:
         raise type(error)(f"{subject.name}: {error}") from error
-    euler = len(mesh.vertices) - len(mesh.faces) // 2
     report = GroomReport(
-        found.components_dropped, found.holes_filled, found.padded,
-        segmentation.volume / 1000.0, mesh.volume / 1000.0, 1 - euler // 2, found.notes,
+        found.components_dropped, found.holes_filled, found.at_border,
+        segmentation.volume / 1000.0, mesh.volume / 1000.0, 1 - euler_number(mesh.faces) // 2, notes,
     )  # fmt: skip
     return GroomedSubject(subject.name, field, mesh, coarse, report)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from homolog.arrays import Float32Array, FloatArray, frozen
 
@@ -34,3 +35,40 @@ class DistanceField:
     def spacing(self) -> float:
         """Distance between neighbouring nodes [mm], the same along the three axes."""
         return float(np.linalg.norm(self.index_to_world[:3, 0]))
+
+    def sample(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return value [mm] and gradient at points.
+
+        Parameters
+        ----------
+        points : (N, 3) array
+            LPS millimetres; outside the grid the nearest border value holds.
+
+        Returns
+        -------
+        (N,) float64 array
+            Trilinear in the values.
+        (N, 3) float64 array
+            Trilinear in the central differences of the values, in LPS.
+        """
+        axes = self.index_to_world[:3, :3] / self.spacing
+        nodes = ((points - self.index_to_world[:3, 3]) @ axes / self.spacing).T
+        values = ndimage.map_coordinates(self.values, nodes, np.float64, order=1, mode="nearest")
+        slopes = np.empty((len(points), 3))
+        for axis in range(3):
+            ahead, behind = nodes.copy(), nodes.copy()
+            ahead[axis] += 1.0
+            behind[axis] -= 1.0
+            slopes[:, axis] = ndimage.map_coordinates(self.values, ahead, np.float64, order=1, mode="nearest")
+            slopes[:, axis] -= ndimage.map_coordinates(
+                self.values, behind, np.float64, order=1, mode="nearest"
+            )
+        return values, slopes @ axes.T / (2.0 * self.spacing)
+
+    def projected(self, points: FloatArray, steps: int = 3) -> FloatArray:
+        """Return the points put onto the zero level by Newton steps along the gradient, shape (N, 3) [mm]."""
+        for _ in range(steps):
+            values, slopes = self.sample(points)
+            squared = np.maximum((slopes**2).sum(axis=1), 0.25)
+            points = points - np.clip(values / squared, -self.spacing, self.spacing)[:, None] * slopes
+        return points

@@ -1,38 +1,71 @@
-"""The zero level of a distance field as a triangle mesh."""
+"""The zero level of a distance field as a mesh of even triangles."""
 
 import numpy as np
-from scipy import ndimage, sparse
 
 from homolog.errors import NumericalError
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.remesh import remeshed
+from homolog.surfaces.simplify import simplified
+from homolog.surfaces.topology import face_components
 
-__all__ = ["isosurface"]
+__all__ = ["coarse_isosurface", "isosurface"]
+
+VERTICES = 6000
+_EQUILATERAL = 2.0 / np.sqrt(3.0)  # edge² times vertices, over the area
+_NEAREST = 0.01
+"""Values closer to zero than this part of the spacing are moved away: vertices on nodes make needles."""
 
 
-def isosurface(field: DistanceField, edge: float | None = None) -> TriangleMesh:
-    """Return the zero level as a closed mesh."""
+def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool = False) -> TriangleMesh:
+    """Return the zero level of a distance field.
+
+    Parameters
+    ----------
+    field : DistanceField
+        Its border is outside.
+    edge : float or None
+        Wished edge length [mm]; about 6000 vertices if None.
+    adaptive : bool
+        Smaller triangles where the surface is strongly curved, larger ones elsewhere.
+
+    Returns
+    -------
+    TriangleMesh
+        Closed, manifold, one component, outward.
+
+    Raises
+    ------
+    NumericalError
+        If the field has no zero level.
+    """
+    raw = _marching_cubes(field)
+    edge = edge or _edge_for(raw.area, VERTICES)
+    return remeshed(simplified(raw, round(_EQUILATERAL * raw.area / edge**2)), field, edge, adaptive)
+
+
+def coarse_isosurface(field: DistanceField, mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
+    """Return a mesh of the zero level with about `n_vertices` vertices, made from a finer one."""
+    return remeshed(simplified(mesh, n_vertices), field, _edge_for(mesh.area, n_vertices))
+
+
+def _edge_for(area: float, n_vertices: int) -> float:
+    """Edge length of that many equilateral triangles' vertices on a closed surface."""
+    return float(np.sqrt(_EQUILATERAL * area / n_vertices))
+
+
+def _marching_cubes(field: DistanceField) -> TriangleMesh:
     from skimage.measure import marching_cubes
 
     values = np.array(field.values)
-    area = np.count_nonzero(np.abs(values) < field.spacing) * field.spacing**2 / 2
-    edge = edge or float(np.sqrt(area / 6000 * 2 / np.sqrt(3)))
-    step = edge * 1.2 / field.spacing
-    shape = np.floor((np.array(values.shape) - 1) / step).astype(int) + 1
-    values = ndimage.affine_transform(values, np.full(3, step), output_shape=tuple(shape), order=3)
-    near = np.abs(values) < 0.02 * step * field.spacing
-    values[near] = np.where(values[near] < 0, -1, 1) * 0.02 * step * field.spacing
-    vertices, faces, _, _ = marching_cubes(values, 0.0, gradient_direction="ascent")
-    n = len(vertices)
-    graph = sparse.coo_array((np.ones(len(faces)), (faces[:, 0], faces[:, 1])), shape=(n, n))
-    _, label = sparse.csgraph.connected_components(graph + graph.T, directed=False)
-    keep = label[faces[:, 0]] == np.argmax(np.bincount(label))
-    faces = faces[keep]
+    least = _NEAREST * field.spacing
+    values = np.where(np.abs(values) < least, np.where(values < 0.0, -least, least), values)
+    if values.min() >= 0.0:
+        raise NumericalError(
+            "nothing is left of the shape after smoothing; use a finer grid or less smoothing"
+        )
+    nodes, faces, _, _ = marching_cubes(values, 0.0, gradient_direction="descent")
+    faces = faces[face_components(faces) == 0]
     used, faces = np.unique(faces, return_inverse=True)
-    vertices = vertices[used] * step @ field.index_to_world[:3, :3].T + field.index_to_world[:3, 3]
-    mesh = TriangleMesh(vertices, faces.reshape(-1, 3))
-    if mesh.volume < 0:
-        mesh = TriangleMesh(mesh.vertices, np.array(mesh.faces)[:, ::-1])
-    if len(mesh.faces) % 2:
-        raise NumericalError("the surface is not closed")
-    return mesh
+    vertices = nodes[used] @ field.index_to_world[:3, :3].T + field.index_to_world[:3, 3]
+    return TriangleMesh(vertices, faces.reshape(-1, 3))

@@ -33,7 +33,7 @@ class TriangleMesh:
     def face_areas(self) -> FloatArray:
         """Area of each face [mm²], shape (F,)."""
         a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
-        return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
 
     @property
     def area(self) -> float:

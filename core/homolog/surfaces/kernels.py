@@ -1,0 +1,188 @@
+"""Warp kernels on regular grids: the fast iterative method and sub-voxel distances next to a zero level.
+
+All lengths are in voxels; grids are indexed ``[i, j, k]``.
+"""
+
+from typing import Any
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+FAR = 1.0e6
+_FAR = wp.constant(FAR)
+_TRIALS = wp.constant(10)
+
+
+@wp.func
+def _at(grid: wp.array3d(dtype=Any), i: int, j: int, k: int) -> Any:
+    """Value at a node, that of the nearest one beyond the border."""
+    return grid[
+        wp.clamp(i, 0, grid.shape[0] - 1),
+        wp.clamp(j, 0, grid.shape[1] - 1),
+        wp.clamp(k, 0, grid.shape[2] - 1),
+    ]
+
+
+@wp.func
+def _sample(grid: wp.array3d(dtype=Any), x: wp.vec3) -> Any:
+    """Trilinear interpolant at a point."""
+    i, j, k = int(wp.floor(x[0])), int(wp.floor(x[1])), int(wp.floor(x[2]))
+    a, b, c = x[0] - float(i), x[1] - float(j), x[2] - float(k)
+    v00 = wp.lerp(_at(grid, i, j, k), _at(grid, i + 1, j, k), a)
+    v01 = wp.lerp(_at(grid, i, j, k + 1), _at(grid, i + 1, j, k + 1), a)
+    v10 = wp.lerp(_at(grid, i, j + 1, k), _at(grid, i + 1, j + 1, k), a)
+    v11 = wp.lerp(_at(grid, i, j + 1, k + 1), _at(grid, i + 1, j + 1, k + 1), a)
+    return wp.lerp(wp.lerp(v00, v10, b), wp.lerp(v01, v11, b), c)
+
+
+@wp.func
+def _crossing(here: float, there: float) -> float:
+    """Distance from a node to the zero between it and a neighbour; far if there is none."""
+    if (here < 0.0) == (there < 0.0):
+        return _FAR
+    return here / (here - there)
+
+
+@wp.func
+def _crossings(level: wp.array3d(dtype=wp.float32), i: int, j: int, k: int) -> float:
+    """Distance to the plane through the zeros on the three grid lines of a node; far if there are none."""
+    here = level[i, j, k]
+    x = wp.min(_crossing(here, _at(level, i + 1, j, k)), _crossing(here, _at(level, i - 1, j, k)))
+    y = wp.min(_crossing(here, _at(level, i, j + 1, k)), _crossing(here, _at(level, i, j - 1, k)))
+    z = wp.min(_crossing(here, _at(level, i, j, k + 1)), _crossing(here, _at(level, i, j, k - 1)))
+    nearest = wp.min(x, wp.min(y, z))
+    if nearest == _FAR:
+        return _FAR
+    tiny = float(1.0e-6)
+    x, y, z = wp.max(x, tiny), wp.max(y, tiny), wp.max(z, tiny)
+    return 1.0 / wp.sqrt(1.0 / (x * x) + 1.0 / (y * y) + 1.0 / (z * z))
+
+
+@wp.kernel
+def start_band(
+    level: wp.array3d(dtype=wp.float32),
+    gradient: wp.array3d(dtype=wp.vec3),
+    field: wp.array3d(dtype=wp.float32),
+    state: wp.array3d(dtype=wp.int32),
+) -> None:
+    """Fix (state 2) the distance of every node with a neighbour on the other side; all others are far.
+
+    The foot on the interpolated zero level is sought by a step onto the level and a step along it towards
+    the node, over and over (Chopp, SIAM J. Sci. Comput. 23, 2001). Where that does not settle next to the
+    node, the distance follows from the crossings of the three grid lines through it.
+    """
+    i, j, k = wp.tid()
+    side = wp.where(level[i, j, k] < 0.0, -1.0, 1.0)
+    distance = _crossings(level, i, j, k)
+    field[i, j, k] = side * distance
+    if distance == _FAR:
+        return
+    state[i, j, k] = 2
+    node = wp.vec3(float(i), float(j), float(k))
+    foot = node
+    moved = float(1.0)
+    for _ in range(_TRIALS):
+        slope = _sample(gradient, foot)
+        squared = wp.max(wp.dot(slope, slope), 1.0e-6)
+        onto = -_sample(level, foot) / squared * slope
+        apart = node - foot
+        along = apart - wp.dot(apart, slope) / squared * slope
+        foot += onto + along
+        moved = wp.length(onto) + wp.length(along)
+    reach = wp.length(node - foot)
+    if moved < 0.01 and reach < 1.5:
+        field[i, j, k] = side * reach
+
+
+@wp.func
+def _solve(
+    field: wp.array3d(dtype=wp.float32), i: int, j: int, k: int, side: float, second_order: bool
+) -> float:
+    """Distance at a node from its six neighbours: Godunov's upwind scheme, optionally of second order."""
+    value = wp.vec3(_FAR, _FAR, _FAR)
+    weight = wp.vec3(1.0, 1.0, 1.0)
+    for axis in range(3):
+        e = wp.vec3i(wp.where(axis == 0, 1, 0), wp.where(axis == 1, 1, 0), wp.where(axis == 2, 1, 0))
+        below = side * _at(field, i - e[0], j - e[1], k - e[2])
+        above = side * _at(field, i + e[0], j + e[1], k + e[2])
+        near = below
+        step = int(-2)
+        if above < below:
+            near = above
+            step = 2
+        value[axis] = near
+        if second_order and near < _FAR:
+            behind = side * _at(field, i + step * e[0], j + step * e[1], k + step * e[2])
+            if behind < near:
+                value[axis] = (4.0 * near - behind) / 3.0
+                weight[axis] = 2.25
+    return _quadratic(value, weight)
+
+
+@wp.func
+def _quadratic(value: wp.vec3, weight: wp.vec3) -> float:
+    """Largest u with sum of weight (u - value)² = 1 over the axes that are upwind (value < u)."""
+    result = float(_FAR)
+    used = wp.vec3(0.0, 0.0, 0.0)
+    for _ in range(3):
+        best = int(-1)
+        for axis in range(3):
+            open_axis = used[axis] == 0.0 and value[axis] < result
+            if open_axis and (best < 0 or value[axis] < value[best]):
+                best = axis
+        if best < 0:
+            return result
+        used[best] = 1.0
+        a = wp.dot(used, weight)
+        b, c = float(0.0), float(-1.0)
+        for axis in range(3):
+            if used[axis] > 0.0:
+                b += weight[axis] * value[axis]
+                c += weight[axis] * value[axis] * value[axis]
+        discriminant = b * b - a * c
+        if discriminant < 0.0:
+            return result
+        result = (b + wp.sqrt(discriminant)) / a
+    return result
+
+
+@wp.kernel
+def relax(
+    field: wp.array3d(dtype=wp.float32),
+    state: wp.array3d(dtype=wp.int32),
+    active: wp.array(dtype=wp.vec3i),
+    following: wp.array(dtype=wp.vec3i),
+    n_following: wp.array(dtype=wp.int32),
+    tolerance: float,
+    second_order: bool,
+) -> None:
+    """One round of the fast iterative method (Jeong and Whitaker 2008, algorithm 2.1).
+
+    A node of the active list takes the value that its neighbours give it. Once that no longer changes, it
+    leaves the list (state 0) and hands over to those neighbours that it improves (state 1).
+    """
+    node = active[wp.tid()]
+    i, j, k = node[0], node[1], node[2]
+    side = wp.where(field[i, j, k] < 0.0, -1.0, 1.0)
+    old = side * field[i, j, k]
+    new = _solve(field, i, j, k, side, second_order)
+    field[i, j, k] = side * new
+    if wp.abs(new - old) > tolerance:
+        following[wp.atomic_add(n_following, 0, 1)] = node
+        return
+    state[i, j, k] = 0
+    for neighbour in range(6):
+        axis = neighbour / 2
+        step = 2 * (neighbour % 2) - 1
+        a = i + wp.where(axis == 0, step, 0)
+        b = j + wp.where(axis == 1, step, 0)
+        c = k + wp.where(axis == 2, step, 0)
+        outside = a < 0 or b < 0 or c < 0 or a >= field.shape[0] or b >= field.shape[1] or c >= field.shape[2]
+        if outside or state[a, b, c] != 0:
+            continue
+        beyond = wp.where(field[a, b, c] < 0.0, -1.0, 1.0)
+        better = _solve(field, a, b, c, beyond, second_order)
+        if wp.abs(better - beyond * field[a, b, c]) > tolerance and wp.atomic_max(state, a, b, c, 1) == 0:
+            field[a, b, c] = beyond * better
+            following[wp.atomic_add(n_following, 0, 1)] = wp.vec3i(a, b, c)

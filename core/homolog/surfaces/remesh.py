@@ -1,0 +1,240 @@
+"""Even triangles: split, collapse and flip edges, slide vertices along the surface, over and over.
+
+After Botsch and Kobbelt, A Remeshing Approach to Multiresolution Modeling (SGP 2004). All steps act on
+independent edges at once. Topology does not change.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from homolog.arrays import Array, BoolArray, FloatArray, IntArray
+from homolog.surfaces.distance_field import DistanceField
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["remeshed"]
+
+_LONG, _SHORT = 4.0 / 3.0, 4.0 / 5.0  # of the wished edge length
+_SWEEPS = 5
+_SLIDE = 0.6
+_SHARPEST = 0.3  # cosine between a face's normal before and after a change
+
+
+def remeshed(mesh: TriangleMesh, field: DistanceField, edge: float, adaptive: bool = False) -> TriangleMesh:
+    """Return a mesh of a field's zero level with edges of about the wished length.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        A closed manifold near the zero level.
+    field : DistanceField
+        Whose zero level the vertices are put on.
+    edge : float
+        Wished edge length [mm].
+    adaptive : bool
+        Shorter edges where the surface is strongly curved, longer ones elsewhere.
+    """
+    vertices: FloatArray = np.array(mesh.vertices)
+    faces: IntArray = np.array(mesh.faces, dtype=np.int64)
+    for _ in range(_SWEEPS):
+        size = _sizes(vertices, field, edge) if adaptive else np.full(len(vertices), edge)
+        vertices, faces, size = _split(vertices, faces, size)
+        vertices, faces, size = _collapse(vertices, faces, size)
+        faces = _flip(vertices, faces)
+        vertices = _slide(vertices, faces, field)
+    return TriangleMesh(vertices, faces)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Edges:
+    """Edges of a closed mesh: ends (E, 2), the two faces (E, 2) and the vertex opposite in each (E, 2)."""
+
+    ends: IntArray
+    faces: IntArray
+    opposite: IntArray
+
+
+def _edges(faces: IntArray) -> _Edges:
+    sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    low, high = sides.min(axis=1), sides.max(axis=1)
+    twice = np.argsort(low * (faces.max() + 1) + high, kind="stable").reshape(-1, 2)
+    first = twice[:, 0]
+    apex = np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])
+    return _Edges(np.stack([low[first], high[first]], axis=1), twice % len(faces), apex[twice])
+
+
+def _lengths(vertices: FloatArray, ends: IntArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1))
+
+
+def _normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    normals = np.cross(b - a, c - a)
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300))
+
+
+def _best_of_each_face(score: FloatArray, edges: _Edges, n_faces: int) -> BoolArray:
+    """Choose edges that have the highest score, above 0, in both of their faces."""
+    rank = np.empty(len(score), np.int64)
+    rank[np.argsort(score, kind="stable")] = np.arange(len(score))
+    best = np.full(n_faces, -1)
+    np.maximum.at(best, edges.faces.ravel(), np.repeat(rank, 2))
+    chosen: BoolArray = (score > 0) & (best[edges.faces] == rank[:, None]).all(axis=1)
+    return chosen
+
+
+def _split(
+    vertices: FloatArray, faces: IntArray, size: FloatArray
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Halve edges that are too long, at most one in each face."""
+    edges = _edges(faces)
+    excess = _lengths(vertices, edges.ends) / (_LONG * size[edges.ends].mean(axis=1)) - 1.0
+    chosen = _best_of_each_face(excess, edges, len(faces))
+    ends, touched = edges.ends[chosen], edges.faces[chosen]
+    middle = len(vertices) + np.arange(len(ends))
+    vertices = np.concatenate([vertices, vertices[ends].mean(axis=1)])
+    size = np.concatenate([size, size[ends].mean(axis=1)])
+    added = []
+    faces = faces.copy()
+    for side in range(2):
+        old = faces[touched[:, side]]
+        far = np.where(old == ends[:, 1:], middle[:, None], old)
+        added.append(np.where(old == ends[:, :1], middle[:, None], old))
+        faces[touched[:, side]] = far
+    return vertices, np.concatenate([faces, *added]), size
+
+
+def _collapse(
+    vertices: FloatArray, faces: IntArray, size: FloatArray
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Merge the ends of edges that are too short, where neither topology nor shape suffers."""
+    for _ in range(3):
+        edges = _edges(faces)
+        ratio = _lengths(vertices, edges.ends) / (_SHORT * size[edges.ends].mean(axis=1))
+        candidates = np.flatnonzero((ratio < 1.0) & _link_condition(edges, len(vertices)))
+        chosen = candidates[_apart(ratio[candidates], edges.ends[candidates], edges.ends, len(vertices))]
+        ends = edges.ends[chosen]
+        ends = ends[~_spoils(vertices, faces, size, ends)]
+        if not len(ends):
+            break
+        vertices = vertices.copy()
+        vertices[ends[:, 0]] = vertices[ends].mean(axis=1)
+        target = np.arange(len(vertices))
+        target[ends[:, 1]] = ends[:, 0]
+        faces = target[faces]
+        faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+        used = np.unique(faces)
+        number = np.empty(len(vertices), np.int64)
+        number[used] = np.arange(len(used))
+        vertices, faces, size = vertices[used], number[faces], size[used]
+    return vertices, faces, size
+
+
+def _link_condition(edges: _Edges, n_vertices: int) -> BoolArray:
+    """Whether merging an edge's ends keeps the topology: they share two neighbours, of valence above 3."""
+    both = np.concatenate([edges.ends, edges.ends[:, ::-1]])
+    ones = np.ones(len(both), np.int32)
+    near = sparse.csr_array((ones, (both[:, 0], both[:, 1])), shape=(n_vertices, n_vertices))
+    shared: Array = np.asarray((near[edges.ends[:, 0]] * near[edges.ends[:, 1]]).sum(axis=1)).ravel()
+    valence = np.bincount(both[:, 0], minlength=n_vertices)
+    kept: BoolArray = (shared == 2) & (valence[edges.opposite] > 3).all(axis=1)
+    return kept
+
+
+def _apart(ratio: FloatArray, ends: IntArray, all_ends: IntArray, n_vertices: int) -> BoolArray:
+    """Choose candidate edges of which no two have neighbouring ends, the shortest first."""
+    rank = np.empty(len(ratio), np.int64)
+    rank[np.argsort(ratio, kind="stable")] = np.arange(len(ratio))
+    least = np.full(n_vertices, len(ratio))
+    np.minimum.at(least, ends.ravel(), np.repeat(rank, 2))
+    around = least.copy()
+    np.minimum.at(around, all_ends[:, 0], least[all_ends[:, 1]])
+    np.minimum.at(around, all_ends[:, 1], least[all_ends[:, 0]])
+    return np.asarray((around[ends] == rank[:, None]).all(axis=1))
+
+
+def _spoils(vertices: FloatArray, faces: IntArray, size: FloatArray, ends: IntArray) -> BoolArray:
+    """Whether merging an edge's ends at its middle turns a face over or makes an edge too long."""
+    moved = vertices.copy()
+    moved[ends] = vertices[ends].mean(axis=1)[:, None]
+    owner = np.full(len(vertices), -1)
+    owner[ends] = np.arange(len(ends))[:, None]
+    touched = owner[faces].max(axis=1)
+    kept = (touched >= 0) & ((owner[faces] >= 0).sum(axis=1) == 1)
+    near, touched = faces[kept], touched[kept]
+    turned = (_normals(vertices, near) * _normals(moved, near)).sum(axis=1) < _SHARPEST
+    sides = np.linalg.norm(moved[near] - moved[np.roll(near, 1, axis=1)], axis=2)
+    stretched = (sides > _LONG * size[near].mean(axis=1, keepdims=True)).any(axis=1)
+    bad = np.zeros(len(ends), dtype=bool)
+    bad[touched[turned | stretched]] = True
+    return bad
+
+
+def _flip(vertices: FloatArray, faces: IntArray) -> IntArray:
+    """Turn edges whose opposite angles sum to more than 180° (Delaunay), at most one in each face."""
+    for _ in range(3):
+        edges = _edges(faces)
+        a, b, c, d = vertices[[*edges.ends.T, *edges.opposite.T]].reshape(4, -1, 3)
+        excess = _angles(c, a, b) + _angles(d, a, b) - np.pi - 1e-6
+        sheets = _normals(vertices, faces)[edges.faces]
+        excess[(sheets[:, 0] * sheets[:, 1]).sum(axis=1) < 1.0 - 2.0 * _SHARPEST] = 0.0
+        chosen = np.flatnonzero(_best_of_each_face(excess, edges, len(faces)))
+        if not len(chosen):
+            break
+        faces = _flipped(vertices, faces, edges, chosen)
+    return faces
+
+
+def _flipped(vertices: FloatArray, faces: IntArray, edges: _Edges, chosen: IntArray) -> IntArray:
+    across = np.sort(edges.opposite[chosen], axis=1)
+    base = int(faces.max()) + 1
+    keys = across[:, 0] * base + across[:, 1]
+    new = ~np.isin(keys, edges.ends[:, 0] * base + edges.ends[:, 1])
+    first = np.zeros(len(keys), dtype=bool)
+    first[np.unique(keys, return_index=True)[1]] = True
+    pairs = []
+    for side in range(2):
+        old = faces[edges.faces[chosen, side]]
+        after_apex = (np.argmax(old == edges.opposite[chosen, side, None], axis=1) + 1) % 3
+        turned = old.copy()
+        turned[np.arange(len(old)), after_apex] = edges.opposite[chosen, 1 - side]
+        pairs.append((old, turned))
+    normal = sum(_normals(vertices, old) for old, _ in pairs)
+    sound = new & first
+    for _, turned in pairs:
+        sound &= (_normals(vertices, turned) * normal).sum(axis=1) > 2.0 * _SHARPEST
+    result = faces.copy()
+    for side, (_, turned) in enumerate(pairs):
+        result[edges.faces[chosen[sound], side]] = turned[sound]
+    return result
+
+
+def _angles(apex: FloatArray, a: FloatArray, b: FloatArray) -> Array:
+    """Angle at `apex` between the directions to `a` and `b`."""
+    u, v = a - apex, b - apex
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), (u * v).sum(axis=1)))
+
+
+def _slide(vertices: FloatArray, faces: IntArray, field: DistanceField) -> FloatArray:
+    """Move each vertex towards the middle of its neighbours, and back onto the zero level."""
+    ends = _edges(faces).ends
+    both = np.concatenate([ends, ends[:, ::-1]])
+    ones = np.ones(len(both))
+    near = sparse.csr_array((ones, (both[:, 0], both[:, 1])), shape=(len(vertices),) * 2)
+    step = near @ vertices / near.sum(axis=1)[:, None] - vertices
+    normals = field.sample(vertices)[1]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    step -= (step * normals).sum(axis=1, keepdims=True) * normals
+    return field.projected(vertices + _SLIDE * step)
+
+
+def _sizes(vertices: FloatArray, field: DistanceField, edge: float) -> FloatArray:
+    """Edge length at each vertex: short where the normals turn quickly, with `edge` as the typical value."""
+    h = field.spacing
+    turn = np.zeros(len(vertices))
+    for axis in np.eye(3):
+        ahead, behind = field.sample(vertices + h * axis)[1], field.sample(vertices - h * axis)[1]
+        turn += ((ahead - behind) ** 2).sum(axis=1) / (2.0 * h) ** 2
+    relative = np.sqrt(turn / np.median(turn))
+    return np.asarray(edge * np.clip(relative, 0.4, 6.0) ** -0.5)
