@@ -1,4 +1,4 @@
-"""What the fast iterative method on triangles is made of: local solvers, codes, and making tables symmetric."""
+"""What the fast iterative method on triangles is made of: local solvers, codes, symmetry."""
 
 import warp as wp
 

@@ -16,7 +16,9 @@ from homolog.surfaces.topology import check_mesh, edges
 __all__ = ["DENSE_BUDGET", "TablePlan", "plan_tables"]
 
 DENSE_BUDGET = 1_500_000_000
-"""Tables of a cohort are dense, which is faster to read, while they take no more than this [bytes]."""
+"""Tables of a cohort are dense, which is faster to read, while all take no more than this [bytes] …"""
+DENSE_SHAPE = 250_000_000
+"""… and each no more than this (11 180 vertices)."""
 DEFAULT_LIMIT = 8_000_000_000
 """Ceiling for the tables of a cohort [bytes] where the caller names none."""
 
@@ -59,14 +61,16 @@ def plan_tables(
             raise InputError(f"{name}: d_max is {limit}; geodesic distances need a positive length in mm")
     ceiling = DEFAULT_LIMIT if memory_limit is None else memory_limit
     reaches = tuple(_reach(mesh, limit) for mesh, limit in zip(meshes, d_max, strict=True))
-    dense = sum(2 * len(mesh.vertices) ** 2 for mesh in meshes)
+    squares = [2 * len(mesh.vertices) ** 2 for mesh in meshes]
+    dense = sum(squares)
     blocks = sum(_block_bytes(mesh, reach) for mesh, reach in zip(meshes, reaches, strict=True))
-    if dense <= min(DENSE_BUDGET, ceiling) or (dense <= blocks and dense <= ceiling):
+    small = dense <= DENSE_BUDGET and max(squares) <= DENSE_SHAPE
+    if dense <= ceiling and (small or dense <= blocks):
         return TablePlan(reaches, dense=True, nbytes=dense)
     if blocks > ceiling:
         raise InputError(
-            f"geodesic tables of {len(meshes)} shapes would take about {blocks / 1e9:.1f} GB, above the limit "
-            f"of {ceiling / 1e9:.1f} GB: raise the limit, shorten d_max or use coarser meshes"
+            f"geodesic tables of {len(meshes)} shapes would take about {blocks / 1e9:.1f} GB, above the "
+            f"limit of {ceiling / 1e9:.1f} GB: raise the limit, shorten d_max or use coarser meshes"
         )
     return TablePlan(reaches, dense=False, nbytes=blocks)
 
