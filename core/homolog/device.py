@@ -6,7 +6,7 @@ from homolog.errors import InputError
 
 __all__ = ["choose_device", "describe_device"]
 
-wp.config.quiet = True
+wp.config.log_level = wp.LOG_WARNING
 
 
 def choose_device(name: str = "auto") -> str:
