@@ -61,6 +61,7 @@ class ParallelAnalysis:
 def parallel_analysis(
     data: FloatArray,
     *,
+    nuisance: FloatArray | None = None,
     null: Null = Null.PERMUTATION,
     repeats: int = 200,
     percentile: float = 95.0,
@@ -72,7 +73,10 @@ def parallel_analysis(
     Parameters
     ----------
     data : (M, N, 3) or (M, P) array
-        One row for each subject [mm]. Rows are centred here, except for the null `Null.SIGNS`.
+        One row for each subject [mm].
+    nuisance : (M, q) array, optional
+        Orthonormal columns that are regressed out of data and null alike; by default the intercept, so
+        that rows are centred. With no columns rows stay as they are.
     null : Null
         What chance is.
     repeats : int
@@ -84,18 +88,21 @@ def parallel_analysis(
     tick : Tick
         Progress and cancelling.
     """
-    rows = np.asarray(data, dtype=np.float64).reshape(len(data), -1)
-    centre = null is not Null.SIGNS
-    if centre:
-        rows = rows - rows.mean(axis=0)
-    modes = min(len(rows) - 1 if centre else len(rows), rows.shape[1])
-    divisor = len(rows) - 1 if centre else len(rows)
+    subjects = len(data)
+    if nuisance is None:
+        nuisance = np.full((subjects, 1), 1.0 / np.sqrt(subjects))
+    rows = _without(np.asarray(data, dtype=np.float64).reshape(subjects, -1), nuisance)
+    dof = subjects - nuisance.shape[1]
+    modes = min(dof, rows.shape[1])
+    # Shuffled residuals have lost the covariates' share of their variance a second time.
+    restored = (subjects - 1) / dof if nuisance.shape[1] else 1.0
     generator = np.random.default_rng(seed)
     drawn = np.empty((repeats, modes))
     for repeat in range(repeats):
         tick(repeat / repeats, "parallel analysis")
-        drawn[repeat] = _spectrum(_null_rows(rows, null, generator), centre)[:modes] / divisor
-    variances = _spectrum(rows, centre)[:modes] / divisor
+        chance = _without(_null_rows(rows, null, generator), nuisance)
+        drawn[repeat] = _spectrum(chance)[:modes] * (restored / dof)
+    variances = _spectrum(rows)[:modes] / dof
     threshold = np.percentile(drawn, percentile, axis=0)
     above = variances > threshold
     kept = modes if above.all() else int(above.argmin())
@@ -113,10 +120,13 @@ def _null_rows(rows: FloatArray, null: Null, generator: np.random.Generator) -> 
     return drawn
 
 
-def _spectrum(rows: FloatArray, centre: bool) -> FloatArray:
+def _without(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
+    rest: FloatArray = rows - nuisance @ (nuisance.T @ rows)
+    return rest
+
+
+def _spectrum(rows: FloatArray) -> FloatArray:
     """Squared singular values in descending order, none below zero."""
-    if centre:
-        rows = rows - rows.mean(axis=0)
     gram = rows @ rows.T if len(rows) <= rows.shape[1] else rows.T @ rows
     squares: FloatArray = np.clip(np.linalg.eigvalsh(gram)[::-1], 0.0, None)
     return squares

@@ -1,0 +1,177 @@
+"""Linear designs: what is tested, what is only allowed for, and what may be exchanged under the null.
+
+Two groups, several groups, a continuous variable and paired subjects are one kind of test: columns that
+are tested, beside nuisance columns (the intercept and covariates).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from homolog.arrays import FloatArray, frozen
+from homolog.errors import InputError
+
+__all__ = ["Design", "Exchange", "group_design", "paired_design", "regression_design"]
+
+_DEPENDENT = 1e-8
+"""A column with less than this part of its length left beside the others is a combination of them."""
+
+
+class Exchange(StrEnum):
+    """What the null hypothesis allows to be exchanged."""
+
+    ROWS = "rows"
+    """Subjects, or with covariates their residuals (Freedman and Lane 1983)."""
+    SIGNS = "signs"
+    """Signs of differences."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Design:
+    """A linear design with its bases made orthonormal. Arrays are read-only.
+
+    Attributes
+    ----------
+    columns : (M, d) array
+        Tested columns with the nuisance columns projected out; in the units they came in.
+    tested : (M, d) array
+        Orthonormal basis of those.
+    nuisance : (M, q) array
+        Orthonormal basis of intercept and covariates; the first column is the intercept, if there is one.
+    exchange : Exchange
+        What may be exchanged under the null.
+    """
+
+    columns: FloatArray
+    tested: FloatArray
+    nuisance: FloatArray
+    exchange: Exchange
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("columns", "tested", "nuisance"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
+
+    @property
+    def error_dof(self) -> int:
+        """Degrees of freedom left for the error: M - q - d."""
+        return len(self.tested) - int(self.nuisance.shape[1] + self.tested.shape[1])
+
+    @property
+    def covariates(self) -> FloatArray:
+        """The nuisance basis without its intercept, shape (M, q - 1) or (M, 0)."""
+        return self.nuisance[:, 1:]
+
+    def residuals(self, data: FloatArray) -> FloatArray:
+        """Return data (M, P) with the nuisance columns regressed out."""
+        rest: FloatArray = data - self.nuisance @ (self.nuisance.T @ data)
+        return rest
+
+    def coefficients(self, data: FloatArray) -> FloatArray:
+        """Return the least-squares coefficients (d, P) of the tested columns, nuisance allowed for."""
+        return np.asarray(np.linalg.lstsq(self.columns, data, rcond=None)[0], np.float64)
+
+    def adjusted(self, data: FloatArray) -> FloatArray:
+        """Return data (M, ...) without what the covariates explain beside the tested columns.
+
+        The overall mean and the effect of the tested columns stay as they are.
+        """
+        rows = data.reshape(len(data), -1)
+        own = rows - self.columns @ self.coefficients(rows)
+        covariates = self.covariates
+        return (rows - covariates @ (covariates.T @ own)).reshape(data.shape)
+
+
+def group_design(groups: Sequence[str], order: Sequence[str], covariates: FloatArray | None = None) -> Design:
+    """Return the design that tests for any difference between groups.
+
+    Parameters
+    ----------
+    groups : sequence of str
+        Group of each of the M subjects.
+    order : sequence of str
+        The groups; the coefficients are differences from the first.
+    covariates : (M, c) array, optional
+        As made by `homolog.analysis.covariates.covariate_columns`.
+
+    Raises
+    ------
+    InputError
+        If a group has fewer than two subjects, a subject is in none of the groups, or group and covariates
+        can't be told apart.
+    """
+    if len(order) < 2 or len(set(order)) < len(order):
+        raise InputError(
+            f"a comparison needs two or more different groups, not: {', '.join(order) or 'none'}"
+        )
+    labels = np.asarray(groups)
+    unknown = sorted(set(groups) - set(order))
+    if unknown:
+        raise InputError(f"group {unknown[0]!r} is not among those compared: {', '.join(order)}")
+    for one in order:
+        count = int(np.count_nonzero(labels == one))
+        if count < 2:
+            raise InputError(f"group {one!r} has {count} of the two or more subjects that a comparison needs")
+    columns = np.column_stack([labels == one for one in order[1:]]).astype(np.float64)
+    return _design(columns, covariates, "the group")
+
+
+def regression_design(values: FloatArray, covariates: FloatArray | None = None) -> Design:
+    """Return the design that tests for a linear effect of a continuous variable.
+
+    Parameters
+    ----------
+    values : (M,) array_like
+        The variable; coefficients are per its unit.
+    covariates : (M, c) array, optional
+        As made by `homolog.analysis.covariates.covariate_columns`.
+
+    Raises
+    ------
+    InputError
+        If the values are not finite, all the same, or a combination of the covariates.
+    """
+    column = np.asarray(values, dtype=np.float64)
+    if column.ndim != 1 or not np.isfinite(column).all():
+        raise InputError("the variable has values that are missing or not finite; leave those subjects out")
+    if np.ptp(column) == 0.0:
+        raise InputError("the variable is the same for all subjects; there is nothing to regress on")
+    return _design(column[:, None], covariates, "the variable")
+
+
+def paired_design(pairs: int) -> Design:
+    """Return the design that tests whether the differences of so many pairs have mean zero."""
+    if pairs < 2:
+        raise InputError(f"a paired comparison needs at least two pairs, not {pairs}")
+    ones = np.ones((pairs, 1))
+    return Design(ones, ones / np.sqrt(pairs), np.zeros((pairs, 0)), Exchange.SIGNS)
+
+
+def _design(columns: FloatArray, covariates: FloatArray | None, what: str) -> Design:
+    subjects = len(columns)
+    nuisance = np.full((subjects, 1), 1.0 / np.sqrt(subjects))
+    if covariates is not None:
+        nuisance = _extended(nuisance, covariates, "a covariate is a combination of the others")
+    tested = _extended(nuisance, columns, f"{what} can't be told apart from the covariates")
+    basis = tested[:, nuisance.shape[1] :]
+    design = Design(columns - nuisance @ (nuisance.T @ columns), basis, nuisance, Exchange.ROWS)
+    if design.error_dof < 1:
+        raise InputError(
+            f"{subjects} subjects are too few for {nuisance.shape[1] + basis.shape[1]} columns of the "
+            "design; use fewer covariates or more subjects"
+        )
+    return design
+
+
+def _extended(basis: FloatArray, columns: FloatArray, fault: str) -> FloatArray:
+    """Add columns to an orthonormal basis, each orthogonal to all before it."""
+    for column in columns.T:
+        rest = column - basis @ (basis.T @ column)
+        rest -= basis @ (basis.T @ rest)
+        length = np.linalg.norm(rest)
+        if length <= _DEPENDENT * np.linalg.norm(column):
+            raise InputError(f"{fault}; leave one of them out")
+        basis = np.column_stack([basis, rest / length])
+    return basis

@@ -1,0 +1,233 @@
+"""The test of whole shapes: Hotelling's T² or Wilks' lambda in the modes that parallel analysis keeps.
+
+The modes are those of the data with covariates regressed out but with the tested effect still in, so they
+don't depend on the labels. For normal data the subjects' scores, scaled to unit variance, are then a
+uniformly distributed orthonormal frame whatever the variances of the modes are: choosing modes by their
+variance costs nothing. F is exact, and so is the permutation p for any exchangeable data.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from homolog.analysis.checks import checked_particles
+from homolog.analysis.design import Design, Exchange
+from homolog.analysis.parallel import Null, ParallelAnalysis, parallel_analysis
+from homolog.analysis.permutation import Relabelling, counted_p, relabellings
+from homolog.analysis.wilks import hotelling, rao_f, wilks_p
+from homolog.arrays import FloatArray, IntArray
+from homolog.errors import InputError
+from homolog.progress import Tick, no_tick, part_of
+
+__all__ = ["ModeStatistic", "ModeTest", "mode_test"]
+
+_CHUNK = 500
+_THIN = 3
+"""Degrees of freedom of the error for each mode below which a test is called thin."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModeTest:
+    """Result of a test of whole shapes.
+
+    Attributes
+    ----------
+    modes : int
+        Number of modes tested in, kept by parallel analysis or given.
+    wilks : float
+        Wilks' lambda: share of the generalised variance that the tested effect leaves unexplained.
+    pillai : float
+        Pillai's trace.
+    t_squared : float or None
+        Hotelling's T², for one tested column (two groups, a continuous variable, pairs).
+    mahalanobis : float or None
+        Effect size for one tested column: length of its coefficient in units of the standard deviation
+        within groups; for two groups the distance of their means.
+    f, dof : float, (float, float)
+        F statistic and its degrees of freedom; for Wilks' lambda of more than two modes and columns Rao's
+        approximation. Both 0 if no mode is kept.
+    p : float
+        Parametric p-value.
+    p_permutation : float
+        Share of the relabellings whose parametric p, with modes chosen anew, is as small.
+    permutations : int
+        Number of relabellings.
+    parallel : ParallelAnalysis
+        The choice of modes.
+    warnings : tuple of str
+        What to be careful about, in sentences.
+    """
+
+    modes: int
+    wilks: float
+    pillai: float
+    t_squared: float | None
+    mahalanobis: float | None
+    f: float
+    dof: tuple[float, float]
+    p: float
+    p_permutation: float
+    permutations: int
+    parallel: ParallelAnalysis
+    warnings: tuple[str, ...]
+
+
+class ModeStatistic:
+    """The statistic of one data set for any relabelling of its design.
+
+    Parameters
+    ----------
+    residuals : (M, P) array
+        Data with the nuisance columns of the design regressed out.
+    design : Design
+        Whose rows are exchanged.
+    kept : int
+        Modes tested in, where they are not chosen anew.
+    threshold : (K,) array or None
+        Variances above which a mode is kept; None tests in the first `kept` modes always.
+    """
+
+    def __init__(
+        self, residuals: FloatArray, design: Design, kept: int, threshold: FloatArray | None
+    ) -> None:
+        self._gram = residuals @ residuals.T
+        self._design = design
+        self._kept = kept
+        self._dof = len(residuals) - design.nuisance.shape[1]
+        self._threshold = None if threshold is None else threshold * self._dof
+        self._frame, _ = self._decomposed(self._gram)
+
+    def projections(self, relabelling: Relabelling) -> tuple[FloatArray, IntArray]:
+        """Return the tested columns in the modes, (c, d, K) with zeros from mode k on, and k (c,).
+
+        Without covariates the modes are the same for all relabellings. With covariates the data change
+        (their permuted residuals are regressed on the covariates again), and so modes are chosen again.
+        """
+        if relabelling.covariates.shape[2] == 0:
+            modes = np.full(len(relabelling.tested), self._kept)
+            return np.swapaxes(relabelling.tested, 1, 2) @ self._frame[:, : self._kept], modes
+        covariates = relabelling.covariates
+        across = np.swapaxes(covariates, 1, 2)
+        gram = self._gram - covariates @ (across @ self._gram)
+        gram = gram - (gram @ covariates) @ across
+        frames, squares = self._decomposed(gram)
+        modes = np.full(len(gram), self._kept)
+        if self._threshold is not None:
+            above = squares[:, : len(self._threshold)] > self._threshold
+            modes = np.where(above.all(axis=1), above.shape[1], above.argmin(axis=1))
+        projected = np.swapaxes(relabelling.tested, 1, 2) @ frames
+        projected *= np.arange(projected.shape[2]) < modes[:, None, None]
+        return projected, modes
+
+    def log_p(self, relabelling: Relabelling) -> FloatArray:
+        """Return the logarithm of the parametric p-value of each relabelling, shape (c,)."""
+        projected, modes = self.projections(relabelling)
+        return _log_p(_wilks(projected), modes, self._design)
+
+    def _decomposed(self, gram: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Left singular vectors as columns, and squared singular values, largest first."""
+        squares, vectors = np.linalg.eigh(gram)
+        return vectors[..., ::-1], squares[..., ::-1]
+
+
+def mode_test(
+    particles: FloatArray,
+    design: Design,
+    *,
+    modes: int | None = None,
+    permutations: int = 10_000,
+    seed: int = 0,
+    tick: Tick = no_tick,
+) -> ModeTest:
+    """Test the whole shape for the effect of a design.
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array_like
+        Aligned positions, or differences of pairs [mm].
+    design : Design
+        What is tested.
+    modes : int, optional
+        Number of modes; chosen by parallel analysis if not given.
+    permutations : int
+        Relabellings for the permutation p-value.
+    seed : int
+        Same seed, same result.
+    tick : Tick
+        Progress and cancelling.
+
+    Raises
+    ------
+    InputError
+        If there are more modes than degrees of freedom.
+    """
+    shapes = checked_particles(particles)
+    residuals = design.residuals(shapes.reshape(len(shapes), -1))
+    null = Null.SIGNS if design.exchange is Exchange.SIGNS else Null.PERMUTATION
+    parallel = parallel_analysis(
+        residuals, nuisance=design.nuisance, null=null, seed=seed, tick=part_of(tick, 0.0, 0.3)
+    )
+    kept = parallel.kept if modes is None else modes
+    _check_modes(kept, design, len(parallel.variances))
+    statistic = ModeStatistic(residuals, design, kept, parallel.threshold if modes is None else None)
+    identity = Relabelling(design.tested[None], design.covariates[None])
+    projected, _ = statistic.projections(identity)
+    wilks = float(_wilks(projected)[0])
+    drawn = np.empty(permutations)
+    done = 0
+    for some in relabellings(design, permutations, chunk=_CHUNK, seed=seed):
+        tick(0.3 + 0.7 * done / permutations, "permutations of the whole shape")
+        drawn[done : done + len(some.tested)] = -statistic.log_p(some)
+        done += len(some.tested)
+    observed = _log_p(np.array([wilks]), np.array([kept]), design)
+    columns = design.tested.shape[1]
+    f, between, within = (
+        float(value) for value in rao_f(np.array(wilks), max(kept, 1), columns, design.error_dof)
+    )
+    t_squared = float(hotelling(wilks, design.error_dof)) if columns == 1 else None
+    return ModeTest(
+        modes=kept,
+        wilks=wilks,
+        pillai=float(np.square(projected).sum()),
+        t_squared=t_squared,
+        mahalanobis=None if t_squared is None else float(np.sqrt(t_squared) / np.linalg.norm(design.columns)),
+        f=f if kept else 0.0,
+        dof=(between, within) if kept else (0.0, 0.0),
+        p=float(np.exp(observed[0])),
+        p_permutation=float(counted_p(-observed, drawn)[0]),
+        permutations=permutations,
+        parallel=parallel,
+        warnings=_warnings(kept, design),
+    )
+
+
+def _wilks(projected: FloatArray) -> FloatArray:
+    """Wilks' lambda (c,) from the tested columns in the modes (c, d, K)."""
+    left = np.eye(projected.shape[1]) - projected @ np.swapaxes(projected, 1, 2)
+    wilks: FloatArray = np.clip(np.linalg.det(left), 0.0, 1.0)
+    return wilks
+
+
+def _log_p(wilks: FloatArray, modes: IntArray, design: Design) -> FloatArray:
+    log_p = wilks_p(wilks, np.maximum(modes, 1), design.tested.shape[1], design.error_dof, log=True)
+    return np.where(modes > 0, log_p, 0.0)
+
+
+def _check_modes(kept: int, design: Design, available: int) -> None:
+    most = min(design.error_dof, available)
+    if not 0 <= kept <= most:
+        raise InputError(
+            f"{kept} modes are more than the {most} that {len(design.tested)} subjects with this design "
+            "can be tested in; use fewer modes, fewer covariates or more subjects"
+        )
+
+
+def _warnings(kept: int, design: Design) -> tuple[str, ...]:
+    if kept == 0:
+        return ("No mode has more variance than chance gives: the shapes differ by noise only, p is 1.",)
+    if design.error_dof < _THIN * kept:
+        return (
+            f"Thin: {design.error_dof} degrees of freedom for {kept} modes. Large effects only can be found, "
+            "and the effect size is overestimated.",
+        )
+    return ()
