@@ -1,0 +1,160 @@
+"""Panels in a grid with captions and the bar of a colour map, as a matplotlib figure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+
+from homolog.arrays import Array
+from homolog.errors import InputError
+from homolog_app.pictures.colours import LIGHT, Theme, diverging_table
+
+__all__ = ["Panel", "arrange", "write_picture"]
+
+_DPI = 200
+_FONT_PT = 8.5
+_TITLE_PT = 10.5
+# Lengths on the page [inches].
+_LINE = 0.19
+_GAP = 0.12
+_GROUP_GAP = 0.25
+_EDGE = 0.15
+_ROW_LABEL = 0.30
+_BAR_AREA, _BAR_WIDTH, _BAR_LENGTH = 1.15, 0.15, 2.4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Panel:
+    """One image with a caption below it.
+
+    Attributes
+    ----------
+    image : (H, W, 4) array
+        Red, green, blue, opacity in [0, 1].
+    caption : str
+        One line; may be empty.
+    """
+
+    image: Array
+    caption: str = ""
+
+
+class _Page:
+    """A figure with lengths in inches from the upper left corner."""
+
+    def __init__(self, width: float, height: float, theme: Theme) -> None:
+        self.figure = Figure(figsize=(width, height), dpi=_DPI, facecolor=theme.background)
+        FigureCanvasAgg(self.figure)
+        self._size = width, height
+        self._theme = theme
+
+    def axes(self, x: float, y: float, w: float, h: float) -> Axes:
+        """Axes whose upper left corner is at (x, y)."""
+        width, height = self._size
+        return self.figure.add_axes((x / width, 1.0 - (y + h) / height, w / width, h / height))
+
+    def text(self, x: float, y: float, words: str, size: float = _FONT_PT, **style: Any) -> None:  # noqa: ANN401
+        """Words centred on x."""
+        width, height = self._size
+        style = {"ha": "center", "va": "top", "fontsize": size, "color": self._theme.text, **style}
+        self.figure.text(x / width, 1.0 - y / height, words, **style)
+
+
+def arrange(
+    rows: Sequence[Sequence[Panel]],
+    *,
+    title: str = "",
+    row_labels: Sequence[str] = (),
+    headings: Sequence[str] = (),
+    limit: float | None = None,
+    theme: Theme = LIGHT,
+) -> Figure:
+    """Lay panels out in a grid, image pixel by page pixel.
+
+    Parameters
+    ----------
+    rows : sequence of rows of Panel
+        Rows may differ in length and height.
+    title : str
+        Heading over everything.
+    row_labels : sequence of str
+        A label along the left side of each row.
+    headings : sequence of str
+        Share the columns evenly, from the left.
+    limit : float, optional
+        Draw the bar of the displacement colours, from -limit to limit [mm].
+    theme : Theme
+        Background and text.
+    """
+    panels = [panel for row in rows for panel in row]
+    wide = max(panel.image.shape[1] for panel in panels) / _DPI
+    heights = [max(panel.image.shape[0] for panel in row) / _DPI for row in rows]
+    caption = _LINE if any(panel.caption for panel in panels) else 0.0
+    columns = max(len(row) for row in rows)
+    left = _EDGE + (_ROW_LABEL if row_labels else 0.0)
+    top = _EDGE + (_LINE * 1.6 if title else 0.0) + (_LINE * 1.3 if headings else 0.0)
+    groups = max(len(headings), 1)
+    right = left + columns * (wide + _GAP) - _GAP + (groups - 1) * _GROUP_GAP
+    bottom = top + sum(heights) + len(rows) * (caption + _GAP) - _GAP
+    bottom = max(bottom, top + _BAR_LENGTH / 2.0 + 4.0 * _LINE) if limit else bottom
+    page = _Page(right + _EDGE + (_BAR_AREA if limit else 0.0), bottom + _EDGE, theme)
+    if title:
+        page.text((left + right) / 2.0, _EDGE, title, _TITLE_PT)
+    for index, heading in enumerate(headings):
+        middle = left + (index + 0.5) * (right - left) / len(headings)
+        page.text(middle, top - _LINE * 1.3, heading, _FONT_PT + 1.0, weight="bold")
+    y = top
+    for index, (row, high) in enumerate(zip(rows, heights, strict=True)):
+        if row_labels:
+            page.text(_EDGE, y + high / 2.0, row_labels[index], ha="left", va="center", rotation=90)
+        for column, panel in enumerate(row):
+            x = left + column * (wide + _GAP) + column * groups // columns * _GROUP_GAP
+            h, w = (side / _DPI for side in panel.image.shape[:2])
+            place = page.axes(x + (wide - w) / 2.0, y + (high - h) / 2.0, w, h)
+            place.imshow(np.clip(panel.image, 0.0, 1.0), interpolation="none", aspect="auto")
+            place.axis("off")
+            page.text(x + wide / 2.0, y + high + 0.02, panel.caption)
+        y += high + caption + _GAP
+    if limit:
+        length = min(bottom - top - 4.5 * _LINE, _BAR_LENGTH)
+        x = right + _EDGE + (_BAR_AREA - _BAR_WIDTH) / 2.0
+        _draw_bar(page.axes(x, (top + bottom - length) / 2.0, _BAR_WIDTH, length), limit, theme)
+    return page.figure
+
+
+def _draw_bar(place: Axes, limit: float, theme: Theme) -> None:
+    """Draw the displacement colours with their scale and what the sides mean."""
+    colours = ScalarMappable(Normalize(-limit, limit), ListedColormap(diverging_table().tolist()))
+    ticks = np.linspace(-limit, limit, 5)
+    bar = place.figure.colorbar(colours, cax=place, ticks=ticks)
+    bar.ax.set_yticklabels([f"{tick:+.3g}".replace("-", "−") if tick else "0" for tick in ticks])
+    bar.ax.tick_params(labelsize=_FONT_PT, colors=theme.text, length=2.5)
+    bar.outline.set_edgecolor(theme.text)
+    bar.outline.set_linewidth(0.5)
+    style: dict[str, Any] = {
+        "xycoords": "axes fraction", "textcoords": "offset points", "ha": "center",
+        "color": theme.text, "fontsize": _FONT_PT,
+    }  # fmt: skip
+    place.annotate("expansion\n(outward, mm)", (0.5, 1.0), (0.0, 6.0), va="bottom", **style)
+    place.annotate("contraction\n(inward, mm)", (0.5, 0.0), (0.0, -6.0), va="top", **style)
+
+
+def write_picture(figure: Figure, path: Path) -> None:
+    """Store a picture as PNG, PDF or SVG, by the path's suffix.
+
+    Raises
+    ------
+    InputError
+        If the file can't be written.
+    """
+    try:
+        figure.savefig(path, dpi=_DPI, facecolor=figure.get_facecolor())
+    except OSError as error:
+        raise InputError(f"{path}: can't be written: {error.strerror}") from error

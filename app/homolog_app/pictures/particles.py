@@ -1,0 +1,118 @@
+"""Pictures of surfaces with their particles."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from homolog.arrays import FloatArray
+from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.pictures.colours import LIGHT, Theme, correspondence_colours
+from homolog_app.pictures.layout import Panel, arrange
+from homolog_app.pictures.render import balls, render, surface
+from homolog_app.pictures.views import View, frame_around, three_quarter_view
+
+__all__ = ["ball_radius", "draw_particles", "draw_subjects"]
+
+_BALL = 0.22
+
+
+def ball_radius(mesh: TriangleMesh, particles: FloatArray) -> float:
+    """Return the radius [mm] at which balls of N particles stand clear of one another."""
+    return float(_BALL * np.sqrt(mesh.area / len(particles)))
+
+
+def draw_particles(
+    mesh: TriangleMesh,
+    particles: FloatArray,
+    *,
+    title: str = "",
+    views: Sequence[View] = (),
+    colours: FloatArray | None = None,
+    theme: Theme = LIGHT,
+    width: int = 700,
+) -> Figure:
+    """Draw one surface with its particles.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The surface, such as the mean.
+    particles : (N, 3) array
+        Particles on it [mm].
+    title : str
+        Heading.
+    views : sequence of View
+        A panel each; a three-quarter view and the opposite one if none are given.
+    colours : (N, 3) array, optional
+        Red, green, blue of each particle in [0, 1]; by place on this shape if not given.
+    theme : Theme
+        Background, text and surface colours.
+    width : int
+        Pixels of a panel's width.
+    """
+    colours = correspondence_colours(particles) if colours is None else colours
+    radius = ball_radius(mesh, particles)
+    solids = [surface(mesh, np.array(theme.surface)), balls(particles, radius, colours)]
+    front = three_quarter_view(particles)
+    chosen = list(views) or [front, View((-front.toward[0], -front.toward[1], -front.toward[2]), front.up)]
+    panels = [
+        Panel(render(solids, frame_around([mesh.vertices, particles], view, border=radius), width))
+        for view in chosen
+    ]
+    return arrange([panels], title=title, theme=theme)
+
+
+def draw_subjects(
+    names: Sequence[str],
+    meshes: Sequence[TriangleMesh],
+    particles: FloatArray,
+    *,
+    view: View | None = None,
+    theme: Theme = LIGHT,
+    columns: int = 4,
+    rows: int = 3,
+    width: int = 440,
+) -> Iterator[Figure]:
+    """Draw every subject with its particles, page by page, all at one scale.
+
+    Parameters
+    ----------
+    names : sequence of M str
+        Captions.
+    meshes : sequence of M TriangleMesh
+        The subjects' surfaces in world coordinates.
+    particles : (M, N, 3) array
+        Their particles in world coordinates [mm]. A particle has one colour on all subjects.
+    view : View, optional
+        Direction of sight; a three-quarter view if not given.
+    theme : Theme
+        Background, text and surface colours.
+    columns, rows : int
+        Panels on a page.
+    width : int
+        Pixels of a panel's width.
+    """
+    mean = particles.mean(axis=0)
+    colours = correspondence_colours(mean)
+    view = view or three_quarter_view(mean, particles.var(axis=0).sum(axis=1))
+    radius = max(ball_radius(mesh, mean) for mesh in meshes)
+    frame = frame_around([mesh.vertices for mesh in meshes], view, border=radius)
+    size = columns * rows
+    pages = -(-len(meshes) // size)
+    for page in range(pages):
+        panels = [
+            Panel(
+                render(
+                    [surface(meshes[k], np.array(theme.surface)), balls(particles[k], radius, colours)],
+                    frame,
+                    width,
+                ),
+                names[k],
+            )
+            for k in range(page * size, min((page + 1) * size, len(meshes)))
+        ]
+        title = f"Subjects ({page + 1} of {pages})" if pages > 1 else "Subjects"
+        yield arrange(
+            [panels[k : k + columns] for k in range(0, len(panels), columns)], title=title, theme=theme
+        )

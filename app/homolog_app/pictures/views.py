@@ -1,0 +1,122 @@
+"""From where a shape is looked at, always in parallel projection so that sizes can be compared."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from homolog.arrays import FloatArray
+
+__all__ = ["VIEWS", "Frame", "View", "frame_around", "three_quarter_view"]
+
+_UP = np.array([0.0, 0.0, 1.0])
+_FORWARD = np.array([0.0, -1.0, 0.0])
+_MARGIN = 1.03
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A direction of sight in LPS.
+
+    Attributes
+    ----------
+    toward : tuple of 3 float
+        From the shape to the viewer; any length.
+    up : tuple of 3 float
+        What is up in the picture, at least roughly; not parallel to `toward`.
+    """
+
+    toward: tuple[float, float, float]
+    up: tuple[float, float, float]
+
+    @property
+    def axes(self) -> FloatArray:
+        """Rows: the picture's right and up and the direction to the viewer, orthonormal, shape (3, 3)."""
+        back = np.array(self.toward) / np.linalg.norm(self.toward)
+        right = np.cross(self.up, back)
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(back, right), back])
+
+
+VIEWS = {
+    "anterior": View((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
+    "posterior": View((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    "left": View((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    "right": View((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    "superior": View((0.0, 0.0, 1.0), (0.0, -1.0, 0.0)),
+    "inferior": View((0.0, 0.0, -1.0), (0.0, -1.0, 0.0)),
+}
+"""The anatomical views, for shapes in patient coordinates (LPS)."""
+
+
+def three_quarter_view(points: FloatArray, weights: FloatArray | None = None) -> View:
+    """Look at the shape's broad side, from the oblique.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Points of the shape, such as the mean particles [mm].
+    weights : (n,) array, optional
+        What is worth seeing, such as the variance of each particle: the viewer stands on the side where
+        more of it is. Without weights the viewer stands to the left, in front and above (LPS).
+    """
+    centred = points - points.mean(axis=0)
+    _, _, axes = np.linalg.svd(centred, full_matrices=False)
+    if weights is None:
+        axes = axes * np.sign(axes[range(3), np.abs(axes).argmax(axis=1)] * 1.0)[:, None]
+        axes[np.abs(axes).argmax(axis=1) == 1] *= -1.0
+    else:
+        lean = (weights / weights.sum()) @ (centred @ axes.T)
+        axes = axes * np.where(lean < 0.0, -1.0, 1.0)[:, None]
+    toward = np.array([0.28, 0.42, 0.86]) @ axes
+    up = _UP if abs(toward[2]) < 0.7 else _FORWARD
+    return View(_triple(toward), _triple(up))
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """The part of the world that a picture shows.
+
+    Attributes
+    ----------
+    view : View
+        Direction of sight.
+    centre : tuple of 3 float
+        World point in the middle of the picture [mm].
+    width, height, depth : float
+        Extent along the picture's right, up and the direction to the viewer [mm].
+    """
+
+    view: View
+    centre: tuple[float, float, float]
+    width: float
+    height: float
+    depth: float
+
+
+def frame_around(
+    shapes: Iterable[FloatArray], view: View, *, border: float = 0.0, width: float = 0.0
+) -> Frame:
+    """Return the smallest frame that holds all the shapes.
+
+    Parameters
+    ----------
+    shapes : iterable of (n, 3) array
+        Points of everything that will be drawn with this frame [mm].
+    view : View
+        Direction of sight.
+    border : float
+        Room to leave around the points, such as the radius of balls drawn there [mm].
+    width : float
+        Least width [mm]: frames of one width have one scale.
+    """
+    points = np.concatenate([np.asarray(shape) for shape in shapes]) @ view.axes.T
+    low, high = points.min(axis=0) - border, points.max(axis=0) + border
+    size = (high - low) * _MARGIN
+    centre = (low + high) / 2.0 @ view.axes
+    return Frame(view, _triple(centre), max(float(size[0]), width), float(size[1]), float(size[2]))
+
+
+def _triple(values: FloatArray) -> tuple[float, float, float]:
+    x, y, z = map(float, values)
+    return x, y, z
