@@ -6,6 +6,7 @@ from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Correspondence, Frame, Shape, optimize
 from homolog.device import choose_device, describe_device
 from homolog.errors import Cancelled, InputError
+from homolog.files.atomic import writing
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord
 from homolog.grooming import GroomedSubject, align, check_cohort, groom_cohort
@@ -14,6 +15,7 @@ from homolog.run.control import Control
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
 from homolog.run.identity import fingerprint_of
 from homolog.run.result import Outcome, write_result
+from homolog.run.workers import worker_processes
 from homolog.settings import RunSettings
 
 __all__ = ["Run"]
@@ -149,6 +151,8 @@ class Run:
     def _claim(self, cohort: Cohort) -> None:
         """Write down what is about to be done, so that a killed run can be resumed from the folder alone."""
         before = self.project.read() if self.project.exists else ProjectRecord()
+        with writing(self.project.groomed):
+            self.project.groomed.mkdir(exist_ok=True)
         if not self._resume:
             self.project.checkpoint.unlink(missing_ok=True)
         self.project.write(
@@ -163,7 +167,14 @@ class Run:
 
     def _groomed(self, cohort: Cohort) -> list[GroomedSubject]:
         self._control.enter(Phase.GROOMING, "grooming")
-        return groom_cohort(cohort, self._settings.groom, cache=self.project.groomed, tick=self._control.tick)
+        with worker_processes(self._settings.workers) as executor:
+            return groom_cohort(
+                cohort,
+                self._settings.groom,
+                executor=executor,
+                cache=self.project.groomed,
+                tick=self._control.tick,
+            )
 
     def _aligned(self, groomed: Sequence[GroomedSubject]) -> list[Shape]:
         self._control.enter(Phase.ALIGNING, "aligning")

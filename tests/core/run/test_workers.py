@@ -1,0 +1,55 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from homolog.run.workers import worker_processes
+
+
+def alive(pid):
+    try:
+        with open(f"/proc/{pid}/stat") as stream:
+            return stream.read().split(")")[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_one_worker_is_this_process():
+    with worker_processes(1) as executor:
+        assert executor is None
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
+def test_workers_end_at_once_when_the_block_is_left():
+    with worker_processes(2) as executor:
+        pid = executor.submit(os.getpid).result(60)
+        executor.submit(time.sleep, 1000)
+        assert pid != os.getpid()
+        assert alive(pid)
+    assert not alive(pid)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
+def test_workers_end_with_a_killed_parent():
+    code = (
+        "import os, time\n"
+        "from homolog.run.workers import worker_processes\n"
+        "if __name__ == '__main__':\n"
+        "    with worker_processes(2) as executor:\n"
+        "        print(executor.submit(os.getpid).result(60), flush=True)\n"
+        "        executor.submit(time.sleep, 1000).result()\n"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment
+    ) as parent:
+        pid = int(parent.stdout.readline())
+        assert alive(pid)
+        parent.send_signal(signal.SIGKILL)
+    deadline = time.monotonic() + 30
+    while alive(pid) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not alive(pid)
