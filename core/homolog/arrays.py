@@ -5,13 +5,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "BoolArray", "Float32Array", "FloatArray", "IntArray", "frozen"]
+__all__ = ["Array", "BoolArray", "DeviceArray", "Float32Array", "FloatArray", "IntArray", "frozen"]
 
 Array = NDArray[Any]
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.integer[Any]]
 BoolArray = NDArray[np.bool_]
+DeviceArray = Any
+"""A `wp.array`, whose type says nothing of its elements."""
 
 
 def frozen(array: Array, dtype: Any = None) -> Array:  # noqa: ANN401 - whatever numpy takes as a dtype

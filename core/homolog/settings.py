@@ -107,6 +107,42 @@ class OptimizeSettings(_Settings):
     seed: Annotated[
         int, Field(ge=0, le=2**31 - 1, description="Seed of the split directions; same seed, same result.")
     ] = 0
+    ensemble_weight: Annotated[
+        float,
+        Field(
+            gt=0.0, le=10.0, description="Weight of the ensemble entropy H(Z) against the sampling entropy."
+        ),
+    ] = 0.02
+    normals_weight: Annotated[
+        float, Field(gt=0.0, le=10.0, description="Weight of the entropy of surface normals H(V).")
+    ] = 0.02
+    regularization_start: Annotated[
+        float,
+        Field(
+            gt=0.0,
+            le=1e6,
+            description="Smallest variance that the ensemble entropy heeds, when the last stage starts; "
+            "relative to 1/10000 of the mean surface area.",
+        ),
+    ] = 10.0
+    regularization_end: Annotated[
+        float, Field(gt=0.0, le=1e6, description="The same when the last stage has been annealed.")
+    ] = 0.002
+    split_iterations: Annotated[int, Field(ge=5, le=100000, description="Iterations after each split.")] = 50
+    anneal_iterations: Annotated[
+        int, Field(ge=5, le=100000, description="Iterations with all particles while regularisation falls.")
+    ] = 600
+    settle_iterations: Annotated[
+        int, Field(ge=5, le=100000, description="At most so many iterations after that, until converged.")
+    ] = 400
+    tolerance: Annotated[
+        float,
+        Field(
+            gt=0.0,
+            le=1.0,
+            description="Converged when 20 iterations change the objective per particle by less than this.",
+        ),
+    ] = 2e-4
 
 
 class RunSettings(_Settings):

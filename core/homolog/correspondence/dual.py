@@ -1,0 +1,94 @@
+"""The two entropies across shapes, H(Z) and H(V), in their M x M dual.
+
+With the centred positions Y (M rows of 3N numbers) and C = Y Y' / (N (M - 1)), the regularized entropy
+per particle is (M - 1) / 2M log det(I + C/a); its gradient by Y is (C + aI)^-1 Y up to the factor that the
+weights absorb (docs/method.md). Everything is per particle, so that weights and regularisation mean the
+same for any number of particles.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from homolog.arrays import Float32Array, FloatArray
+
+__all__ = ["Duals", "covariance", "entropy", "inverse_dual", "solve_duals"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Duals:
+    """Small matrices across the shapes, (M, M) float32, and the entropies that they come from.
+
+    Attributes
+    ----------
+    gradient : array
+        Times Y it is the gradient of H(Z).
+    damping : array
+        (I + p gradient)^-1, the implicit part of the step.
+    normals : array
+        Times the Logs it is the gradient of H(V).
+    entropies : (2,) float64 array
+        H(Z) and H(V) per particle and shape.
+    """
+
+    gradient: Float32Array
+    damping: Float32Array
+    normals: Float32Array
+    entropies: FloatArray
+
+
+def covariance(rows: Float32Array) -> FloatArray:
+    """Return C = rows rows' / (N (M - 1)) in float64 for rows (M, 3N)."""
+    shapes, numbers = rows.shape
+    wide = rows.astype(np.float64)
+    result: FloatArray = wide @ wide.T / (numbers / 3 * max(shapes - 1, 1))
+    return result
+
+
+def entropy(matrix: FloatArray, regularization: float) -> float:
+    """Return (M - 1) / 2M log det(I + C/a), the entropy per particle and shape (the paper's H(Z), H(V)).
+
+    Measured from that of shapes which do not vary at all, so that it is 0 for those whatever a is.
+    """
+    shapes = len(matrix)
+    _, logdet = np.linalg.slogdet(matrix / regularization + np.eye(shapes))
+    return 0.5 * (shapes - 1) / shapes * float(logdet)
+
+
+def inverse_dual(matrix: FloatArray, regularization: float) -> FloatArray:
+    """Return (C + aI)^-1 without the part that moves all shapes alike, which no covariance sees."""
+    shapes = len(matrix)
+    inverse = np.linalg.inv(matrix + regularization * np.eye(shapes))
+    result: FloatArray = (inverse - 1.0 / (regularization * shapes)).astype(np.float64)
+    return result
+
+
+def solve_duals(
+    ensemble: FloatArray,
+    normals: FloatArray,
+    regularization: float,
+    normals_regularization: float,
+    pull: float,
+) -> Duals:
+    """Return what the step needs of the two covariances.
+
+    Parameters
+    ----------
+    ensemble, normals : (M, M) arrays
+        C of positions [squared optimizer lengths] and of normals [rad²].
+    regularization, normals_regularization : float
+        a and b, in the same units.
+    pull : float
+        p, the step's tau times the ensemble's weight.
+
+    Notes
+    -----
+    (I + p (C + aI)^-1)^-1 = I - p (C + (a + p) I)^-1.
+    """
+    gradient = inverse_dual(ensemble, regularization)
+    damping = np.eye(len(ensemble)) - pull * inverse_dual(ensemble, regularization + pull)
+    spread = inverse_dual(normals, normals_regularization)
+    entropies = np.array([entropy(ensemble, regularization), entropy(normals, normals_regularization)])
+    return Duals(
+        gradient.astype(np.float32), damping.astype(np.float32), spread.astype(np.float32), entropies
+    )

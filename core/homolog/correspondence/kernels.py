@@ -1,0 +1,416 @@
+"""The optimizer's Warp kernels, the same source for CPU and CUDA.
+
+Particle arrays are flat, index = shape * N + particle, so that one launch serves all shapes. Every kernel
+takes `first`, the index that its first thread stands for: on the CPU each core launches on its own range.
+"""
+
+import warp as wp
+
+from homolog.correspondence.functions import (
+    FieldData,
+    closest_on_triangle,
+    field_curvature,
+    field_point,
+    log_adjoint,
+    log_map,
+    tangent,
+)
+from homolog.geodesics.lookup import SurfacePoint, TableData, geodesic, surface_point
+
+wp.set_module_options({"enable_backward": False, "fast_math": False})
+
+__all__ = [
+    "Knobs",
+    "Layout",
+    "Surface",
+    "advance",
+    "combine",
+    "link_neighbors",
+    "locate",
+    "mean_normals",
+    "mix",
+    "move",
+    "project",
+    "repel",
+    "spread",
+    "yield_back",
+]
+
+NORMAL_CUTOFF = wp.constant(0.3)  # cosine below which Cates et al.'s filter weakens an interaction
+LOOKUP_SQUARED = wp.constant(0)
+
+
+@wp.struct
+class Surface:
+    """One shape at one level of detail: a mesh to walk on and its geodesic table."""
+
+    vertices: wp.array(dtype=wp.vec3)
+    faces: wp.array(dtype=wp.vec3i)
+    face_neighbors: wp.array(dtype=wp.vec3i)  # across the edges opposite to each corner
+    table: TableData
+
+
+@wp.struct
+class Layout:
+    """What stays the same while the number of particles does."""
+
+    per_shape: int  # particles on each shape, N
+    shapes: int  # M
+    geodesic: int  # 1: geodesic distances; 0: straight lines with the normal filter
+    expected_width: float  # Parzen width of an even layout
+    reach: float  # neighbour lists hold pairs nearer than this
+
+
+@wp.struct
+class Knobs:
+    """What changes from one iteration to the next; a stage's iterations lie in one array."""
+
+    step: float  # tau of the implicit step, a squared length
+    most: float  # longest move, in Parzen widths
+    ensemble_weight: float
+    normals_weight: float
+    regularization: wp.float64  # squared length
+    normals_regularization: wp.float64  # rad²
+
+
+@wp.kernel
+def project(
+    first: int,
+    per_shape: int,
+    newton_steps: int,
+    fields: wp.array(dtype=FieldData),
+    positions: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    bends: wp.array(dtype=wp.mat33),
+):
+    """Newton steps to the zero level, then the normal n and dn/dx = (I-nn')Hess(I-nn')/|grad|."""
+    p = first + wp.tid()
+    field = fields[p // per_shape]
+    x = positions[p]
+    limit = 1.5 / wp.length(wp.vec3(field.to_index[0, 0], field.to_index[1, 0], field.to_index[2, 0]))
+    for _step in range(newton_steps):
+        here = field_point(field, x)
+        steep = wp.max(wp.length_sq(here.gradient), 1.0e-6)
+        move = -here.value / steep * here.gradient
+        length = wp.length(move)
+        if length > limit:
+            move = move * (limit / length)
+        x = x + move
+    there = field_curvature(field, x)
+    size = wp.max(wp.length(there.gradient), 1.0e-6)
+    n = there.gradient / size
+    flat = wp.identity(n=3, dtype=float) - wp.outer(n, n)
+    positions[p] = x
+    normals[p] = n
+    bends[p] = flat * there.hessian * flat / size
+
+
+@wp.kernel
+def locate(
+    first: int,
+    per_shape: int,
+    surfaces: wp.array(dtype=Surface),
+    positions: wp.array(dtype=wp.vec3),
+    face_of: wp.array(dtype=int),
+    feet: wp.array(dtype=SurfacePoint),
+):
+    """Walk from the last face to the nearest one; never through space, where the other wall may be nearer."""
+    p = first + wp.tid()
+    s = surfaces[p // per_shape]
+    x = positions[p]
+    face = face_of[p]
+    best = float(1.0e30)
+    moved = int(1)
+    steps = int(0)
+    while moved == 1 and steps < 200:
+        moved = int(0)
+        steps += 1
+        corners = s.faces[face]
+        a = s.vertices[corners[0]]
+        b = s.vertices[corners[1]]
+        c = s.vertices[corners[2]]
+        w = closest_on_triangle(x, a, b, c)
+        best = wp.length_sq(x - (w[0] * a + w[1] * b + w[2] * c))
+        across = s.face_neighbors[face]
+        for k in range(3):
+            if w[k] <= 0.0 and moved == 0:
+                other = across[k]
+                q = s.faces[other]
+                qa = s.vertices[q[0]]
+                qb = s.vertices[q[1]]
+                qc = s.vertices[q[2]]
+                v = closest_on_triangle(x, qa, qb, qc)
+                d = wp.length_sq(x - (v[0] * qa + v[1] * qb + v[2] * qc))
+                if d < best * (1.0 - 1.0e-5):
+                    face = other
+                    moved = int(1)
+    face_of[p] = face
+    feet[p] = surface_point(s.vertices, s.faces, face, x)
+
+
+@wp.kernel
+def spread(
+    per_shape: int,
+    apart: float,
+    positions: wp.array(dtype=wp.vec3),
+    spread_positions: wp.array(dtype=wp.vec3),
+):
+    """Move the shapes side by side, so that one hash grid serves them all."""
+    p = wp.tid()
+    spread_positions[p] = positions[p] + wp.vec3(apart * float(p // per_shape), 0.0, 0.0)
+
+
+@wp.kernel
+def link_neighbors(
+    first: int,
+    c: Layout,
+    grid: wp.uint64,
+    surfaces: wp.array(dtype=Surface),
+    spread_positions: wp.array(dtype=wp.vec3),
+    feet: wp.array(dtype=SurfacePoint),
+    neighbors: wp.array(dtype=int, ndim=2),
+    counts: wp.array(dtype=int),
+):
+    """List the particles of the same shape within reach, by the metric in force.
+
+    Where more are in reach than a row holds, the rest are left out and `counts` tells.
+    """
+    p = first + wp.tid()
+    shape = p // c.per_shape
+    x = spread_positions[p]
+    foot = feet[p]
+    count = int(0)
+    query = wp.hash_grid_query(grid, x, c.reach)
+    other = int(0)
+    while wp.hash_grid_query_next(query, other):
+        near = wp.length(spread_positions[other] - x) < c.reach
+        if other != p and other // c.per_shape == shape and near:
+            d = float(0.0)
+            if c.geodesic == 1:
+                d = geodesic(surfaces[shape].table, foot, feet[other], LOOKUP_SQUARED)[3]
+            if d >= 0.0 and d < c.reach:
+                if count < neighbors.shape[1]:
+                    neighbors[p, count] = other
+                count += 1
+    counts[p] = count
+
+
+@wp.kernel
+def repel(
+    first: int,
+    c: Layout,
+    surfaces: wp.array(dtype=Surface),
+    positions: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    feet: wp.array(dtype=SurfacePoint),
+    neighbors: wp.array(dtype=int, ndim=2),
+    counts: wp.array(dtype=int),
+    widths: wp.array(dtype=float),
+    masses: wp.array(dtype=float),
+    pairs: wp.array(dtype=wp.vec4, ndim=2),
+    forces: wp.array(dtype=wp.vec3),
+    energies: wp.array(dtype=float),
+):
+    """Find the Parzen width by its fixed point, the energy log A_i - 3 log s_i and its descent force.
+
+    p(x_i) ~ A_i / s_i^3 with A_i = sum_j q_ij exp(-d_ij^2 / 2 s_i^2); s_i makes the energy stationary
+    (s^2 = sum q w d^2 / 3 sum q w), so its derivative drops out of the gradient.
+    """
+    p = first + wp.tid()
+    shape = p // c.per_shape
+    x = positions[p]
+    n = normals[p]
+    foot = feet[p]
+    count = wp.min(counts[p], neighbors.shape[1])
+    for k in range(count):
+        j = neighbors[p, k]
+        pair = wp.vec4(0.0, 0.0, 0.0, -1.0)
+        if c.geodesic == 1:
+            found = geodesic(surfaces[shape].table, foot, feet[j], LOOKUP_SQUARED)
+            away = tangent(wp.vec3(found[0], found[1], found[2]), n)
+            size = wp.length(away)
+            if found[3] >= 0.0 and size > 1.0e-6:
+                pair = wp.vec4(away[0] / size, away[1] / size, away[2] / size, found[3])
+        else:
+            straight = x - positions[j]
+            d = wp.length(straight)
+            away = tangent(straight, n)
+            if d > 1.0e-9:
+                pair = wp.vec4(away[0] / d, away[1] / d, away[2] / d, d)
+        pairs[p, k] = pair
+    s = widths[p]
+    mass = float(0.0)
+    for _round in range(3):
+        mass = float(0.0)
+        spread2 = float(0.0)
+        for k in range(count):
+            d = pairs[p, k][3]
+            if d >= 0.0 and d < 4.0 * s:
+                w = wp.exp(-0.5 * d * d / (s * s))
+                if c.geodesic == 0:
+                    w = w * facing(n, normals[neighbors[p, k]])
+                mass += w
+                spread2 += w * d * d
+        wanted = 1.3 * c.expected_width
+        if mass > 1.0e-12:
+            wanted = wp.sqrt(spread2 / (3.0 * mass))
+        s = wp.clamp(0.5 * (s + wanted), 0.1 * c.expected_width, 1.3 * c.expected_width)
+    widths[p] = s
+    mass = float(0.0)
+    push = wp.vec3(0.0, 0.0, 0.0)
+    for k in range(count):
+        pair = pairs[p, k]
+        d = pair[3]
+        if d >= 0.0 and d < 4.0 * s:
+            w = wp.exp(-0.5 * d * d / (s * s))
+            if c.geodesic == 0:
+                w = w * facing(n, normals[neighbors[p, k]])
+            mass += w
+            push += w * d * wp.vec3(pair[0], pair[1], pair[2])
+    masses[p] = wp.max(mass * s * s, 1.0e-12)
+    forces[p] = push / wp.max(mass * s * s, 1.0e-12)
+    energies[p] = wp.log(wp.max(mass, 1.0e-12)) - 3.0 * wp.log(s)
+
+
+@wp.kernel
+def yield_back(
+    first: int,
+    c: Layout,
+    normals: wp.array(dtype=wp.vec3),
+    neighbors: wp.array(dtype=int, ndim=2),
+    counts: wp.array(dtype=int),
+    widths: wp.array(dtype=float),
+    masses: wp.array(dtype=float),
+    pairs: wp.array(dtype=wp.vec4, ndim=2),
+    forces: wp.array(dtype=wp.vec3),
+):
+    """Add to the sampling force how each neighbour's own energy changes as this particle moves."""
+    p = first + wp.tid()
+    push = wp.vec3(0.0, 0.0, 0.0)
+    for k in range(wp.min(counts[p], neighbors.shape[1])):
+        pair = pairs[p, k]
+        j = neighbors[p, k]
+        d = pair[3]
+        s = widths[j]
+        if d >= 0.0 and d < 4.0 * s:
+            w = wp.exp(-0.5 * d * d / (s * s))
+            if c.geodesic == 0:
+                w = w * facing(normals[p], normals[j])
+            push += w * d / masses[j] * wp.vec3(pair[0], pair[1], pair[2])
+    forces[p] = forces[p] + push
+
+
+@wp.func
+def facing(a: wp.vec3, b: wp.vec3) -> float:
+    """Cates et al.'s numerical filter: 1 for like normals, cosine fall-off to 0 for opposite ones."""
+    cosine = wp.dot(a, b)
+    if cosine >= NORMAL_CUTOFF:
+        return 1.0
+    return wp.cos(0.5 * wp.pi * (NORMAL_CUTOFF - cosine) / (NORMAL_CUTOFF + 1.0))
+
+
+@wp.kernel
+def mean_normals(
+    first: int,
+    c: Layout,
+    positions: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    means: wp.array(dtype=wp.vec3),
+    centred: wp.array(dtype=wp.vec3),
+    logs: wp.array(dtype=wp.vec3),
+):
+    """Centre the positions over shapes; Fréchet mean of the normals (one Karcher step) and their Logs."""
+    i = first + wp.tid()
+    total = wp.vec3(0.0, 0.0, 0.0)
+    for k in range(c.shapes):
+        total += positions[k * c.per_shape + i]
+    middle = total / float(c.shapes)
+    for k in range(c.shapes):
+        centred[k * c.per_shape + i] = positions[k * c.per_shape + i] - middle
+    mean = means[i]
+    for _round in range(2):
+        shift = wp.vec3(0.0, 0.0, 0.0)
+        for k in range(c.shapes):
+            shift += log_map(mean, normals[k * c.per_shape + i])
+        shift = shift / float(c.shapes)
+        angle = wp.length(shift)
+        if angle > 1.0e-7:
+            mean = wp.normalize(wp.cos(angle) * mean + wp.sin(angle) / angle * shift)
+    means[i] = mean
+    for k in range(c.shapes):
+        logs[k * c.per_shape + i] = log_map(mean, normals[k * c.per_shape + i])
+
+
+@wp.kernel
+def combine(
+    first: int,
+    c: Layout,
+    stage: wp.array(dtype=Knobs),
+    iteration: wp.array(dtype=int),
+    stiffness: wp.array(dtype=float),
+    normals: wp.array(dtype=wp.vec3),
+    means: wp.array(dtype=wp.vec3),
+    bends: wp.array(dtype=wp.mat33),
+    forces: wp.array(dtype=wp.vec3),
+    ensemble: wp.array(dtype=wp.vec3),
+    log_gradients: wp.array(dtype=wp.vec3),
+    steps: wp.array(dtype=wp.vec3),
+):
+    """Sum of the three descent directions times tau, in the tangent plane.
+
+    The normals' part is divided by 1 + its own stiffness, else it overshoots at sharp rims.
+    """
+    p = first + wp.tid()
+    n = normals[p]
+    bend = bends[p]
+    turned = bend * log_adjoint(means[p % c.per_shape], n, log_gradients[p])
+    size = wp.ddot(bend, bend)
+    knobs = stage[iteration[0]]
+    damping = 1.0 + knobs.step * knobs.normals_weight * size * stiffness[0]
+    total = forces[p] - knobs.ensemble_weight * ensemble[p] - knobs.normals_weight / damping * turned
+    steps[p] = knobs.step * tangent(total, n)
+
+
+@wp.kernel
+def mix(
+    first: int,
+    per_shape: int,
+    shapes: int,
+    matrix: wp.array(dtype=float, ndim=2),
+    source: wp.array(dtype=wp.vec3),
+    target: wp.array(dtype=wp.vec3),
+):
+    """target[k] = sum_l matrix[k, l] source[l], per particle: a small matrix across the shapes."""
+    p = first + wp.tid()
+    i = p % per_shape
+    k = p // per_shape
+    total = wp.vec3(0.0, 0.0, 0.0)
+    for other in range(shapes):
+        total += matrix[k, other] * source[other * per_shape + i]
+    target[p] = total
+
+
+@wp.kernel
+def move(
+    first: int,
+    stage: wp.array(dtype=Knobs),
+    iteration: wp.array(dtype=int),
+    steps: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    widths: wp.array(dtype=float),
+    positions: wp.array(dtype=wp.vec3),
+):
+    """Take the step in the tangent plane, no longer than a part of the Parzen width."""
+    p = first + wp.tid()
+    d = tangent(steps[p], normals[p])
+    length = wp.length(d)
+    limit = stage[iteration[0]].most * widths[p]
+    if length > limit:
+        d = d * (limit / length)
+    positions[p] = positions[p] + d
+
+
+@wp.kernel
+def advance(iteration: wp.array(dtype=int)):
+    """Go to the next iteration's knobs."""
+    iteration[0] = iteration[0] + 1

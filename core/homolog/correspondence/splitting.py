@@ -1,0 +1,57 @@
+"""From few particles to many: each new particle starts beside a parent, the same way on every shape."""
+
+import numpy as np
+
+from homolog.arrays import Float32Array, FloatArray
+
+__all__ = ["first_particles", "split"]
+
+
+def first_particles(fields_minimum: FloatArray) -> FloatArray:
+    """Return one particle a shape, (M, 1, 3), from one point a shape."""
+    return fields_minimum[:, None, :]
+
+
+def split(
+    positions: Float32Array, normals: Float32Array, count: int, offset: float, random: np.random.Generator
+) -> FloatArray:
+    """Return `count` particles a shape: the given ones, some of them split in two.
+
+    Parameters
+    ----------
+    positions, normals : (M, n, 3) arrays
+    count : int
+        Wanted number, n < count <= 2n. Which particles are split when count < 2n is drawn.
+    offset : float
+        Distance of each half from its parent.
+    random : numpy Generator
+
+    Returns
+    -------
+    (M, count, 3) array
+        The halves lie off the surface by the curvature; the caller projects them.
+
+    Notes
+    -----
+    One direction a particle serves all shapes: drawn in the tangent plane of the mean normal, then
+    projected to each shape's own tangent plane. A direction across the surface would shrink to nothing,
+    or point to opposite sides on different shapes.
+    """
+    n = positions.shape[1]
+    parents = np.sort(random.permutation(n)[: count - n])
+    mean = normals[:, parents].astype(np.float64).sum(axis=0)
+    direction = random.normal(size=3)
+    direction = (
+        direction
+        - mean
+        * np.einsum("d,nd->n", direction, mean)[:, None]
+        / np.maximum(np.einsum("nd,nd->n", mean, mean), 1e-12)[:, None]
+    )
+    direction = direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
+    own = normals[:, parents]
+    flat = direction - own * np.einsum("nd,mnd->mn", direction, own)[..., None]
+    flat = flat / np.maximum(np.linalg.norm(flat, axis=2, keepdims=True), 0.2)
+    result = np.concatenate([positions, positions[:, parents]], axis=1).astype(np.float64)
+    result[:, parents] -= offset * flat
+    result[:, n:] += offset * flat
+    return result

@@ -1,0 +1,142 @@
+"""Shapes brought onto the device, in the optimizer's own unit of length.
+
+The unit is one hundredth of the root of the mean surface area, so that nothing in the optimizer depends
+on millimetres: regularisation and steps mean the same at every scale.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from homolog.arrays import DeviceArray, FloatArray, IntArray
+from homolog.correspondence.functions import FieldData
+from homolog.correspondence.kernels import Surface
+from homolog.correspondence.types import Shape
+from homolog.errors import NumericalError
+from homolog.geodesics import GeodesicTable
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["Level", "Placement", "build_level", "field_array", "length_unit", "nearest_faces"]
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """A similarity from local millimetres to the optimizer's coordinates: x = linear @ local + origin."""
+
+    linear: FloatArray
+    origin: FloatArray
+
+    @property
+    def scale(self) -> float:
+        """Optimizer lengths per millimetre."""
+        return float(np.cbrt(np.linalg.det(self.linear)))
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Map local points (..., 3) to the optimizer's coordinates."""
+        return points @ self.linear.T + self.origin
+
+    def invert(self, points: FloatArray) -> FloatArray:
+        """Map points (..., 3) of the optimizer back to local millimetres."""
+        return (points - self.origin) @ np.linalg.inv(self.linear).T
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Level:
+    """All shapes at one level of detail.
+
+    Attributes
+    ----------
+    surfaces : wp.array of Surface
+        One element a shape.
+    meshes : list of TriangleMesh
+        The same meshes, in the optimizer's coordinates.
+    """
+
+    surfaces: DeviceArray
+    meshes: list[TriangleMesh]
+    extent: float
+    keep: list[Surface]
+
+
+def length_unit(shapes: Sequence[Shape]) -> float:
+    """Return the optimizer's unit of length [mm of the world frame]."""
+    areas = [shape.mesh.area * np.linalg.det(shape.alignment[:3, :3]) ** (2.0 / 3.0) for shape in shapes]
+    return 0.01 * float(np.sqrt(np.mean(areas)))
+
+
+def field_array(shapes: Sequence[Shape], placements: Sequence[Placement], device: str) -> DeviceArray:
+    """Bring the distance fields to the device as cubic B-spline coefficients."""
+    keep = [_field_data(s, f, device) for s, f in zip(shapes, placements, strict=True)]
+    fields = wp.array(keep, dtype=FieldData, device=device)
+    fields.keep = keep  # an array of structs holds addresses only
+    return fields
+
+
+def _field_data(shape: Shape, placement: Placement, device: str) -> FieldData:
+    field = shape.field
+    index_to_local = field.index_to_world
+    to_index = np.linalg.inv(placement.linear @ index_to_local[:3, :3])
+    origin = -to_index @ placement.apply(index_to_local[:3, 3])
+    coefficients = ndimage.spline_filter(field.values, order=3, output=np.float32, mode="mirror")
+    data = FieldData()
+    data.coefficients = wp.array(coefficients, dtype=wp.float32, device=device)
+    data.to_index = wp.mat33(*to_index.astype(np.float32).ravel().tolist())
+    data.origin_index = wp.vec3(*origin.tolist())
+    data.scale = placement.scale
+    return data
+
+
+def build_level(
+    meshes: Sequence[TriangleMesh],
+    tables: Sequence[GeodesicTable | None],
+    placements: Sequence[Placement],
+    device: str,
+) -> Level:
+    """Bring meshes and tables of all shapes to the device (tables stay empty for straight distances)."""
+    placed = [TriangleMesh(f.apply(m.vertices), m.faces) for m, f in zip(meshes, placements, strict=True)]
+    keep = [
+        _surface(mesh, table, placement, device)
+        for mesh, table, placement in zip(placed, tables, placements, strict=True)
+    ]
+    extent = max(float(np.abs(mesh.vertices).max()) for mesh in placed)
+    return Level(wp.array(keep, dtype=Surface, device=device), placed, extent, keep)
+
+
+def _surface(mesh: TriangleMesh, table: GeodesicTable | None, placement: Placement, device: str) -> Surface:
+    surface = Surface()
+    surface.vertices = wp.array(mesh.vertices.astype(np.float32), dtype=wp.vec3, device=device)
+    surface.faces = wp.array(mesh.faces, dtype=wp.vec3i, device=device)
+    surface.face_neighbors = wp.array(face_neighbors(mesh.faces), dtype=wp.vec3i, device=device)
+    if table is not None:
+        surface.table = table.on_device(device, placement.scale)
+    return surface
+
+
+def face_neighbors(faces: IntArray) -> IntArray:
+    """Return for each face the three faces across the edges opposite to its corners, shape (F, 3)."""
+    n = int(faces.max()) + 1
+    start = np.roll(faces, -1, axis=1).ravel().astype(np.int64)
+    stop = np.roll(faces, -2, axis=1).ravel().astype(np.int64)
+    forward = start * n + stop
+    order = np.argsort(forward)
+    backward = stop * n + start
+    place = order[np.minimum(np.searchsorted(forward[order], backward), len(order) - 1)]
+    if not np.array_equal(forward[place], backward):
+        raise NumericalError("a mesh for the optimizer is not closed and consistently oriented")
+    return (place // 3).reshape(-1, 3).astype(np.int32)
+
+
+def nearest_faces(mesh: TriangleMesh, points: FloatArray, normals: FloatArray) -> IntArray:
+    """Return a face near each point whose normal agrees, where a walk can start; shape (n,)."""
+    corners = mesh.vertices[mesh.faces]
+    face_normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    face_normals /= np.maximum(np.linalg.norm(face_normals, axis=1, keepdims=True), 1e-30)
+    candidates = np.asarray(cKDTree(corners.mean(axis=1)).query(points, k=min(24, len(corners)))[1])
+    agree = np.einsum("nkd,nd->nk", face_normals[candidates], normals) > 0.2
+    first = np.where(agree.any(axis=1), agree.argmax(axis=1), 0)
+    nearest: IntArray = candidates[np.arange(len(points)), first].astype(np.int32)
+    return nearest

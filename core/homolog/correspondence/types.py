@@ -1,0 +1,140 @@
+"""What goes into and comes out of the optimizer."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from homolog.arrays import Float32Array, FloatArray, IntArray, frozen
+from homolog.surfaces.distance_field import DistanceField
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["Checkpoint", "Correspondence", "Frame", "Observe", "Reason", "Shape", "Stage"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """One subject's surface, as the optimizer needs it.
+
+    Attributes
+    ----------
+    name : str
+        The subject's name, for messages.
+    field : DistanceField
+        Implicit surface in local coordinates.
+    mesh, coarse_mesh : TriangleMesh
+        Closed surfaces in local coordinates: the fine one carries the truncated geodesic table of the late
+        stages, the coarse one a complete table for the first splits, when particles are far apart.
+    alignment : (4, 4) float64 array
+        Similarity from local to world coordinates.
+    """
+
+    name: str
+    field: DistanceField
+    mesh: TriangleMesh
+    coarse_mesh: TriangleMesh
+    alignment: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze the alignment."""
+        object.__setattr__(self, "alignment", frozen(self.alignment, np.float64))
+
+
+class Stage(StrEnum):
+    """Part of an optimization."""
+
+    SPLITTING = "splitting"
+    OPTIMIZING = "optimizing"
+
+
+class Reason(StrEnum):
+    """Why an optimization ended."""
+
+    CONVERGED = "converged"
+    ITERATIONS = "iterations"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """The particles at one moment.
+
+    Attributes
+    ----------
+    stage : Stage
+    iteration : int
+        Counted over the whole optimization.
+    world : (M, n, 3) float64 array
+        Particles in world coordinates [mm].
+    energies : (3,) float64 array
+        Sampling, ensemble and normals part of the objective, per particle.
+    """
+
+    stage: Stage
+    iteration: int
+    world: FloatArray
+    energies: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Checkpoint:
+    """All that an optimization needs to go on, bit for bit on the CPU.
+
+    Attributes
+    ----------
+    stage : int
+        Index in the plan.
+    done : int
+        Iterations of that stage that are behind it.
+    iteration : int
+        Iterations in all.
+    positions : (M, n, 3) float32 array
+        In the optimizer's coordinates.
+    widths : (M, n) float32 array
+        Parzen widths.
+    means : (n, 3) float32 array
+        Mean normals.
+    faces : (M, n) int32 array
+        Faces of the level's meshes that the particles are on.
+    energies : (T, 4) float64 array
+        As recorded so far.
+    """
+
+    stage: int
+    done: int
+    iteration: int
+    positions: Float32Array
+    widths: Float32Array
+    means: Float32Array
+    faces: IntArray
+    energies: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Correspondence:
+    """The result: N corresponding particles on M shapes.
+
+    Attributes
+    ----------
+    world, local : (M, N, 3) float64 arrays
+        Particles in aligned and in file coordinates [mm].
+    normals : (M, N, 3) float64 array
+        Outward unit normals in world coordinates.
+    energies : (T, 4) float64 array
+        Iteration and the three parts of the objective, per recorded iteration.
+    alignments : (M, 4, 4) float64 array
+        Local to world, as they ended.
+    iterations : int
+    reason : Reason
+    """
+
+    world: FloatArray
+    local: FloatArray
+    normals: FloatArray
+    energies: FloatArray
+    alignments: FloatArray
+    iterations: int
+    reason: Reason
+
+
+Observe = Callable[[Frame], None]
