@@ -1,1 +1,6 @@
 """The pipeline as a state machine; the command line and the window drive the same one."""
+
+from homolog.run.events import FinishReason, Observer, Phase, RunStatus
+from homolog.run.run import Run
+
+__all__ = ["FinishReason", "Observer", "Phase", "Run", "RunStatus"]
