@@ -1,0 +1,68 @@
+"""A bean cohort as files: one volume for each shape and a table of the truth."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from homolog.beans.generate import Bean, voxelize
+from homolog.cohort import Cohort, Subject
+from homolog.errors import InputError
+from homolog.files.atomic import replacing
+from homolog.files.tables import write_table
+from homolog.progress import Tick, no_tick
+
+__all__ = ["write_beans"]
+
+
+def write_beans(folder: Path, beans: Sequence[Bean], seed: int, tick: Tick = no_tick) -> Cohort:
+    """Write ``bean_01.nrrd`` … and ``truth.csv``.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to; made if need be. Files of the same names are replaced.
+    beans : sequence of Bean
+        The shapes.
+    seed : int
+        What they were drawn with; noted in the table.
+    tick : Tick
+        Told after each volume.
+
+    Raises
+    ------
+    InputError
+        If a file can't be written.
+    """
+    digits = max(2, len(str(len(beans))))
+    names = [f"bean_{number:0{digits}d}" for number in range(1, len(beans) + 1)]
+    subjects = []
+    for index, (name, bean) in enumerate(zip(names, beans, strict=True)):
+        tick(index / len(beans), f"writing {name}")
+        path = folder / f"{name}.nrrd"
+        _write_volume(path, bean)
+        subjects.append(Subject(name, path.resolve()))
+    write_table(
+        folder / "truth.csv",
+        ["name", "position_mm", "width_mm", "geometry", "seed"],
+        (
+            [name, bean.position, bean.width, bean.geometry.name, seed]
+            for name, bean in zip(names, beans, strict=True)
+        ),
+    )
+    return Cohort(tuple(subjects), folder)
+
+
+def _write_volume(path: Path, bean: Bean) -> None:
+    import SimpleITK
+
+    inside, index_to_world = voxelize(bean)
+    image = SimpleITK.GetImageFromArray(inside.T.astype(np.uint8))
+    image.SetOrigin(index_to_world[:3, 3].tolist())
+    with replacing(path) as part:
+        try:
+            SimpleITK.WriteImage(image, str(part), useCompression=True)
+        except RuntimeError as error:
+            raise InputError(
+                f"{path}: can't be written; is the folder writable and the disk not full?"
+            ) from error
