@@ -24,6 +24,9 @@ __all__ = [
 ]
 
 
+_STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ModeSurfaces:
     """The mean surface and its modes.
@@ -58,9 +61,7 @@ def common_limit(values: Sequence[FloatArray]) -> float:
     if reach <= 0.0:
         return 1.0
     power = 10.0 ** np.floor(np.log10(reach))
-    return float(
-        next(step for step in (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0) if step * power >= reach) * power
-    )
+    return float(next(step for step in _STEPS if step * power >= 0.99 * reach) * power)
 
 
 def mode_view(models: Sequence[ModeSurfaces]) -> View:

@@ -11,7 +11,7 @@ __all__ = ["VIEWS", "Frame", "View", "frame_around", "three_quarter_view"]
 
 _UP = np.array([0.0, 0.0, 1.0])
 _FORWARD = np.array([0.0, -1.0, 0.0])
-_MARGIN = 1.03
+_MARGIN = 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +63,10 @@ def three_quarter_view(points: FloatArray, weights: FloatArray | None = None) ->
     centred = points - points.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)
     if weights is None:
-        axes = axes * np.sign(axes[range(3), np.abs(axes).argmax(axis=1)] * 1.0)[:, None]
-        axes[np.abs(axes).argmax(axis=1) == 1] *= -1.0
+        lean = (axes * [1.0, -1.0, 1.0])[range(3), np.abs(axes).argmax(axis=1)]
     else:
-        lean = (weights / weights.sum()) @ (centred @ axes.T)
-        axes = axes * np.where(lean < 0.0, -1.0, 1.0)[:, None]
+        lean = weights @ (centred @ axes.T)
+    axes = axes * np.where(lean < 0.0, -1.0, 1.0)[:, None]
     toward = np.array([0.28, 0.42, 0.86]) @ axes
     up = _UP if abs(toward[2]) < 0.7 else _FORWARD
     return View(_triple(toward), _triple(up))
@@ -111,8 +110,9 @@ def frame_around(
         Least width [mm]: frames of one width have one scale.
     """
     points = np.concatenate([np.asarray(shape) for shape in shapes]) @ view.axes.T
-    low, high = points.min(axis=0) - border, points.max(axis=0) + border
-    size = (high - low) * _MARGIN
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = high - low + 2.0 * border
+    size += _MARGIN * size[:2].max()
     centre = (low + high) / 2.0 @ view.axes
     return Frame(view, _triple(centre), max(float(size[0]), width), float(size[1]), float(size[2]))
 
