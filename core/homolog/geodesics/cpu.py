@@ -50,8 +50,8 @@ class Problem:
         scratch.u = wp.full(
             self.n_vertices, sweep_kernels.Lanes(float(kernels.FAR)), dtype=sweep_kernels.Lanes, device="cpu"
         )
-        scratch.dirty = wp.zeros(self.n_vertices, dtype=wp.int32, device="cpu")
-        scratch.patch = wp.zeros(self.n_vertices, dtype=wp.int32, device="cpu")
+        for name in ("dirty", "changed", "seen", "patch"):
+            setattr(scratch, name, wp.zeros(self.n_vertices, dtype=wp.int32, device="cpu"))
         scratch.bucket = wp.zeros(int(sweep_kernels.BUCKETS) + 1, dtype=wp.int32, device="cpu")
         scratch.size = wp.zeros(1, dtype=wp.int32, device="cpu")
         fans = self.fans
@@ -102,7 +102,7 @@ def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, .
     tiles = -(-n // 16)
 
     def symmetrize(strip: int) -> None:
-        wp.launch(kernels.symmetrize_dense, (1, strip + 1, 256), inputs=[codes, strip], device="cpu")
+        wp.launch(sweep_kernels.symmetrize_strip, 1, inputs=[codes, strip], device="cpu")
 
     deal(lambda: symmetrize, tiles, threads, lambda done: report(0.95 + 0.05 * done))
     return (codes,)

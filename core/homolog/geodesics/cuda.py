@@ -148,7 +148,7 @@ class _DenseStore:
 
     def finish(self, name: str) -> tuple[Any, ...]:
         tiles = -(-self._codes.shape[0] // 16)
-        wp.launch(kernels.symmetrize_dense, (tiles, tiles, 256), inputs=[self._codes, 0])
+        wp.launch(front_kernels.symmetrize_dense, (tiles, tiles, 256), inputs=[self._codes])
         return (self._codes,)
 
 

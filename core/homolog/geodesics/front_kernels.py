@@ -7,7 +7,7 @@ fall, so that reading a neighbour while it is being lowered is harmless: lowerin
 
 import warp as wp
 
-from homolog.geodesics.kernels import FAR, Corner, Reach, encode, plane_front, point_front
+from homolog.geodesics.kernels import FAR, Corner, Reach, encode, mean_code, plane_front, point_front
 from homolog.geodesics.lookup import LANES, MISSING
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
@@ -144,3 +144,15 @@ def store_front_blocks(
         row[b, v] = wp.uint16(previous - before)
         for lane in range(LANES):
             blocks[previous, lane] = encode(u[b, v, lane], reach)
+
+
+@wp.kernel
+def symmetrize_dense(codes: wp.array2d(dtype=wp.uint16)):
+    """Replace both directions of every pair by their mean; threads are (strip, tile, entry of 16 x 16)."""
+    strip, tile, k = wp.tid()
+    i = 16 * strip + k // 16
+    j = 16 * tile + k % 16
+    if j < i and i < codes.shape[0]:
+        mean = mean_code(int(codes[i, j]), int(codes[j, i]))
+        codes[i, j] = mean
+        codes[j, i] = mean

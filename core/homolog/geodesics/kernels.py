@@ -82,18 +82,6 @@ def mean_code(there: int, back: int) -> wp.uint16:
 
 
 @wp.kernel
-def symmetrize_dense(codes: wp.array2d(dtype=wp.uint16), strip: int):
-    """Replace both directions of every pair by their mean; threads are (strip, tile, entry of 16 x 16)."""
-    s, tile, k = wp.tid()
-    i = 16 * (strip + s) + k // 16
-    j = 16 * tile + k % 16
-    if j < i and i < codes.shape[0]:
-        mean = mean_code(int(codes[i, j]), int(codes[j, i]))
-        codes[i, j] = mean
-        codes[j, i] = mean
-
-
-@wp.kernel
 def symmetrize_blocks(
     members: wp.array2d(dtype=wp.int32),
     slot: wp.array(dtype=wp.int32),

@@ -41,17 +41,22 @@ class SurfacePoint:
 
 
 @wp.func
+def table_code(table: TableData, i: int, j: int) -> int:
+    """Return the code of vertices i and j, or MISSING."""
+    if table.is_dense != 0:
+        return int(table.dense[i, j])
+    slot = table.slot[i]
+    cluster = slot // LANES
+    row = int(table.row[cluster, j])
+    if row == MISSING:
+        return MISSING
+    return int(table.blocks[table.start[cluster] + row, slot % LANES])
+
+
+@wp.func
 def table_distance(table: TableData, i: int, j: int) -> float:
     """Return the geodesic distance between vertices i and j, negative if it is out of the table's range."""
-    code = int(MISSING)
-    if table.is_dense != 0:
-        code = int(table.dense[i, j])
-    else:
-        slot = table.slot[i]
-        cluster = slot // LANES
-        row = int(table.row[cluster, j])
-        if row != MISSING:
-            code = int(table.blocks[table.start[cluster] + row, slot % LANES])
+    code = table_code(table, i, j)
     return wp.where(code == MISSING, -1.0, float(code) * table.unit)
 
 

@@ -6,7 +6,8 @@ from typing import Any, Literal
 import numpy as np
 from scipy.sparse import csr_array
 
-from homolog.geodesics.lookup import LANES, MISSING, TableData
+from homolog.arrays import Array
+from homolog.geodesics.lookup import MISSING, TableData
 
 __all__ = ["GeodesicTable"]
 
@@ -69,28 +70,29 @@ class GeodesicTable:
 
     def to_csr(self) -> csr_array:
         """Return the distances [mm], (V, V) float32, columns sorted; the zeros of the diagonal are stored."""
-        if self.row is None:
-            codes = self.codes.numpy()
-            present = codes != MISSING
-            columns = np.nonzero(present)[1]
-            counts = present.sum(axis=1)
-            values = codes[present]
-        else:
-            columns, counts, values = self._read_blocks()
-        ends = np.concatenate([[0], np.cumsum(counts)])
+        rows = self._dense_rows() if self.row is None else self._block_rows()
+        ends = np.concatenate([[0], np.cumsum([len(columns) for columns, _ in rows])])
         index = np.int32 if ends[-1] < 2**31 else np.int64
-        arrays = (values * np.float32(self.unit), columns.astype(index), ends.astype(index))
-        return csr_array(arrays, shape=(self.n_vertices,) * 2)
+        columns = np.concatenate([columns for columns, _ in rows], dtype=index)
+        distances = np.concatenate([codes for _, codes in rows]) * np.float32(self.unit)
+        return csr_array((distances, columns, ends.astype(index)), shape=(self.n_vertices,) * 2)
 
-    def _read_blocks(self) -> tuple[Any, Any, Any]:
-        """Columns and codes of all present entries, row after row, and how many each row has."""
+    def _dense_rows(self) -> list[tuple[Array, Array]]:
+        """Columns and codes of the entries of each row."""
+        rows = []
+        for codes in self.codes.numpy():
+            columns = np.flatnonzero(codes != MISSING).astype(np.int32)
+            rows.append((columns, codes[columns]))
+        return rows
+
+    def _block_rows(self) -> list[tuple[Array, Array]]:
+        """Columns and codes of the entries of each row."""
         codes, row, start, slot = (a.numpy() for a in (self.codes, self.row, self.start, self.slot))
-        columns, values = [], []
-        for vertex_slot in slot:
-            cluster, lane = divmod(int(vertex_slot), LANES)
-            near = np.flatnonzero(row[cluster] != MISSING)
-            code = codes[int(start[cluster]) + row[cluster, near].astype(np.int64), lane]
-            columns.append(near[code != MISSING])
-            values.append(code[code != MISSING])
-        counts = np.array([len(c) for c in columns])
-        return np.concatenate(columns), counts, np.concatenate(values)
+        by_slot = []
+        for first, patch_row in zip(start, row, strict=True):
+            near = np.flatnonzero(patch_row != MISSING).astype(np.int32)
+            block = codes[int(first) : int(first) + len(near)][patch_row[near]].T
+            for lane in block:
+                present = np.flatnonzero(lane != MISSING)
+                by_slot.append((near[present], lane[present]))
+        return [by_slot[k] for k in slot]
