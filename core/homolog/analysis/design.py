@@ -73,16 +73,6 @@ class Design:
         """Return the least-squares coefficients (d, P) of the tested columns, nuisance allowed for."""
         return np.asarray(np.linalg.lstsq(self.columns, data, rcond=None)[0], np.float64)
 
-    def adjusted(self, data: FloatArray) -> FloatArray:
-        """Return data (M, ...) without what the covariates explain beside the tested columns.
-
-        The overall mean and the effect of the tested columns stay as they are.
-        """
-        rows = data.reshape(len(data), -1)
-        own = rows - self.columns @ self.coefficients(rows)
-        covariates = self.covariates
-        return (rows - covariates @ (covariates.T @ own)).reshape(data.shape)
-
 
 def group_design(groups: Sequence[str], order: Sequence[str], covariates: FloatArray | None = None) -> Design:
     """Return the design that tests for any difference between groups.

@@ -51,7 +51,7 @@ def test_the_null_of_signs_sees_a_common_shift_that_the_others_centre_away():
     generator = np.random.default_rng(7)
     shift = generator.normal(size=(100, 3))
     differences = shift + 0.5 * generator.normal(size=(16, 100, 3))
-    assert parallel_analysis(differences, null=Null.SIGNS, repeats=100).kept == 1
+    assert parallel_analysis(differences, nuisance=np.zeros((16, 0)), null=Null.SIGNS, repeats=100).kept == 1
     assert parallel_analysis(differences, null=Null.PERMUTATION, repeats=100).kept == 0
 
 

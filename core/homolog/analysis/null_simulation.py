@@ -1,0 +1,122 @@
+"""How often each test raises a false alarm on the user's own cohort, when the labels mean nothing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from homolog.analysis.checks import checked_particles
+from homolog.analysis.design import Design
+from homolog.analysis.local_map import LocalStatistic
+from homolog.analysis.mode_test import ModeStatistic
+from homolog.analysis.permutation import counted_p, relabellings
+from homolog.analysis.wilks import wilks_p
+from homolog.arrays import FloatArray
+from homolog.progress import Tick, no_tick
+
+__all__ = ["FalseAlarms", "null_simulation"]
+
+_CHUNK = 100
+
+
+@dataclass(frozen=True, slots=True)
+class FalseAlarms:
+    """False alarms of one test.
+
+    Attributes
+    ----------
+    test : str
+        What was tested and how it was corrected.
+    alarms : int
+        Relabellings that the test called significant.
+    repeats : int
+        Relabellings.
+    low, high : float
+        95 % confidence bounds of the rate (Clopper and Pearson 1934).
+    """
+
+    test: str
+    alarms: int
+    repeats: int
+    low: float
+    high: float
+
+    @property
+    def rate(self) -> float:
+        """Share of the relabellings with a false alarm."""
+        return self.alarms / self.repeats
+
+
+def null_simulation(
+    particles: FloatArray,
+    design: Design,
+    *,
+    modes: int,
+    repeats: int = 1000,
+    permutations: int = 2000,
+    alpha: float = 0.05,
+    seed: int = 0,
+    tick: Tick = no_tick,
+) -> tuple[FalseAlarms, ...]:
+    """Exchange the labels many times and count how often each test finds something.
+
+    The permutation tests of all relabellings share one set of permutations, drawn apart from them: without
+    covariates the permutation distribution is the same for every relabelling.
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array_like
+        Aligned positions, or differences of pairs [mm].
+    design : Design
+        What is tested.
+    modes : int
+        Number of modes of the test of whole shapes, at least 1.
+    repeats : int
+        Relabellings taken as if they were the truth.
+    permutations : int
+        Relabellings that give the permutation tests' distribution.
+    alpha : float
+        Level that each test claims.
+    seed : int
+        Same seed, same result.
+    tick : Tick
+        Progress and cancelling.
+    """
+    shapes = checked_particles(particles)
+    residuals = design.residuals(shapes.reshape(len(shapes), -1))
+    whole = ModeStatistic(residuals, design, modes, None)
+    local = LocalStatistic(residuals.reshape(shapes.shape))
+    reference_p, reference_largest = np.empty(permutations), np.empty(permutations)
+    total, done = permutations + repeats, 0
+    for some in relabellings(design, permutations, chunk=_CHUNK, seed=seed):
+        tick(done / total, "null simulation: permutation distribution")
+        rows = slice(done, done + len(some.tested))
+        reference_p[rows], reference_largest[rows] = whole.log_p(some), local.explained(some).max(axis=1)
+        done = rows.stop
+    names = (
+        "whole shape, F distribution",
+        "whole shape, permutation",
+        "any particle, family-wise correction",
+        "any particle, false discovery rate",
+        "any particle, not corrected",
+    )
+    alarms = np.zeros(len(names), np.int64)
+    for some in relabellings(design, repeats, chunk=_CHUNK, seed=seed + 1):
+        tick(done / total, "null simulation: false alarms")
+        log_p, explained = whole.log_p(some), local.explained(some)
+        p = wilks_p(1.0 - explained, local.variables, design.tested.shape[1], design.error_dof)
+        found = (
+            np.exp(log_p),
+            counted_p(-log_p, -reference_p),
+            counted_p(explained.max(axis=1), reference_largest),
+            stats.false_discovery_control(p, axis=1).min(axis=1),
+            p.min(axis=1),
+        )
+        alarms += [np.count_nonzero(values <= alpha) for values in found]
+        done += len(some.tested)
+    return tuple(_false_alarms(name, int(count), repeats) for name, count in zip(names, alarms, strict=True))
+
+
+def _false_alarms(test: str, alarms: int, repeats: int) -> FalseAlarms:
+    bounds = stats.binomtest(alarms, repeats).proportion_ci(0.95, method="exact")
+    return FalseAlarms(test, alarms, repeats, float(bounds.low), float(bounds.high))

@@ -1,0 +1,207 @@
+"""The studies a user asks for: two groups, several groups, a continuous variable, paired subjects."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from homolog.analysis.checks import checked_particles, refuse_duplicates
+from homolog.analysis.comparison import DEFAULT, Comparison, Options, compared, prepared
+from homolog.analysis.design import group_design, paired_design, regression_design
+from homolog.analysis.discriminant import discriminant
+from homolog.analysis.procrustes import sizes
+from homolog.arrays import FloatArray, IntArray
+from homolog.errors import InputError
+from homolog.progress import Tick, no_tick, part_of
+
+__all__ = ["compare_groups", "compare_pairs", "compare_two_groups", "holm", "regress"]
+
+
+def compare_two_groups(
+    particles: FloatArray,
+    groups: Sequence[str],
+    between: tuple[str, str],
+    *,
+    covariates: FloatArray | None = None,
+    options: Options = DEFAULT,
+    names: Sequence[str] | None = None,
+    tick: Tick = no_tick,
+) -> Comparison:
+    """Compare two groups; differences are the second minus the first.
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array_like
+        Aligned positions [mm]; subjects of other groups are left out.
+    groups : sequence of str
+        Group of each subject.
+    between : (str, str)
+        The two groups.
+    covariates : (M, c) array, optional
+        Allowed for; as made by `homolog.analysis.covariates.covariate_columns`.
+    options : Options
+        How it is computed.
+    names : sequence of str, optional
+        Subject names, for messages.
+    tick : Tick
+        Progress and cancelling.
+
+    Raises
+    ------
+    InputError
+        If a group is too small, subjects are there twice, or covariates can't be told from the group.
+    """
+    shapes = checked_particles(particles, names)
+    labels = np.asarray(groups)
+    subjects = np.flatnonzero(np.isin(labels, between))
+    _refuse_duplicates_among(shapes, subjects, names)
+    own = None if covariates is None else covariates[subjects]
+    design = group_design(list(labels[subjects]), between, own)
+    title = f"{between[1]} - {between[0]}"
+    counts = {one: int(np.count_nonzero(labels == one)) for one in between}
+    done = compared(shapes, subjects, design, title, counts, options, part_of(tick, 0.0, 0.7))
+    if done.test.modes == 0:
+        return done
+    return replace(
+        done,
+        discriminant=discriminant(
+            prepared(shapes[subjects], options),
+            labels[subjects] == between[1],
+            done.test.modes,
+            covariates=own,
+            bootstraps=options.bootstraps,
+            seed=options.seed,
+            tick=part_of(tick, 0.7, 1.0),
+        ),
+    )
+
+
+def compare_groups(
+    particles: FloatArray,
+    groups: Sequence[str],
+    order: Sequence[str],
+    *,
+    covariates: FloatArray | None = None,
+    options: Options = DEFAULT,
+    names: Sequence[str] | None = None,
+    tick: Tick = no_tick,
+) -> tuple[Comparison, tuple[Comparison, ...]]:
+    """Test for any difference between three or more groups, then compare each two of them.
+
+    Parameters are those of `compare_two_groups`, with the groups in `order`.
+
+    Returns
+    -------
+    Comparison
+        Multivariate analysis of variance in the modes; effects are differences from the first group.
+    tuple of Comparison
+        Each two groups; their `p_adjusted` is Holm's over these.
+    """
+    shapes = checked_particles(particles, names)
+    labels = np.asarray(groups)
+    subjects = np.flatnonzero(np.isin(labels, list(order)))
+    _refuse_duplicates_among(shapes, subjects, names)
+    own = None if covariates is None else covariates[subjects]
+    design = group_design(list(labels[subjects]), order, own)
+    counts = {one: int(np.count_nonzero(labels == one)) for one in order}
+    pairs = list(combinations(order, 2))
+    share = 1.0 / (len(pairs) + 1)
+    title = ", ".join(order)
+    overall = compared(shapes, subjects, design, title, counts, options, part_of(tick, 0.0, share))
+    each = [
+        compare_two_groups(
+            shapes,
+            groups,
+            pair,
+            covariates=covariates,
+            options=options,
+            names=names,
+            tick=part_of(tick, (index + 1) * share, (index + 2) * share),
+        )
+        for index, pair in enumerate(pairs)
+    ]
+    adjusted = holm(np.array([one.test.p_permutation for one in each]))
+    return overall, tuple(replace(one, p_adjusted=float(p)) for one, p in zip(each, adjusted, strict=True))
+
+
+def regress(
+    particles: FloatArray,
+    values: FloatArray,
+    title: str,
+    *,
+    covariates: FloatArray | None = None,
+    options: Options = DEFAULT,
+    names: Sequence[str] | None = None,
+    tick: Tick = no_tick,
+) -> Comparison:
+    """Test for a linear effect of a continuous variable; effects are per unit of it.
+
+    Parameters are those of `compare_two_groups`, with the variable's values (M,) and name.
+    """
+    shapes = checked_particles(particles, names)
+    subjects = np.arange(len(shapes))
+    _refuse_duplicates_among(shapes, subjects, names)
+    design = regression_design(values, covariates)
+    return compared(shapes, subjects, design, title, {"all": len(shapes)}, options, tick)
+
+
+def compare_pairs(
+    particles: FloatArray,
+    first: IntArray,
+    second: IntArray,
+    title: str,
+    *,
+    options: Options = DEFAULT,
+    names: Sequence[str] | None = None,
+    tick: Tick = no_tick,
+) -> Comparison:
+    """Test whether the second of each pair differs from its first, such as after from before.
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array_like
+        Aligned positions [mm].
+    first, second : (P,) int arrays
+        Indices of the two of each pair.
+    title : str
+        Such as ``"after - before"``.
+    options, names, tick
+        As in `compare_two_groups`.
+
+    Raises
+    ------
+    InputError
+        If a subject is in more than one pair, or the two of a pair are the same shape.
+    """
+    shapes = checked_particles(particles, names)
+    members = np.concatenate([first, second])
+    if len(first) != len(second) or len(set(members.tolist())) < len(members):
+        raise InputError("pairs: each subject may be in one pair only; check the column that names the pairs")
+    _refuse_duplicates_among(shapes, members, names)
+    design = paired_design(len(first))
+    aligned = prepared(shapes, options)
+    return compared(
+        shapes,
+        first,
+        design,
+        title,
+        {"pairs": len(first)},
+        options,
+        tick,
+        data=aligned[second] - aligned[first],
+        size=sizes(shapes[second]) - sizes(shapes[first]),
+    )
+
+
+def holm(p: FloatArray) -> FloatArray:
+    """Return p-values adjusted for their number by the method of Holm (1979)."""
+    order = np.argsort(p)
+    raised = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    adjusted = np.empty(len(p))
+    adjusted[order] = np.minimum(raised, 1.0)
+    return adjusted
+
+
+def _refuse_duplicates_among(shapes: FloatArray, subjects: IntArray, names: Sequence[str] | None) -> None:
+    refuse_duplicates(shapes[subjects], None if names is None else [names[one] for one in subjects])

@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+
+from homolog.analysis.covariates import covariate_columns
+from homolog.analysis.design import group_design, paired_design, regression_design
+from homolog.analysis.permutation import counted_p, relabellings
+from homolog.errors import InputError
+
+
+def test_coefficients_are_those_of_least_squares_with_all_columns(covariates):
+    columns = covariate_columns(covariates())
+    data = np.random.default_rng(0).normal(size=(24, 7))
+    values = np.random.default_rng(1).normal(size=24)
+    exog = np.column_stack([np.ones(24), columns, values])
+    expected = np.linalg.lstsq(exog, data, rcond=None)[0]
+    design = regression_design(values, columns)
+    np.testing.assert_allclose(design.coefficients(data)[0], expected[3], atol=1e-10)
+    assert design.error_dof == 20
+
+
+def test_covariates_are_standardised_and_words_become_columns():
+    columns = covariate_columns({"age": ["40", "50", "60"], "site": ["b", "a", "c"]})
+    np.testing.assert_allclose(columns[:, 0], [-np.sqrt(1.5), 0.0, np.sqrt(1.5)])
+    assert columns.shape == (3, 3)
+    np.testing.assert_allclose(columns.mean(axis=0), 0.0, atol=1e-12)
+    assert columns[0, 1] > 0 > columns[1, 1]
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"age": ["40", "", "60"]}, "'age': no value for Ben"),
+        ({"age": [40.0, 50.0, np.nan]}, "'age': no value for Cleo"),
+        ({"sex": ["m", "NA", "f"]}, "'sex': no value for Ben"),
+        ({"age": ["40", "40", "40"]}, "'age' is the same for all subjects"),
+        ({"sex": ["m", "m", "m"]}, "'sex' is the same for all subjects"),
+    ],
+)
+def test_covariates_that_are_missing_or_constant_are_refused_by_name(table, words):
+    with pytest.raises(InputError, match=words):
+        covariate_columns(table, ["Ann", "Ben", "Cleo"])
+
+
+@pytest.mark.parametrize(
+    ("groups", "order", "words"),
+    [
+        (["a", "a", "a", "b"], ["a", "b"], "'b' has 1 of the two or more subjects"),
+        (["a", "a", "b", "b"], ["a", "c"], "'b' is not among those compared"),
+        (["a", "a", "b", "b"], ["a"], "two or more different groups"),
+        (["a", "a", "b", "b"], ["a", "a"], "two or more different groups"),
+    ],
+)
+def test_groups_that_cannot_be_compared_are_refused(groups, order, words):
+    with pytest.raises(InputError, match=words):
+        group_design(groups, order)
+
+
+def test_a_covariate_that_is_the_group_is_refused():
+    sex = covariate_columns({"sex": ["m", "f"] * 5})
+    with pytest.raises(InputError, match="the group can't be told apart from the covariates"):
+        group_design(["a", "b"] * 5, ["a", "b"], sex)
+
+
+def test_two_covariates_that_say_the_same_are_refused():
+    age = np.arange(10.0)
+    both = covariate_columns({"age": age.tolist(), "months": (12 * age).tolist()})
+    with pytest.raises(InputError, match="a covariate is a combination of the others"):
+        group_design(["a", "b"] * 5, ["a", "b"], both)
+
+
+def test_too_many_covariates_for_the_subjects_are_refused():
+    table = {f"c{one}": np.random.default_rng(one).normal(size=6).tolist() for one in range(4)}
+    with pytest.raises(InputError, match="6 subjects are too few for 6 columns"):
+        group_design(["a", "b"] * 3, ["a", "b"], covariate_columns(table))
+
+
+@pytest.mark.parametrize(
+    ("values", "words"), [([1.0, 1.0, 1.0, 1.0], "the same for all"), ([1.0, np.nan, 2.0, 3.0], "missing")]
+)
+def test_variables_that_cannot_be_regressed_on_are_refused(values, words):
+    with pytest.raises(InputError, match=words):
+        regression_design(np.array(values))
+
+
+def test_relabellings_keep_group_sizes_and_do_not_depend_on_the_chunk():
+    design = group_design(["a"] * 3 + ["b"] * 5, ["a", "b"])
+    whole = next(iter(relabellings(design, 50, chunk=50, seed=4))).tested
+    parts = np.concatenate([some.tested for some in relabellings(design, 50, chunk=7, seed=4)])
+    np.testing.assert_array_equal(whole, parts)
+    np.testing.assert_allclose(np.sort(whole[:, :, 0]), np.sort(np.repeat(design.tested.T, 50, axis=0)))
+
+
+def test_pairs_are_relabelled_by_signs():
+    flipped = next(iter(relabellings(paired_design(4), 200, chunk=200, seed=0))).tested[:, :, 0]
+    np.testing.assert_allclose(np.abs(flipped), 0.5)
+    assert len(np.unique(flipped, axis=0)) == 16
+
+
+def test_counted_p_counts_ties_and_the_real_labels():
+    drawn = np.array([1.0, 2.0, 2.0, 3.0])
+    np.testing.assert_allclose(counted_p(np.array([2.0, 5.0, 0.0]), drawn), [4 / 5, 1 / 5, 1.0])
+    assert counted_p(2.0 * (1 + 1e-12), drawn) == pytest.approx(4 / 5)

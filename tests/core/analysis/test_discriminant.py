@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+
+from homolog.analysis.discriminant import discriminant, shrunk_covariance
+from homolog.errors import InputError
+
+
+def _two_groups(correlated, shift, subjects=40):
+    shapes = correlated(subjects=subjects, seed=2)
+    second = np.arange(subjects) % 2 == 1
+    direction = np.random.default_rng(5).normal(size=shapes.shape[1:])
+    shapes[second] += shift * direction
+    return shapes, second
+
+
+def test_shrinkage_is_that_of_ledoit_and_wolf_written_out():
+    rows = np.random.default_rng(0).normal(size=(15, 4)) * [3.0, 2.0, 1.0, 0.5]
+    rows -= rows.mean(axis=0)
+    sample = sum(np.outer(row, row) for row in rows) / 15
+    mu = np.trace(sample) / 4
+    distance = np.linalg.norm(sample - mu * np.eye(4)) ** 2
+    noise = sum(np.linalg.norm(np.outer(row, row) - sample) ** 2 for row in rows) / 15**2
+    weight = min(noise, distance) / distance
+    covariance, shrinkage = shrunk_covariance(rows)
+    assert shrinkage == pytest.approx(weight)
+    np.testing.assert_allclose(covariance, weight * mu * np.eye(4) + (1 - weight) * sample)
+
+
+def test_groups_far_apart_are_told_apart_and_the_way_between_them_is_found(correlated):
+    shapes, second = _two_groups(correlated, 12.0)
+    found = discriminant(shapes, second, 1, bootstraps=50)
+    assert found.accuracy == found.auc == 1.0
+    apart = shapes[second].mean(axis=0) - shapes[~second].mean(axis=0)
+    way = found.displacement
+    cosine = (way * apart).sum() / np.linalg.norm(way) / np.linalg.norm(apart)
+    assert cosine > 0.98
+    assert (found.scores[second] > 0).all()
+    assert (found.scores[~second] < 0).all()
+
+
+def test_labels_without_meaning_are_not_told_apart(correlated):
+    shapes = correlated(subjects=60)
+    found = discriminant(shapes, np.arange(60) % 2 == 1, 4, bootstraps=10)
+    assert 0.25 < found.auc < 0.65
+    assert 0.25 < found.accuracy < 0.65
+
+
+def test_the_direction_is_fishers_in_the_modes(correlated):
+    shapes, second = _two_groups(correlated, 2.0)
+    found = discriminant(shapes, second, 3, bootstraps=5)
+    rows = shapes.reshape(40, -1) - shapes.reshape(40, -1).mean(axis=0)
+    scores = rows @ found.modes.reshape(3, -1).T
+    within = scores - np.where(second[:, None], scores[second].mean(axis=0), scores[~second].mean(axis=0))
+    covariance, _ = shrunk_covariance(within)
+    fisher = np.linalg.solve(covariance, scores[second].mean(axis=0) - scores[~second].mean(axis=0))
+    np.testing.assert_allclose(
+        found.weights / np.linalg.norm(found.weights), fisher / np.linalg.norm(fisher), atol=1e-8
+    )
+    assert found.scores[second].mean() == pytest.approx(-found.scores[~second].mean())
+
+
+def test_bootstrap_bounds_hold_the_map_between_them(correlated):
+    shapes, second = _two_groups(correlated, 3.0)
+    found = discriminant(shapes, second, 3, bootstraps=300)
+    maps = found.modes[:, :, 2]
+    low, high = found.bounds(maps)
+    inside = (low <= found.weights @ maps) & (found.weights @ maps <= high)
+    assert inside.mean() > 0.95
+    assert (high - low).min() > 0.0
+
+
+def test_a_covariate_that_makes_the_groups_differ_is_taken_out(correlated):
+    shapes = correlated(subjects=60)
+    second = np.arange(60) % 2 == 1
+    age = second + 0.7 * np.random.default_rng(3).normal(size=60)
+    shapes += age[:, None, None] * 8.0 * np.random.default_rng(4).normal(size=shapes.shape[1:])
+    blind = discriminant(shapes, second, 2, bootstraps=5)
+    fair = discriminant(shapes, second, 2, covariates=(age - age.mean())[:, None], bootstraps=5)
+    assert blind.auc > 0.75
+    assert fair.auc < 0.65
+
+
+def test_a_discriminant_without_modes_or_with_a_group_of_one_is_refused(correlated):
+    shapes = correlated(subjects=6)
+    with pytest.raises(InputError, match="at least one mode and two subjects"):
+        discriminant(shapes, np.arange(6) < 3, 0)
+    with pytest.raises(InputError, match="at least one mode and two subjects"):
+        discriminant(shapes, np.arange(6) < 1, 2)

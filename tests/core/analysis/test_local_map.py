@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+from statsmodels.multivariate.manova import MANOVA
+from statsmodels.stats.multitest import multipletests
+
+from homolog.analysis.covariates import covariate_columns
+from homolog.analysis.design import group_design, paired_design
+from homolog.analysis.local_map import LocalStatistic, local_map
+from homolog.analysis.permutation import Relabelling, relabellings
+from homolog.errors import InputError
+
+
+def _wilks(endog, exog, tested):
+    contrast = np.eye(exog.shape[1])[tested]
+    return MANOVA(endog, exog).mv_test([("x", contrast)]).results["x"]["stat"].loc["Wilks' lambda"]
+
+
+@pytest.mark.parametrize("levels", ["ab", "abc"])
+def test_each_particle_is_tested_as_statsmodels_tests_it(correlated, covariates, levels):
+    shapes, columns = correlated(particles=6), covariate_columns(covariates())
+    groups = np.random.default_rng(1).choice(list(levels), 24)
+    found = local_map(shapes, group_design(groups.tolist(), list(levels), columns), permutations=9)
+    dummies = np.column_stack([groups == level for level in levels[1:]]).astype(float)
+    exog = np.column_stack([np.ones(24), columns, dummies])
+    tested = list(range(3, exog.shape[1]))
+    for particle in range(6):
+        wilks = _wilks(shapes[:, particle], exog, tested)
+        assert found.explained[particle] == pytest.approx(1.0 - wilks["Value"], abs=1e-8)
+        assert found.p[particle] == pytest.approx(wilks["Pr > F"], abs=1e-8)
+        effect = np.linalg.lstsq(exog, shapes[:, particle], rcond=None)[0][tested]
+        np.testing.assert_allclose(found.effect[:, particle], effect, atol=1e-9)
+
+
+def test_freedman_lane_refits_covariates_at_each_particle(correlated, covariates):
+    shapes, columns = correlated(particles=4), covariate_columns(covariates())
+    design = group_design(["a", "b"] * 12, ["a", "b"], columns)
+    rows = shapes.reshape(24, -1)
+    residuals = design.residuals(rows)
+    statistic = LocalStatistic(residuals.reshape(shapes.shape))
+    exog = np.column_stack([np.ones(24), columns, np.tile([0.0, 1.0], 12)])
+    generator = np.random.default_rng(5)
+    for _ in range(5):
+        order = generator.permutation(24)
+        data = ((rows - residuals) + residuals[np.argsort(order)]).reshape(shapes.shape)
+        found = statistic.explained(Relabelling(design.tested[order][None], design.covariates[order][None]))
+        for particle in range(4):
+            expected = 1.0 - _wilks(data[:, particle], exog, [3])["Value"]
+            assert found[0, particle] == pytest.approx(expected, abs=1e-8)
+
+
+def test_the_family_wise_p_is_counted_over_the_largest_statistic(correlated):
+    shapes = correlated(particles=12)
+    design = group_design(["a", "b"] * 12, ["a", "b"])
+    found = local_map(shapes, design, permutations=200, seed=3)
+    largest = []
+    for some in relabellings(design, 200, chunk=200, seed=3):
+        for column in some.tested[:, :, 0]:
+            second = column > 0
+            largest.append(max(_explained(shapes[:, one], second) for one in range(12)))
+    second = np.tile([False, True], 12)
+    for particle in range(12):
+        beyond = np.count_nonzero(np.array(largest) >= _explained(shapes[:, particle], second) - 1e-9)
+        assert found.p_family[particle] == pytest.approx((beyond + 1) / 201)
+
+
+def _explained(positions, second):
+    """1 - Wilks' lambda of two groups, from the two scatter matrices."""
+    total = positions - positions.mean(axis=0)
+    means = np.where(second[:, None], positions[second].mean(axis=0), positions[~second].mean(axis=0))
+    within = positions - means
+    return 1.0 - np.linalg.det(within.T @ within) / np.linalg.det(total.T @ total)
+
+
+def test_q_values_are_those_of_statsmodels(correlated):
+    shapes = correlated()
+    shapes[::2, :5] += 4.0
+    found = local_map(shapes, group_design(["a", "b"] * 12, ["a", "b"]), permutations=9)
+    np.testing.assert_allclose(found.q, multipletests(found.p, method="fdr_bh")[1], atol=1e-12)
+
+
+def test_a_local_bump_is_found_where_it_is_and_nowhere_else():
+    generator = np.random.default_rng(9)
+    shapes = generator.normal(size=(30, 200, 3))
+    shapes[15:, 40:50, 2] += 3.0
+    found = local_map(shapes, group_design(["a"] * 15 + ["b"] * 15, ["a", "b"]), permutations=1000)
+    assert np.flatnonzero(found.p_family <= 0.05).tolist() == list(range(40, 50))
+    np.testing.assert_allclose(found.effect[0, 40:50, 2], 3.0, atol=1.2)
+
+
+def test_pairs_are_tested_by_flipping_signs(correlated):
+    differences = correlated(particles=8)
+    differences[:, 3] += 9.0
+    found = local_map(differences, paired_design(24), permutations=500)
+    positions = differences[:, 3]
+    t_squared = (
+        24 * positions.mean(axis=0) @ np.linalg.solve(np.cov(positions, rowvar=False), positions.mean(axis=0))
+    )
+    assert found.explained[3] == pytest.approx(t_squared / (t_squared + 23), rel=1e-8)
+    assert found.p_family[3] < 0.05
+
+
+def test_particles_that_do_not_move_have_p_of_one_and_no_nan():
+    shapes = np.random.default_rng(1).normal(size=(12, 5, 3))
+    shapes[:, 2] = [1.0, 2.0, 3.0]
+    shapes[:, 3, 0] = 7.0
+    found = local_map(shapes, group_design(["a", "b"] * 6, ["a", "b"]), permutations=99)
+    assert found.p[2] == found.p_family[2] == 1.0
+    for values in (found.explained, found.p, found.p_family, found.q, found.effect):
+        assert np.isfinite(values).all()
+
+
+def test_too_few_subjects_for_a_map_are_refused():
+    shapes = np.random.default_rng(2).normal(size=(4, 5, 3))
+    with pytest.raises(InputError, match="at least 3 degrees of freedom"):
+        local_map(shapes, group_design(["a", "b"] * 2, ["a", "b"]), permutations=9)
