@@ -4,6 +4,7 @@ import os
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -15,6 +16,20 @@ def data():
     folder = Path(os.environ.get("HOMOLOG_DATA", ROOT.parent / "shared" / "data"))
     if not folder.is_dir():
         pytest.skip(f"the real cohorts are not here ({folder}); set HOMOLOG_DATA to their folder")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def ellipsoids(tmp_path_factory):
+    """Return a folder with the label maps of four ellipsoids, 1 mm voxels; not to be written to."""
+    import SimpleITK
+
+    folder = tmp_path_factory.mktemp("cohort") / "scans"
+    folder.mkdir()
+    grid = np.stack(np.meshgrid(*[np.arange(-11.0, 12.0)] * 3, indexing="ij"))
+    for name, axes in (("a", (9, 7, 6)), ("b", (10, 7, 5)), ("c", (8, 7.5, 6)), ("d", (9.5, 6, 6.5))):
+        inside = (np.square(grid) / np.square(axes)[:, None, None, None]).sum(axis=0) <= 1.0
+        SimpleITK.WriteImage(SimpleITK.GetImageFromArray(inside.astype(np.uint8).T), folder / f"{name}.nrrd")
     return folder
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from homolog.correspondence import Checkpoint
 from homolog.errors import InputError
@@ -42,4 +43,7 @@ def read_checkpoint(path: Path, fingerprint: str) -> Checkpoint | None:
         raise InputError(
             f"{path}: the settings or surfaces are not those of the broken-off run; run without --resume"
         )
-    return Checkpoint(**{name: stored[name] if stored[name].ndim else stored[name].item() for name in names})
+    values: dict[str, Any] = {
+        name: stored[name] if stored[name].ndim else stored[name].item() for name in names
+    }
+    return Checkpoint(**values)

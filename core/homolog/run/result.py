@@ -8,7 +8,6 @@ import numpy as np
 
 from homolog.analysis.reconstruction import MeanSurface, mean_surface, medoid
 from homolog.analysis.shape_model import ShapeModel, fit_shape_model
-from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
 from homolog.correspondence import Correspondence, Shape
 from homolog.files.meshes import write_mesh
@@ -24,7 +23,7 @@ from homolog.run.identity import content_of, versions
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Outcome", "write_result"]
+__all__ = ["Outcome", "model_of", "write_result"]
 
 _SHOWN_SHARE = 0.95
 _MOST_SHOWN = 5
@@ -59,34 +58,48 @@ class Outcome:
     seconds: dict[str, float]
 
 
-def write_result(project: Project, outcome: Outcome, tick: Tick) -> None:
-    """Make the shape model and let the outcome take the place of the project's last result.
+def model_of(outcome: Outcome, tick: Tick) -> tuple[ShapeModel, MeanSurface]:
+    """Return the outcome's shape model and the surface that follows it.
+
+    Raises
+    ------
+    NumericalError
+        If particles coincide, so that no surface can be carried by them.
+    """
+    found = outcome.correspondence
+    model = fit_shape_model(found.world, names=[one.name for one in outcome.shapes])
+    tick(0.1, "mean surface")
+    nearest = medoid(found.world, model.mean)
+    mesh, matrix = outcome.shapes[nearest].mesh, found.alignments[nearest]
+    vertices = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    return model, mean_surface(model.mean, found.world[nearest], vertices, mesh.faces)
+
+
+def write_result(
+    project: Project, outcome: Outcome, model: ShapeModel, surface: MeanSurface, tick: Tick
+) -> None:
+    """Let the outcome take the place of the project's last result.
 
     Parameters
     ----------
     project : Project
         Locked by the caller.
     outcome : Outcome
+    model, surface : ShapeModel, MeanSurface
+        As `model_of` made them.
     tick : Tick
 
     Raises
     ------
     InputError
         If the project can't be written to; its last result is then as it was.
-    NumericalError
-        If particles coincide, so that no surface can be carried by them.
     """
-    stems = file_stems([one.name for one in outcome.cohort.subjects])
-    particles = outcome.correspondence.world
-    tick(0.0, "principal components")
-    model = fit_shape_model(particles, names=[one.name for one in outcome.cohort.subjects])
-    tick(0.1, "mean surface")
-    surface = _mean_surface(model, outcome)
+    stems = file_stems([one.name for one in outcome.shapes])
     with project.replacing_result() as new:
-        _write_subjects(new, project, outcome, stems, part_of(tick, 0.5, 0.8))
-        tick(0.8, "shape model")
+        _write_subjects(new, project, outcome, stems, part_of(tick, 0.0, 0.6))
+        tick(0.6, "shape model")
         _write_model(new, outcome.cohort, model)
-        _write_surfaces(new, model, surface, part_of(tick, 0.85, 1.0))
+        _write_surfaces(new, model, surface, part_of(tick, 0.7, 1.0))
         write_table(
             new.folder / "energies.csv",
             ["iteration", "sampling", "ensemble", "normals"],
@@ -99,19 +112,6 @@ def write_result(project: Project, outcome: Outcome, tick: Tick) -> None:
                 result=_record(outcome, stems, surface.folded),
             )
         )
-
-
-def _mean_surface(model: ShapeModel, outcome: Outcome) -> MeanSurface:
-    found = outcome.correspondence
-    nearest = medoid(found.world, model.mean)
-    mesh = outcome.shapes[nearest].mesh
-    vertices = _moved(mesh.vertices, found.alignments[nearest])
-    return mean_surface(model.mean, found.world[nearest], vertices, mesh.faces)
-
-
-def _moved(points: FloatArray, alignment: FloatArray) -> FloatArray:
-    moved: FloatArray = points @ alignment[:3, :3].T + alignment[:3, 3]
-    return moved
 
 
 def _write_subjects(

@@ -14,7 +14,7 @@ from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.control import Control
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
 from homolog.run.identity import fingerprint_of
-from homolog.run.result import Outcome, write_result
+from homolog.run.result import Outcome, model_of, write_result
 from homolog.run.workers import worker_processes
 from homolog.settings import RunSettings
 
@@ -121,7 +121,6 @@ class Run:
             shapes = self._aligned(groomed)
             fingerprint = fingerprint_of(self._settings.optimize, shapes)
             correspondence = self._optimized(shapes, fingerprint, device)
-            self._control.enter(Phase.MODELING, "principal components", until=Phase.WRITING)
             outcome = Outcome(
                 cohort=cohort,
                 settings=self._settings,
@@ -132,7 +131,10 @@ class Run:
                 device=describe_device(device),
                 seconds=self._control.seconds,
             )
-            write_result(self.project, outcome, self._control.tick)
+            self._control.enter(Phase.MODELING, "principal components")
+            model, surface = model_of(outcome, self._control.tick)
+            self._control.enter(Phase.WRITING, "writing")
+            write_result(self.project, outcome, model, surface, self._control.tick)
             self.project.checkpoint.unlink(missing_ok=True)
 
     def _checked(self) -> Cohort:
@@ -179,6 +181,7 @@ class Run:
     def _aligned(self, groomed: Sequence[GroomedSubject]) -> list[Shape]:
         self._control.enter(Phase.ALIGNING, "aligning")
         alignments = align(groomed, self._settings.groom)
+        self._control.tick(1.0, "aligned")
         return [
             Shape(one.name, one.field, one.mesh, one.coarse_mesh, alignment)
             for one, alignment in zip(groomed, alignments, strict=True)

@@ -43,8 +43,9 @@ def test_workers_end_with_a_killed_parent():
         "        executor.submit(time.sleep, 1000).result()\n"
     )
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", code]
     with subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment
     ) as parent:
         pid = int(parent.stdout.readline())
         assert alive(pid)

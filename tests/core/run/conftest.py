@@ -1,0 +1,53 @@
+import shutil
+
+import pytest
+
+from homolog.cohort import read_cohort
+from homolog.files.project import Project
+from homolog.run import Run
+from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+
+
+@pytest.fixture(scope="session")
+def settings():
+    """Return settings that are done in a moment."""
+    return RunSettings(
+        groom=GroomSettings(alignment="center"),
+        optimize=OptimizeSettings(
+            particles=48, split_iterations=5, anneal_iterations=20, settle_iterations=20
+        ),
+        device="cpu",
+        workers=1,
+    )
+
+
+@pytest.fixture(scope="session")
+def finished(ellipsoids, settings):
+    """Return a project with a result of the ellipsoids; not to be written to."""
+    project = Project(ellipsoids.parent / "project")
+    Run(project, read_cohort(ellipsoids), settings).execute()
+    return project
+
+
+@pytest.fixture
+def project(ellipsoids, tmp_path):
+    """Return a project that isn't there yet, beside a copy of the ellipsoids in ``scans``."""
+    shutil.copytree(ellipsoids, tmp_path / "scans")
+    return Project(tmp_path / "project")
+
+
+@pytest.fixture
+def again(finished, project):
+    """Return a copy of the finished project."""
+    shutil.copytree(finished.folder, project.folder)
+    return project
+
+
+@pytest.fixture
+def start(project, settings):
+    """Return a function that makes a run of the ellipsoids."""
+
+    def make(cohort=None, settings=settings, **options):
+        return Run(project, cohort or read_cohort(project.folder.parent / "scans"), settings, **options)
+
+    return make

@@ -1,0 +1,199 @@
+import csv
+import threading
+
+import numpy as np
+import pytest
+
+from homolog.cohort import Cohort, Subject
+from homolog.errors import InputError, NumericalError
+from homolog.files.results import read_modes, read_result, read_surfaces
+from homolog.run import FinishReason, Phase
+from homolog.settings import Method
+
+
+def contents(project):
+    """Return every file of a result by name, as bytes; without the record, which tells the time of day."""
+    return {
+        str(path.relative_to(project.folder)): path.read_bytes()
+        for path in sorted(project.folder.rglob("*"))
+        if (path.is_file() and path.parent.name in ("particles", "model")) or path.name == "energies.csv"
+    }
+
+
+def cancelling(run, phase):
+    """Return an observer that cancels the run when it gets to a phase."""
+
+    def observer(status):
+        if status.phase is phase:
+            run.cancel()
+
+    return observer
+
+
+def test_a_run_tells_its_phases_in_order_and_ends_completed(start):
+    run, heard = start(), []
+    assert run.execute(heard.append) is FinishReason.COMPLETED
+    assert list(dict.fromkeys(one.phase for one in heard)) == list(Phase)
+    fractions = [one.fraction for one in heard]
+    assert fractions == sorted(fractions)
+    assert [one.reason for one in heard if one.reason] == [FinishReason.COMPLETED]
+    assert (run.status.reason, run.status.fraction) == (FinishReason.COMPLETED, 1.0)
+    assert run.frame.world.shape == (4, 48, 3)
+
+
+def test_a_method_without_geodesics_skips_their_phase(start, settings):
+    quick = settings.optimize.model_copy(update={"method": Method.EUCLIDEAN})
+    heard = []
+    start(settings=settings.model_copy(update={"optimize": quick})).execute(heard.append)
+    assert Phase.GEODESICS not in {one.phase for one in heard}
+
+
+def test_particles_lie_on_the_surfaces_and_the_frames_agree(finished):
+    result = read_result(finished)
+    assert result.names == ("a", "b", "c", "d")
+    assert result.world.shape == result.local.shape == (4, 48, 3)
+    moved = np.einsum("mij,mnj->mni", result.alignments[:, :3, :3], result.local)
+    assert np.allclose(moved + result.alignments[:, None, :3, 3], result.world, atol=1e-9)
+    for surface, points in zip(read_surfaces(finished), result.world, strict=True):
+        gaps = np.linalg.norm(points[:, None] - surface.vertices, axis=2).min(axis=1)
+        assert gaps.max() < surface.mean_edge
+
+
+def test_scores_and_modes_on_disk_give_back_the_particles(finished):
+    result = read_result(finished)
+    with (finished.model / "scores.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    with (finished.model / "eigenvectors.csv").open() as stream:
+        vectors = np.array([[float(value) for value in row[2:]] for row in list(csv.reader(stream))[1:]])
+    scores = np.array([[float(row[f"mode_{k + 1}"]) for k in range(vectors.shape[1])] for row in rows])
+    rebuilt = result.world.mean(axis=0) + (scores @ vectors.T).reshape(4, -1, 3)
+    assert [row["name"] for row in rows] == list(result.names)
+    assert np.allclose(rebuilt, result.world, atol=1e-9)
+    moves = read_modes(finished, result.mean_surface)
+    assert moves.shape[1:] == result.mean_surface.vertices.shape
+    assert 0.2 < np.linalg.norm(moves[0], axis=1).max() < 3.0
+
+
+def test_the_same_seed_gives_the_same_bits(start, finished, project):
+    start().execute()
+    assert contents(project) == contents(finished)
+    assert project.read().result.fingerprint == finished.read().result.fingerprint
+
+
+def test_a_project_runs_again_from_its_cached_surfaces(start, finished, again, monkeypatch):
+    monkeypatch.setattr("homolog.grooming.cohort.groom_subject", None)
+    start().execute()
+    assert contents(again) == contents(finished)
+
+
+def test_the_record_says_how_the_result_came_about(finished, settings):
+    record = finished.read()
+    assert not record.unfinished
+    assert record.result.settings == settings
+    assert record.result.metric == "geodesic"
+    assert record.result.folded_faces == 0
+    assert {"reading", "grooming", "optimizing", "modeling"} <= set(record.result.seconds)
+    assert [one.path for one in record.subjects] == [f"../scans/{name}.nrrd" for name in "abcd"]
+    assert not finished.checkpoint.exists()
+
+
+def test_a_run_broken_off_in_the_optimization_ends_as_if_it_had_not_been(start, finished, project):
+    run = start()
+    assert run.execute(cancelling(run, Phase.OPTIMIZING)) is FinishReason.CANCELLED
+    assert project.read().unfinished
+    assert project.checkpoint.is_file()
+    heard = []
+    assert start(resume=True).execute(heard.append) is FinishReason.COMPLETED
+    assert contents(project) == contents(finished)
+
+
+@pytest.mark.parametrize("phase", list(Phase))
+def test_a_run_can_be_cancelled_in_every_phase_and_the_last_result_stays(start, finished, again, phase):
+    run, heard = start(), []
+
+    def observer(status):
+        heard.append(status)
+        cancelling(run, phase)(status)
+
+    assert run.execute(observer) is FinishReason.CANCELLED
+    assert (heard[-1].reason, heard[-1].phase) == (FinishReason.CANCELLED, phase)
+    assert contents(again) == contents(finished)
+    assert read_result(again).names == ("a", "b", "c", "d")
+
+
+def test_a_run_can_be_paused_from_another_thread(start):
+    run = start()
+    paused = threading.Event()
+
+    def observer(status):
+        if status.phase is Phase.OPTIMIZING and not paused.is_set():
+            run.set_paused(True)
+        if status.paused:
+            paused.set()
+
+    worker = threading.Thread(target=run.execute, args=(observer,))
+    worker.start()
+    assert paused.wait(60)
+    frame = run.frame
+    assert worker.is_alive()
+    assert run.status.paused
+    assert run.frame is frame
+    run.set_paused(False)
+    worker.join(60)
+    assert run.status.reason is FinishReason.COMPLETED
+
+
+def test_other_settings_cannot_resume_a_run(start, project, settings):
+    run = start()
+    run.execute(cancelling(run, Phase.OPTIMIZING))
+    other = settings.optimize.model_copy(update={"seed": 1})
+    with pytest.raises(InputError, match="run without --resume"):
+        start(settings=settings.model_copy(update={"optimize": other}), resume=True).execute()
+
+
+def test_every_bad_file_is_named_before_anything_is_written(start, project):
+    scans = project.folder.parent / "scans"
+    (scans / "e.nrrd").write_bytes((scans / "a.nrrd").read_bytes()[:-300])
+    (scans / "f.nrrd").write_text("no image")
+    heard = []
+    with pytest.raises(InputError) as caught:
+        start().execute(heard.append)
+    lines = str(caught.value).splitlines()
+    assert ["e.nrrd" in lines[0], "f.nrrd" in lines[1], len(lines)] == [True, True, 2]
+    assert heard[-1].reason is FinishReason.FAILED
+    assert not project.folder.exists()
+
+
+def test_bad_files_can_be_left_out(start, project):
+    (project.folder.parent / "scans" / "e.nrrd").write_text("no image")
+    run = start(skip_bad=True)
+    assert run.execute() is FinishReason.COMPLETED
+    assert read_result(project).names == ("a", "b", "c", "d")
+    assert ["e.nrrd" in note for note in run.notes] == [True]
+
+
+def test_a_cohort_of_one_is_refused(start, project):
+    scans = project.folder.parent / "scans"
+    cohort = Cohort((Subject("a", scans / "a.nrrd"),), scans)
+    with pytest.raises(InputError, match="only one usable subject"):
+        start(cohort).execute()
+    assert not project.folder.exists()
+
+
+def test_a_project_that_cannot_be_written_to_is_named(start, project):
+    project.folder.write_text("a file in its place")
+    with pytest.raises(InputError, match="can't be written"):
+        start().execute()
+
+
+def test_a_failed_computation_is_told_first_and_then_raised(start, monkeypatch, project):
+    def fail(*_, **__):
+        raise NumericalError("b: lost a particle")
+
+    monkeypatch.setattr("homolog.run.run.optimize", fail)
+    heard = []
+    with pytest.raises(NumericalError, match="lost a particle"):
+        start().execute(heard.append)
+    assert (heard[-1].reason, heard[-1].message) == (FinishReason.FAILED, "b: lost a particle")
+    with project.locked():
+        assert project.read().unfinished
