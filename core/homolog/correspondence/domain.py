@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from homolog.correspondence.engine import REACH
-from homolog.correspondence.surfaces import Level, Placement, build_level, field_array, length_unit
+from homolog.correspondence.surfaces import Level, Placement, build_level, field_array, length_unit, ordered
 from homolog.correspondence.types import Shape
 from homolog.geodesics import solve_tables
 from homolog.progress import Tick, no_tick, part_of
@@ -64,6 +64,8 @@ def prepare(
     placements = tuple(Placement(s.alignment[:3, :3] / unit, s.alignment[:3, 3] / unit) for s in shapes)
     geodesic = settings.method.uses_geodesics
     names = [shape.name for shape in shapes]
+    fine_meshes = [ordered(shape.mesh) for shape in shapes]
+    coarse_meshes = [ordered(shape.coarse_mesh) for shape in shapes]
     wanted = settings.particles >= FINE_FROM
     empty: Sequence[Any] = [None] * len(shapes)
     reach = REACH * float(np.sqrt(AREA / (np.pi * FINE_FROM)))
@@ -71,7 +73,7 @@ def prepare(
     if geodesic:
         between = 0.3 if wanted else 1.0
         coarse_tables = solve_tables(
-            [s.coarse_mesh for s in shapes],
+            coarse_meshes,
             np.inf,
             device=device,
             names=names,
@@ -79,19 +81,19 @@ def prepare(
         )
         if wanted:
             fine_tables = solve_tables(
-                [s.mesh for s in shapes],
+                fine_meshes,
                 [1.05 * reach / f.scale for f in placements],
                 device=device,
                 names=names,
                 tick=part_of(tick, between, 1.0),
             )
-    fine = build_level([s.mesh for s in shapes], fine_tables, placements, device) if wanted else None
+    fine = build_level(fine_meshes, fine_tables, placements, device) if wanted else None
     return Domain(
         names=tuple(names),
         unit=unit,
         placements=placements,
         fields=field_array(shapes, placements, device),
-        coarse=build_level([s.coarse_mesh for s in shapes], coarse_tables, placements, device),
+        coarse=build_level(coarse_meshes, coarse_tables, placements, device),
         fine=fine,
         geodesic=geodesic,
         device=device,

@@ -17,12 +17,11 @@ from homolog.geodesics.lookup import SurfacePoint
 
 __all__ = ["LIST_LIFE", "REACH", "Engine", "Particles", "Weights"]
 
-ROW = 96  # neighbours that a row holds; an even layout needs 34
-NEWTON_STEPS = 3
-SKIN = 1.15  # neighbour lists reach this much farther than forces, and last this many iterations:
+ROW = 64  # neighbours that a row holds; an even layout needs 20
+NEWTON_STEPS = 2
+SKIN = 1.08  # neighbour lists reach this much farther than forces, and last this many iterations:
 LIST_LIFE = 5
-WIDEST = 1.3  # of the even layout's Parzen width
-REACH = 4.0 * WIDEST * SKIN
+REACH = kernels.CUTOFF * kernels.WIDEST * SKIN
 """Longest distance that a neighbour list needs, in even Parzen widths."""
 
 
@@ -128,6 +127,7 @@ class Engine:
         self.bends = wp.zeros(total, dtype=wp.mat33, **make)
         self.feet = wp.zeros(total, dtype=SurfacePoint, **make)
         self.widths = wp.full(total, self.width, dtype=float, **make)
+        self.next_widths = wp.zeros(total, dtype=float, **make)
         self.masses = wp.zeros(total, dtype=float, **make)
         self.energies = wp.zeros(total, dtype=float, **make)
         self.neighbors = wp.zeros((total, ROW), dtype=int, **make)
@@ -270,6 +270,7 @@ class Engine:
                 self.neighbors,
                 self.counts,
                 self.widths,
+                self.next_widths,
                 self.masses,
                 self.pairs,
                 self.forces,
@@ -315,7 +316,9 @@ class Engine:
         )
         self.coupling.damp(self.steps, self.ensemble_part)
         self.launch(
-            kernels.move, self.total, [*knobs, self.ensemble_part, self.normals, self.widths, self.positions]
+            kernels.move,
+            self.total,
+            [*knobs, self.ensemble_part, self.normals, self.widths, self.next_widths, self.positions],
         )
         self._project()
         wp.launch(kernels.advance, dim=1, inputs=[self.iteration], device=self.launch.device)

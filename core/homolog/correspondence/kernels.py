@@ -37,6 +37,11 @@ __all__ = [
 ]
 
 NORMAL_CUTOFF = wp.constant(0.3)  # cosine below which Cates et al.'s filter weakens an interaction
+CUTOFF = 3.5  # Parzen widths at which a kernel of 0.2 % is cut off
+WIDEST = 1.2  # largest Parzen width, over that of an even layout
+REACHED = wp.constant(CUTOFF)
+WIDE = wp.constant(WIDEST)
+NARROW = wp.constant(0.1)
 LOOKUP_SQUARED = wp.constant(0)
 
 
@@ -177,6 +182,7 @@ def link_neighbors(
     """
     p = first + wp.tid()
     shape = p // c.per_shape
+    table = surfaces[shape].table  # once: a copy of this struct costs more than a lookup
     x = spread_positions[p]
     foot = feet[p]
     count = int(0)
@@ -187,7 +193,7 @@ def link_neighbors(
         if other != p and other // c.per_shape == shape and near:
             d = float(0.0)
             if c.geodesic == 1:
-                d = geodesic(surfaces[shape].table, foot, feet[other], LOOKUP_SQUARED)[3]
+                d = geodesic(table, foot, feet[other], LOOKUP_SQUARED)[3]
             if d >= 0.0 and d < c.reach:
                 if count < neighbors.shape[1]:
                     neighbors[p, count] = other
@@ -206,6 +212,7 @@ def repel(
     neighbors: wp.array(dtype=int, ndim=2),
     counts: wp.array(dtype=int),
     widths: wp.array(dtype=float),
+    next_widths: wp.array(dtype=float),
     masses: wp.array(dtype=float),
     pairs: wp.array(dtype=wp.vec4, ndim=2),
     forces: wp.array(dtype=wp.vec3),
@@ -214,19 +221,21 @@ def repel(
     """Find the Parzen width by its fixed point, the energy log A_i - 3 log s_i and its descent force.
 
     p(x_i) ~ A_i / s_i^3 with A_i = sum_j q_ij exp(-d_ij^2 / 2 s_i^2); s_i makes the energy stationary
-    (s^2 = sum q w d^2 / 3 sum q w), so its derivative drops out of the gradient.
+    (s^2 = sum q w d^2 / 3 sum q w), so its derivative drops out of the gradient. One round of that
+    iteration is made here, for the next call.
     """
     p = first + wp.tid()
     shape = p // c.per_shape
     x = positions[p]
     n = normals[p]
     foot = feet[p]
+    table = surfaces[shape].table
     count = wp.min(counts[p], neighbors.shape[1])
     for k in range(count):
         j = neighbors[p, k]
         pair = wp.vec4(0.0, 0.0, 0.0, -1.0)
         if c.geodesic == 1:
-            found = geodesic(surfaces[shape].table, foot, feet[j], LOOKUP_SQUARED)
+            found = geodesic(table, foot, feet[j], LOOKUP_SQUARED)
             away = tangent(wp.vec3(found[0], found[1], found[2]), n)
             size = wp.length(away)
             if found[3] >= 0.0 and size > 1.0e-6:
@@ -240,33 +249,22 @@ def repel(
         pairs[p, k] = pair
     s = widths[p]
     mass = float(0.0)
-    for _round in range(3):
-        mass = float(0.0)
-        spread2 = float(0.0)
-        for k in range(count):
-            d = pairs[p, k][3]
-            if d >= 0.0 and d < 4.0 * s:
-                w = wp.exp(-0.5 * d * d / (s * s))
-                if c.geodesic == 0:
-                    w = w * facing(n, normals[neighbors[p, k]])
-                mass += w
-                spread2 += w * d * d
-        wanted = 1.3 * c.expected_width
-        if mass > 1.0e-12:
-            wanted = wp.sqrt(spread2 / (3.0 * mass))
-        s = wp.clamp(0.5 * (s + wanted), 0.1 * c.expected_width, 1.3 * c.expected_width)
-    widths[p] = s
-    mass = float(0.0)
+    spread2 = float(0.0)
     push = wp.vec3(0.0, 0.0, 0.0)
     for k in range(count):
         pair = pairs[p, k]
         d = pair[3]
-        if d >= 0.0 and d < 4.0 * s:
+        if d >= 0.0 and d < REACHED * s:
             w = wp.exp(-0.5 * d * d / (s * s))
             if c.geodesic == 0:
                 w = w * facing(n, normals[neighbors[p, k]])
             mass += w
+            spread2 += w * d * d
             push += w * d * wp.vec3(pair[0], pair[1], pair[2])
+    wanted = WIDE * c.expected_width
+    if mass > 1.0e-12:
+        wanted = wp.sqrt(spread2 / (3.0 * mass))
+    next_widths[p] = wp.clamp(0.5 * (s + wanted), NARROW * c.expected_width, WIDE * c.expected_width)
     masses[p] = wp.max(mass * s * s, 1.0e-12)
     forces[p] = push / wp.max(mass * s * s, 1.0e-12)
     energies[p] = wp.log(wp.max(mass, 1.0e-12)) - 3.0 * wp.log(s)
@@ -292,7 +290,7 @@ def yield_back(
         j = neighbors[p, k]
         d = pair[3]
         s = widths[j]
-        if d >= 0.0 and d < 4.0 * s:
+        if d >= 0.0 and d < REACHED * s:
             w = wp.exp(-0.5 * d * d / (s * s))
             if c.geodesic == 0:
                 w = w * facing(normals[p], normals[j])
@@ -398,6 +396,7 @@ def move(
     steps: wp.array(dtype=wp.vec3),
     normals: wp.array(dtype=wp.vec3),
     widths: wp.array(dtype=float),
+    next_widths: wp.array(dtype=float),
     positions: wp.array(dtype=wp.vec3),
 ):
     """Take the step in the tangent plane, no longer than a part of the Parzen width."""
@@ -408,6 +407,7 @@ def move(
     if length > limit:
         d = d * (limit / length)
     positions[p] = positions[p] + d
+    widths[p] = next_widths[p]
 
 
 @wp.kernel
