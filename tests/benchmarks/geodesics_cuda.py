@@ -18,7 +18,6 @@ from homolog.device import describe_device
 from homolog.geodesics import plan, solve_tables
 from homolog.geodesics.cuda import solve_on_cuda
 from homolog.geodesics.plan import plan_tables
-from homolog.geodesics.solve import local_reach
 from homolog.progress import no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -62,8 +61,7 @@ def measure(name: str, shapes: list[TriangleMesh], share: float, device: str, re
         last = tables
         del tables
     begin = time.perf_counter()
-    names = [str(k) for k in range(len(shapes))]
-    planned = plan_tables(shapes, limits, names)
+    planned = plan_tables(shapes, limits)
     checks = 1e3 * (time.perf_counter() - begin)
     nbytes = sum(table.nbytes for table in last)
     storage = last[0].storage
@@ -87,14 +85,9 @@ def measure(name: str, shapes: list[TriangleMesh], share: float, device: str, re
 def bounded(device: str, n_vertices: int, scratch: int) -> None:
     """Print the peak of device memory for a large mesh whose batches may take `scratch` bytes."""
     mesh = meshes.icosphere(n_vertices)
-    d_max = [reach_of(mesh, 0.2)]
-    planned = plan_tables([mesh], d_max, ["large"], memory_limit=6_000_000_000)
-    reaches = [local_reach(mesh, planned.reaches[0])]
+    planned = plan_tables([mesh], reach_of(mesh, 0.2))
     begin = time.perf_counter()
-    table = solve_on_cuda(
-        [mesh], reaches, d_max, ["large"],
-        dense=planned.dense, element=0, device=device, scratch=scratch, tick=no_tick,
-    )[0]  # fmt: skip
+    table = solve_on_cuda(planned, device, scratch, no_tick)[0]
     wp.synchronize_device(device)
     print(
         f"memory large      V {len(mesh.vertices):6d}  20 % {table.storage} {table.nbytes / 1e9:.2f} GB "

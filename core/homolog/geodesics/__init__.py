@@ -1,6 +1,16 @@
 """Geodesic distances on triangle meshes: all pairs up to a reach, and between any points."""
 
-from homolog.geodesics.solve import Element, local_distances, solve_table, solve_tables
+from homolog.geodesics.plan import Element, TablePlan, plan_tables
+from homolog.geodesics.solve import local_distances, solve_plan, solve_table, solve_tables
 from homolog.geodesics.table import GeodesicTable
 
-__all__ = ["Element", "GeodesicTable", "local_distances", "solve_table", "solve_tables"]
+__all__ = [
+    "Element",
+    "GeodesicTable",
+    "TablePlan",
+    "local_distances",
+    "plan_tables",
+    "solve_plan",
+    "solve_table",
+    "solve_tables",
+]

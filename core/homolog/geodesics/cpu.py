@@ -14,9 +14,9 @@ from homolog.errors import InputError
 from homolog.geodesics import kernels, sweep_kernels
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
 from homolog.geodesics.lookup import LANES, MISSING
+from homolog.geodesics.plan import TablePlan, Task
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
-from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["cores", "solve_on_cpu"]
 
@@ -33,7 +33,7 @@ def cores() -> int:
 class Problem:
     """One mesh ready to be solved."""
 
-    name: str
+    task: Task
     fans: Fans
     clusters: Clusters
     members: Any  # clusters.members as a wp.array
@@ -59,29 +59,22 @@ class Problem:
         return scratch, _recorded(sweep_kernels.sweep_cluster, 1, inputs)
 
 
-def solve_on_cpu(
-    mesh: TriangleMesh,
-    reach: Any,  # noqa: ANN401 - a wp.struct has no type
-    d_max: float,
-    name: str,
-    *,
-    dense: bool,
-    element: int,
-    threads: int,
-    tick: Tick,
-) -> GeodesicTable:
-    """Return the table of one checked mesh; the same, to the bit, for any number of threads."""
+def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> GeodesicTable:
+    """Return the table of one of a plan's meshes; the same, to the bit, for any number of threads."""
+    task = plan.tasks[which]
 
     def report(done: float) -> None:
-        tick(done, f"{name}: geodesic distances")
+        tick(done, f"{task.name}: geodesic distances")
 
     report(0.0)
-    fans = build_fans([mesh], "cpu")
+    for module in (kernels, sweep_kernels):  # before the threads, which would each load them
+        wp.load_module(module, device="cpu")
+    fans = build_fans([task.mesh], "cpu")
     clusters = find_clusters(fans)
     members = wp.array(clusters.members, dtype=wp.int32, ndim=2, device="cpu")
-    problem = Problem(name, fans, clusters, members, reach, element)
-    arrays = (_solve_dense if dense else _solve_blocks)(problem, threads, report)
-    return GeodesicTable(len(mesh.vertices), d_max, float(reach.unit), *arrays)
+    problem = Problem(task, fans, clusters, members, task.kernel_reach(), plan.element_code)
+    arrays = (_solve_dense if plan.dense else _solve_blocks)(problem, threads, report)
+    return GeodesicTable(len(task.mesh.vertices), task.d_max, float(problem.reach.unit), *arrays)
 
 
 def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, ...]:
@@ -125,7 +118,7 @@ def _solve_blocks(problem: Problem, threads: int, report: Report) -> tuple[Any, 
             _launch(store, cluster)
             if count[0] >= MISSING:
                 raise InputError(
-                    f"{problem.name}: d_max reaches over more than 65534 vertices; choose a shorter one"
+                    f"{problem.task.name}: d_max reaches over more than 65534 vertices; choose a shorter one"
                 )
             blocks[cluster] = rows[: count[0]].copy()
 

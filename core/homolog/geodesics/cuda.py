@@ -1,7 +1,8 @@
 """Solve on a GPU: the clusters of a whole cohort advance together, in batches that fit its memory."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,9 @@ from homolog.errors import InputError
 from homolog.geodesics import front_kernels, kernels
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
 from homolog.geodesics.lookup import LANES, MISSING
+from homolog.geodesics.plan import TablePlan
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
-from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["solve_on_cuda"]
 
@@ -30,9 +31,8 @@ class Cohort:
     fans: Fans
     clusters: Clusters
     sources: Any
-    reaches: Sequence[Any]
+    reaches: list[Any]
     element: int
-    device: str
 
     @property
     def largest(self) -> int:
@@ -40,56 +40,45 @@ class Cohort:
         return int(np.diff(self.fans.first).max())
 
 
-def solve_on_cuda(
-    meshes: Sequence[TriangleMesh],
-    reaches: Sequence[Any],
-    d_max: Sequence[float],
-    names: Sequence[str],
-    *,
-    dense: bool,
-    element: int,
-    device: str,
-    scratch: int,
-    tick: Tick,
-) -> list[GeodesicTable]:
-    """Return the tables of checked meshes, on the device.
+def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> list[GeodesicTable]:
+    """Return the tables of a plan, on the device.
 
     Parameters
     ----------
     scratch : int
         Memory [bytes] that the distances of one batch of clusters may take on the device.
     """
-    cohort = _upload(meshes, reaches, element, device)
-    clusters_of = np.searchsorted(cohort.clusters.shape, np.arange(len(meshes) + 1)).tolist()
+    cohort = _upload(plan, device)
+    ends = np.searchsorted(cohort.clusters.shape, np.arange(len(plan.tasks) + 1)).tolist()
     n_clusters = len(cohort.clusters.shape)
     batch = int(np.clip(scratch // (BYTES_PER_VERTEX * cohort.largest), 1, n_clusters))
+    tables = []
     with wp.ScopedDevice(device):
         front = _front(batch, cohort.largest)
-        stores = [
-            (_DenseStore if dense else _BlockStore)(cohort, shape, *clusters_of[shape : shape + 2])
-            for shape in range(len(meshes))
-        ]
-        tables = []
+        store = _DenseStore if plan.dense else _BlockStore
+        stores = [store(cohort, k, ends[k], ends[k + 1]) for k in range(len(plan.tasks))]
         for begin in range(0, n_clusters, batch):
             end = min(begin + batch, n_clusters)
             shapes = range(int(cohort.clusters.shape[begin]), int(cohort.clusters.shape[end - 1]) + 1)
-            message = f"{names[shapes[0]]}: geodesic distances"
-            tick(begin / n_clusters, message)
-            _advance(front, cohort, begin, end, lambda at=begin / n_clusters, text=message: tick(at, text))
-            for shape in shapes:
-                low, high = max(begin, clusters_of[shape]), min(end, clusters_of[shape + 1])
-                stores[shape].add(front.u[low - begin : high - begin], low - clusters_of[shape])
-                if high == clusters_of[shape + 1]:
-                    n, unit = int(np.diff(cohort.fans.first)[shape]), float(reaches[shape].unit)
-                    tables.append(GeodesicTable(n, d_max[shape], unit, *stores[shape].finish(names[shape])))
+            message = f"{plan.tasks[shapes[0]].name}: geodesic distances"
+            _advance(front, cohort, begin, end, partial(tick, begin / n_clusters, message))
+            for k in shapes:
+                low, high = max(begin, ends[k]), min(end, ends[k + 1])
+                stores[k].add(front.u[low - begin : high - begin], low - ends[k])
+                if high == ends[k + 1]:
+                    task, unit = plan.tasks[k], float(cohort.reaches[k].unit)
+                    arrays = stores[k].finish(task.name)
+                    tables.append(GeodesicTable(len(task.mesh.vertices), task.d_max, unit, *arrays))
         tick(1.0, "geodesic distances")
     return tables
 
 
-def _upload(meshes: Sequence[TriangleMesh], reaches: Sequence[Any], element: int, device: str) -> Cohort:
+def _upload(plan: TablePlan, device: str) -> Cohort:
     """Clusters are grown on the host, about 0.2 µs a vertex: one after another along the mesh."""
+    meshes = [task.mesh for task in plan.tasks]
     clusters = find_clusters(build_fans(meshes, "cpu"))
     fans = build_fans(meshes, device)
+    reaches = [task.kernel_reach() for task in plan.tasks]
     sources = front_kernels.Sources()
     with wp.ScopedDevice(device):
         sources.members = wp.array(clusters.members, dtype=wp.int32, ndim=2)
@@ -98,7 +87,7 @@ def _upload(meshes: Sequence[TriangleMesh], reaches: Sequence[Any], element: int
         sources.reaches = wp.array(reaches, dtype=kernels.Reach)
         sources.fan = fans.start
         sources.corners = fans.corners
-    return Cohort(fans, clusters, sources, reaches, element, device)
+    return Cohort(fans, clusters, sources, reaches, plan.element_code)
 
 
 def _front(batch: int, n: int) -> Any:  # noqa: ANN401 - a wp.struct has no type
@@ -111,18 +100,15 @@ def _front(batch: int, n: int) -> Any:  # noqa: ANN401 - a wp.struct has no type
     return front
 
 
-def _advance(front: Any, cohort: Cohort, begin: int, end: int, pause: Any) -> None:  # noqa: ANN401
+def _advance(front: Any, cohort: Cohort, begin: int, end: int, pause: Callable[[], None]) -> None:  # noqa: ANN401
     """Solve clusters begin … end into front.u."""
     front.u.fill_(float(kernels.FAR))
     for array in (front.queued, front.counts, front.last):
         array.zero_()
     wp.launch(front_kernels.seed_front, (end - begin, LANES), inputs=[front, cohort.sources, begin])
-    step = wp.launch(
-        front_kernels.step_front,
-        (end - begin, int(front_kernels.WALKERS), LANES),
-        inputs=[front, cohort.sources, begin, cohort.element, 1],
-        record_cmd=True,
-    )
+    threads = (end - begin, int(front_kernels.WALKERS), LANES)
+    inputs = [front, cohort.sources, begin, cohort.element, 1]
+    step = wp.launch(front_kernels.step_front, threads, inputs=inputs, record_cmd=True)
     done = 0
     while int(front.last.numpy()[0]) > done:
         pause()

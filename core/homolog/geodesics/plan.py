@@ -1,19 +1,24 @@
-"""What a table will take, before it is solved: reach, storage and memory."""
+"""What tables will take, before they are solved: reach, storage and memory."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from homolog.errors import InputError
+from homolog.geodesics import kernels
 from homolog.geodesics.lookup import LANES
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh, edges
 
-__all__ = ["DENSE_BUDGET", "TablePlan", "plan_tables"]
+__all__ = ["Element", "TablePlan", "Task", "plan_tables"]
+
+Element = Literal["point", "linear"]
+"""Local solver: fronts from a point, or the paper's planar fronts, which are some percent too long."""
 
 DENSE_BUDGET = 1_500_000_000
 """Tables of a cohort are dense, which is faster to read, while all take no more than this [bytes] …"""
@@ -21,76 +26,123 @@ DENSE_SHAPE = 250_000_000
 """… and each no more than this (11 180 vertices)."""
 DEFAULT_LIMIT = 8_000_000_000
 """Ceiling for the tables of a cohort [bytes] where the caller names none."""
+CHANGED = 3e-5
+"""Improvements below this part of the mean edge are not passed on: the order of updates, so the device, then
+makes no more than a code of difference (docs/geodesics.md)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """One mesh to solve.
+
+    Attributes
+    ----------
+    name : str
+        Subject, for messages.
+    mesh : TriangleMesh
+        A surface that passed `check_mesh`.
+    d_max : float
+        Longest distance [mm] that the table keeps.
+    reach : float
+        Longest distance [mm] that codes have to hold: d_max, or what the mesh allows.
+    """
+
+    name: str
+    mesh: TriangleMesh
+    d_max: float
+    reach: float
+
+    def kernel_reach(self) -> Any:  # noqa: ANN401 - a wp.struct has no type
+        """Return what kernels need to know of the reach."""
+        edge = self.mesh.mean_edge
+        reach = kernels.Reach()
+        reach.unit = self.reach / int(kernels.LAST)
+        reach.stored = (int(kernels.MISSING) - 1) * reach.unit
+        reach.slack = edge
+        reach.changed = CHANGED * edge
+        return reach
 
 
 @dataclass(frozen=True, slots=True)
 class TablePlan:
-    """How the tables of a cohort will be stored.
+    """How the tables of a cohort will be solved and stored.
 
     Attributes
     ----------
-    reaches : tuple of float
-        Longest distance [mm] of each shape that codes must hold: d_max, or what the mesh allows.
+    tasks : tuple of Task
+        One for each table.
+    element : {"point", "linear"}
+        Local solver.
     dense : bool
         Dense tables, or blocks.
     nbytes : int
         Predicted size of all tables [bytes]; exact for dense ones.
     """
 
-    reaches: tuple[float, ...]
+    tasks: tuple[Task, ...]
+    element: Element
     dense: bool
     nbytes: int
+
+    @property
+    def element_code(self) -> int:
+        """The element's number in kernels."""
+        return 0 if self.element == "point" else 1
 
 
 def plan_tables(
     meshes: Sequence[TriangleMesh],
-    d_max: Sequence[float],
-    names: Sequence[str],
+    d_max: float | Sequence[float],
+    *,
+    names: Sequence[str] | None = None,
+    element: Element = "point",
     memory_limit: int | None = None,
 ) -> TablePlan:
-    """Check the meshes, choose the storage and predict its size.
+    """Check the meshes, choose the storage and predict its size; parameters as for `solve_tables`.
 
     Raises
     ------
     InputError
         For a mesh that `check_mesh` refuses, for d_max that is not positive, and for tables above the limit.
     """
-    for mesh, limit, name in zip(meshes, d_max, names, strict=True):
-        check_mesh(mesh, name)
-        if not limit > 0.0:
-            raise InputError(f"{name}: d_max is {limit}; geodesic distances need a positive length in mm")
-    ceiling = DEFAULT_LIMIT if memory_limit is None else memory_limit
-    reaches = tuple(_reach(mesh, limit) for mesh, limit in zip(meshes, d_max, strict=True))
+    labels = [f"mesh {k + 1}" for k in range(len(meshes))] if names is None else names
+    limits = np.broadcast_to(np.asarray(d_max, float), len(meshes)).tolist()
+    tasks = tuple(_task(*one) for one in zip(labels, meshes, limits, strict=True))
     squares = [2 * len(mesh.vertices) ** 2 for mesh in meshes]
-    dense = sum(squares)
-    blocks = sum(_block_bytes(mesh, reach) for mesh, reach in zip(meshes, reaches, strict=True))
-    small = dense <= DENSE_BUDGET and max(squares) <= DENSE_SHAPE
+    dense, blocks = sum(squares), sum(_block_bytes(task) for task in tasks)
+    ceiling = DEFAULT_LIMIT if memory_limit is None else memory_limit
+    small = dense <= DENSE_BUDGET and max(squares, default=0) <= DENSE_SHAPE
     if dense <= ceiling and (small or dense <= blocks):
-        return TablePlan(reaches, dense=True, nbytes=dense)
+        return TablePlan(tasks, element, dense=True, nbytes=dense)
     if blocks > ceiling:
         raise InputError(
             f"geodesic tables of {len(meshes)} shapes would take about {blocks / 1e9:.1f} GB, above the "
             f"limit of {ceiling / 1e9:.1f} GB: raise the limit, shorten d_max or use coarser meshes"
         )
-    return TablePlan(reaches, dense=False, nbytes=blocks)
+    return TablePlan(tasks, element, dense=False, nbytes=blocks)
 
 
-def _reach(mesh: TriangleMesh, d_max: float) -> float:
-    """d_max, or an upper bound of all distances on the mesh if that is less."""
+def _task(name: str, mesh: TriangleMesh, d_max: float) -> Task:
+    check_mesh(mesh, name)
+    if not d_max > 0.0:
+        raise InputError(f"{name}: d_max is {d_max}; geodesic distances need a positive length in mm")
+    return Task(name, mesh, d_max, min(d_max, _longest(mesh, d_max)))
+
+
+def _longest(mesh: TriangleMesh, d_max: float) -> float:
+    """Return an upper bound of all distances on the mesh, inf if d_max is plainly below it."""
     if d_max < np.linalg.norm(np.ptp(mesh.vertices, axis=0)):
-        return float(d_max)
+        return math.inf
     pairs = edges(mesh.faces)
     lengths = np.linalg.norm(mesh.vertices[pairs[:, 0]] - mesh.vertices[pairs[:, 1]], axis=1)
     graph = coo_array((lengths, (pairs[:, 0], pairs[:, 1])), shape=(len(mesh.vertices),) * 2)
-    return min(
-        float(d_max), 2.0 * float(dijkstra(graph.tocsr(), directed=False, indices=np.array([0])).max())
-    )
+    return 2.0 * float(dijkstra(graph.tocsr(), directed=False, indices=np.array([0])).max())
 
 
-def _block_bytes(mesh: TriangleMesh, reach: float) -> int:
+def _block_bytes(task: Task) -> int:
     """Size of a block table, from the area of a flat disc; curved surfaces mostly need less."""
-    n = len(mesh.vertices)
-    radius = reach + 3.0 * mesh.mean_edge  # of a cluster: about 2.5 edges
-    patch = min(n, n * math.pi * radius**2 / mesh.area)
+    n = len(task.mesh.vertices)
+    radius = task.reach + 3.0 * task.mesh.mean_edge  # of a cluster: about 2.5 edges
+    patch = min(n, n * math.pi * radius**2 / task.mesh.area)
     n_clusters = 1.05 * n / LANES
     return int(2 * n_clusters * n + 2 * LANES * n_clusters * patch)

@@ -1,7 +1,7 @@
 """Geodesic tables of meshes: the calls that other parts use."""
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from pathlib import Path
 
 import numpy as np
 import warp as wp
@@ -10,22 +10,15 @@ from scipy.sparse import csr_array
 from homolog.arrays import Array
 from homolog.device import choose_device
 from homolog.errors import InputError
-from homolog.geodesics import kernels
+from homolog.geodesics.cache import load_table, save_table, table_path
 from homolog.geodesics.cpu import cores, solve_on_cpu
 from homolog.geodesics.cuda import solve_on_cuda
-from homolog.geodesics.plan import plan_tables
+from homolog.geodesics.plan import Element, TablePlan, plan_tables
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Element", "local_distances", "solve_table", "solve_tables"]
-
-Element = Literal["point", "linear"]
-"""Local solver: fronts from a point, or the paper's planar fronts, which are some percent too long."""
-
-CHANGED = 3e-5
-"""Improvements below this part of the mean edge are not passed on: the order of updates, so the device, then
-makes no more than a code of difference (docs/geodesics.md)."""
+__all__ = ["local_distances", "solve_plan", "solve_table", "solve_tables"]
 
 
 def solve_tables(
@@ -33,11 +26,12 @@ def solve_tables(
     d_max: float | Sequence[float],
     *,
     device: str = "cpu",
-    memory_limit: int | None = None,
     element: Element = "point",
-    tick: Tick = no_tick,
+    memory_limit: int | None = None,
     names: Sequence[str] | None = None,
+    tick: Tick = no_tick,
     threads: int | None = None,
+    cache: Path | None = None,
 ) -> list[GeodesicTable]:
     """Return the geodesic tables of a cohort's meshes.
 
@@ -46,60 +40,55 @@ def solve_tables(
     meshes : sequence of TriangleMesh
         Closed surfaces (see `check_mesh`).
     d_max : float or sequence of float
-        All vertex pairs up to this geodesic distance [mm] are stored; inf for complete tables. Distances
-        up to r between arbitrary points need r plus two longest edges.
+        All vertex pairs up to this geodesic distance [mm] are kept; inf for complete tables. Distances up
+        to r between arbitrary points need r plus two longest edges.
     device : str
         ``"auto"``, ``"cpu"`` or ``"cuda:<n>"``: where to solve and where the tables stay.
-    memory_limit : int, optional
-        Ceiling for all tables together [bytes].
     element : {"point", "linear"}
         Local solver.
-    tick : Tick
-        Progress and cancelling.
+    memory_limit : int, optional
+        Ceiling for all tables together [bytes].
     names : sequence of str, optional
         Subjects, for messages.
+    tick : Tick
+        Progress and cancelling.
     threads : int, optional
         Threads on the CPU, one per core if not given; the result does not depend on it.
+    cache : Path, optional
+        Folder of tables solved before: those of the same mesh and parameters are read, others added.
 
     Raises
     ------
     InputError
-        For a mesh or d_max that can't be used, or tables above the memory limit.
+        For a mesh or d_max that can't be used, tables above the memory limit, or a cache that can't be
+        written to.
     """
-    labels = [f"mesh {k + 1}" for k in range(len(meshes))] if names is None else list(names)
-    limits = [float(d) for d in np.broadcast_to(np.asarray(d_max, float), len(meshes))]
-    plan = plan_tables(meshes, limits, labels, memory_limit)
+    plan = plan_tables(meshes, d_max, names=names, element=element, memory_limit=memory_limit)
+    return solve_plan(plan, device=device, tick=tick, threads=threads, cache=cache)
+
+
+def solve_plan(
+    plan: TablePlan,
+    *,
+    device: str = "cpu",
+    tick: Tick = no_tick,
+    threads: int | None = None,
+    cache: Path | None = None,
+) -> list[GeodesicTable]:
+    """Return the tables of a plan; parameters and errors as of `solve_tables`."""
     where = choose_device(device)
-    kind = ["point", "linear"].index(element)
-    reaches = [local_reach(mesh, length) for mesh, length in zip(meshes, plan.reaches, strict=True)]
-    if where != "cpu":
-        scratch = _scratch(where, plan.nbytes)
-        return solve_on_cuda(
-            meshes,
-            reaches,
-            limits,
-            labels,
-            dense=plan.dense,
-            element=kind,
-            device=where,
-            scratch=scratch,
-            tick=tick,
-        )
-    tables = []
-    for k, (mesh, label) in enumerate(zip(meshes, labels, strict=True)):
-        inner = part_of(tick, k / len(meshes), (k + 1) / len(meshes))
-        table = solve_on_cpu(
-            mesh,
-            reaches[k],
-            limits[k],
-            label,
-            dense=plan.dense,
-            element=kind,
-            threads=threads or cores(),
-            tick=inner,
-        )
-        tables.append(table)
-    return tables
+    if cache is None:
+        return _solve(plan, where, tick, threads)
+    paths = [table_path(cache, plan, task) for task in plan.tasks]
+    tables = {path: table for path in paths if (table := load_table(path, where)) is not None}
+    absent = {path: task for path, task in zip(paths, plan.tasks, strict=True) if path not in tables}
+    if absent:
+        rest = TablePlan(tuple(absent.values()), plan.element, plan.dense, plan.nbytes)
+        tables |= dict(zip(absent, _solve(rest, where, tick, threads), strict=True))
+        for path in absent:
+            save_table(path, tables[path])
+    tick(1.0, "geodesic distances")
+    return [tables[path] for path in paths]
 
 
 def solve_table(
@@ -109,21 +98,12 @@ def solve_table(
     device: str = "cpu",
     element: Element = "point",
     memory_limit: int | None = None,
-    tick: Tick = no_tick,
     name: str = "mesh",
-    threads: int | None = None,
+    tick: Tick = no_tick,
 ) -> GeodesicTable:
-    """Return the geodesic table of one mesh; see `solve_tables`."""
-    return solve_tables(
-        [mesh],
-        d_max,
-        device=device,
-        memory_limit=memory_limit,
-        element=element,
-        tick=tick,
-        names=[name],
-        threads=threads,
-    )[0]
+    """Return the geodesic table of one mesh; parameters and errors as of `solve_tables`."""
+    plan = plan_tables([mesh], d_max, names=[name], element=element, memory_limit=memory_limit)
+    return solve_plan(plan, device=device, tick=tick)[0]
 
 
 def local_distances(vertices: Array, faces: Array, d_max: float, device: str | None = None) -> csr_array:
@@ -145,18 +125,21 @@ def local_distances(vertices: Array, faces: Array, d_max: float, device: str | N
     (V, V) float32 csr_array
         Symmetric; absent entries are farther than d_max apart, the zeros of the diagonal are stored.
         Fixed-point rounding is 8e-6 d_max at most.
+
+    Raises
+    ------
+    InputError
+        If the mesh is not one closed, manifold surface, or d_max is not positive.
     """
     mesh = TriangleMesh(np.asarray(vertices), np.asarray(faces))
     return solve_table(mesh, d_max, device=device or "auto").to_csr()
 
 
-def local_reach(mesh: TriangleMesh, length: float) -> Any:  # noqa: ANN401 - a wp.struct has no type
-    reach = kernels.Reach()
-    reach.unit = length / int(kernels.LAST)
-    reach.stored = 65534 * reach.unit
-    reach.slack = mesh.mean_edge
-    reach.changed = CHANGED * mesh.mean_edge
-    return reach
+def _solve(plan: TablePlan, device: str, tick: Tick, threads: int | None) -> list[GeodesicTable]:
+    if device != "cpu":
+        return solve_on_cuda(plan, device, _scratch(device, plan.nbytes), tick)
+    n = len(plan.tasks)
+    return [solve_on_cpu(plan, k, threads or cores(), part_of(tick, k / n, (k + 1) / n)) for k in range(n)]
 
 
 def _scratch(device: str, table_bytes: int) -> int:
