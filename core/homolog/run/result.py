@@ -26,7 +26,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["Outcome", "model_of", "write_result"]
 
 _SHOWN_SHARE = 0.95
-_MOST_SHOWN = 5
+_LEAST_SHOWN, _MOST_SHOWN = 3, 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,7 +159,7 @@ def _write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
 def _write_surfaces(new: Project, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:
     write_mesh(mean_file(new), TriangleMesh(surface.vertices, surface.faces))
     enough = int(np.searchsorted(np.cumsum(model.explained), _SHOWN_SHARE)) + 1
-    shown = min(enough, _MOST_SHOWN, len(model.variances))
+    shown = min(max(enough, _LEAST_SHOWN), _MOST_SHOWN, len(model.variances))
     for mode in range(shown):
         tick(mode / shown, f"surfaces of mode {mode + 1}")
         for sign, side in ((-1.0, "minus"), (1.0, "plus")):
