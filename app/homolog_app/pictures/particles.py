@@ -14,12 +14,14 @@ from homolog_app.pictures.views import View, frame_around, three_quarter_view
 
 __all__ = ["ball_radius", "draw_particles", "draw_subjects"]
 
-_BALL = 0.22
+_BALL = 0.22  # of the particles' mean spacing
+_MOST_BALL = 0.012  # of the shape's diagonal
 
 
 def ball_radius(mesh: TriangleMesh, particles: FloatArray) -> float:
-    """Return the radius [mm] at which balls of N particles stand clear of one another."""
-    return float(_BALL * np.sqrt(mesh.area / len(particles)))
+    """Return the radius [mm] at which balls of N particles stand clear of one another and hide little."""
+    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    return min(_BALL * float(np.sqrt(mesh.area / len(particles))), _MOST_BALL * size)
 
 
 def draw_particles(
