@@ -9,7 +9,9 @@ from homolog.grooming.antialias import antialiased, smoothed
 from homolog.grooming.images import Segmentation
 from homolog.grooming.slices import interpolated
 from homolog.surfaces.distance_field import DistanceField
+from homolog.surfaces.isosurface import marching_cubes
 from homolog.surfaces.redistance import redistanced
+from homolog.surfaces.topology import euler_number
 
 __all__ = ["MAX_NODES", "distance_field"]
 
@@ -19,7 +21,10 @@ MAX_NODES = 2**26
 """Larger grids are refused: they ask for several gigabytes per subject."""
 STACK_FROM = 2.0
 """Slices this many times further apart than the pixels are interpolated as outlines."""
+THINNEST = 2.0
+"""Nodes across the wall around a hole between slices: less would be lost on the grid."""
 _FINAL = 0.85  # of the smoothing, after the distances are made
+_KEPT = 0.2  # nodes: how far from zero a node on its own side is kept, if the topology would change
 
 
 def distance_field(
@@ -65,7 +70,7 @@ def distance_field(
     level, dropped = _one_solid(level)
     if dropped:
         notes = (*notes, f"{dropped} small piece(s) came loose in smoothing and were dropped")
-    values = smoothed(redistanced(level), _FINAL * smoothing) * step
+    values = step * _smoothed_alike(redistanced(level), _FINAL * smoothing)
     affine = np.eye(4)
     affine[:3, :3] = segmentation.rotation * step
     affine[:3, 3] = segmentation.origin + segmentation.rotation @ start
@@ -119,12 +124,15 @@ def _from_stack(
     spacing = segmentation.spacing
     padded, first = _padded(segmentation, start, (0, 1))
     heights = (start[2] + step * np.arange(shape[2])) / spacing[2]
-    level, closed = interpolated(padded, spacing[2] / spacing[:2].mean(), heights, smoothing)
-    level = _resampled(
-        level, np.array([*spacing[:2], step]), step, shape, start, np.array([*first[:2], start[2]])
-    )
+    stack = interpolated(padded, spacing[2] / spacing[:2].mean(), heights, smoothing)
+    place = np.array([*spacing[:2], step]), step, shape, start, np.array([*first[:2], start[2]])
+    outline = _resampled(stack.outline, *place)
+    level = np.maximum(outline, stack.ends)
+    if stack.hole is not None:
+        wall = redistanced(outline) + THINNEST
+        level = np.maximum(level, -np.maximum(_resampled(stack.hole, *place), wall))
     notes = [f"slices {spacing[2]:g} mm apart were interpolated as outlines"]
-    if closed:
+    if stack.closed:
         notes.append("the hole through the slices was closed at its narrow end")
     return level, tuple(notes)
 
@@ -155,6 +163,15 @@ def _resampled(
         level, step / spacing, offset, output_shape=shape, order=3, mode="nearest", output=np.float32
     )
     return resampled
+
+
+def _smoothed_alike(distances: Float32Array, sigma: float) -> Array:
+    """Smooth; where that would open or close holes, keep every node on its own side of the zero level."""
+    result = smoothed(distances, sigma)
+    if euler_number(marching_cubes(result)[1]) == euler_number(marching_cubes(distances)[1]):
+        return result
+    side = np.where(distances < 0.0, -1.0, 1.0)
+    return np.asarray(side * np.maximum(side * result, np.minimum(np.abs(distances), _KEPT)))
 
 
 def _one_solid(level: Array) -> tuple[Array, int]:

@@ -1,5 +1,7 @@
 """Shape-based interpolation of a stack of slices that lie far apart."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import ndimage
 from scipy.interpolate import PchipInterpolator
@@ -7,22 +9,46 @@ from scipy.interpolate import PchipInterpolator
 from homolog.arrays import Array, BoolArray, Float32Array, FloatArray
 from homolog.grooming.antialias import antialiased
 
-__all__ = ["interpolated"]
+__all__ = ["Stack", "interpolated"]
 
 _CLOSES_BELOW = 0.5  # of a hole's largest area
-_BOTTOM = 0.1  # slices: how far a hole reaches beyond the last slice where it closes
+_BOTTOM = 0.1  # slices: how far a hole goes on beyond the last slice where it closes
+_FLAT = 0.5  # slices beyond the last one: where an open end is cut
+_DOME = 0.75  # slices: height of an ellipsoidal cap that holds as much as half a slice of its outline
 
 
-def interpolated(
-    mask: BoolArray, thickness: float, heights: FloatArray, sigma: float
-) -> tuple[Float32Array, bool]:
-    """Return a level function between the slices of a stack.
+@dataclass(frozen=True, slots=True, eq=False)
+class Stack:
+    """Level functions between slices, negative inside [in-plane voxels].
+
+    The structure is what lies within `outline` and the `ends` and not within the `hole`.
+
+    Attributes
+    ----------
+    outline : (I, J, L) float32 array
+        The filled slices; goes on beyond open ends.
+    hole : (I, J, L) float32 array or None
+        What the slices leave open inside their outlines.
+    ends : (L,) float32 array
+        The planes that cut open ends.
+    closed : bool
+        Whether the hole was closed at one end.
+    """
+
+    outline: Float32Array
+    hole: Float32Array | None
+    ends: Float32Array
+    closed: bool
+
+
+def interpolated(mask: BoolArray, thickness: float, heights: FloatArray, sigma: float) -> Stack:
+    """Interpolate a stack of slices.
 
     The outline of each slice and the hole in it are interpolated one by one as signed distances in the
     plane (Raya and Udupa 1990): where the wall between them moves by more than its thickness from one
-    slice to the next, it stays whole. At both ends the shape follows its trend inwards and is cut flat half
-    a slice beyond the last one. A hole through the whole stack stays open at its wider end; at the narrower
-    one it is closed if it has less than half of its largest area there (a ventricle's apex).
+    slice to the next, it stays whole. A hole through the whole stack stays open at its wider end; at the
+    narrower one it is closed if it has less than half of its largest area there (a ventricle's apex). Open
+    ends are cut flat half a slice beyond the last one, closed ends become domes of the same volume.
 
     Parameters
     ----------
@@ -32,55 +58,58 @@ def interpolated(
     thickness : float
         Distance between slices [in-plane voxels].
     heights : (L,) float64 array
-        Where along the last axis the function is wanted, as slice numbers; -0.5 to K - 0.5 is inside.
+        Where along the last axis the function is wanted, as slice numbers; from -0.5 to K - 0.5 is inside.
     sigma : float
         Standard deviation of the in-plane smoothing [voxels].
-
-    Returns
-    -------
-    (I, J, L) float32 array
-        Negative inside [in-plane voxels].
-    bool
-        Whether a hole was closed at one end.
     """
     outlines = np.stack([ndimage.binary_fill_holes(one) for one in np.moveaxis(mask, 2, 0)], axis=-1)
     holes = outlines & ~mask
-    last = mask.shape[2] - 1
-    ends = np.maximum(-0.5 - heights, heights - (last + 0.5)) * thickness
-    level = np.maximum(_between(_distances(outlines, sigma), heights), ends)
     areas = holes.sum(axis=(0, 1))
-    closed = False
+    goes_on = areas[[0, -1]] > 0
+    narrow = int(areas[-1] < areas[0])
+    closing = bool(goes_on.all() and areas[-narrow] < _CLOSES_BELOW * areas.max())
+    if closing:
+        goes_on[narrow] = False
+    outline = _between(_distances(outlines, sigma), heights)
+    ends = np.full(len(heights), -np.inf, np.float32)
+    for end, beyond in enumerate((-heights, heights - (mask.shape[2] - 1))):
+        if goes_on[end]:
+            ends = np.maximum(ends, (beyond - _FLAT) * thickness)
+        else:
+            outline = outline + _dome(outline, beyond, thickness)
+    hole = None
     if areas.any():
         hole = _between(_distances(holes, sigma), heights)
-        if areas[0] and areas[-1]:
-            narrow = 0 if areas[0] < areas[-1] else last
-            closed = bool(areas[narrow] < _CLOSES_BELOW * areas.max())
-            if closed:
-                beyond = -heights if narrow == 0 else heights - last
-                hole = np.maximum(hole, (beyond - _BOTTOM) * thickness)
-        level = np.maximum(level, -hole)
-    return level.astype(np.float32), closed
+        if closing:
+            beyond = heights - (mask.shape[2] - 1) if narrow else -heights
+            hole = np.maximum(hole, (beyond - _BOTTOM) * thickness)
+        hole = hole.astype(np.float32)
+    return Stack(outline.astype(np.float32), hole, ends.astype(np.float32), closing)
+
+
+def _dome(level: Array, beyond: FloatArray, thickness: float) -> FloatArray:
+    """Return what to add to a level function so that it ends as a dome; `beyond` is how far it is passed."""
+    inradius = -level[..., np.argmin(np.abs(beyond))].min()
+    height = np.clip(beyond / _DOME, 0.0, 1.0)
+    dome = inradius * (1.0 - np.sqrt(1.0 - height**2)) + np.maximum(beyond - _DOME, 0.0) * thickness
+    return np.asarray(dome)
 
 
 def _distances(masks: BoolArray, sigma: float) -> Float32Array:
-    """Signed distances in each slice; slices without anything mirror the nearest ones that have something."""
+    """Signed distances in each slice; where a slice has nothing, the next slice's shape ends half-way."""
     present = np.flatnonzero(masks.any(axis=(0, 1)))
     result = np.empty(masks.shape, np.float32)
     for k in present:
         result[..., k] = antialiased(masks[..., k], sigma)
     for k in np.setdiff1d(np.arange(masks.shape[2]), present):
         nearest = present[np.argmin(np.abs(present - k))]
-        result[..., k] = np.maximum(-result[..., nearest], np.abs(result[..., nearest]))
+        result[..., k] = np.abs(result[..., nearest])
     return result
 
 
 def _between(slices: Float32Array, heights: FloatArray) -> Array:
-    """Interpolate along the last axis without overshoot; beyond the ends the trend goes on if it shrinks."""
+    """Interpolate along the last axis without overshoot; beyond the ends the last slice goes on."""
     last = slices.shape[2] - 1
     if last == 0:
         return np.repeat(slices, len(heights), axis=2)
-    inner: Array = PchipInterpolator(np.arange(last + 1), slices, axis=2)(np.clip(heights, 0, last))
-    before, after = np.clip(-heights, 0, None), np.clip(heights - last, 0, None)
-    inner += np.maximum(slices[..., :1] - slices[..., 1:2], 0.0) * before
-    inner += np.maximum(slices[..., -1:] - slices[..., -2:-1], 0.0) * after
-    return inner
+    return np.asarray(PchipInterpolator(np.arange(last + 1), slices, axis=2)(np.clip(heights, 0, last)))

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import NumericalError
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
@@ -9,12 +10,12 @@ from homolog.surfaces.remesh import remeshed
 from homolog.surfaces.simplify import simplified
 from homolog.surfaces.topology import face_components
 
-__all__ = ["coarse_isosurface", "isosurface"]
+__all__ = ["coarse_isosurface", "isosurface", "marching_cubes"]
 
 VERTICES = 6000
 _EQUILATERAL = 2.0 / np.sqrt(3.0)  # edge² times vertices, over the area
-_NEAREST = 0.01
-"""Values closer to zero than this part of the spacing are moved away: vertices on nodes make needles."""
+_NEAREST = 1e-3
+"""Values closer to zero than this part of the largest are moved away: vertices on nodes make needles."""
 
 
 def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool = False) -> TriangleMesh:
@@ -39,7 +40,12 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
     NumericalError
         If the field has no zero level.
     """
-    raw = _marching_cubes(field)
+    if field.values.min() >= 0.0:
+        raise NumericalError(
+            "nothing is left of the shape after smoothing; use a finer grid or less smoothing"
+        )
+    nodes, faces = marching_cubes(field.values)
+    raw = TriangleMesh(nodes @ field.index_to_world[:3, :3].T + field.index_to_world[:3, 3], faces)
     edge = edge or _edge_for(raw.area, VERTICES)
     return remeshed(simplified(raw, round(_EQUILATERAL * raw.area / edge**2)), field, edge, adaptive)
 
@@ -54,18 +60,26 @@ def _edge_for(area: float, n_vertices: int) -> float:
     return float(np.sqrt(_EQUILATERAL * area / n_vertices))
 
 
-def _marching_cubes(field: DistanceField) -> TriangleMesh:
-    from skimage.measure import marching_cubes
+def marching_cubes(values: Array) -> tuple[FloatArray, IntArray]:
+    """Return the largest component of the zero level of values on a grid.
 
-    values = np.array(field.values)
-    least = _NEAREST * field.spacing
+    Parameters
+    ----------
+    values : (I, J, K) array
+        Negative inside, positive at the border.
+
+    Returns
+    -------
+    (V, 3) float64 array
+        Vertices, in grid indices.
+    (F, 3) int array
+        Faces, counter-clockwise seen from outside.
+    """
+    from skimage import measure
+
+    least = _NEAREST * float(np.abs(values).max())
     values = np.where(np.abs(values) < least, np.where(values < 0.0, -least, least), values)
-    if values.min() >= 0.0:
-        raise NumericalError(
-            "nothing is left of the shape after smoothing; use a finer grid or less smoothing"
-        )
-    nodes, faces, _, _ = marching_cubes(values, 0.0, gradient_direction="descent")
+    vertices, faces, _, _ = measure.marching_cubes(values, 0.0, gradient_direction="descent")
     faces = faces[face_components(faces) == 0]
     used, faces = np.unique(faces, return_inverse=True)
-    vertices = nodes[used] @ field.index_to_world[:3, :3].T + field.index_to_world[:3, 3]
-    return TriangleMesh(vertices, faces.reshape(-1, 3))
+    return vertices[used].astype(np.float64), faces.reshape(-1, 3)

@@ -17,6 +17,7 @@ __all__ = ["remeshed"]
 
 _LONG, _SHORT = 4.0 / 3.0, 4.0 / 5.0  # of the wished edge length
 _SWEEPS = 5
+_COLLAPSES = 8  # rounds of a sweep, at most
 _SLIDE = 0.6
 _SHARPEST = 0.3  # cosine between a face's normal before and after a change
 
@@ -109,7 +110,7 @@ def _collapse(
     vertices: FloatArray, faces: IntArray, size: FloatArray
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Merge the ends of edges that are too short, where neither topology nor shape suffers."""
-    for _ in range(3):
+    for _ in range(_COLLAPSES):
         edges = _edges(faces)
         ratio = _lengths(vertices, edges.ends) / (_SHORT * size[edges.ends].mean(axis=1))
         candidates = np.flatnonzero((ratio < 1.0) & _link_condition(edges, len(vertices)))
