@@ -1,14 +1,19 @@
 """Geodesic distances on triangle meshes: all pairs up to a reach, and between any points."""
 
+from homolog.geodesics.accuracy import Accuracy, measure_accuracy
+from homolog.geodesics.field import distances_from
 from homolog.geodesics.plan import Element, TablePlan, plan_tables
 from homolog.geodesics.solve import local_distances, solve_plan, solve_table, solve_tables
 from homolog.geodesics.table import GeodesicTable
 
 __all__ = [
+    "Accuracy",
     "Element",
     "GeodesicTable",
     "TablePlan",
+    "distances_from",
     "local_distances",
+    "measure_accuracy",
     "plan_tables",
     "solve_plan",
     "solve_table",

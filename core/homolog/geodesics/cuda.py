@@ -106,8 +106,13 @@ def _advance(front: Any, cohort: Cohort, begin: int, end: int, pause: Callable[[
     for array in (front.queued, front.counts, front.last):
         array.zero_()
     wp.launch(front_kernels.seed_front, (end - begin, LANES), inputs=[front, cohort.sources, begin])
-    threads = (end - begin, int(front_kernels.WALKERS), LANES)
-    inputs = [front, cohort.sources, begin, cohort.element, 1]
+    run_front(front, cohort.sources, range(begin, end), cohort.element, pause)
+
+
+def run_front(front: Any, sources: Any, clusters: range, element: int, pause: Callable[[], None]) -> None:  # noqa: ANN401
+    """Advance some clusters until nothing changes; the front has what is to be done in step 1."""
+    threads = (len(clusters), int(front_kernels.WALKERS), front.u.shape[2])
+    inputs = [front, sources, clusters.start, element, 1]
     step = wp.launch(front_kernels.step_front, threads, inputs=inputs, record_cmd=True)
     done = 0
     while int(front.last.numpy()[0]) > done:

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from homolog.errors import InputError
 from homolog.geodesics import kernels
-from homolog.geodesics.lookup import LANES
+from homolog.geodesics.lookup import LANES, MISSING
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh, edges
 
@@ -57,7 +57,7 @@ class Task:
         edge = self.mesh.mean_edge
         reach = kernels.Reach()
         reach.unit = self.reach / int(kernels.LAST)
-        reach.stored = (int(kernels.MISSING) - 1) * reach.unit
+        reach.stored = (MISSING - 1) * reach.unit
         reach.slack = edge
         reach.changed = CHANGED * edge
         return reach

@@ -1,0 +1,83 @@
+"""Distance from a few sources to the whole surface, for display."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+import warp as wp
+
+from homolog.arrays import Float32Array
+from homolog.errors import InputError
+from homolog.geodesics import front_kernels, kernels
+from homolog.geodesics.cuda import run_front
+from homolog.geodesics.fans import build_fans
+from homolog.geodesics.plan import Task
+from homolog.progress import Tick, no_tick
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import check_mesh
+
+__all__ = ["distances_from"]
+
+
+def distances_from(
+    mesh: TriangleMesh,
+    sources: Sequence[int],
+    start: Sequence[float] | None = None,
+    *,
+    name: str = "mesh",
+    tick: Tick = no_tick,
+) -> Float32Array:
+    """Return the geodesic distance of every vertex from the nearest source.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        A closed surface (see `check_mesh`).
+    sources : sequence of int
+        Vertices to start from.
+    start : sequence of float, optional
+        Distance [mm] at each source, 0 if not given. A point within a face is its three corners with their
+        distances to it.
+    name : str
+        Subject, for messages.
+    tick : Tick
+        Cancelling.
+
+    Returns
+    -------
+    (V,) float32 array
+        Distances [mm].
+
+    Raises
+    ------
+    InputError
+        For a mesh that `check_mesh` refuses, and sources that are no vertices of it.
+    """
+    check_mesh(mesh, name)
+    n = len(mesh.vertices)
+    where = np.asarray(sources, int)
+    if len(where) == 0 or where.min() < 0 or where.max() >= n:
+        raise InputError(f"{name}: sources have to be vertices of the mesh, 0 … {n - 1}")
+    reach = Task(name, mesh, np.inf, 1.0).kernel_reach()
+    reach.stored = float(kernels.FAR)
+    fans = build_fans([mesh], "cpu")
+    with wp.ScopedDevice("cpu"):
+        values = np.full((1, n, 1), float(kernels.FAR), np.float32)
+        np.minimum.at(values[0, :, 0], where, 0.0 if start is None else np.asarray(start, np.float32))
+        around = np.unique(mesh.faces[np.isin(mesh.faces, where).any(axis=1)])
+        front = front_kernels.Front()
+        front.u = wp.array(values)
+        front.queued = wp.zeros((1, n), dtype=wp.int32)
+        front.lists = wp.zeros((2, 1, n), dtype=wp.int32)
+        front.lists.numpy()[1, 0, : len(around)] = around
+        front.counts = wp.array([[0], [len(around)], [0]], dtype=wp.int32)
+        front.last = wp.ones(1, dtype=wp.int32)
+        clusters = front_kernels.Sources()
+        clusters.shape = wp.zeros(1, dtype=wp.int32)
+        clusters.first = wp.zeros(1, dtype=wp.int32)
+        clusters.reaches = wp.array([reach], dtype=kernels.Reach)
+        clusters.fan = fans.start
+        clusters.corners = fans.corners
+        run_front(front, clusters, range(1), 0, partial(tick, 0.0, f"{name}: geodesic distances"))
+        distances: Float32Array = front.u.numpy()[0, :, 0]
+    return distances
