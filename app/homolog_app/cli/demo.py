@@ -1,0 +1,111 @@
+"""``homolog demo``: the paper's coffee-bean experiment, from volumes to the comparison of the methods."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from homolog.errors import InputError
+from homolog.progress import Tick, part_of
+from homolog.settings import Alignment, GroomSettings, Method, OptimizeSettings, RunSettings
+from homolog_app.cli.options import with_options
+from homolog_app.cli.progress import add_progress_option, show_progress
+
+if TYPE_CHECKING:
+    from homolog.cohort import Cohort
+    from homolog.files.project import Project
+
+__all__ = ["add_parser", "run"]
+
+_SHAPES, _SEED = 10, 5
+_METHODS = (Method.EUCLIDEAN, Method.GEODESIC_NORMALS)
+_NAMES = {Method.EUCLIDEAN: "original", Method.GEODESIC_NORMALS: "proposed"}
+_ENDS = (0.01, 0.35, 0.88)
+"""Shares of the whole time at which the cohort is made and the methods are through, measured."""
+
+
+def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "demo",
+        help="the paper's coffee-bean experiment, start to finish",
+        description="Make the paper's coffee-bean cohort, run the original and the proposed method on it, "
+        "print the comparison and draw the pictures.",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("homolog-demo"), help="folder (default homolog-demo)"
+    )
+    parser.add_argument("--particles", default=1024, metavar="INT", help="on each bean (default 1024)")
+    add_progress_option(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the experiment; returns the exit code."""
+    from homolog.beans.files import write_beans
+    from homolog.beans.generate import draw_beans, draw_moments
+    from homolog_app.cli.demo_table import table_text, write_comparison
+
+    out = arguments.out
+    optimize = with_options(OptimizeSettings(), arguments)
+    _check_folder(out)
+    beans = draw_beans(_SHAPES, _SEED)
+    with show_progress(arguments.progress) as progress:
+        tick = progress.tick
+        cohort = write_beans(out / "cohort", beans, _SEED, part_of(tick, 0.0, _ENDS[0]))
+        projects = {}
+        for method, start, end in zip(_METHODS, _ENDS, _ENDS[1:], strict=False):
+            settings = optimize.model_copy(update={"method": method})
+            name = _NAMES[method]
+            projects[name] = _run_method(out / name, name, cohort, settings, part_of(tick, start, end))
+        rows = write_comparison(out, projects, beans, part_of(tick, _ENDS[2], 0.91))
+        _draw(out, projects, part_of(tick, 0.91, 1.0))
+    position, width, correlation = draw_moments(beans)
+    sys.stdout.write(
+        f"\nCoffee beans: {_SHAPES} shapes, seed {_SEED} (slot position sd {position:.1f} mm, width sd "
+        f"{width:.1f} mm, correlation {correlation:+.2f}), {optimize.particles} particles\n\n"
+        f"{table_text(rows)}\n\npictures and results: {out.resolve()}\n"
+        f"  comparison.png, comparison.csv; original/ and proposed/ are projects with figures/\n"
+    )
+    return 0
+
+
+def _check_folder(out: Path) -> None:
+    """Refuse to mix the demo's files with others; those of an earlier demo are replaced."""
+    own = {"cohort", *_NAMES.values(), "comparison.png", "comparison.csv"}
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; name a folder with --out")
+    if out.is_dir() and any(one.name not in own for one in out.iterdir()):
+        raise InputError(f"{out}: holds other files; choose a new or empty folder with --out")
+
+
+def _run_method(
+    folder: Path, name: str, cohort: "Cohort", optimize: OptimizeSettings, tick: Tick
+) -> "Project":
+    """Run one method on the cohort, whose shapes lie in one frame as they are."""
+    from homolog.files.project import Project
+    from homolog.run import Run
+
+    project = Project(folder)
+    settings = RunSettings(groom=GroomSettings(alignment=Alignment.NONE), optimize=optimize)
+    job = Run(project, cohort, settings)
+    job.execute(lambda status: tick(status.fraction, f"{name} method, {status.phase}: {status.message}"))
+    return project
+
+
+def _draw(out: Path, projects: dict[str, "Project"], tick: Tick) -> None:
+    from homolog.analysis.shape_model import fit_shape_model
+    from homolog.files.atomic import replacing
+    from homolog.files.results import read_modes, read_result
+    from homolog_app.cli.figures import draw_figures
+    from homolog_app.pictures import ModeSurfaces, draw_comparison, write_picture
+
+    models = {}
+    for index, (name, project) in enumerate(projects.items()):
+        draw_figures(project, part_of(tick, 0.4 * index, 0.4 * (index + 1)))
+        result = read_result(project)
+        shares = fit_shape_model(result.world).explained
+        moves = read_modes(project, result.mean_surface)
+        models[f"{name} method"] = ModeSurfaces(result.mean_surface, moves, shares)
+    tick(0.8, "drawing the comparison")
+    with replacing(out / "comparison.png") as part:
+        write_picture(draw_comparison(models), part)
