@@ -1,0 +1,23 @@
+"""The desktop application."""
+
+from collections.abc import Sequence
+
+__all__ = ["main"]
+
+
+def main(argv: Sequence[str] = ()) -> int:
+    """Open the window and return its exit code once it is closed.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        A project, folder or files to open.
+    """
+    try:
+        from homolog_app.window.start import start
+    except ImportError as error:
+        import sys
+
+        sys.stderr.write(f"homolog: the window can't open: {error}\n")
+        return 1
+    return start(list(argv))

@@ -1,0 +1,80 @@
+"""Menus and actions, made from the command table."""
+
+from collections.abc import Callable, Mapping
+
+from PySide6.QtCore import QObject, QSize
+from PySide6.QtGui import QAction, QActionGroup, QKeySequence
+from PySide6.QtWidgets import QMainWindow, QMenu, QToolButton, QWidget
+
+from homolog_app.window.commands import COMMANDS, MENUS, command
+from homolog_app.window.icons import icon
+from homolog_app.window.theme import Theme
+
+__all__ = ["Actions"]
+
+Handler = Callable[[], object]
+
+
+class Actions(QObject):
+    """One QAction for each command, all owned by the window."""
+
+    def __init__(self, window: QMainWindow, theme: Theme) -> None:
+        super().__init__(window)
+        self._theme = theme
+        self._actions: dict[str, QAction] = {}
+        groups: dict[str, QActionGroup] = {}
+        for one in COMMANDS:
+            action = QAction(one.title, window)
+            action.setObjectName(one.id)
+            action.setCheckable(one.checkable)
+            action.setShortcut(QKeySequence(one.shortcut))
+            keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
+            action.setToolTip(f"{one.help} ({keys})" if keys else one.help)
+            action.setStatusTip(one.help)
+            if one.choice:
+                group = groups.setdefault(one.choice, QActionGroup(window))
+                group.addAction(action)
+            window.addAction(action)
+            self._actions[one.id] = action
+        self._fill_menus(window)
+        theme.changed.connect(self._draw_icons)
+        self._draw_icons()
+
+    def __getitem__(self, identifier: str) -> QAction:
+        """Return the action of a command."""
+        return self._actions[identifier]
+
+    def connect_handlers(self, handlers: Mapping[str, Handler]) -> None:
+        """Connect commands to what they do."""
+        for identifier, handler in handlers.items():
+            self._actions[identifier].triggered.connect(handler)
+
+    def enable(self, available: Mapping[str, bool]) -> None:
+        """Enable exactly the commands whose needs are met."""
+        for one in COMMANDS:
+            self._actions[one.id].setEnabled(available[one.needs])
+
+    def button(self, identifier: str, parent: QWidget, size: int = 20) -> QToolButton:
+        """Return a tool button of a command."""
+        result = QToolButton(parent)
+        result.setDefaultAction(self._actions[identifier])
+        result.setIconSize(QSize(size, size))
+        result.setAccessibleName(command(identifier).title)
+        return result
+
+    def _fill_menus(self, window: QMainWindow) -> None:
+        menus: dict[str, QMenu] = {name: window.menuBar().addMenu(f"&{name}") for name in MENUS}
+        for one in COMMANDS:
+            top, _, below = one.menu.partition("/")
+            if one.menu not in menus:
+                menus[one.menu] = menus[top].addMenu(below)
+            menus[one.menu].addAction(self._actions[one.id])
+            if one.ends_section:
+                menus[one.menu].addSeparator()
+
+    def _draw_icons(self) -> None:
+        colours = self._theme.colours
+        for one in COMMANDS:
+            if one.icon:
+                picture = icon(one.icon, colours.text, colours.faint, colours.accent)
+                self._actions[one.id].setIcon(picture)

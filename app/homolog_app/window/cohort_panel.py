@@ -1,0 +1,123 @@
+"""The first step: who is studied."""
+
+from PySide6.QtCore import QItemSelectionModel, QModelIndex, QSize, QSortFilterProxyModel, Qt
+from PySide6.QtWidgets import QHBoxLayout, QHeaderView, QLabel, QLineEdit, QTableView, QWidget
+
+from homolog_app.window.actions import Actions
+from homolog_app.window.cohort_model import GROUP, NAME, STATUS, VOLUME, CohortModel
+from homolog_app.window.label_picker import LabelPicker
+from homolog_app.window.session import Session
+from homolog_app.window.theme import Theme
+from homolog_app.window.widgets import GRID, Panel, button, label
+
+__all__ = ["CohortPanel"]
+
+_TOOLS = ("file.add", "file.import", "file.export", "edit.group", "edit.include", "edit.remove")
+
+
+class CohortPanel(Panel):
+    """The table of subjects, its filter, and the choice of a label where files hold several."""
+
+    def __init__(self, session: Session, theme: Theme, actions: Actions) -> None:
+        super().__init__("Cohort", "Tick the subjects to study, and give them groups.")
+        self._session = session
+        self._following = False
+        self.model = CohortModel(session, theme, self)
+        self.rows = QSortFilterProxyModel(self)
+        self.rows.setSourceModel(self.model)
+        self.rows.setSortRole(Qt.ItemDataRole.UserRole)
+        self.rows.setFilterKeyColumn(-1)
+        self.rows.setFilterCaseSensitivity(Qt.CaseSensitivity.CaseInsensitive)
+        self.filter = QLineEdit(placeholderText="Filter by name, group or status…", clearButtonEnabled=True)
+        self.filter.setAccessibleName("Filter subjects")
+        self.filter.textChanged.connect(self.rows.setFilterFixedString)
+        self.table = self._table()
+        self.labels = LabelPicker(session, theme)
+        self.body.addLayout(self._tools(actions))
+        self.body.addWidget(self.labels)
+        self.body.addWidget(self.filter)
+        self.body.addWidget(self.table, 1)
+        self.count = label("", "Hint", wrap=True)
+        self.problems: QLabel = label("", "Problem", wrap=True)
+        proceed = button("Next: Groom", "primary")
+        proceed.clicked.connect(actions["view.groom"].trigger)
+        for one in (self.count, self.problems, proceed):
+            self.footer.addWidget(one)
+        self._proceed: QWidget = proceed
+        self.table.selectionModel().selectionChanged.connect(self._tell_selection)
+        session.selection_changed.connect(self._show_selection)
+        session.study_changed.connect(self._count)
+        session.facts_changed.connect(self._count)
+        self._count()
+
+    def _tools(self, actions: Actions) -> QHBoxLayout:
+        row = QHBoxLayout()
+        row.setSpacing(GRID // 2)
+        for identifier in _TOOLS:
+            row.addWidget(actions.button(identifier, self))
+        row.addStretch()
+        return row
+
+    def _table(self) -> QTableView:
+        table = QTableView()
+        table.setAccessibleName("Subjects")
+        table.setModel(self.rows)
+        table.setSortingEnabled(True)
+        table.sortByColumn(-1, Qt.SortOrder.AscendingOrder)
+        table.setSelectionBehavior(QTableView.SelectionBehavior.SelectRows)
+        table.setEditTriggers(QTableView.EditTrigger.DoubleClicked | QTableView.EditTrigger.EditKeyPressed)
+        table.setAlternatingRowColors(True)
+        table.setShowGrid(False)
+        table.setWordWrap(False)
+        table.setIconSize(QSize(32, 32))
+        table.setMinimumHeight(240)
+        table.verticalHeader().hide()
+        table.verticalHeader().setDefaultSectionSize(40)
+        head = table.horizontalHeader()
+        head.setHighlightSections(False)
+        head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
+        head.setStretchLastSection(False)
+        for column, width in ((NAME, 176), (GROUP, 56), (VOLUME, 72), (STATUS, 112)):
+            head.resizeSection(column, width)
+        head.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
+        return table
+
+    def _count(self) -> None:
+        members = self._session.study.members
+        surveys = [self._session.surveys.get(one.name) for one in members]
+        bad = [one for one in surveys if one is not None and one.problem]
+        included = len(self._session.study.included)
+        groups = self._session.study.groups
+        text = f"{included} of {len(members)} subjects included"
+        self.count.setText(f"{text} · groups: {', '.join(groups)}" if groups else text)
+        listed = "; ".join(f"{one.subject.name}: {one.problem}" for one in bad[:3])
+        more = f" and {len(bad) - 3} more, see the table" if len(bad) > 3 else ""
+        plural = "file" if len(bad) == 1 else "files"
+        self.problems.setText(f"{len(bad)} {plural} left out. {listed}{more}" if bad else "")
+        self.problems.setVisible(bool(bad))
+        self._proceed.setEnabled(included >= 2)
+
+    def _tell_selection(self) -> None:
+        if self._following:
+            return
+        rows = self.table.selectionModel().selectedRows()
+        self._session.select(self.model.member(self.rows.mapToSource(row).row()).name for row in rows)
+
+    def _show_selection(self) -> None:
+        selection = self.table.selectionModel()
+        chosen = set(self._session.selection)
+        shown = {self.model.member(self.rows.mapToSource(row).row()).name for row in selection.selectedRows()}
+        if shown == chosen:
+            return
+        self._following = True
+        selection.clearSelection()
+        first: QModelIndex | None = None
+        mode = QItemSelectionModel.SelectionFlag.Select | QItemSelectionModel.SelectionFlag.Rows
+        for row in range(self.rows.rowCount()):
+            index = self.rows.index(row, 0)
+            if self.model.member(self.rows.mapToSource(index).row()).name in chosen:
+                selection.select(index, mode)
+                first = first or index
+        if first is not None:
+            self.table.scrollTo(first)
+        self._following = False

@@ -1,0 +1,146 @@
+"""Everything the user can order, once: menus, toolbars, shortcuts, the palette and the shortcut sheet read it."""
+
+from dataclasses import dataclass
+
+__all__ = ["COMMANDS", "MENUS", "Command", "command"]
+
+MENUS = ("File", "Edit", "View", "Run", "Help")
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One order.
+
+    Attributes
+    ----------
+    id : str
+        ``area.name``; its handler is looked up by it.
+    title : str
+        As it stands in the menu.
+    help : str
+        One sentence: the tool tip and the palette's second line.
+    menu : str
+        One of `MENUS`; ``Menu/Submenu`` nests.
+    shortcut : str
+        Portable text of the key sequence, or nothing.
+    icon : str
+        File name without suffix in the resources, or nothing.
+    needs : str
+        What must hold for it to be possible: a name that `availability.available` returns.
+    checkable : bool
+        Whether it switches something on and off.
+    choice : str
+        Commands with the same word are alternatives: one of them is on.
+    ends_section : bool
+        Whether a line follows in the menu.
+    """
+
+    id: str
+    title: str
+    help: str
+    menu: str
+    shortcut: str = ""
+    icon: str = ""
+    needs: str = "always"
+    checkable: bool = False
+    choice: str = ""
+    ends_section: bool = False
+
+
+COMMANDS = (
+    Command("file.new", "New from folder…", "Start a study from a folder of segmentations or surfaces.",
+            "File", "Ctrl+N", "new", "idle"),
+    Command("file.add", "Add files…", "Add segmentations or surfaces to the study.",
+            "File", "Ctrl+Shift+N", "files", "idle"),
+    Command("file.open", "Open project…", "Open a project folder.", "File", "Ctrl+O", "open", "idle"),
+    Command("file.sample", "Coffee beans", "Make the sample cohort and show the one-minute tour.",
+            "File", "", "bean", "idle", ends_section=True),
+    Command("file.save", "Save", "Save the project.", "File", "Ctrl+S", "save", "unsaved"),
+    Command("file.save_as", "Save as…", "Save the project to another folder.",
+            "File", "Ctrl+Shift+S", "save", "study", ends_section=True),
+    Command("file.import", "Import table…", "Read groups and covariates from a CSV file.",
+            "File", "", "import", "study"),
+    Command("file.export", "Export table…", "Write names, files, groups and covariates to a CSV file.",
+            "File", "", "export", "study", ends_section=True),
+    Command("file.close", "Close project", "Go back to the start page.", "File", "Ctrl+W", "", "study"),
+    Command("file.quit", "Quit", "Close the window.", "File", "Ctrl+Q"),
+    Command("edit.undo", "Undo", "Take back the last edit of cohort or settings.",
+            "Edit", "Ctrl+Z", "undo", "undo"),
+    Command("edit.redo", "Redo", "Make the last edit that was taken back again.",
+            "Edit", "Ctrl+Shift+Z", "redo", "redo", ends_section=True),
+    Command("edit.group", "Set group…", "Give the selected subjects a group.",
+            "Edit", "Ctrl+G", "tag", "selection"),
+    Command("edit.include", "Include or exclude", "Take the selected subjects in or leave them out.",
+            "Edit", "Ctrl+E", "exclude", "selection"),
+    Command("edit.remove", "Remove", "Take the selected subjects off the list; their files stay.",
+            "Edit", "Ctrl+Backspace", "remove", "removable", ends_section=True),
+    Command("edit.preferences", "Preferences…", "Colours, device and confirmations.",
+            "Edit", "Ctrl+,", "preferences"),
+    Command("view.cohort", "Cohort", "Who is studied.", "View/Step", "F1", "cohort", "study"),
+    Command("view.groom", "Groom", "From segmentations to smooth surfaces.", "View/Step", "F2", "groom", "study"),
+    Command("view.correspond", "Correspond", "Place corresponding particles.",
+            "View/Step", "F3", "correspond", "groomed"),
+    Command("view.explore", "Explore", "Look at the result and play the run again.",
+            "View/Step", "F4", "explore", "result"),
+    Command("view.grid1", "1 view", "One subject.", "View/Layout", "Ctrl+1", "grid1", "study", True, "grid"),
+    Command("view.grid4", "4 views", "Four subjects.", "View/Layout", "Ctrl+2", "grid4", "study", True, "grid"),
+    Command("view.grid9", "9 views", "Nine subjects.", "View/Layout", "Ctrl+3", "grid9", "study", True, "grid"),
+    Command("view.grid16", "16 views", "Sixteen subjects.",
+            "View/Layout", "Ctrl+4", "grid16", "study", True, "grid"),
+    Command("view.previous", "Previous page", "Show the subjects before.",
+            "View/Layout", "PgUp", "previous", "previous_page"),
+    Command("view.next", "Next page", "Show the subjects after.", "View/Layout", "PgDown", "next", "next_page"),
+    Command("view.link", "Link cameras", "Turn all views together.",
+            "View/Camera", "L", "link", "study", True),
+    Command("view.reset", "Fit to view", "Show the whole shapes.", "View/Camera", "R", "reset", "study"),
+    Command("view.right", "From the right", "Look from the patient's right (R).",
+            "View/Camera", "X", "axes", "study"),
+    Command("view.left", "From the left", "Look from the patient's left (L).",
+            "View/Camera", "Shift+X", "axes", "study"),
+    Command("view.front", "From the front", "Look from the front (A).", "View/Camera", "Y", "axes", "study"),
+    Command("view.back", "From behind", "Look from behind (P).", "View/Camera", "Shift+Y", "axes", "study"),
+    Command("view.feet", "From below", "Look from the feet (I).", "View/Camera", "Z", "axes", "study"),
+    Command("view.head", "From above", "Look from the head (S).", "View/Camera", "Shift+Z", "axes", "study"),
+    Command("view.raw", "Input surface", "Show the segmentation as it is in the file.",
+            "View", "1", "layers", "study", True),
+    Command("view.groomed", "Groomed surface", "Show the surface that grooming made.",
+            "View", "2", "groom", "groomed", True),
+    Command("view.particles", "Particles", "Show the corresponding particles.",
+            "View", "3", "particles", "particles", True),
+    Command("view.slice", "Slices", "Show the file's slices with the groomed contour over them.",
+            "View", "4", "slice", "study", True, ends_section=True),
+    Command("view.screenshot", "Screenshot…", "Save a picture of the views, up to four times as large.",
+            "View", "Ctrl+P", "screenshot", "study"),
+    Command("view.copy", "Copy picture", "Put a picture of the views on the clipboard.",
+            "View", "Ctrl+Shift+C", "copy", "study", ends_section=True),
+    Command("view.theme", "Light or dark", "Change between the light and the dark scheme.",
+            "View", "Ctrl+Shift+D", "theme"),
+    Command("view.log", "Log", "Show what the program reported.", "View", "Ctrl+L", "log", checkable=True),
+    Command("run.groom", "Groom", "Make smooth surfaces of the included subjects.",
+            "Run", "Ctrl+Shift+G", "groom", "cohort"),
+    Command("run.regroom", "Groom selected again", "Groom only the selected subject, with the present settings.",
+            "Run", "", "redo_one", "groomed_selection", ends_section=True),
+    Command("run.start", "Run", "Place the particles.", "Run", "Ctrl+R", "play", "ready"),
+    Command("run.pause", "Pause or go on", "Hold the run at the next step, or go on.",
+            "Run", "Ctrl+Space", "pause", "running"),
+    Command("run.cancel", "Cancel", "Stop at once and keep what is there.", "Run", "Ctrl+.", "stop", "busy"),
+    Command("run.resume", "Resume", "Go on from the last checkpoint.",
+            "Run", "Ctrl+Shift+R", "next", "resumable", ends_section=True),
+    Command("run.play", "Play", "Play the finished run from its stored frames.",
+            "Run", "Space", "play", "frames"),
+    Command("help.palette", "Find a command…", "Search every command by name.",
+            "Help", "Ctrl+Shift+P", "search"),
+    Command("help.shortcuts", "Keyboard shortcuts", "List every shortcut.", "Help", "Ctrl+/", "keyboard"),
+    Command("help.tour", "Tour", "Show the one-minute tour again.", "Help", "", "help", "study",
+            ends_section=True),
+    Command("help.report", "Save problem report…", "Write settings, versions and the last messages to a file.",
+            "Help", "", "log"),
+    Command("help.about", "About Homolog", "Version, device and licence.", "Help", "", "help"),
+)  # fmt: skip
+
+_BY_ID = {one.id: one for one in COMMANDS}
+
+
+def command(identifier: str) -> Command:
+    """Return the command of an id."""
+    return _BY_ID[identifier]

@@ -1,0 +1,110 @@
+"""What one window works on: theme, preferences, session, work and journal."""
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtCore import QObject, QTimer, Slot
+
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog.settings import RunSettings
+from homolog_app.window.journal import Journal, JournalRecord
+from homolog_app.window.log_pane import LogMemory
+from homolog_app.window.preferences import Preferences
+from homolog_app.window.session import Session
+from homolog_app.window.study_files import ViewRecord, record_of
+from homolog_app.window.theme import Theme
+from homolog_app.window.work import Work
+
+__all__ = ["Desk"]
+
+_log = logging.getLogger(__name__)
+_JOURNAL_MS = 1000
+
+
+class Desk(QObject):
+    """Everything of a window that is not a widget."""
+
+    def __init__(self, home: Path, theme: Theme, memory: LogMemory) -> None:
+        super().__init__()
+        self.theme, self.memory = theme, memory
+        self.home = home
+        self.preferences = Preferences(home / "preferences.ini")
+        self.sessions = home / "sessions"
+        self.journal = Journal(self.sessions)
+        self.session = Session(self)
+        self.work = Work(self.session, self)
+        self.closed = False
+        self._autosave = QTimer(self, interval=_JOURNAL_MS, singleShot=True)
+        self._autosave.timeout.connect(self.write_journal)
+        self.session.study_changed.connect(self._autosave.start)
+        self.session.project_changed.connect(self._autosave.start)
+
+    @property
+    def project(self) -> Project:
+        """The folder where grooming and runs are kept: the open project, or a draft until it is saved."""
+        return Project(self.session.folder) if self.session.folder else self.journal.draft
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether something would be lost by closing."""
+        session = self.session
+        unsaved = session.folder is None and bool(session.study.members)
+        return unsaved or not session.undo.isClean()
+
+    def handlers(self) -> dict[str, Callable[[], object]]:
+        """Return what the commands of the work do."""
+        return {
+            "run.groom": self.groom,
+            "run.regroom": self.groom_selected,
+            "run.start": lambda: self.run(resume=False),
+            "run.resume": lambda: self.run(resume=True),
+            "run.pause": self.work.pause_or_go_on,
+            "run.cancel": self.work.cancel,
+        }
+
+    def groom(self) -> None:
+        """Groom every included subject."""
+        self.work.groom(self.session.study.cohort, self.project)
+
+    def groom_selected(self) -> None:
+        """Groom the selected subject with the present settings; the others stay as they are."""
+        self.work.groom_one(self.session.selection[0], self.project)
+
+    def run(self, *, resume: bool) -> None:
+        """Place the particles, and note in the journal that a run is going on."""
+        self.work.run(self.project, resume=resume)
+        self.write_journal()
+
+    def edit_settings(self, part: str, name: str, value: object) -> None:
+        """Put an edited part of the settings in."""
+        settings = self.session.study.settings
+        changed: RunSettings = settings.model_copy(update={part: value})
+        self.session.edit_settings(f"{name.replace('_', ' ').capitalize()}", changed, f"{part}.{name}")
+
+    @Slot()
+    def write_journal(self) -> None:
+        """Write down what is open, for the case that the program dies."""
+        running = self.work.run_job is not None
+        if not self.is_changed and not running:
+            self.journal.clear_record()
+            return
+        folder = self.session.folder
+        record = JournalRecord(
+            folder=str(folder) if folder else None,
+            study=record_of(self.session.study, self.project, ViewRecord()),
+            running=running,
+        )
+        try:
+            self.journal.write(record)
+        except InputError as error:
+            _log.warning("no crash recovery: %s", error)
+
+    def close(self) -> None:
+        """Stop the thread and leave nothing behind."""
+        self.closed = True
+        self._autosave.stop()
+        if not self.work.runner.close():
+            _log.error("the computing thread did not stop in time")
+        self.journal.close()

@@ -1,0 +1,42 @@
+"""The fourth step: the result."""
+
+from PySide6.QtCore import Qt
+
+from homolog_app.window.session import Session
+from homolog_app.window.widgets import Panel, label
+
+__all__ = ["ExplorePanel"]
+
+
+class ExplorePanel(Panel):
+    """What the run came to, and how to look at it."""
+
+    def __init__(self, session: Session) -> None:
+        super().__init__("Explore", "Equal colours mark corresponding places. Turn, page and play.")
+        self._session = session
+        self.summary = label("", wrap=True)
+        self.summary.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.files = label("", "Hint", wrap=True)
+        self.files.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.body.addWidget(label("Result", "SectionTitle"))
+        self.body.addWidget(self.summary)
+        self.body.addWidget(label("Run again", "SectionTitle"))
+        self.body.addWidget(
+            label("Space plays the run from its stored frames; the slider below the views goes to any moment.",
+                  "Hint", wrap=True)
+        )  # fmt: skip
+        self.body.addWidget(label("Files", "SectionTitle"))
+        self.body.addWidget(self.files)
+        self.body.addStretch()
+        session.facts_changed.connect(self._show)
+        session.project_changed.connect(self._show)
+
+    def _show(self) -> None:
+        loaded = self._session.result
+        self.summary.setText(loaded.summary if loaded else "")
+        folder = self._session.folder
+        self.files.setText(
+            f"Particles, shape model and tables are in {folder}."
+            if folder
+            else "Save the project to keep particles, shape model and tables."
+        )

@@ -1,0 +1,213 @@
+"""A form made from a settings model: one row a setting, with its unit, bounds and help."""
+
+from enum import Enum
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QGridLayout,
+    QLabel,
+    QLineEdit,
+    QSpinBox,
+    QVBoxLayout,
+    QWidget,
+)
+
+from homolog.parameters import Parameter, parameters
+from homolog_app.window.quantities import parse_number
+from homolog_app.window.widgets import GRID, button, label
+
+__all__ = ["SettingsForm", "SettingsPair"]
+
+_WORDS = {
+    "geodesic-normals": "Geodesics and normals (the paper's)",
+    "geodesic": "Geodesics only",
+    "normals": "Normals only",
+    "euclidean": "Euclidean (Cates et al.)",
+    "icp": "ICP to a medoid shape",
+    "axes": "Principal axes",
+    "center": "Centre of mass",
+    "none": "None",
+}
+
+
+class SettingsForm(QWidget):
+    """Shows a settings model and reports each valid edit as a changed model."""
+
+    edited = Signal(str, object)
+
+    def __init__(self, model: type[BaseModel], leave_out: tuple[str, ...] = ()) -> None:
+        super().__init__()
+        self._model = model()
+        self._rows: dict[str, _Row] = {}
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(2 * GRID)
+        for one in parameters(model):
+            if one.name not in leave_out:
+                row = _Row(one)
+                row.entered.connect(self._enter)
+                self._rows[one.name] = row
+                layout.addWidget(row)
+
+    def show_values(self, model: BaseModel) -> None:
+        """Show the settings; nothing is reported."""
+        self._model = model
+        for name, row in self._rows.items():
+            row.show_value(getattr(model, name))
+
+    def _enter(self, name: str, value: object) -> None:
+        try:
+            changed = type(self._model).model_validate(self._model.model_dump() | {name: value})
+        except ValidationError:
+            self._rows[name].refuse()
+            return
+        self._rows[name].accept()
+        if changed != self._model:
+            self._model = changed
+            self.edited.emit(name, changed)
+
+
+class SettingsPair(QWidget):
+    """The settings that matter most, and the others folded below them."""
+
+    edited = Signal(str, object)
+
+    def __init__(self, model: type[BaseModel], main: tuple[str, ...], more: tuple[str, ...]) -> None:
+        super().__init__()
+        self.main = SettingsForm(model, leave_out=more)
+        self.more = SettingsForm(model, leave_out=main)
+        self.more.hide()
+        self.unfold = button("More settings ▸", "flat")
+        self.unfold.setCheckable(True)
+        self.unfold.toggled.connect(self._fold)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(GRID)
+        layout.addWidget(self.main)
+        layout.addWidget(self.unfold, alignment=Qt.AlignmentFlag.AlignLeft)
+        layout.addWidget(self.more)
+        for form in (self.main, self.more):
+            form.edited.connect(self.edited)
+
+    def show_values(self, values: BaseModel) -> None:
+        """Show the settings in both parts."""
+        self.main.show_values(values)
+        self.more.show_values(values)
+
+    def _fold(self, open_: bool) -> None:
+        self.more.setVisible(open_)
+        self.unfold.setText("More settings ▾" if open_ else "More settings ▸")
+
+
+class _Row(QWidget):
+    """Label, editor and unit in one line, the help below."""
+
+    entered = Signal(str, object)
+
+    def __init__(self, parameter: Parameter) -> None:
+        super().__init__()
+        self._parameter = parameter
+        self._help = label(_help(parameter), "FieldHelp", wrap=True)
+        self._editor = self._make_editor()
+        self._editor.setAccessibleName(parameter.label)
+        self._editor.setAccessibleDescription(parameter.help)
+        self._editor.setToolTip(_help(parameter))
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setHorizontalSpacing(GRID)
+        grid.setVerticalSpacing(GRID // 2)
+        wide = isinstance(self._editor, QComboBox)
+        name = QLabel(parameter.label.capitalize())
+        name.setBuddy(self._editor)
+        grid.addWidget(name, 0, 0, 1, 3 if wide else 1)
+        grid.addWidget(self._editor, 1 if wide else 0, 0 if wide else 1, 1, 3 if wide else 1)
+        if parameter.unit:
+            grid.addWidget(label(parameter.unit, "Unit"), 0, 2)
+        grid.addWidget(self._help, 2, 0, 1, 3)
+        grid.setColumnStretch(0, 1)
+
+    def show_value(self, value: object) -> None:
+        """Show a value without reporting it."""
+        editor = self._editor
+        editor.blockSignals(True)
+        if isinstance(editor, QCheckBox):
+            editor.setChecked(bool(value))
+        elif isinstance(editor, QComboBox):
+            editor.setCurrentIndex(editor.findData(value.value if isinstance(value, Enum) else value))
+        elif isinstance(editor, QSpinBox):
+            editor.setValue(int(str(value)))
+        elif isinstance(editor, QLineEdit) and not editor.hasFocus():
+            editor.setText("" if value is None else f"{value:g}" if isinstance(value, float) else str(value))
+        editor.blockSignals(False)
+        self.accept()
+
+    def refuse(self) -> None:
+        """Mark what was typed as no such value, and say what is."""
+        bounds = self._parameter.bounds
+        self._mark(
+            f"Must be {bounds} {self._parameter.unit}".strip() if bounds else "Not a possible value",
+            "Problem",
+        )
+
+    def accept(self) -> None:
+        """Show the help again."""
+        self._mark(_help(self._parameter), "FieldHelp")
+
+    def _mark(self, text: str, look: str) -> None:
+        self._help.setText(text)
+        if self._help.objectName() != look:
+            self._help.setObjectName(look)
+            for one in (self._help, self._editor):
+                one.setProperty("invalid", look == "Problem")
+                one.style().unpolish(one)
+                one.style().polish(one)
+
+    def _make_editor(self) -> QWidget:
+        one = self._parameter
+        if one.kind is bool:
+            tick = QCheckBox()
+            tick.toggled.connect(self._report)
+            return tick
+        if one.choices:
+            choice = QComboBox()
+            for value in one.choices:
+                choice.addItem(_WORDS.get(value, value.capitalize()), value)
+            choice.activated.connect(lambda _: self._report(choice.currentData()))
+            return choice
+        if one.kind is int and not one.automatic and one.low is not None and one.high is not None:
+            number = QSpinBox(minimum=int(one.low), maximum=int(one.high), keyboardTracking=False)
+            number.setMinimumWidth(112)
+            number.setAlignment(Qt.AlignmentFlag.AlignRight)
+            number.valueChanged.connect(self._report)
+            return number
+        text = QLineEdit(placeholderText="automatic" if one.automatic else "")
+        text.setFixedWidth(112)
+        text.setAlignment(Qt.AlignmentFlag.AlignRight)
+        text.textEdited.connect(self._report_text)
+        return text
+
+    def _report(self, value: Any) -> None:  # noqa: ANN401 - whatever the editor holds
+        self.entered.emit(self._parameter.name, value)
+
+    def _report_text(self, text: str) -> None:
+        if not text.strip() and self._parameter.automatic:
+            self._report(None)
+            return
+        try:
+            number = parse_number(text)
+        except ValueError:
+            self.refuse()
+            return
+        self._report(int(number) if self._parameter.kind is int and number.is_integer() else number)
+
+
+def _help(one: Parameter) -> str:
+    return (
+        f"{one.help} ({one.bounds} {one.unit})".replace(" )", ")")
+        if one.bounds and one.kind is float
+        else one.help
+    )

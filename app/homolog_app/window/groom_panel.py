@@ -1,0 +1,83 @@
+"""The second step: from segmentations to smooth surfaces."""
+
+from PySide6.QtCore import Qt, Signal
+
+from homolog.settings import GroomSettings
+from homolog_app.window.actions import Actions
+from homolog_app.window.form import SettingsPair
+from homolog_app.window.progress import Progress
+from homolog_app.window.runner import Status
+from homolog_app.window.session import Groomed, Session
+from homolog_app.window.widgets import Panel, button, label, rule
+
+__all__ = ["GroomPanel"]
+
+_ADVANCED = ("spacing", "scaling", "mesh_edge", "adaptive_mesh")
+_MAIN = ("label", "smoothing", "alignment")
+
+
+class GroomPanel(Panel):
+    """Settings of grooming, its button, and what it did to the selected subject."""
+
+    settings_edited = Signal(str, object)
+
+    def __init__(self, session: Session, actions: Actions) -> None:
+        super().__init__("Groom", "Fill, smooth and align the shapes. Check the contours before going on.")
+        self._session = session
+        self.form = SettingsPair(GroomSettings, _MAIN, _ADVANCED)
+        self.form.edited.connect(self.settings_edited)
+        self.report = label("", "Hint", wrap=True)
+        self.report.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.subject = label("", "SectionTitle")
+        self.again = button("Groom this one again")
+        self.again.clicked.connect(actions["run.regroom"].trigger)
+        self.body.addWidget(self.form)
+        self.body.addWidget(rule())
+        for one in (self.subject, self.report, self.again):
+            self.body.addWidget(one)
+        self.body.addStretch()
+        self.progress = Progress(actions)
+        self.go = button("Groom", "primary")
+        self.go.clicked.connect(actions["run.groom"].trigger)
+        self.proceed = button("Next: Correspond", "primary")
+        self.proceed.clicked.connect(actions["view.correspond"].trigger)
+        for widget in (self.progress, self.go, self.proceed):
+            self.footer.addWidget(widget)
+        for signal in (session.study_changed, session.facts_changed, session.selection_changed):
+            signal.connect(self._show)
+        self._show()
+
+    def show_busy(self, status: Status | None) -> None:
+        """Show the progress of grooming, or that nothing goes on."""
+        self.progress.show_status(status)
+        self.go.setVisible(status is None)
+        self._show()
+
+    def _show(self) -> None:
+        session = self._session
+        self.form.show_values(session.study.settings.groom)
+        idle = not self.progress.isVisibleTo(self)
+        count = len(session.study.included)
+        self.go.setText(f"Groom {count} subjects" if not session.is_groomed else "Groom all again")
+        self.go.setEnabled(count > 0)
+        self.go.setProperty("primary", "false" if session.is_groomed else "true")
+        self.go.style().polish(self.go)
+        self.proceed.setVisible(idle and session.is_groomed)
+        name = session.selection[0] if session.selection else ""
+        groomed = session.groomed.get(name)
+        for widget in (self.subject, self.report, self.again):
+            widget.setVisible(groomed is not None)
+        if groomed is not None:
+            self.subject.setText(name)
+            self.report.setText(_sentences(groomed))
+
+
+def _sentences(groomed: Groomed) -> str:
+    report = groomed.subject.report
+    change = 100.0 * (report.volume_after / report.volume_before - 1.0)
+    lines = [
+        f"Volume {report.volume_before:.3g} ml in the file, {report.volume_after:.3g} ml groomed ({change:+.1f} %)",
+        f"{len(groomed.subject.mesh.vertices)} vertices, {report.genus} handle{'s' * (report.genus != 1)}",
+        *report.notes,
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,109 @@
+"""Palette, shortcuts, preferences, errors, reports and About."""
+
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject, Slot
+from PySide6.QtWidgets import QDialog, QFileDialog, QMessageBox
+
+from homolog import __version__
+from homolog.errors import InputError, NumericalError
+from homolog.files.atomic import write_text
+from homolog_app.window.asking import reported
+from homolog_app.window.error_dialog import ErrorDialog
+from homolog_app.window.icons import pixmap
+from homolog_app.window.palette import CommandPalette
+from homolog_app.window.preferences import PreferencesDialog
+from homolog_app.window.problem_report import problem_report
+from homolog_app.window.shortcut_sheet import ShortcutSheet
+
+if TYPE_CHECKING:
+    from homolog_app.window.main_window import MainWindow
+
+__all__ = ["Helping"]
+
+_TITLES = {"groom": "Grooming stopped", "run": "The run stopped", "open": "The result can't be read"}
+
+
+class Helping(QObject):
+    """Everything that explains."""
+
+    def __init__(self, window: "MainWindow") -> None:
+        super().__init__(window)
+        self._window, self._desk = window, window.desk
+
+    def handlers(self) -> dict[str, Callable[[], object]]:
+        """Return what the commands of help do."""
+        return {
+            "help.palette": self.show_palette,
+            "help.shortcuts": self.show_shortcuts,
+            "help.report": self.save_report,
+            "help.about": self.show_about,
+            "edit.preferences": self.show_preferences,
+            "view.theme": self.change_scheme,
+        }
+
+    @Slot(str, object)
+    def show_error(self, kind: str, error: BaseException) -> None:
+        """Show what happened and what to do; a defect of the program asks for a report."""
+        known = isinstance(error, InputError | NumericalError)
+        title = _TITLES.get(kind, "This did not work")
+        words = (
+            str(error) if known else "This is a defect of the program. Please save a report and send it in."
+        )
+        details = "".join(traceback.format_exception(error))
+        ErrorDialog(self._window, self._desk.theme, title, words, details, self.save_report).open()
+
+    def show_palette(self) -> None:
+        """Let the user find a command by typing."""
+        palette = CommandPalette(self._window, self._window.commands)
+        place = self._window.rect().center()
+        palette.move(self._window.mapToGlobal(place) - palette.rect().center() - palette.rect().topLeft() / 2)
+        palette.exec()
+        chosen = palette.chosen
+        palette.deleteLater()
+        if chosen is not None:
+            chosen.trigger()
+
+    def show_shortcuts(self) -> None:
+        """List every shortcut."""
+        ShortcutSheet(self._window).open()
+
+    def show_preferences(self) -> None:
+        """Let the user change preferences."""
+        preferences = self._desk.preferences
+        dialog = PreferencesDialog(self._window, preferences)
+        if dialog.exec() == QDialog.DialogCode.Accepted:
+            dialog.store(preferences)
+            self._desk.theme.choose(preferences.scheme)
+        dialog.deleteLater()
+
+    def change_scheme(self) -> None:
+        """Change between light and dark."""
+        self._desk.preferences.scheme = "light" if self._desk.theme.is_dark else "dark"
+        self._desk.theme.choose(self._desk.preferences.scheme)
+
+    @reported
+    def save_report(self, details: str = "") -> None:
+        """Ask for a file and write the problem report."""
+        path, _ = QFileDialog.getSaveFileName(
+            self._window, "Save report", "homolog-report.txt", "Texts (*.txt)"
+        )
+        if path:
+            write_text(Path(path), problem_report(self._desk.session, self._desk.memory, details or ""))
+
+    def show_about(self) -> None:
+        """Show version, device and licence."""
+        box = QMessageBox(self._window)
+        box.setWindowTitle("About Homolog")
+        box.setIconPixmap(pixmap("homolog", "", 64))
+        box.setText(f"Homolog {__version__}")
+        box.setInformativeText(
+            "Corresponding points on ensembles of anatomical shapes.\n"
+            f"{self._window.status.device.text()}\n"
+            "MIT licence. For research use, not for diagnosis."
+        )
+        box.exec()
+        box.deleteLater()

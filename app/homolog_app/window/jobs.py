@@ -1,0 +1,139 @@
+"""The long jobs of the window. Their functions run in the computing thread and know no Qt.
+
+What they need of the core is slow to import, so they do it themselves.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from homolog.arrays import FloatArray
+from homolog.cohort import Cohort, Subject
+from homolog.errors import Cancelled
+from homolog.files.project import Project
+from homolog.progress import Tick, part_of
+from homolog.settings import GroomSettings, RunSettings
+from homolog_app.window.loaded import Loaded, Recorder, load_result
+
+if TYPE_CHECKING:
+    from homolog.correspondence import Frame
+    from homolog.grooming import GroomedSubject
+    from homolog.run import RunStatus
+    from homolog_app.window.survey import Survey
+
+__all__ = ["Devices", "RunJob", "groom", "make_sample", "prepare", "read_files"]
+
+_SAMPLE_SEED = 5
+_SAMPLE_COMPLETE = ".complete"
+
+
+@dataclass(frozen=True, slots=True)
+class Devices:
+    """The machine's devices: alias and words for people, and the one that automatic takes."""
+
+    words: dict[str, str]
+    automatic: str
+
+
+def prepare(tick: Tick) -> Devices:
+    """Import what is heavy and compile the kernels, so that the first run starts at once."""
+    tick(0.0, "preparing compute kernels (first start only)")
+    import warp
+
+    from homolog.device import choose_device, describe_device
+
+    automatic = choose_device("auto")
+    aliases = ["cpu", *(device.alias for device in warp.get_cuda_devices())]
+    words = {"auto": f"Automatic ({describe_device(automatic)})"}
+    words |= {alias: describe_device(alias) for alias in aliases}
+    modules = _kernel_modules()
+    for number, module in enumerate(modules):
+        tick(number / len(modules), "preparing compute kernels (first start only)")
+        warp.load_module(module, device=automatic)
+    return Devices(words, automatic)
+
+
+def _kernel_modules() -> list[object]:
+    import importlib
+
+    parts = ("surfaces", "geodesics", "correspondence")
+    return [importlib.import_module(f"homolog.{part}.kernels") for part in parts]
+
+
+def read_files(
+    subjects: Sequence[Subject], label: int | None, arrived: "Callable[[Survey], None]", tick: Tick
+) -> None:
+    """Look into each file and hand over what is found, one by one."""
+    from homolog_app.window.survey import survey_subject
+
+    for number, subject in enumerate(subjects):
+        tick(number / len(subjects), f"reading {subject.name}")
+        arrived(survey_subject(subject, label))
+
+
+def make_sample(folder: Path, tick: Tick) -> Path:
+    """Write the coffee-bean cohort, unless it is there already; return its folder."""
+    from homolog.beans.files import write_beans
+    from homolog.beans.generate import draw_beans
+
+    if not (folder / _SAMPLE_COMPLETE).is_file():
+        write_beans(folder, draw_beans(), _SAMPLE_SEED, tick)
+        (folder / _SAMPLE_COMPLETE).touch()
+    return folder
+
+
+def groom(
+    cohort: Cohort, settings: GroomSettings, project: Project, tick: Tick
+) -> "tuple[list[GroomedSubject], FloatArray]":
+    """Groom and align a cohort; what was groomed before comes from the project."""
+    from homolog.grooming import align, groom_cohort
+
+    groomed = groom_cohort(cohort, settings, cache=project.groomed, tick=part_of(tick, 0.0, 0.9))
+    tick(0.9, "aligning")
+    return groomed, align(groomed, settings)
+
+
+class RunJob:
+    """A run of the pipeline, with its frames recorded and its result read back."""
+
+    def __init__(self, project: Project, cohort: Cohort, settings: RunSettings, *, resume: bool) -> None:
+        from homolog.run import Run
+
+        self._run = Run(project, cohort, settings, resume=resume)
+        self._last: "Frame | None" = None
+        self.recorder = Recorder()
+        self.names = [one.name for one in cohort.subjects]
+
+    @property
+    def status(self) -> "RunStatus":
+        """Where the run is."""
+        return self._run.status
+
+    @property
+    def frame(self) -> "Frame | None":
+        """The newest particles."""
+        return self._run.frame
+
+    def cancel(self) -> None:
+        """End as soon as possible; a checkpoint stays."""
+        self._run.cancel()
+
+    def set_paused(self, paused: bool) -> None:
+        """Wait, or go on."""
+        self._run.set_paused(paused)
+
+    def execute(self) -> Loaded:
+        """Do the run and read its result; raises Cancelled if it was cancelled."""
+        from homolog.run import FinishReason
+
+        if self._run.execute(self._watch) is FinishReason.CANCELLED:
+            raise Cancelled("cancelled")
+        self.recorder.write(self._run.project)
+        return load_result(self._run.project)
+
+    def _watch(self, status: "RunStatus") -> None:
+        frame = self._run.frame
+        if frame is not None and frame is not self._last:
+            self._last = frame
+            self.recorder.take(frame.iteration, frame.world, frame.energies)

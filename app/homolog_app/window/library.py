@@ -1,0 +1,286 @@
+"""Studies on disk: new, add, open, save, import, export, close, recover."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QMimeData, QObject
+from PySide6.QtWidgets import QFileDialog, QInputDialog
+
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog_app.window.asking import ask, reported
+from homolog_app.window.journal import Lost, find_lost
+from homolog_app.window.study import Study, found_subjects, with_table
+from homolog_app.window.study_files import ViewRecord, open_project, save_project, study_of
+
+if TYPE_CHECKING:
+    from homolog_app.window.main_window import MainWindow
+
+__all__ = ["Library", "dropped_paths"]
+
+_FILES = "Segmentations and surfaces (*.nrrd *.nhdr *.nii *.nii.gz *.mha *.mhd *.vtp *.vtk *.ply *.stl *.obj)"
+_TABLES = "Tables (*.csv)"
+
+
+def dropped_paths(data: QMimeData) -> list[Path]:
+    """Return the files and folders that are dragged."""
+    return [Path(url.toLocalFile()) for url in data.urls() if url.isLocalFile()]
+
+
+class Library(QObject):
+    """Opens and saves; asks before anything is lost."""
+
+    def __init__(self, window: "MainWindow") -> None:
+        super().__init__(window)
+        self._window, self._desk = window, window.desk
+        page = window.start_page
+        page.opened.connect(lambda path: self.take([Path(path)]))
+        page.located.connect(lambda path: self.locate(Path(path)))
+        page.forgotten.connect(self._forget)
+        self.show_recent()
+
+    def handlers(self) -> dict[str, Callable[[], object]]:
+        """Return what the commands of files do."""
+        return {
+            "file.new": self._new, "file.add": self._add, "file.open": self._open, "file.save": self.save,
+            "file.save_as": self.save_as, "file.import": self._import, "file.export": self._export,
+            "file.close": self.leave, "edit.group": self._group, "edit.include": self._include,
+            "edit.remove": self._remove,
+        }  # fmt: skip
+
+    def show_recent(self) -> None:
+        """List the projects opened last on the start page."""
+        self._window.start_page.show_recent(self._desk.preferences.recent)
+
+    @reported
+    def take(self, paths: Sequence[Path]) -> None:
+        """Open a project, or add what was dropped or chosen to the study."""
+        if len(paths) == 1 and Project(paths[0]).exists:
+            if self.may_leave():
+                self.open(paths[0])
+            return
+        session = self._desk.session
+        study = session.study.adding(found_subjects(paths))
+        session.edit("Add subjects", study)
+        if not session.selection and study.members:
+            session.select([study.members[0].name])
+
+    @reported
+    def open(self, folder: Path) -> None:
+        """Open a project and read its result."""
+        project = Project(folder)
+        opened = open_project(project)
+        self._desk.journal.clear()
+        self._desk.session.open(opened.study, folder)
+        self._desk.session.select(opened.view.selection or [one.name for one in opened.study.members[:1]])
+        self._desk.preferences.remember(folder)
+        self.show_recent()
+        missing = [one.name for one in opened.study.members if not one.subject.path.exists()]
+        if missing:
+            self._relocate(missing)
+        if opened.has_result:
+            self._desk.work.open_result(project)
+        self._window.show_step("explore" if opened.has_result else "cohort")
+
+    def save(self) -> None:
+        """Save to the project's folder, or ask for one."""
+        folder = self._desk.session.folder
+        if folder is None:
+            self.save_as()
+        else:
+            self.save_to(folder)
+
+    def save_as(self) -> None:
+        """Ask for a folder and save there."""
+        path, _ = QFileDialog.getSaveFileName(self._window, "Save project as (a folder is made)", "Study")
+        if path:
+            self.save_to(Path(path))
+
+    @reported
+    def save_to(self, folder: Path) -> None:
+        """Save the study, and what was computed for it, to a folder."""
+        import shutil
+
+        session, before = self._desk.session, self._desk.project
+        if folder != session.folder:
+            if folder.exists() and any(folder.iterdir()):
+                raise InputError(f"{folder}: is not empty; choose a new name for the project")
+            if before.folder.is_dir():
+                shutil.copytree(
+                    before.folder, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".lock")
+                )
+        save_project(Project(folder), session.study, self._view())
+        moved = folder != session.folder
+        session.folder = folder
+        session.undo.setClean()
+        if moved:
+            self._desk.journal.clear()
+        self._desk.journal.clear_record()
+        self._desk.preferences.remember(folder)
+        self.show_recent()
+        session.project_changed.emit()
+        self._window.status.say(f"Saved to {folder}")
+
+    def may_leave(self) -> bool:
+        """Ask about a run that goes on and about unsaved edits; return whether to go on."""
+        desk = self._desk
+        if not desk.preferences.ask_on_close:
+            return True
+        if desk.work.is_busy and ask(
+            self._window, "The work is not finished", "Stop it? A run can be resumed from its last checkpoint.",
+            ("Stop", "Go on"),
+        ) != "Stop":  # fmt: skip
+            return False
+        if not desk.is_changed:
+            return True
+        answer = ask(
+            self._window, f"Save {desk.session.title}?", "Edits since the last time will be lost otherwise.",
+            ("Save", "Don't save", "Cancel"),
+        )  # fmt: skip
+        if answer == "Save":
+            self.save()
+            return not desk.is_changed
+        return answer == "Don't save"
+
+    def leave(self) -> None:
+        """Close the project and go back to the start page."""
+        if self.may_leave():
+            self.begin()
+
+    def begin(self) -> None:
+        """Give up what is open and begin with an empty study."""
+        self._desk.work.cancel()
+        self._desk.journal.clear()
+        self._desk.session.open(Study(), None)
+        self._window.show_step("cohort")
+
+    @reported
+    def locate(self, gone: Path) -> None:
+        """Ask where a project is now."""
+        path = QFileDialog.getExistingDirectory(self._window, f"Where is {gone.name}?")
+        if path:
+            self._desk.preferences.relocate(gone, Path(path))
+            self.open(Path(path))
+
+    @reported
+    def offer_recovery(self) -> None:
+        """Offer what windows that are gone left behind; the newest first."""
+        for lost in find_lost(self._desk.sessions):
+            name = Path(lost.record.folder).name if lost.record.folder else "a study that was never saved"
+            words = f"{len(lost.record.study.subjects)} subjects" + (
+                ", a run was going on" if lost.record.running else ", unsaved edits"
+            )
+            answer = ask(
+                self._window, f"Recover {name}?", f"The program ended without closing it: {words}.",
+                ("Recover", "Later", "Discard"),
+            )  # fmt: skip
+            if answer == "Discard":
+                lost.discard()
+            elif answer == "Recover":
+                self._recover(lost)
+                return
+
+    def _recover(self, lost: Lost) -> None:
+        desk, session = self._desk, self._desk.session
+        study = study_of(lost.record.study, lost.base)
+        folder = Path(lost.record.folder) if lost.record.folder else None
+        saved = open_project(Project(folder)).study if folder is not None else Study()
+        desk.journal.adopt(lost)
+        session.open(saved, folder)
+        session.edit("Recovered edits", study)
+        if desk.project.exists and desk.project.read().result is not None:
+            desk.work.open_result(desk.project)
+        desk.write_journal()
+        self._window.show_step("cohort")
+        if lost.record.running and desk.project.checkpoint.is_file():
+            self._window.status.say("Groom (from the cache), then Resume goes on from the checkpoint.")
+
+    def _new(self) -> None:
+        path = QFileDialog.getExistingDirectory(self._window, "Folder of segmentations or surfaces")
+        if path and self.may_leave():
+            self.begin()
+            self.take([Path(path)])
+
+    def _add(self) -> None:
+        paths, _ = QFileDialog.getOpenFileNames(self._window, "Add files", "", _FILES)
+        if paths:
+            self.take([Path(one) for one in paths])
+
+    def _open(self) -> None:
+        path = QFileDialog.getExistingDirectory(self._window, "Open project folder")
+        if path and self.may_leave():
+            self.open(Path(path))
+
+    @reported
+    def _import(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(self._window, "Import groups and covariates", "", _TABLES)
+        if path:
+            self.import_table(Path(path))
+
+    @reported
+    def import_table(self, path: Path) -> None:
+        """Read groups and covariates."""
+        study, used = with_table(self._desk.session.study, path)
+        self._desk.session.edit("Import table", study)
+        self._window.status.say(f"Rows for {used} subjects read from {path.name}")
+
+    @reported
+    def _export(self) -> None:
+        path, _ = QFileDialog.getSaveFileName(self._window, "Export table", "cohort.csv", _TABLES)
+        if path:
+            self.export_table(Path(path))
+
+    @reported
+    def export_table(self, path: Path) -> None:
+        """Write names, files, groups and covariates; the file can be read as a cohort again."""
+        from homolog.files.tables import write_table
+
+        study = self._desk.session.study
+        relative = Project(path.parent).describe(study.whole)
+        columns = study.columns
+        write_table(
+            path,
+            ["name", "path", "group", *columns],
+            (
+                [one.name, one.path, one.group, *(one.columns.get(name) for name in columns)]
+                for one in relative
+            ),
+        )
+        self._window.status.say(f"Table written to {path}")
+
+    def _group(self) -> None:
+        session = self._desk.session
+        name, chosen = QInputDialog.getItem(
+            self._window,
+            "Set group",
+            f"Group of {len(session.selection)} subjects:",
+            session.study.groups or [""],
+        )
+        if chosen:
+            session.set_group(name.strip() or None)
+
+    def _include(self) -> None:
+        self._desk.session.toggle_included()
+
+    def _remove(self) -> None:
+        session = self._desk.session
+        session.edit("Remove subjects", session.study.without(session.selection))
+
+    def _relocate(self, missing: Sequence[str]) -> None:
+        """Offer to look for moved input files in another folder."""
+        words = f"{len(missing)} input files are not where they were, such as that of {missing[0]}."
+        if (
+            ask(self._window, "Files have moved", words, ("Locate folder…", "Go on without"))
+            == "Locate folder…"
+        ):
+            path = QFileDialog.getExistingDirectory(self._window, "Folder that holds the files now")
+            if path:
+                self._desk.session.relocate(Path(path))
+
+    def _view(self) -> ViewRecord:
+        return ViewRecord(step=self._window.step, selection=self._desk.session.selection)
+
+    def _forget(self) -> None:
+        self._desk.preferences.forget()
+        self.show_recent()

@@ -1,0 +1,138 @@
+"""A project's result as the window shows it, and the frames that led there."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from homolog.arrays import FloatArray, frozen
+from homolog.errors import InputError
+from homolog.files.arrays import read_arrays, write_arrays
+from homolog.files.project import Project
+from homolog.files.results import Result, read_result
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["Loaded", "RecordedFrame", "Recorder", "load_result"]
+
+_FRAMES = "frames.npz"
+_MOST_FRAMES = 200
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedFrame:
+    """The (M, n, 3) particles [mm] at an iteration, in common coordinates, read-only."""
+
+    iteration: int
+    particles: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Loaded:
+    """A result with the subjects' surfaces.
+
+    Attributes
+    ----------
+    result : Result
+    surfaces : dict of str to (TriangleMesh, TriangleMesh)
+        The groomed surface of each subject and a light one of the same shape, in local coordinates.
+    energies : (T, 4) float64 array
+        Iteration and the three parts of the objective.
+    frames : tuple of RecordedFrame
+        Moments of the run, oldest first; empty if none were kept.
+    summary : str
+        One line for people.
+    """
+
+    result: Result
+    surfaces: dict[str, tuple[TriangleMesh, TriangleMesh]]
+    energies: FloatArray
+    frames: tuple[RecordedFrame, ...]
+    summary: str
+
+    @property
+    def particles(self) -> dict[str, FloatArray]:
+        """The particles of each subject, (N, 3) [mm], in common coordinates."""
+        return dict(zip(self.result.names, self.result.world, strict=True))
+
+
+class Recorder:
+    """Keeps moments of a run: all at first, ever fewer the longer it lasts."""
+
+    def __init__(self) -> None:
+        self.frames: list[RecordedFrame] = []
+        self.energies: list[tuple[float, float, float, float]] = []
+        self._every = 1
+        self._seen = 0
+
+    def take(self, iteration: int, particles: FloatArray, energies: FloatArray) -> None:
+        """Take a moment in."""
+        self.energies.append((iteration, *map(float, energies)))
+        self._seen += 1
+        if self._seen % self._every == 0:
+            self.frames.append(RecordedFrame(iteration, frozen(particles, np.float32)))
+        if len(self.frames) > _MOST_FRAMES:
+            self.frames = self.frames[::2]
+            self._every *= 2
+
+    def write(self, project: Project) -> None:
+        """Store the frames with the result."""
+        arrays: dict[str, object] = {
+            "result": _fingerprint(project),
+            "iterations": np.array([one.iteration for one in self.frames]),
+        }
+        arrays |= {f"frame_{index:04d}": one.particles for index, one in enumerate(self.frames)}
+        write_arrays(project.folder / _FRAMES, arrays)
+
+
+def load_result(project: Project) -> Loaded:
+    """Read a project's result with everything that the window shows of it.
+
+    Raises
+    ------
+    InputError
+        If there is none, or a file is missing or damaged.
+    """
+    from homolog.files.meshes import read_mesh
+    from homolog.grooming.subject import COARSE_VERTICES
+    from homolog.surfaces.simplify import simplified
+
+    result = read_result(project)
+    record = project.read().result
+    if record is None:
+        raise InputError(f"{project.folder}: has no result")
+    surfaces = {}
+    for one in record.subjects:
+        mesh = read_mesh(project.groomed / f"{one.file}.vtp")
+        surfaces[one.name] = (mesh, simplified(mesh, COARSE_VERTICES))
+    summary = (
+        f"{record.particles} particles on {len(record.subjects)} shapes, {record.metric} distances, "
+        f"{record.iterations} iterations in {sum(record.seconds.values()):.0f} s on {record.device}"
+    )
+    return Loaded(result, surfaces, _energies(project), _frames(project), summary)
+
+
+def _energies(project: Project) -> FloatArray:
+    path = project.folder / "energies.csv"
+    try:
+        return frozen(np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: can't be read: {error}; run again") from error
+
+
+def _fingerprint(project: Project) -> str:
+    record = project.read().result
+    return record.fingerprint + record.finished if record else ""
+
+
+def _frames(project: Project) -> tuple[RecordedFrame, ...]:
+    path: Path = project.folder / _FRAMES
+    if not path.is_file():
+        return ()
+    arrays = read_arrays(path)
+    if str(arrays.get("result")) != _fingerprint(project):  # another run has replaced the result since
+        return ()
+    stored = [arrays[name] for name in sorted(arrays) if name.startswith("frame_")]
+    return tuple(
+        RecordedFrame(int(iteration), one)
+        for iteration, one in zip(arrays["iterations"], stored, strict=True)
+    )

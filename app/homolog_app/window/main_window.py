@@ -1,0 +1,185 @@
+"""The window: rail, start page, views, inspector, dock and status bar, and who does what."""
+
+import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QEvent, QTimer, Signal, Slot
+from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
+from PySide6.QtOpenGLWidgets import QOpenGLWidget
+from PySide6.QtWidgets import QHBoxLayout, QMainWindow, QSplitter, QStackedWidget, QWidget
+
+from homolog_app.window.actions import Actions
+from homolog_app.window.availability import available
+from homolog_app.window.desk import Desk
+from homolog_app.window.docks import Docks
+from homolog_app.window.helping import Helping
+from homolog_app.window.inspector import Inspector
+from homolog_app.window.library import Library, dropped_paths
+from homolog_app.window.rail import STEPS, Rail
+from homolog_app.window.start_page import StartPage
+from homolog_app.window.status_bar import StatusBar
+from homolog_app.window.steps import steps_of
+from homolog_app.window.tour import Tour
+
+if TYPE_CHECKING:
+    from homolog_app.window.views import Views
+
+__all__ = ["MainWindow"]
+
+_log = logging.getLogger(__name__)
+_INSPECTOR = 448
+
+
+class MainWindow(QMainWindow):
+    """Puts the parts together and lets each command find its handler."""
+
+    views_ready = Signal()
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self.desk = desk
+        desk.setParent(self)
+        self.setAcceptDrops(True)
+        self.resize(1440, 900)
+        self.commands = Actions(self, desk.theme)
+        self.step = "cohort"
+        self.views: "Views | None" = None
+        self.start_page = StartPage(desk.theme, self.commands)
+        self.inspector = Inspector(desk, self.commands)
+        self.rail = Rail(desk.theme)
+        self._lay_out()
+        self.docks = Docks(self)
+        self.status = StatusBar(self)
+        self.library = Library(self)
+        self.helping = Helping(self)
+        self.tour = Tour(self)
+        self._connect()
+        self.refresh()
+
+    @Slot()
+    def load_views(self) -> None:
+        """Make the 3-D views: their import is what takes long at the start."""
+        from homolog_app.window.stage import Stage
+        from homolog_app.window.views import Views
+
+        if self.views is not None or self.desk.closed:
+            return
+        stage = Stage(self.desk.theme, self.commands)
+        self.views = Views(self, stage)
+        self._middle.addWidget(stage)
+        stage.place_card(self.tour.card)
+        self._first_gl.deleteLater()
+        self.commands.connect_handlers(self.views.handlers())
+        self.refresh()
+        self.desk.work.go_on()
+        self.views_ready.emit()
+
+    def show_step(self, step: str) -> None:
+        """Open one of the four steps."""
+        self.step = step
+        self.inspector.show_step(step)
+        self.refresh()
+
+    @Slot()
+    def refresh(self) -> None:
+        """Show what is possible now."""
+        desk, views = self.desk, self.views
+        page, pages = (views.stage.scene.page, views.stage.scene.pages) if views else (0, 1)
+        self.commands.enable(
+            available(
+                desk.session, desk.project, busy=desk.work.is_busy, running=desk.work.run_job is not None,
+                page=page, pages=pages, ready=views is not None,
+            )
+        )  # fmt: skip
+        steps = steps_of(desk.session, desk.work)
+        if not steps[self.step].enabled and desk.session.is_open and self.step != "cohort":
+            self.show_step("cohort")
+            return
+        self.rail.show_steps(steps, self.step if desk.session.is_open else "")
+        open_ = desk.session.is_open and views is not None
+        self._pages.setCurrentIndex(1 if open_ else 0)
+        self.inspector.show_work(desk.work)
+        self.docks.show_for(open_)
+        self._name_window()
+
+    def closeEvent(self, event: QCloseEvent) -> None:  # noqa: N802 - Qt's name
+        """Ask, stop the work, let go of the graphics, then close."""
+        if not self.library.may_leave():
+            event.ignore()
+            return
+        self.setEnabled(False)
+        self.status.say("Stopping…")
+        if self.isVisible():
+            self.desk.preferences.keep_geometry(self.saveGeometry(), self.saveState())
+        if self.views is not None:
+            self.views.close()
+        self.desk.close()
+        event.accept()
+
+    def dragEnterEvent(self, event: QDragEnterEvent) -> None:  # noqa: N802 - Qt's name
+        """Take files and folders while nothing is going on."""
+        if dropped_paths(event.mimeData()) and not self.desk.work.is_busy and self.views is not None:
+            event.acceptProposedAction()
+
+    def dropEvent(self, event: QDropEvent) -> None:  # noqa: N802 - Qt's name
+        """Open or add what was dropped."""
+        event.acceptProposedAction()
+        self.library.take(dropped_paths(event.mimeData()))
+
+    def changeEvent(self, event: QEvent) -> None:  # noqa: N802 - Qt's name
+        """Rest the drawing while minimized."""
+        super().changeEvent(event)
+        if event.type() == QEvent.Type.WindowStateChange and self.views is not None:
+            self.views.rest(self.isMinimized())
+
+    def _lay_out(self) -> None:
+        self._middle = QStackedWidget()
+        self._first_gl = QOpenGLWidget(
+            self
+        )  # makes the window one of OpenGL before it is shown: no flash later
+        self._first_gl.setFixedSize(1, 1)
+        split = QSplitter()
+        split.setChildrenCollapsible(False)
+        split.addWidget(self._middle)
+        split.addWidget(self.inspector)
+        split.setStretchFactor(0, 1)
+        split.setSizes([10_000, _INSPECTOR])
+        self._pages = QStackedWidget()
+        self._pages.addWidget(self.start_page)
+        self._pages.addWidget(split)
+        middle = QWidget()
+        row = QHBoxLayout(middle)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(0)
+        row.addWidget(self.rail)
+        row.addWidget(self._pages, 1)
+        self.setCentralWidget(middle)
+
+    def _connect(self) -> None:
+        desk = self.desk
+        self.commands.connect_handlers(self._handlers())
+        for name, one in self.rail.buttons.items():
+            one.clicked.connect(self.commands[f"view.{name}"].trigger)
+        for signal in (
+            desk.session.study_changed, desk.session.facts_changed, desk.session.selection_changed,
+            desk.session.project_changed, desk.session.undo.indexChanged, desk.work.changed,
+        ):  # fmt: skip
+            signal.connect(self.refresh)
+        desk.work.failed.connect(self.helping.show_error)
+        self.inspector.settings_edited.connect(desk.edit_settings)
+
+    def _handlers(self) -> dict[str, Callable[[], object]]:
+        undo = self.desk.session.undo
+        steps = {f"view.{name}": lambda _=False, name=name: self.show_step(name) for name in STEPS}
+        own = {"file.quit": self.close, "edit.undo": undo.undo, "edit.redo": undo.redo}
+        return {
+            **steps, **own, **self.docks.handlers(), **self.library.handlers(), **self.helping.handlers(),
+            **self.desk.handlers(), **self.tour.handlers(),
+        }  # fmt: skip
+
+    def _name_window(self) -> None:
+        session = self.desk.session
+        changed = session.is_open and (session.folder is None or not session.undo.isClean())
+        self.setWindowTitle(f"{session.title}[*] — Homolog" if session.is_open else "Homolog")
+        self.setWindowModified(changed)

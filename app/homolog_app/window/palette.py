@@ -1,0 +1,76 @@
+"""The command palette: type a few letters, press Enter."""
+
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QAction, QKeyEvent, QKeySequence
+from PySide6.QtWidgets import QDialog, QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
+
+from homolog_app.window.actions import Actions
+from homolog_app.window.commands import COMMANDS, Command
+
+__all__ = ["CommandPalette", "matches"]
+
+_ROWS = 9
+
+
+def matches(query: str, one: Command) -> bool:
+    """Whether every word of the query occurs in the command's menu, title or help."""
+    text = f"{one.menu} {one.title} {one.help}".casefold()
+    return all(word in text for word in query.casefold().split())
+
+
+class CommandPalette(QDialog):
+    """A list of every command that is possible now, narrowed by what is typed."""
+
+    def __init__(self, parent: QWidget, actions: Actions) -> None:
+        super().__init__(parent, Qt.WindowType.Popup)
+        self._actions = actions
+        self._chosen: QAction | None = None
+        self.setAccessibleName("Command palette")
+        self.resize(560, 420)
+        self.query = QLineEdit(placeholderText="Find a command…")
+        self.query.setAccessibleName("Find a command")
+        self.list = QListWidget()
+        self.list.setAccessibleName("Commands")
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(8, 8, 8, 8)
+        layout.addWidget(self.query)
+        layout.addWidget(self.list)
+        self.query.textChanged.connect(self._fill)
+        self.query.returnPressed.connect(self._choose)
+        self.list.itemActivated.connect(self._choose)
+        self.list.itemClicked.connect(self._choose)
+        self.query.installEventFilter(self)
+        self._fill("")
+
+    @property
+    def chosen(self) -> QAction | None:
+        """The action to trigger once the palette is closed."""
+        return self._chosen
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:  # noqa: N802 - Qt's name
+        """Let the arrow keys move in the list while the text has the focus."""
+        if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.KeyPress:
+            step = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}.get(Qt.Key(event.key()), 0)
+            if step:
+                row = self.list.currentRow() + step
+                self.list.setCurrentRow(max(0, min(row, self.list.count() - 1)))
+                return True
+        return super().eventFilter(watched, event)
+
+    def _fill(self, query: str) -> None:
+        self.list.clear()
+        for one in COMMANDS:
+            action = self._actions[one.id]
+            if action.isEnabled() and one.id != "help.palette" and matches(query, one):
+                keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
+                item = QListWidgetItem(action.icon(), f"{one.title}\t{keys}".replace("…", ""))
+                item.setToolTip(one.help)
+                item.setData(Qt.ItemDataRole.UserRole, action)
+                self.list.addItem(item)
+        self.list.setCurrentRow(0)
+
+    def _choose(self) -> None:
+        item = self.list.currentItem()
+        if item is not None:
+            self._chosen = item.data(Qt.ItemDataRole.UserRole)
+            self.accept()

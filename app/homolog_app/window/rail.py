@@ -1,0 +1,119 @@
+"""The rail of four steps: where one stands and what is next."""
+
+from dataclasses import dataclass
+
+from PySide6.QtCore import QRect, QSize, Qt
+from PySide6.QtGui import QColor, QFont, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QAbstractButton, QFrame, QVBoxLayout, QWidget
+
+from homolog_app.window.icons import pixmap
+from homolog_app.window.theme import Theme
+from homolog_app.window.widgets import GRID
+
+__all__ = ["STEPS", "Rail", "Step"]
+
+STEPS = ("cohort", "groom", "correspond", "explore")
+_WIDTH, _HEIGHT = 96, 104
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """How far a step is: reachable, done, the one to do next, and a few words."""
+
+    enabled: bool
+    done: bool
+    following: bool
+    words: str
+
+
+class Rail(QFrame):
+    """Four buttons from top to bottom."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.setObjectName("Rail")
+        self.setFixedWidth(_WIDTH)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, GRID, 0, GRID)
+        layout.setSpacing(GRID // 2)
+        self.buttons = {name: _StepButton(name, theme, self) for name in STEPS}
+        for one in self.buttons.values():
+            layout.addWidget(one)
+        layout.addStretch()
+
+    def show_steps(self, steps: dict[str, Step], current: str) -> None:
+        """Show how far each step is and which one is open."""
+        for name, one in self.buttons.items():
+            one.show_step(steps[name], name == current)
+
+
+class _StepButton(QAbstractButton):
+    def __init__(self, name: str, theme: Theme, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._name, self._theme = name, theme
+        self._step = Step(False, False, False, "")
+        self._current = False
+        self.setText(name.capitalize())
+        self.setAccessibleName(name.capitalize())
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self.setCursor(Qt.CursorShape.PointingHandCursor)
+        theme.changed.connect(self.update)
+
+    def show_step(self, step: Step, current: bool) -> None:
+        self._step, self._current = step, current
+        self.setEnabled(step.enabled)
+        state = "done" if step.done else "next" if step.following else ""
+        self.setAccessibleDescription(", ".join(part for part in (step.words, state) if part))
+        self.setToolTip(f"{self.text()}: {step.words}" if step.words else self.text())
+        self.update()
+
+    def sizeHint(self) -> QSize:  # noqa: N802 - Qt's name
+        return QSize(_WIDTH, _HEIGHT)
+
+    def minimumSizeHint(self) -> QSize:  # noqa: N802 - Qt's name
+        return QSize(_WIDTH, _HEIGHT - 2 * GRID)
+
+    def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802 - Qt's name
+        colours = self._theme.colours
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setPen(Qt.PenStyle.NoPen)
+        box = self.rect().adjusted(GRID, 2, -GRID, -2)
+        if self._current or self.underMouse() or self.hasFocus():
+            painter.setBrush(QColor(colours.selected if self._current else colours.hover))
+            painter.drawRoundedRect(box, 8, 8)
+        if self._current:
+            painter.setBrush(QColor(colours.accent))
+            painter.drawRoundedRect(QRect(0, box.top() + 16, 4, box.height() - 32), 2, 2)
+        ink = colours.faint if not self._step.enabled else colours.accent if self._current else colours.text
+        painter.drawPixmap((self.width() - 28) // 2, box.top() + 12, pixmap(self._name, ink, 28))
+        self._paint_badge(painter, (self.width() + 28) // 2 + 2, box.top() + 14)
+        self._paint_words(painter, box, ink)
+        painter.end()
+
+    def _paint_badge(self, painter: QPainter, x: int, y: int) -> None:
+        colours = self._theme.colours
+        if self._step.done:
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(QColor(colours.accent))
+            painter.drawEllipse(QRect(x - 7, y - 7, 14, 14))
+            painter.drawPixmap(x - 5, y - 5, pixmap("done", colours.on_accent, 10))
+        elif self._step.following:
+            painter.setPen(QPen(QColor(colours.accent), 2))
+            painter.setBrush(QColor(colours.sunken))
+            painter.drawEllipse(QRect(x - 5, y - 5, 10, 10))
+
+    def _paint_words(self, painter: QPainter, box: QRect, ink: str) -> None:
+        font = QFont(self.font())
+        font.setPixelSize(13)
+        font.setWeight(QFont.Weight.DemiBold if self._current else QFont.Weight.Medium)
+        painter.setFont(font)
+        painter.setPen(QColor(ink))
+        flags = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignTop
+        painter.drawText(box.adjusted(0, 46, 0, 0), flags, self.text())
+        font.setPixelSize(11)
+        font.setWeight(QFont.Weight.Normal)
+        painter.setFont(font)
+        painter.setPen(QColor(self._theme.colours.dim if self._step.enabled else self._theme.colours.faint))
+        words = self._step.words or ("next" if self._step.following else "")
+        painter.drawText(box.adjusted(2, 66, -2, 0), flags | Qt.TextFlag.TextWordWrap, words)

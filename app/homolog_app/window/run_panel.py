@@ -1,0 +1,96 @@
+"""The third step: placing the particles, and watching it happen."""
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel
+
+from homolog.settings import OptimizeSettings
+from homolog_app.window.actions import Actions
+from homolog_app.window.form import SettingsForm
+from homolog_app.window.progress import Progress
+from homolog_app.window.runner import Status
+from homolog_app.window.session import Session
+from homolog_app.window.widgets import GRID, Panel, button, label
+
+__all__ = ["RunPanel"]
+
+
+class RunPanel(Panel):
+    """Method, particles, seed and device; run, pause, cancel, resume."""
+
+    settings_edited = Signal(str, object)
+    device_chosen = Signal(str)
+
+    def __init__(self, session: Session, actions: Actions) -> None:
+        super().__init__("Correspond", "Place the same particles on every shape, and watch them spread.")
+        self._session, self._actions = session, actions
+        self.form = SettingsForm(OptimizeSettings)
+        self.form.edited.connect(self.settings_edited)
+        self.device = QComboBox()
+        self.device.setAccessibleName("Device")
+        self.show_devices({"auto": "Automatic"})
+        self.device.activated.connect(lambda _: self.device_chosen.emit(self.device.currentData()))
+        self.device_help = label("Where to compute; automatic takes the first GPU.", "FieldHelp", wrap=True)
+        self.summary = label("", "Hint", wrap=True)
+        name = QLabel("Device")
+        name.setBuddy(self.device)
+        for widget in (self.form, name, self.device, self.device_help, self.summary):
+            self.body.addWidget(widget)
+        self.body.addStretch()
+        self.progress = Progress(actions)
+        self.pause = button("Pause")
+        self.pause.clicked.connect(actions["run.pause"].trigger)
+        self.go = button("Run", "primary")
+        self.go.clicked.connect(actions["run.start"].trigger)
+        self.resume = button("Resume from checkpoint")
+        self.resume.clicked.connect(actions["run.resume"].trigger)
+        self.proceed = button("Next: Explore", "primary")
+        self.proceed.clicked.connect(actions["view.explore"].trigger)
+        self.footer.addWidget(self.progress)
+        self.progress.buttons.insertWidget(0, self.pause)
+        row = QHBoxLayout()
+        row.setSpacing(GRID)
+        row.addWidget(self.go, 1)
+        row.addWidget(self.resume)
+        self.footer.addLayout(row)
+        self.footer.addWidget(self.proceed)
+        session.study_changed.connect(self.refresh)
+        session.facts_changed.connect(self.refresh)
+        self.refresh()
+
+    def show_devices(self, devices: dict[str, str]) -> None:
+        """List the devices of this machine: alias and description."""
+        self.device.clear()
+        for alias, words in devices.items():
+            self.device.addItem(words, alias)
+        self.refresh_device()
+
+    def show_busy(self, status: Status | None) -> None:
+        """Show the progress of a run, or that none goes on."""
+        self.progress.show_status(status)
+        self.go.setVisible(status is None)
+        self.form.setEnabled(status is None)
+        self.device.setEnabled(status is None)
+        self.pause.setText("Go on" if status is not None and status.paused else "Pause")
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show the settings in force and what can be done."""
+        session = self._session
+        idle = not self.progress.isVisibleTo(self)
+        self.form.show_values(session.study.settings.optimize)
+        self.refresh_device()
+        done = session.result is not None
+        self.go.setText("Run again" if done else "Run")
+        self.go.setEnabled(self._actions["run.start"].isEnabled())
+        self.go.setProperty("primary", "false" if done else "true")
+        self.go.style().polish(self.go)
+        self.resume.setVisible(idle and self._actions["run.resume"].isEnabled())
+        self.proceed.setVisible(idle and done)
+        self.summary.setText(session.result.summary if session.result else "")
+
+    def refresh_device(self) -> None:
+        """Show the chosen device; one that this machine lacks is listed as missing."""
+        chosen = self._session.study.settings.device
+        if self.device.findData(chosen) < 0:
+            self.device.addItem(f"{chosen} (not on this machine)", chosen)
+        self.device.setCurrentIndex(self.device.findData(chosen))

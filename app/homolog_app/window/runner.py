@@ -1,0 +1,192 @@
+"""One thread computes, the window watches: the only bridge between the two."""
+
+import os
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from queue import SimpleQueue
+from typing import Any, Protocol
+
+from PySide6.QtCore import QObject, QTimer, Signal
+
+from homolog.errors import Cancelled
+from homolog.progress import Tick
+
+__all__ = ["Ended", "Job", "Runner", "Status", "Task"]
+
+POLL_MS = 33
+_NICENESS = 10
+
+
+class Status(Protocol):
+    """What a job says of itself: the part of `homolog.run.RunStatus` that every job has."""
+
+    @property
+    def fraction(self) -> float:
+        """Done of the whole, in [0, 1]."""
+
+    @property
+    def message(self) -> str:
+        """What is being done."""
+
+    @property
+    def eta_s(self) -> float | None:
+        """Seconds left, once that can be told."""
+
+    @property
+    def paused(self) -> bool:
+        """Whether it waits."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaskStatus:
+    """The status of a `Task`."""
+
+    fraction: float = 0.0
+    message: str = ""
+    eta_s: float | None = None
+    paused: bool = False
+
+
+class Job(Protocol):
+    """Something long: executed in the computing thread, reined in from the window's. `Run` is one."""
+
+    def execute(self) -> Any:  # noqa: ANN401 - each job has its own result
+        """Do the work."""
+
+    @property
+    def status(self) -> Status:
+        """The newest status, from any thread."""
+
+    def cancel(self) -> None:
+        """Ask it to end, from any thread."""
+
+    def set_paused(self, paused: bool) -> None:
+        """Ask it to wait or go on, from any thread."""
+
+
+class Task:
+    """A function that takes a tick, as a job."""
+
+    def __init__(self, work: Callable[[Tick], Any], message: str) -> None:
+        self._work = work
+        self._status: Status = TaskStatus(message=message)
+        self._wishes = threading.Condition()
+        self._cancelled = False
+        self._paused = False
+
+    def execute(self) -> Any:  # noqa: ANN401
+        """Do the work."""
+        return self._work(self._tick)
+
+    @property
+    def status(self) -> Status:
+        """The newest status."""
+        return self._status
+
+    def cancel(self) -> None:
+        """End at the next tick."""
+        with self._wishes:
+            self._cancelled = True
+            self._wishes.notify_all()
+
+    def set_paused(self, paused: bool) -> None:
+        """Wait at the next tick, or go on."""
+        with self._wishes:
+            self._paused = paused
+            self._wishes.notify_all()
+
+    def _tick(self, fraction: float, message: str) -> None:
+        self._status = TaskStatus(fraction=fraction, message=message, paused=self._paused)
+        with self._wishes:
+            self._wishes.wait_for(lambda: self._cancelled or not self._paused)
+        if self._cancelled:
+            raise Cancelled("cancelled")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ended:
+    """How a job ended: with a result, cancelled, or with an error."""
+
+    job: Job
+    result: Any = None
+    error: BaseException | None = None
+    cancelled: bool = False
+
+
+class Runner(QObject):
+    """Owns the computing thread. Everything it emits, it emits in the window's thread.
+
+    A timer looks at what the thread left: no signal crosses threads, and a slow window misses frames instead
+    of queueing them. What an abandoned job leaves is dropped.
+    """
+
+    progressed = Signal(object)
+    ended = Signal(object)
+
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
+        self._orders: SimpleQueue[Job | None] = SimpleQueue()
+        self._results: SimpleQueue[Ended] = SimpleQueue()
+        self._job: Job | None = None
+        self._shown: Status | None = None
+        self._thread = threading.Thread(target=self._work, name="homolog-compute", daemon=True)
+        self._thread.start()
+        self._timer = QTimer(self, interval=POLL_MS)
+        self._timer.timeout.connect(self._look)
+
+    @property
+    def job(self) -> Job | None:
+        """What is being done, or None."""
+        return self._job
+
+    def start(self, job: Job) -> None:
+        """Begin a job; there must be none."""
+        if self._job is not None:
+            raise RuntimeError("a job is going on")
+        self._job, self._shown = job, None
+        self._orders.put(job)
+        self._timer.start()
+        self._look()
+
+    def cancel(self) -> None:
+        """Ask the present job to end; `ended` follows."""
+        if self._job is not None:
+            self._job.cancel()
+
+    def close(self, seconds: float = 3.0) -> bool:
+        """End the thread; return whether it did so in time. Nothing is emitted any more."""
+        self._timer.stop()
+        self.cancel()
+        self._orders.put(None)
+        self._thread.join(seconds)
+        return not self._thread.is_alive()
+
+    def _look(self) -> None:
+        job = self._job
+        if job is not None and job.status is not self._shown:
+            self._shown = job.status
+            self.progressed.emit(self._shown)
+        while not self._results.empty():
+            ended = self._results.get()
+            if ended.job is self._job:
+                self._job = None
+                self._timer.stop()
+                self.ended.emit(ended)
+
+    def _work(self) -> None:
+        _step_back()
+        while (job := self._orders.get()) is not None:
+            try:
+                ended = Ended(job, result=job.execute())
+            except Cancelled:
+                ended = Ended(job, cancelled=True)
+            except BaseException as error:  # noqa: BLE001 - a job's every error is shown, the thread goes on
+                ended = Ended(job, error=error)
+            self._results.put(ended)
+
+
+def _step_back() -> None:
+    """Let the window's thread go first where threads have priorities of their own."""
+    if hasattr(os, "setpriority"):
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)

@@ -1,0 +1,203 @@
+"""One view of the grid: a subject's surfaces, its particles, a caption and the anatomical letters."""
+
+from typing import Any
+
+import numpy as np
+from PySide6.QtGui import QColor
+from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+from vtkmodules.vtkCommonCore import vtkPoints
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+from vtkmodules.vtkFiltersCore import vtkPolyDataNormals
+from vtkmodules.vtkRenderingCore import vtkActor, vtkLight, vtkPolyDataMapper, vtkTextActor
+from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLPointGaussianMapper
+
+from homolog.arrays import Array, FloatArray
+from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.window.scene.content import Content
+from homolog_app.window.scene.letters import edge_letters
+from homolog_app.window.theme import Colours
+
+__all__ = ["Cell"]
+
+_BALL = """//VTK::Color::Impl
+float r2 = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
+if (r2 > 1.0) { discard; }
+float shade = 0.35 + 0.65 * sqrt(1.0 - r2);
+float shine = max(0.0, 1.0 - 6.0 * dot(offsetVCVSOutput.xy - vec2(-0.35, 0.4), offsetVCVSOutput.xy - vec2(-0.35, 0.4)));
+ambientColor = ambientColor * shade + vec3(0.25 * shine);
+diffuseColor *= shade;
+"""
+_EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
+
+
+class Cell:
+    """One renderer and its actors; made once and filled again and again."""
+
+    def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
+        self.renderer = renderer
+        self.content: Content | None = None
+        self._surfaces = {name: _surface_actor() for name in ("raw", "groomed")}
+        self._meshes: dict[str, Any] = {}
+        self._balls = vtkActor()
+        self._ball_mapper = vtkOpenGLPointGaussianMapper()
+        self._ball_data = vtkPolyData()
+        self._radius = 1.0
+        self._make_balls()
+        self._caption = _text(15)
+        self._caption.SetPosition(0.012, 0.985)
+        self._letters = [_text(14) for _ in _EDGES]
+        for actor, (x, y) in zip(self._letters, _EDGES, strict=True):
+            actor.SetPosition(x, y)
+        for actor, across, along in zip(self._letters, (0, 2, 1, 1), (1, 1, 0, 2), strict=True):
+            actor.GetTextProperty().SetJustification(across)
+            actor.GetTextProperty().SetVerticalJustification(along)
+        self._caption.GetTextProperty().SetVerticalJustificationToTop()
+        for actor in (*self._surfaces.values(), self._balls):
+            renderer.AddActor(actor)
+        for actor in (self._caption, *self._letters):
+            renderer.AddViewProp(actor)
+        light = vtkLight()
+        light.SetLightTypeToCameraLight()
+        light.SetPosition(-0.3, 0.5, 1.0)
+        renderer.AddLight(light)
+
+    def place(self, viewport: tuple[float, float, float, float] | None) -> None:
+        """Give the view a part of the window, or none."""
+        self.renderer.SetViewport(*(viewport or (0.0, 0.0, 0.0, 0.0)))
+        self.renderer.SetDraw(viewport is not None)
+        self.renderer.SetInteractive(viewport is not None)
+
+    def fill(self, content: Content | None) -> None:
+        """Show a subject, or nothing."""
+        if content is self.content:
+            return
+        self.content = content
+        self._meshes = {}
+        if content is not None:
+            for name, mesh in (
+                ("raw", content.raw),
+                ("groomed", content.groomed),
+                ("coarse", content.coarse),
+            ):
+                if mesh is not None:
+                    self._meshes[name] = _polydata(mesh, content.alignment)
+        self.show_particles(None, None, 1.0)
+        self.show_words(True)
+
+    def show(self, raw: bool, groomed: bool, quick: bool, opacity: float) -> None:
+        """Switch the surfaces; the raw one is drawn as a shell where both are shown."""
+        both = raw and groomed and "groomed" in self._meshes
+        for name, wanted in (("raw", raw), ("groomed", groomed)):
+            source = "coarse" if name == "groomed" and quick and "coarse" in self._meshes else name
+            actor = self._surfaces[name]
+            actor.SetVisibility(wanted and source in self._meshes)
+            if actor.GetVisibility() and actor.GetMapper().GetInput() is not self._meshes[source]:
+                actor.GetMapper().SetInputData(self._meshes[source])
+            actor.GetProperty().SetOpacity(0.35 * opacity if name == "raw" and both else opacity)
+
+    def show_particles(self, points: FloatArray | None, colours: Array | None, radius: float) -> None:
+        """Move the particles, or hide them."""
+        self._balls.SetVisibility(points is not None)
+        if points is None or colours is None:
+            return
+        self._radius = radius
+        held = vtkPoints()
+        held.SetData(numpy_to_vtk(np.ascontiguousarray(points, dtype=np.float32), deep=True))
+        self._ball_data.SetPoints(held)
+        self._ball_data.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(colours), deep=True))
+        self._ball_data.Modified()
+        self._ball_mapper.SetScaleFactor(radius)
+
+    def show_words(self, shown: bool, size: int = 15) -> None:
+        """Show the subject's name and the letters."""
+        content = self.content
+        self._caption.SetVisibility(shown and content is not None)
+        if content is not None:
+            self._caption.SetInput(content.name + (f"\n{content.note}" if content.note else ""))
+        self._caption.GetTextProperty().SetFontSize(size)
+        for actor in self._letters:
+            actor.SetVisibility(shown and content is not None)
+            actor.GetTextProperty().SetFontSize(size)
+
+    def paint(self, colours: Colours) -> None:
+        """Take the colours of the scheme."""
+        self.renderer.SetBackground(*QColor(colours.scene).getRgbF()[:3])
+        self._surfaces["groomed"].GetProperty().SetColor(*QColor(colours.bone).getRgbF()[:3])
+        self._surfaces["raw"].GetProperty().SetColor(*QColor(colours.raw).getRgbF()[:3])
+        self._caption.GetTextProperty().SetColor(*QColor(colours.text).getRgbF()[:3])
+        for actor in self._letters:
+            actor.GetTextProperty().SetColor(*QColor(colours.accent).getRgbF()[:3])
+
+    def face_camera(self, bounds: tuple[float, ...]) -> None:
+        """Before each drawing: depth range, letters, and particles lifted off the surface towards the eye."""
+        camera = self.renderer.GetActiveCamera()
+        self.renderer.ResetCameraClippingRange(bounds)
+        ahead = np.array(camera.GetDirectionOfProjection())
+        self._balls.SetPosition(*(-self._radius * ahead))
+        if self.content is not None:
+            up = np.array(camera.GetViewUp())
+            right = np.cross(ahead, up)
+            right /= np.linalg.norm(right)
+            words = edge_letters(self.content.patient_axes, right, np.cross(right, ahead))
+            for actor, text in zip(self._letters, words, strict=True):
+                if actor.GetInput() != text:
+                    actor.SetInput(text)
+
+    @property
+    def bounds(self) -> tuple[float, ...] | None:
+        """Extent of the surfaces [mm], whether shown or not; None if there are none."""
+        boxes = [mesh.GetBounds() for mesh in self._meshes.values()]
+        if not boxes:
+            return None
+        return tuple(pick(box[at] for box in boxes) for at, pick in enumerate((min, max) * 3))
+
+    def _make_balls(self) -> None:
+        verts = self._ball_mapper
+        verts.SetInputData(self._ball_data)
+        verts.EmissiveOff()
+        verts.SetSplatShaderCode(_BALL)
+        verts.SetColorModeToDirectScalars()
+        self._balls.SetMapper(verts)
+        self._balls.GetProperty().SetAmbient(1.0)
+        self._balls.GetProperty().SetDiffuse(0.0)
+
+
+def _surface_actor() -> Any:  # noqa: ANN401
+    mapper = vtkPolyDataMapper()
+    mapper.ScalarVisibilityOff()
+    actor = vtkActor()
+    actor.SetMapper(mapper)
+    actor.SetVisibility(False)
+    look = actor.GetProperty()
+    look.SetAmbient(0.22)
+    look.SetDiffuse(0.78)
+    look.SetSpecular(0.08)
+    look.SetSpecularPower(20)
+    return actor
+
+
+def _text(size: int) -> Any:  # noqa: ANN401
+    actor = vtkTextActor()
+    actor.GetPositionCoordinate().SetCoordinateSystemToNormalizedViewport()
+    actor.GetTextProperty().SetFontSize(size)
+    actor.GetTextProperty().SetFontFamilyToArial()
+    actor.GetTextProperty().SetLineSpacing(1.2)
+    return actor
+
+
+def _polydata(mesh: TriangleMesh, alignment: FloatArray) -> Any:  # noqa: ANN401
+    placed = mesh.vertices @ alignment[:3, :3].T + alignment[:3, 3]
+    points = vtkPoints()
+    points.SetData(numpy_to_vtk(placed.astype(np.float32), deep=True))
+    faces = np.column_stack([np.full(len(mesh.faces), 3), mesh.faces]).astype(np.int64).ravel()
+    cells = vtkCellArray()
+    cells.ImportLegacyFormat(numpy_to_vtkIdTypeArray(faces, deep=True))
+    data = vtkPolyData()
+    data.SetPoints(points)
+    data.SetPolys(cells)
+    normals = vtkPolyDataNormals()
+    normals.SetInputData(data)
+    normals.SplittingOff()
+    normals.ConsistencyOff()
+    normals.Update()
+    return normals.GetOutput()

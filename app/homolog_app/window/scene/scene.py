@@ -1,0 +1,269 @@
+"""The grid of linked views."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from PySide6.QtCore import QTimer, Signal
+from PySide6.QtGui import QColor, QImage
+from PySide6.QtWidgets import QVBoxLayout, QWidget
+from vtkmodules.vtkRenderingCore import vtkRenderer
+
+from homolog.arrays import Array, FloatArray
+from homolog_app.window.scene.cell import Cell
+from homolog_app.window.scene.colours import colours_by_place
+from homolog_app.window.scene.content import Content
+from homolog_app.window.scene.interactor import Interactor
+from homolog_app.window.theme import Colours
+
+__all__ = ["LAYOUTS", "VIEWS", "Scene"]
+
+LAYOUTS = (1, 4, 9, 16)
+VIEWS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
+    "right": ((-1, 0, 0), (0, 0, 1)),
+    "left": ((1, 0, 0), (0, 0, 1)),
+    "front": ((0, -1, 0), (0, 0, 1)),
+    "back": ((0, 1, 0), (0, 0, 1)),
+    "feet": ((0, 0, -1), (0, -1, 0)),
+    "head": ((0, 0, 1), (0, -1, 0)),
+}
+"""Where the eye is (LPS) and what is up."""
+
+_SLOW_MS = 40.0
+_REFINE_MS = 400
+_GAP = 0.0015
+
+
+class Scene(QWidget):
+    """Shows a page of subjects, one a view, all turned together unless unlinked."""
+
+    page_changed = Signal()
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._plot = Interactor(self)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addWidget(self._plot)
+        window: Any = self._plot.ren_win
+        self._backdrop = vtkRenderer()
+        self._backdrop.InteractiveOff()
+        self._cells = [Cell(renderer) for renderer in self._plot.renderers]
+        for cell in self._cells:
+            window.RemoveRenderer(cell.renderer)
+        for renderer in (self._backdrop, *(cell.renderer for cell in self._cells)):
+            window.AddRenderer(renderer)
+        window.SetMultiSamples(0)
+        self._observer = window.AddObserver("StartEvent", self._before_drawing)
+        self._contents: Sequence[Content] = ()
+        self._particles: Mapping[str, FloatArray] = {}
+        self._tints: Array | None = None
+        self._radius = 1.0
+        self._count, self._page, self._linked = 1, 0, True
+        self._raw, self._groomed, self._balls, self._opacity = True, True, True, 1.0
+        self._quick = False
+        self._fitted = False
+        self._refine = QTimer(self, interval=_REFINE_MS, singleShot=True)
+        self._refine.timeout.connect(self._draw_fine)
+        for cell in self._cells:
+            cell.renderer.GetActiveCamera().ParallelProjectionOn()
+        self.set_layout(4)
+        self.set_linked(True)
+        self._plot.iren.add_observer("StartInteractionEvent", self._draw_quick)
+        self._plot.iren.add_observer("EndInteractionEvent", lambda *_: self._refine.start())
+
+    @property
+    def draw_ms(self) -> float:
+        """How long a drawing takes [ms], smoothed."""
+        return self._plot.draw_ms
+
+    @property
+    def page(self) -> int:
+        """Index of the page shown."""
+        return self._page
+
+    @property
+    def pages(self) -> int:
+        """Number of pages."""
+        return max(1, -(-len(self._contents) // self._count))
+
+    @property
+    def shown(self) -> Sequence[Content]:
+        """The subjects of the page."""
+        return self._contents[self._page * self._count : (self._page + 1) * self._count]
+
+    @property
+    def layout_count(self) -> int:
+        """Number of views."""
+        return self._count
+
+    def set_layout(self, count: int) -> None:
+        """Show 1, 4, 9 or 16 views; the first subject stays in sight."""
+        first = self._page * self._count
+        side = int(round(count**0.5))
+        for index, cell in enumerate(self._cells):
+            row, column = divmod(index, side)
+            left, bottom = column / side, 1.0 - (row + 1) / side
+            box = (left + _GAP, bottom + _GAP, left + 1.0 / side - _GAP, bottom + 1.0 / side - _GAP)
+            cell.place(box if index < count else None)
+        self._count = count
+        self.show_page(first // count)
+
+    def set_contents(self, contents: Sequence[Content]) -> None:
+        """Show other subjects."""
+        had = self._contents
+        self._contents = contents
+        self.show_page(min(self._page, self.pages - 1))
+        if contents and (not had or not self._fitted):
+            self.look("front")
+
+    def show_page(self, page: int) -> None:
+        """Show a page of subjects."""
+        self._page = max(0, min(page, self.pages - 1))
+        shown = self.shown
+        for index, cell in enumerate(self._cells):
+            cell.fill(shown[index] if index < min(len(shown), self._count) else None)
+        self._refresh()
+        self.page_changed.emit()
+
+    def show_name(self, name: str) -> None:
+        """Turn to the page with a subject."""
+        for index, content in enumerate(self._contents):
+            if content.name == name and index // self._count != self._page:
+                self.show_page(index // self._count)
+
+    def switch(
+        self, *, raw: bool | None = None, groomed: bool | None = None, particles: bool | None = None,
+        opacity: float | None = None,
+    ) -> None:  # fmt: skip
+        """Show or hide the input surface, the groomed one and the particles; set how opaque surfaces are."""
+        self._raw = self._raw if raw is None else raw
+        self._groomed = self._groomed if groomed is None else groomed
+        self._balls = self._balls if particles is None else particles
+        self._opacity = self._opacity if opacity is None else opacity
+        self._refresh()
+
+    def show_particles(self, particles: Mapping[str, FloatArray], *, live: bool = False) -> None:
+        """Show particles by subject, (N, 3) [mm] each in common coordinates.
+
+        Colours are given anew when the number of particles changes, and when a run has ended. Live particles
+        may be drawn on lighter surfaces.
+        """
+        count = len(next(iter(particles.values()))) if particles else 0
+        if particles and (self._tints is None or len(self._tints) != count or not live):
+            mean = np.mean([np.asarray(one) for one in particles.values()], axis=0)
+            self._tints = colours_by_place(mean)
+        self._particles = particles
+        self._radius = self._ball_radius(count)
+        if live:
+            self._draw_quick()
+            self._refine.start()
+        self._refresh()
+
+    def set_linked(self, linked: bool) -> None:
+        """Turn all views together, or each alone."""
+        self._linked = linked
+        camera = self._cells[0].renderer.GetActiveCamera()
+        for cell in self._cells[1:]:
+            if linked:
+                cell.renderer.SetActiveCamera(camera)
+            else:
+                alone = camera.NewInstance()
+                alone.DeepCopy(camera)
+                cell.renderer.SetActiveCamera(alone)
+        self._plot.update()
+
+    def look(self, view: str) -> None:
+        """Look from one of `VIEWS` and fit the shapes."""
+        eye, up = VIEWS[view]
+        for camera in self._cameras():
+            camera.SetFocalPoint(0.0, 0.0, 0.0)
+            camera.SetPosition(*eye)
+            camera.SetViewUp(*up)
+        self.fit()
+
+    def fit(self) -> None:
+        """Show the whole shapes, as large as the largest allows."""
+        bounds = self._bounds()
+        if bounds is None:
+            return
+        self._fitted = True
+        for cell in self._cells[: 1 if self._linked else None]:
+            cell.renderer.ResetCamera(bounds)
+            cell.renderer.GetActiveCamera().Zoom(1.25)
+        self._plot.update()
+
+    def paint(self, colours: Colours) -> None:
+        """Take the colours of the scheme."""
+        self._backdrop.SetBackground(*QColor(colours.line).getRgbF()[:3])
+        for cell in self._cells:
+            cell.paint(colours)
+        self._plot.update()
+
+    def picture(self, scale: int = 1, *, transparent: bool = False) -> QImage:
+        """Return what is shown, up to four times as large."""
+        self._draw_fine()
+        self._backdrop.SetDraw(not transparent)
+        self._plot.repaint()
+        pixels = np.ascontiguousarray(
+            self._plot.screenshot(return_img=True, scale=scale, transparent_background=transparent)
+        )
+        self._backdrop.SetDraw(True)
+        kind = QImage.Format.Format_RGBA8888 if pixels.shape[2] == 4 else QImage.Format.Format_RGB888
+        image = QImage(pixels.tobytes(), pixels.shape[1], pixels.shape[0], pixels.strides[0], kind).copy()
+        self._plot.update()
+        return image
+
+    def close_scene(self) -> None:
+        """Let go of everything of VTK; the last thing before the window closes."""
+        self._refine.stop()
+        window: Any = self._plot.ren_win
+        if window is not None:
+            window.RemoveObserver(self._observer)
+        self._cells = []
+        self._plot.close()
+
+    def _cameras(self) -> list[Any]:
+        cells = self._cells[:1] if self._linked else self._cells
+        return [cell.renderer.GetActiveCamera() for cell in cells]
+
+    def _refresh(self) -> None:
+        size = {1: 16, 4: 15, 9: 13}.get(self._count, 12)
+        for cell in self._cells[: self._count]:
+            content = cell.content
+            cell.show(self._raw, self._groomed, self._quick, self._opacity)
+            cell.show_words(content is not None, size)
+            points = self._particles.get(content.name) if content is not None and self._balls else None
+            cell.show_particles(points, self._tints, self._radius)
+        self._plot.update()
+
+    def _ball_radius(self, count: int) -> float:
+        """Return a radius that leaves half of the surface free, whatever the number of particles."""
+        bounds = self._bounds()
+        if bounds is None or not count:
+            return 1.0
+        size = float(np.mean([bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4]]))
+        return float(np.clip(0.35 * size / np.sqrt(count), 0.006 * size, 0.035 * size))
+
+    def _bounds(self) -> tuple[float, ...] | None:
+        boxes = [box for cell in self._cells[: self._count] if (box := cell.bounds) is not None]
+        if not boxes:
+            return None
+        return tuple(pick(box[at] for box in boxes) for at, pick in enumerate((min, max) * 3))
+
+    def _before_drawing(self, *_: object) -> None:
+        bounds = self._bounds()
+        if bounds is not None:
+            for cell in self._cells[: self._count]:
+                cell.face_camera(bounds)
+
+    def _draw_quick(self, *_: object) -> None:
+        self._set_quick(self._quick or self.draw_ms > _SLOW_MS)
+
+    def _draw_fine(self) -> None:
+        self._set_quick(False)
+
+    def _set_quick(self, quick: bool) -> None:
+        if quick != self._quick:
+            self._quick = quick
+            self._refresh()

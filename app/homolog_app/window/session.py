@@ -1,0 +1,160 @@
+"""The open study: the one object that the panels talk to."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtGui import QUndoCommand, QUndoStack
+
+from homolog.arrays import FloatArray
+from homolog.settings import GroomSettings, RunSettings
+from homolog_app.window.loaded import Loaded
+from homolog_app.window.study import Member, Study
+
+if TYPE_CHECKING:
+    from homolog.grooming import GroomedSubject
+    from homolog_app.window.survey import Survey
+
+__all__ = ["Groomed", "Session"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Groomed:
+    """A groomed subject, its (4, 4) alignment to the cohort, and the settings it was groomed with."""
+
+    subject: "GroomedSubject"
+    alignment: FloatArray
+    settings: GroomSettings
+
+
+class Session(QObject):
+    """What is open, what was computed for it, and what is selected. Only the GUI thread touches it."""
+
+    study_changed = Signal()
+    facts_changed = Signal()
+    selection_changed = Signal()
+    project_changed = Signal()
+
+    def __init__(self, parent: QObject) -> None:
+        super().__init__(parent)
+        self.undo = QUndoStack(self)
+        self.study = Study()
+        self.folder: Path | None = None
+        self.surveys: "dict[str, Survey]" = {}
+        self.groomed: dict[str, Groomed] = {}
+        self.result: Loaded | None = None
+        self.selection: tuple[str, ...] = ()
+        self.undo.cleanChanged.connect(self.project_changed)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a study."""
+        return bool(self.study.members) or self.folder is not None
+
+    @property
+    def title(self) -> str:
+        """The project's name for the title bar."""
+        return self.folder.name if self.folder else "Unsaved study"
+
+    @property
+    def groomed_names(self) -> list[str]:
+        """The included subjects that have a groomed surface, in order."""
+        return [one.name for one in self.study.included if one.name in self.groomed]
+
+    @property
+    def is_groomed(self) -> bool:
+        """Whether every included subject is groomed with the settings in force."""
+        return bool(self.study.included) and all(
+            one.name in self.groomed and self.groomed[one.name].settings == self.study.settings.groom
+            for one in self.study.included
+        )
+
+    def edit(self, text: str, study: Study, key: str = "") -> None:
+        """Make an edit that can be undone; successive edits with the same key become one."""
+        if study != self.study:
+            self.undo.push(_Edit(self, text, study, key))
+
+    def edit_settings(self, text: str, settings: RunSettings, key: str = "") -> None:
+        """Edit the settings of the next run."""
+        self.edit(text, Study(self.study.members, settings), key)
+
+    def open(self, study: Study, folder: Path | None) -> None:
+        """Open another study; nothing of the one before is kept."""
+        self.surveys, self.groomed, self.result, self.selection = {}, {}, None, ()
+        self.study, self.folder = study, folder
+        self.undo.clear()
+        self.project_changed.emit()
+        self.study_changed.emit()
+        self.facts_changed.emit()
+        self.selection_changed.emit()
+
+    def select(self, names: Iterable[str]) -> None:
+        """Select subjects, everywhere."""
+        known = {one.name for one in self.study.members}
+        chosen = tuple(name for name in names if name in known)
+        if chosen != self.selection:
+            self.selection = chosen
+            self.selection_changed.emit()
+
+    def set_group(self, group: str | None) -> None:
+        """Give the selected subjects a group."""
+        self._edit_selected("Set group", lambda one: replace(one, subject=replace(one.subject, group=group)))
+
+    def toggle_included(self) -> None:
+        """Take the selected subjects in, or leave them out if all of them are in."""
+        chosen = [one for one in self.study.members if one.name in self.selection]
+        included = not all(one.included for one in chosen)
+        self._edit_selected(
+            "Include subjects" if included else "Exclude subjects",
+            lambda one: replace(one, included=included),
+        )
+
+    def relocate(self, folder: Path) -> None:
+        """Look for files that are gone in another folder, by their names."""
+        changed = {
+            one.name: replace(one, subject=replace(one.subject, path=folder / one.subject.path.name))
+            for one in self.study.members
+            if not one.subject.path.exists() and (folder / one.subject.path.name).exists()
+        }
+        self.edit("Locate files", self.study.with_members(changed))
+
+    def _edit_selected(self, text: str, change: Callable[[Member], Member]) -> None:
+        changed = {one.name: change(one) for one in self.study.members if one.name in self.selection}
+        self.edit(text, self.study.with_members(changed))
+
+    def put(self, study: Study) -> None:
+        """Set the study without a trace in the history; for the history itself."""
+        self.study = study
+        self.study_changed.emit()
+        self.select(self.selection)
+
+
+class _Edit(QUndoCommand):
+    """From one study to the next."""
+
+    def __init__(self, session: Session, text: str, after: Study, key: str) -> None:
+        super().__init__(text)
+        self._session = session
+        self._before, self._after = session.study, after
+        self._key = key
+
+    def id(self) -> int:
+        """Say which edits may become one."""
+        return hash(self._key) % (2**31 - 1) if self._key else -1
+
+    def mergeWith(self, other: QUndoCommand) -> bool:  # noqa: N802 - Qt's name
+        """Take a following edit of the same thing in."""
+        if not isinstance(other, _Edit) or other._key != self._key:
+            return False
+        self._after = other._after
+        return True
+
+    def redo(self) -> None:
+        """Show the later study."""
+        self._session.put(self._after)
+
+    def undo(self) -> None:
+        """Show the earlier study."""
+        self._session.put(self._before)

@@ -1,0 +1,104 @@
+"""Starting the application: surface format, logging, exception hooks, window, and the heavy imports after it."""
+
+import faulthandler
+import logging
+import sys
+import threading
+from pathlib import Path
+from types import TracebackType
+
+from PySide6.QtCore import QStandardPaths, QTimer
+from PySide6.QtGui import QSurfaceFormat
+from PySide6.QtWidgets import QApplication
+
+from homolog_app.window.desk import Desk
+from homolog_app.window.icons import application_icon
+from homolog_app.window.log_pane import LogMemory
+from homolog_app.window.main_window import MainWindow
+from homolog_app.window.preferences import Preferences
+from homolog_app.window.theme import Theme
+
+__all__ = ["make_application", "make_window", "start"]
+
+_log = logging.getLogger("homolog_app")
+_AFTER_FIRST_PAINT_MS = 30
+
+
+def start(paths: list[str]) -> int:
+    """Open the window, with what the paths name, and stay until it is closed."""
+    app = make_application()
+    home = Path(QStandardPaths.writableLocation(QStandardPaths.StandardLocation.AppDataLocation))
+    home.mkdir(parents=True, exist_ok=True)
+    faults = (home / "crash.log").open("w", encoding="utf-8")
+    faulthandler.enable(faults)
+    window = make_window(app, home)
+    _catch_exceptions(window)
+    window.show()
+
+    def go_on() -> None:
+        if paths:
+            window.library.take([Path(one).resolve() for one in paths])
+        else:
+            window.library.offer_recovery()
+
+    window.views_ready.connect(go_on)
+    QTimer.singleShot(_AFTER_FIRST_PAINT_MS, window, window.load_views)
+    code = app.exec()
+    faulthandler.disable()
+    faults.close()
+    return code
+
+
+def make_application() -> QApplication:
+    """Return the process's application, with the surface format that VTK needs."""
+    running = QApplication.instance()
+    if isinstance(running, QApplication):
+        return running
+    QSurfaceFormat.setDefaultFormat(_surface_format())
+    app = QApplication(["homolog"])
+    app.setApplicationName("homolog")
+    app.setApplicationDisplayName("Homolog")
+    app.setWindowIcon(application_icon())
+    return app
+
+
+def make_window(app: QApplication, home: Path) -> MainWindow:
+    """Return a window that keeps its preferences and sessions in a folder; its views are not loaded yet."""
+    memory = LogMemory()
+    root = logging.getLogger()
+    root.addHandler(memory)
+    for name in ("homolog", "homolog_app"):
+        logging.getLogger(name).setLevel(logging.INFO)
+    theme = Theme(app, Preferences(home / "preferences.ini").scheme)
+    window = MainWindow(Desk(home, theme, memory))
+    window.destroyed.connect(lambda: root.removeHandler(memory))
+    return window
+
+
+def _surface_format() -> QSurfaceFormat:
+    """Return what pyvistaqt installs later: it must be in force before the first window is made."""
+    result = QSurfaceFormat()
+    result.setRenderableType(QSurfaceFormat.RenderableType.OpenGL)
+    result.setProfile(QSurfaceFormat.OpenGLContextProfile.CoreProfile)
+    result.setVersion(3, 2)
+    result.setSwapBehavior(QSurfaceFormat.SwapBehavior.DoubleBuffer)
+    result.setRedBufferSize(8)
+    result.setGreenBufferSize(8)
+    result.setBlueBufferSize(8)
+    result.setDepthBufferSize(8)
+    result.setAlphaBufferSize(8)
+    return result
+
+
+def _catch_exceptions(window: MainWindow) -> None:
+    """Show defects of the program instead of printing them where nobody looks."""
+
+    def show(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        _log.critical("unexpected error", exc_info=(kind, error, trace))
+        window.helping.show_error("", error)
+
+    def note(args: threading.ExceptHookArgs) -> None:
+        _log.critical("unexpected error in %s: %s", args.thread, args.exc_value)
+
+    sys.excepthook = show
+    threading.excepthook = note

@@ -1,0 +1,140 @@
+"""What one sees first: begin, open, go on, or try the sample."""
+
+from pathlib import Path
+
+from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+
+from homolog_app.window.actions import Actions
+from homolog_app.window.commands import command
+from homolog_app.window.icons import pixmap
+from homolog_app.window.theme import Theme
+from homolog_app.window.widgets import GRID, button, label, rule
+
+__all__ = ["StartPage"]
+
+_CARDS = ("file.new", "file.open", "file.sample")
+_RECENT = 6
+
+
+class StartPage(QFrame):
+    """Cards for what can be begun, and the projects opened last."""
+
+    opened = Signal(str)
+    located = Signal(str)
+    forgotten = Signal()
+
+    def __init__(self, theme: Theme, actions: Actions) -> None:
+        super().__init__()
+        self.setObjectName("StartPage")
+        self._theme, self._actions = theme, actions
+        self._cards: list[tuple[QPushButton, QLabel, str]] = []
+        self._recent = QVBoxLayout()
+        self._recent.setSpacing(0)
+        column = QVBoxLayout()
+        column.setSpacing(2 * GRID)
+        column.addLayout(self._head())
+        column.addLayout(self._card_row())
+        column.addWidget(
+            label("Or drop a folder, files or a project anywhere on this window.", "Hint"),
+            alignment=Qt.AlignmentFlag.AlignHCenter,
+        )
+        column.addSpacing(GRID)
+        column.addLayout(self._recent)
+        centre = QWidget()
+        centre.setFixedWidth(768)
+        centre.setLayout(column)
+        outer = QVBoxLayout(self)
+        outer.addStretch(2)
+        outer.addWidget(centre, alignment=Qt.AlignmentFlag.AlignHCenter)
+        outer.addStretch(3)
+        self.notice = label("", "Hint")
+        outer.addWidget(self.notice, alignment=Qt.AlignmentFlag.AlignHCenter)
+        theme.changed.connect(self._draw_icons)
+        self._draw_icons()
+
+    def show_recent(self, folders: list[Path]) -> None:
+        """List the projects opened last; those that are gone can be located."""
+        while item := self._recent.takeAt(0):
+            if widget := item.widget():
+                widget.deleteLater()
+        if not folders:
+            return
+        head = QWidget()
+        row = QHBoxLayout(head)
+        row.setContentsMargins(0, 0, 0, GRID // 2)
+        row.addWidget(label("Recent projects", "SectionTitle"))
+        row.addStretch()
+        forget = button("Clear list", "flat")
+        forget.clicked.connect(self.forgotten)
+        row.addWidget(forget)
+        self._recent.addWidget(head)
+        self._recent.addWidget(rule())
+        for folder in folders[:_RECENT]:
+            self._recent.addWidget(self._recent_row(folder))
+
+    def _head(self) -> QHBoxLayout:
+        row = QHBoxLayout()
+        row.setSpacing(2 * GRID)
+        mark = QLabel()
+        mark.setPixmap(pixmap("homolog", "", 64))
+        row.addWidget(mark)
+        words = QVBoxLayout()
+        words.setSpacing(0)
+        words.addWidget(label("Homolog", "Wordmark"))
+        words.addWidget(
+            label("From segmentations to corresponding points, and what varies between shapes", "Tagline")
+        )
+        row.addLayout(words, 1)
+        return row
+
+    def _card_row(self) -> QGridLayout:
+        grid = QGridLayout()
+        grid.setSpacing(2 * GRID)
+        texts = {
+            "file.new": "A folder of segmentations (NRRD, NIfTI, MetaImage) or surfaces (VTP, PLY, STL, OBJ).",
+            "file.open": "Go on with a study that was saved before.",
+            "file.sample": "Ten synthetic beans with a known truth, and a one-minute tour.",
+        }
+        for column, identifier in enumerate(_CARDS):
+            card, icon = self._card(command(identifier).title.rstrip("…"), texts[identifier])
+            card.clicked.connect(self._actions[identifier].trigger)
+            card.setAccessibleName(command(identifier).title)
+            card.setAccessibleDescription(texts[identifier])
+            self._cards.append((card, icon, command(identifier).icon))
+            grid.addWidget(card, 0, column)
+        return grid
+
+    def _card(self, title: str, text: str) -> tuple[QPushButton, QLabel]:
+        card = button("", "card")
+        layout = QVBoxLayout(card)
+        layout.setContentsMargins(2 * GRID, 2 * GRID, 2 * GRID, 2 * GRID)
+        layout.setSpacing(GRID)
+        icon = QLabel()
+        for one in (icon, label(title, "SectionTitle"), label(text, "Hint", wrap=True)):
+            one.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+            layout.addWidget(one)
+        layout.addStretch()
+        return card, icon
+
+    def _recent_row(self, folder: Path) -> QWidget:
+        present = folder.is_dir()
+        row = button("", "row")
+        row.setAccessibleName(f"Open {folder.name}" if present else f"Locate {folder.name}")
+        layout = QHBoxLayout(row)
+        layout.setContentsMargins(GRID, 0, GRID, 0)
+        name = label(folder.name)
+        where = label(str(folder.parent) if present else "not found — locate…", "Hint")
+        for one in (name, where):
+            one.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        name.setMaximumSize(QSize(320, 40))
+        layout.addWidget(name)
+        layout.addStretch()
+        layout.addWidget(where)
+        signal = self.opened if present else self.located
+        row.clicked.connect(lambda _=False, path=str(folder): signal.emit(path))
+        return row
+
+    def _draw_icons(self) -> None:
+        for _, icon, name in self._cards:
+            icon.setPixmap(pixmap(name, self._theme.colours.accent, 32))

@@ -1,0 +1,66 @@
+"""The bottom line: what goes on in the background, the device and the memory."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject, QTimer
+
+from homolog_app.window.jobs import Devices
+from homolog_app.window.widgets import label
+
+if TYPE_CHECKING:
+    from homolog_app.window.main_window import MainWindow
+
+__all__ = ["StatusBar", "resident_bytes"]
+
+_MEMORY_MS = 2000
+
+
+def resident_bytes() -> int | None:
+    """Return the memory that this process holds, None where the system does not tell."""
+    status = Path("/proc/self/statm")
+    if status.is_file():
+        import resource
+
+        return int(status.read_text().split()[1]) * resource.getpagesize()
+    if sys.platform == "darwin":
+        import resource
+
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return None
+
+
+class StatusBar(QObject):
+    """Fills the window's status bar."""
+
+    def __init__(self, window: "MainWindow") -> None:
+        super().__init__(window)
+        self._bar = window.statusBar()
+        self._bar.setSizeGripEnabled(False)
+        self.work = label("")
+        self.device = label("Device: …")
+        self.memory = label("")
+        self._bar.addWidget(self.work)
+        self._bar.addPermanentWidget(self.device)
+        self._bar.addPermanentWidget(self.memory)
+        window.desk.work.background.connect(self._show_work)
+        window.desk.work.devices_known.connect(self._show_devices)
+        self._timer = QTimer(self, interval=_MEMORY_MS)
+        self._timer.timeout.connect(self._show_memory)
+        self._timer.start()
+        self._show_memory()
+
+    def say(self, words: str) -> None:
+        """Show a word for some seconds."""
+        self._bar.showMessage(words, 6000)
+
+    def _show_work(self, words: str) -> None:
+        self.work.setText(f"{words[:1].upper()}{words[1:]}…" if words else "")
+
+    def _show_devices(self, devices: Devices) -> None:
+        self.device.setText(f"Device: {devices.words[devices.automatic]}")
+
+    def _show_memory(self) -> None:
+        held = resident_bytes()
+        self.memory.setText("" if held is None else f"Memory: {held / 2**20:.0f} MB")

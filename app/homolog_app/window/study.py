@@ -1,0 +1,154 @@
+"""What is studied and how, as one immutable value: every edit makes a new one."""
+
+import csv
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from homolog.cohort import IMAGE_SUFFIXES, MESH_SUFFIXES, Cohort, Subject, read_cohort
+from homolog.errors import InputError
+from homolog.settings import RunSettings
+
+__all__ = ["Member", "Study", "found_subjects", "with_table"]
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A subject on the list, taken into the run or left out."""
+
+    subject: Subject
+    included: bool = True
+
+    @property
+    def name(self) -> str:
+        """The subject's name."""
+        return self.subject.name
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """The list of subjects and the settings of the next run."""
+
+    members: tuple[Member, ...] = ()
+    settings: RunSettings = RunSettings()
+
+    @property
+    def included(self) -> tuple[Subject, ...]:
+        """The subjects of the next run."""
+        return tuple(one.subject for one in self.members if one.included)
+
+    @property
+    def cohort(self) -> Cohort:
+        """The included subjects as the core takes them."""
+        folder = self.members[0].subject.path.parent if self.members else Path()
+        return Cohort(self.included, folder)
+
+    @property
+    def whole(self) -> Cohort:
+        """All subjects, also those left out, as the core takes them."""
+        return Cohort(tuple(one.subject for one in self.members), Path())
+
+    @property
+    def groups(self) -> list[str]:
+        """The groups' names, sorted."""
+        return sorted({one.subject.group for one in self.members if one.subject.group})
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the further columns, in the order in which they first occur."""
+        return list(dict.fromkeys(name for one in self.members for name in one.subject.columns))
+
+    def with_members(self, changed: Mapping[str, Member]) -> "Study":
+        """Return the study with some members replaced, by name."""
+        return replace(self, members=tuple(changed.get(one.name, one) for one in self.members))
+
+    def adding(self, subjects: Iterable[Subject]) -> "Study":
+        """Return the study with more subjects; files that are listed already are not added again."""
+        files = {one.subject.path for one in self.members}
+        names = {one.name for one in self.members}
+        added = []
+        for one in subjects:
+            if one.path in files:
+                continue
+            name, number = one.name, 1
+            while name in names:
+                number += 1
+                name = f"{one.name} ({number})"
+            files.add(one.path)
+            names.add(name)
+            added.append(Member(replace(one, name=name)))
+        return replace(self, members=(*self.members, *added))
+
+    def without(self, names: Iterable[str]) -> "Study":
+        """Return the study without some members."""
+        gone = set(names)
+        return replace(self, members=tuple(one for one in self.members if one.name not in gone))
+
+
+def found_subjects(paths: Iterable[Path]) -> list[Subject]:
+    """Return the subjects of folders, tables and single files, as they were dropped or chosen.
+
+    Raises
+    ------
+    InputError
+        If a folder holds none, or a file is of no known kind.
+    """
+    found: list[Subject] = []
+    for path in paths:
+        suffix = next(
+            (one for one in IMAGE_SUFFIXES + MESH_SUFFIXES if path.name.lower().endswith(one)), None
+        )
+        if path.is_dir() or path.suffix.lower() == ".csv":
+            found += read_cohort(path).subjects
+        elif suffix is None:
+            raise InputError(
+                f"{path.name} is no segmentation or surface; known files end in "
+                f"{', '.join(IMAGE_SUFFIXES + MESH_SUFFIXES)}"
+            )
+        else:
+            found.append(Subject(path.name[: -len(suffix)], path))
+    return found
+
+
+def with_table(study: Study, path: Path) -> tuple[Study, int]:
+    """Read groups and covariates from a CSV file; return the study with them and the number of its rows used.
+
+    The first column, or the one called ``name`` or ``id``, names the subject: exactly, or by the beginning of
+    its name up to a sign that is no letter or digit (``acdc004`` means ``acdc004_ED_myo``).
+
+    Raises
+    ------
+    InputError
+        If the file can't be read or names no subject of the study.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = list(csv.DictReader(stream, skipinitialspace=True))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: can't be read as a table: {error}") from error
+    if not rows:
+        raise InputError(f"{path}: holds no rows")
+    key = next((one for one in ("name", "id") if one in rows[0]), next(iter(rows[0])))
+    changed: dict[str, Member] = {}
+    for row in rows:
+        member = _named(study, (row[key] or "").strip())
+        if member is not None:
+            values = {name: (value or "").strip() for name, value in row.items() if name and name != key}
+            group = values.pop("group", "") or member.subject.group
+            values.pop("path", None)
+            subject = replace(member.subject, group=group, columns={**member.subject.columns, **values})
+            changed[member.name] = replace(member, subject=subject)
+    if not changed:
+        raise InputError(
+            f"{path}: its column {key!r} names none of the subjects, such as {study.members[0].name}"
+        )
+    return study.with_members(changed), len(changed)
+
+
+def _named(study: Study, name: str) -> Member | None:
+    exact = [one for one in study.members if one.name == name]
+    starting = [
+        one for one in study.members if one.name.startswith(name) and not one.name[len(name) :][:1].isalnum()
+    ]
+    found = exact or (starting if name else [])
+    return found[0] if len(found) == 1 else None

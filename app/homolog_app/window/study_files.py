@@ -1,0 +1,123 @@
+"""A study on disk: every subject, also those left out, and the settings of the next run."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from homolog.cohort import Subject
+from homolog.errors import InputError
+from homolog.files.atomic import write_text
+from homolog.files.project import Project
+from homolog.files.records import ProjectRecord, SubjectRecord
+from homolog.settings import RunSettings
+from homolog_app.window.study import Member, Study
+
+__all__ = ["Opened", "StudyRecord", "ViewRecord", "open_project", "record_of", "save_project", "study_of"]
+
+_FILE = "window.json"
+
+
+class ViewRecord(BaseModel):
+    """How the window looked: its step, selection and layout."""
+
+    model_config = ConfigDict(frozen=True)
+
+    step: str = "cohort"
+    selection: tuple[str, ...] = ()
+    layout: int = 4
+    raw: bool = True
+    groomed: bool = True
+    particles: bool = True
+
+
+class StudyRecord(BaseModel):
+    """All subjects in order, the names of those left out, and the settings."""
+
+    model_config = ConfigDict(frozen=True)
+
+    subjects: list[SubjectRecord] = []
+    excluded: list[str] = []
+    settings: RunSettings = RunSettings()
+    view: ViewRecord = ViewRecord()
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A project as it was found."""
+
+    study: Study
+    view: ViewRecord
+    has_result: bool
+    unfinished: bool
+
+
+def record_of(study: Study, project: Project, view: ViewRecord) -> StudyRecord:
+    """Return a study for the disk, with paths that start at the project's folder."""
+    return StudyRecord(
+        subjects=project.describe(study.whole),
+        excluded=[one.name for one in study.members if not one.included],
+        settings=study.settings,
+        view=view,
+    )
+
+
+def study_of(record: StudyRecord, folder: Path) -> Study:
+    """Return the study of a record whose paths start at a folder."""
+    excluded = set(record.excluded)
+    members = tuple(
+        Member(
+            Subject(one.name, (folder / one.path).resolve(), one.group, one.columns), one.name not in excluded
+        )
+        for one in record.subjects
+    )
+    return Study(members, record.settings)
+
+
+def save_project(project: Project, study: Study, view: ViewRecord) -> None:
+    """Write a study into its project; the result there stays.
+
+    Raises
+    ------
+    InputError
+        If the folder can't be written to.
+    """
+    before = project.read() if project.exists else ProjectRecord()
+    project.write(
+        before.model_copy(update={"subjects": project.describe(study.cohort), "settings": study.settings})
+    )
+    write_text(project.folder / _FILE, record_of(study, project, view).model_dump_json(indent=2) + "\n")
+
+
+def open_project(project: Project) -> Opened:
+    """Read a project's study. What the command line changed since the window saved it counts.
+
+    Raises
+    ------
+    InputError
+        If the folder is no project or damaged.
+    """
+    project.recover()
+    record = project.read()
+    stored = _stored(project.folder / _FILE)
+    left_out = [one for one in stored.subjects if one.name in set(stored.excluded)]
+    running = {one.name: one for one in record.subjects}
+    order = [one.name for one in stored.subjects] + list(running)
+    known = {one.name: one for one in left_out} | running
+    subjects = [known[name] for name in dict.fromkeys(order) if name in known]
+    whole = StudyRecord(
+        subjects=subjects,
+        excluded=[one.name for one in left_out if one.name not in running],
+        settings=record.settings,
+    )
+    study = study_of(whole, project.folder)
+    return Opened(study, stored.view, record.result is not None, record.unfinished)
+
+
+def _stored(path: Path) -> StudyRecord:
+    if not path.is_file():
+        return StudyRecord()
+    try:
+        return StudyRecord.model_validate_json(path.read_bytes())
+    except (ValidationError, OSError) as error:
+        raise InputError(f"{path}: is damaged: {error}; delete it to open the project without it") from error

@@ -1,0 +1,177 @@
+"""A first look at a subject's file: its labels, volume, a small picture and its surface as it is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from homolog.arrays import Array, BoolArray, FloatArray, frozen
+from homolog.cohort import Subject
+from homolog.errors import InputError
+from homolog.grooming.images import Segmentation, read_segmentation
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["LabelFound", "Survey", "survey_subject"]
+
+THUMBNAIL = 64
+_MARGIN = 6
+_MOST_VOXELS = 128**3
+_MOST_LABELS = 12
+_LIGHT = np.array([-0.4, -0.8, 0.45])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelFound:
+    """One label of a file: its value, volume [ml] and a (64, 64) uint8 picture, 0 where nothing is."""
+
+    value: int
+    volume_ml: float
+    thumbnail: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Survey:
+    """What a subject's file holds.
+
+    Attributes
+    ----------
+    subject : Subject
+    label : int or None
+        The label that was looked at; all of them if None.
+    problem : str
+        Why the file can't be used, for people; empty if it can.
+    volume_ml : float
+    thumbnail : (64, 64) uint8 array or None
+        Seen from the front, 0 where nothing is.
+    labels : tuple of LabelFound
+        What the file holds, at most a dozen; empty for surfaces.
+    voxels : Segmentation or None
+        The voxels around the structure; None for surfaces.
+    surface : TriangleMesh or None
+        The structure as it is in the file, in its own coordinates.
+    every : int
+        The surface was made of every n-th voxel only, to be quick.
+    """
+
+    subject: Subject
+    label: int | None
+    problem: str = ""
+    volume_ml: float = 0.0
+    thumbnail: Array | None = None
+    labels: tuple[LabelFound, ...] = ()
+    voxels: Segmentation | None = None
+    surface: TriangleMesh | None = None
+    every: int = 1
+
+
+def survey_subject(subject: Subject, label: int | None) -> Survey:
+    """Look into a subject's file. Bad files make a survey with a problem, not an error."""
+    try:
+        return _survey_mesh(subject, label) if subject.is_mesh else _survey_image(subject, label)
+    except InputError as error:
+        message = str(error).removeprefix(f"{subject.path}: ")
+        return Survey(subject, label, problem=message[:1].upper() + message[1:])
+
+
+def _survey_mesh(subject: Subject, label: int | None) -> Survey:
+    from homolog.files.meshes import read_mesh
+
+    mesh = read_mesh(subject.path)
+    return Survey(
+        subject, label, volume_ml=abs(mesh.volume) / 1000.0, thumbnail=_mesh_thumbnail(mesh), surface=mesh
+    )
+
+
+def _survey_image(subject: Subject, label: int | None) -> Survey:
+    everything = read_segmentation(subject.path, None)
+    labels = _labels(subject, everything)
+    chosen = everything if label is None else read_segmentation(subject.path, label)
+    voxels = _cropped(chosen)
+    surface, every = _surface(voxels)
+    return Survey(
+        subject, label, volume_ml=chosen.volume / 1000.0, thumbnail=_thumbnail(voxels), labels=labels,
+        voxels=voxels, surface=surface, every=every,
+    )  # fmt: skip
+
+
+def _labels(subject: Subject, everything: Segmentation) -> tuple[LabelFound, ...]:
+    import SimpleITK
+
+    values: Array = SimpleITK.GetArrayViewFromImage(SimpleITK.ReadImage(str(subject.path)))
+    present = np.unique(values[values > 0])
+    if len(present) < 2:
+        whole = LabelFound(int(present[0]), everything.volume / 1000.0, _thumbnail(_cropped(everything)))
+        return (whole,)
+    found = []
+    for value in present[:_MOST_LABELS]:
+        one = read_segmentation(subject.path, int(value))
+        found.append(LabelFound(int(value), one.volume / 1000.0, _thumbnail(_cropped(one))))
+    return tuple(found)
+
+
+def _cropped(whole: Segmentation) -> Segmentation:
+    """Return the voxels around the structure, with a margin where there is one."""
+    box = []
+    for axis in range(3):
+        others = tuple(other for other in range(3) if other != axis)
+        where = np.flatnonzero(whole.mask.any(axis=others))
+        box.append(slice(max(0, where[0] - _MARGIN), where[-1] + 1 + _MARGIN))
+    start = np.array([one.start for one in box])
+    return Segmentation(
+        whole.mask[tuple(box)].copy(),
+        whole.rotation,
+        whole.spacing,
+        whole.origin + whole.rotation @ (start * whole.spacing),
+    )
+
+
+def _surface(voxels: Segmentation) -> tuple[TriangleMesh, int]:
+    """Return the border of the voxels as they are; coarser if there are so many that it would take long."""
+    from skimage.measure import marching_cubes
+
+    every = int(np.ceil((voxels.mask.size / _MOST_VOXELS) ** (1 / 3)))
+    mask = np.pad(voxels.mask[::every, ::every, ::every], 1)
+    corners, faces, _, _ = marching_cubes(mask.astype(np.float32), 0.5)
+    points = voxels.origin + (corners - 1.0) * every * voxels.spacing @ voxels.rotation.T
+    return TriangleMesh(points, faces), every
+
+
+def _thumbnail(voxels: Segmentation) -> Array:
+    """Draw the structure as seen from the front, the patient's right at the left."""
+    axes = [int(np.argmax(np.abs(voxels.rotation[row]))) for row in (1, 2, 0)]
+    if len(set(axes)) < 3:
+        axes = [1, 2, 0]
+    mask: BoolArray = np.transpose(voxels.mask, axes)
+    signs = [voxels.rotation[row, axis] for row, axis in zip((1, 2, 0), axes, strict=True)]
+    for position, flip in enumerate((signs[0] < 0, signs[1] > 0, signs[2] < 0)):
+        mask = np.flip(mask, position) if flip else mask
+    spacing = voxels.spacing[axes]
+    hit = mask.any(axis=0)
+    depth = np.where(hit, mask.argmax(axis=0) * spacing[0], np.nan)
+    return _shaded(depth, spacing[1], spacing[2])
+
+
+def _mesh_thumbnail(mesh: TriangleMesh) -> Array:
+    """Draw a surface as seen from the front, from its vertices."""
+    points = mesh.vertices - mesh.vertices.min(axis=0)
+    step = float(points[:, [0, 2]].max()) / (THUMBNAIL * 0.5)
+    column, row = (points[:, 0] / step).astype(int), ((points[:, 2].max() - points[:, 2]) / step).astype(int)
+    depth = np.full((row.max() + 1, column.max() + 1), np.inf)
+    np.minimum.at(depth, (row, column), points[:, 1])
+    return _shaded(np.where(np.isinf(depth), np.nan, depth), step, step)
+
+
+def _shaded(depth: FloatArray, down: float, across: float) -> Array:
+    """Light a depth map (nan where nothing is) and fit it into a square picture."""
+    size = max(depth.shape[0] * down, depth.shape[1] * across) / (THUMBNAIL - 4)
+    rows = ((np.arange(THUMBNAIL) - THUMBNAIL / 2) * size / down + depth.shape[0] / 2).astype(int)
+    columns = ((np.arange(THUMBNAIL) - THUMBNAIL / 2) * size / across + depth.shape[1] / 2).astype(int)
+    inside = ((rows >= 0) & (rows < depth.shape[0]))[:, None] & ((columns >= 0) & (columns < depth.shape[1]))
+    fitted = depth[np.clip(rows, 0, depth.shape[0] - 1)][:, np.clip(columns, 0, depth.shape[1] - 1)]
+    fitted = np.where(inside, fitted, np.nan)
+    shown = np.isfinite(fitted)
+    filled = np.where(shown, fitted, np.nanmax(fitted))
+    slope_down, slope_across = np.gradient(filled, size)
+    normal = np.stack([slope_across, -np.ones_like(filled), -slope_down], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    light = np.clip(normal @ (_LIGHT / np.linalg.norm(_LIGHT)), 0.0, 1.0)
+    return frozen(np.where(shown, 70 + 185 * light, 0), np.uint8)

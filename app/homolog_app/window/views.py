@@ -1,0 +1,224 @@
+"""Between session and scene: which subjects are seen, their particles while a run goes on, playing, pictures."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PySide6.QtCore import QObject, QTimer, Slot
+from PySide6.QtWidgets import QApplication
+
+from homolog.correspondence.types import Frame
+from homolog_app.window.scene.content import Content
+from homolog_app.window.scene.scene import LAYOUTS, VIEWS
+from homolog_app.window.screenshot import save_picture
+from homolog_app.window.session import Session
+
+if TYPE_CHECKING:
+    from homolog_app.window.main_window import MainWindow
+    from homolog_app.window.stage import Stage
+
+__all__ = ["Views", "contents_of"]
+
+_LOOK_MS = 33
+_PLAY_MS = 60
+_DRAWING_SHARE = 3.0
+
+
+def contents_of(session: Session) -> list[Content]:
+    """Return what can be seen of each included subject.
+
+    A result shows its own surfaces; before there is one, the groomed surfaces where they are, the input
+    elsewhere. Subjects without an alignment are shown about their own centre.
+    """
+    result = session.result
+    alignments = dict(zip(result.result.names, result.result.alignments, strict=True)) if result else {}
+    contents = []
+    for subject in session.study.included:
+        survey, groomed = session.surveys.get(subject.name), session.groomed.get(subject.name)
+        raw = survey.surface if survey else None
+        fine, coarse = (groomed.subject.mesh, groomed.subject.coarse_mesh) if groomed else (None, None)
+        alignment = groomed.alignment if groomed else None
+        if result is not None and subject.name in alignments:
+            fine, coarse = result.surfaces[subject.name]
+            alignment = alignments[subject.name]
+        if alignment is None:
+            alignment = np.eye(4)
+            if raw is not None:
+                alignment[:3, 3] = -raw.vertices.mean(axis=0)
+        notes = [subject.group or ""]
+        if fine is None and survey is not None and survey.every > 1:
+            notes.append(f"every {survey.every}. voxel")
+        note = " · ".join(one for one in notes if one)
+        contents.append(Content(subject.name, raw, fine, coarse, alignment, note))
+    return contents
+
+
+class Views(QObject):
+    """Drives the stage. A timer looks at the newest frame of a run: it draws what the machine can, no more."""
+
+    def __init__(self, window: "MainWindow", stage: "Stage") -> None:
+        super().__init__(window)
+        self._window, self.stage = window, stage
+        self._session, self._work = window.desk.session, window.desk.work
+        self._frame: Frame | None = None
+        self._shown: list[object] = []
+        self._look = QTimer(self, interval=_LOOK_MS)
+        self._look.timeout.connect(self._take_frame)
+        self._player = QTimer(self, interval=_PLAY_MS)
+        self._player.timeout.connect(self._step_on)
+        stage.bar.opacity_changed.connect(lambda value: stage.scene.switch(opacity=value))
+        stage.footer.frame_chosen.connect(self._show_moment)
+        stage.scene.page_changed.connect(self._tell_page)
+        for signal in (self._session.study_changed, self._session.facts_changed):
+            signal.connect(self.refresh)
+        self._session.selection_changed.connect(self._follow_selection)
+        self._work.changed.connect(self._watch_run)
+        for name in ("link", "raw", "groomed", "particles", "grid4"):
+            window.commands[f"view.{name}"].setChecked(True)
+        self.refresh()
+
+    def handlers(self) -> dict[str, Callable[[], object]]:
+        """Return what the commands of the views do."""
+        commands, scene = self._window.commands, self.stage.scene
+
+        def switch(name: str) -> Callable[[], object]:
+            return lambda: scene.switch(**{name: commands[f"view.{name}"].isChecked()})
+
+        return {
+            **{
+                f"view.grid{count}": lambda _=False, count=count: scene.set_layout(count) for count in LAYOUTS
+            },
+            **{f"view.{view}": lambda _=False, view=view: scene.look(view) for view in VIEWS},
+            **{f"view.{name}": switch(name) for name in ("raw", "groomed", "particles")},
+            "view.previous": lambda: scene.show_page(scene.page - 1),
+            "view.next": lambda: scene.show_page(scene.page + 1),
+            "view.link": lambda: scene.set_linked(commands["view.link"].isChecked()),
+            "view.reset": scene.fit,
+            "view.slice": self.refresh,
+            "view.screenshot": lambda: save_picture(self._window, scene),
+            "view.copy": lambda: QApplication.clipboard().setImage(scene.picture()),
+            "run.play": self.play_or_stop,
+        }
+
+    @Slot()
+    def refresh(self) -> None:
+        """Show what the session holds now."""
+        session, stage = self._session, self.stage
+        key: list[object] = [*session.study.included, session.result]
+        for one in session.study.included:
+            groomed, survey = session.groomed.get(one.name), session.surveys.get(one.name)
+            key += [groomed, survey.surface if survey else None]
+        if len(key) != len(self._shown) or any(a is not b for a, b in zip(key, self._shown, strict=True)):
+            new_result = session.result is not None and session.result not in self._shown
+            self._shown = key
+            stage.scene.set_contents(contents_of(session))
+            if self._work.run_job is None:
+                stage.scene.show_particles(session.result.particles if session.result else {})
+                stage.footer.show_frames(len(session.result.frames) if session.result else 0)
+            if new_result:
+                stage.scene.fit()
+        if not session.study.members:
+            stage.show_hint(
+                "No subjects yet", "Drop segmentations or surfaces here, or add files with Ctrl+Shift+N."
+            )
+        elif not session.study.included:
+            stage.show_hint("No subject is included", "Tick the subjects to study in the table at the right.")
+        elif self._window.commands["view.slice"].isChecked():
+            self._show_slices()
+            stage.show_slices()
+        else:
+            stage.show_views()
+
+    def play_or_stop(self) -> None:
+        """Play the run from its first moment, or hold."""
+        if self._player.isActive():
+            self._stop_playing()
+        else:
+            time = self.stage.footer.time
+            if time.value() == time.maximum():
+                time.setValue(0)
+            self._player.start()
+            self._window.commands["run.play"].setText("Hold")
+
+    def rest(self, minimized: bool) -> None:
+        """Stop playing while nobody sees it."""
+        if minimized:
+            self._stop_playing()
+
+    def close(self) -> None:
+        """Stop the timers and let go of the graphics."""
+        self._look.stop()
+        self._player.stop()
+        self.stage.scene.close_scene()
+
+    @Slot()
+    def _watch_run(self) -> None:
+        running = self._work.run_job is not None
+        if running and not self._look.isActive():
+            self._stop_playing()
+            self.stage.footer.show_frames(0)
+            self._frame = None
+            self._look.start()
+        elif not running and self._look.isActive():
+            self._look.stop()
+            result = self._session.result
+            self.stage.scene.show_particles(result.particles if result else {})
+            self.stage.footer.show_frames(len(result.frames) if result else 0)
+
+    @Slot()
+    def _take_frame(self) -> None:
+        """Draw the newest frame if there is one, then leave the machine at least twice as long as that took."""
+        job = self._work.run_job
+        frame = job.frame if job is not None else None
+        if job is not None and frame is not None and frame is not self._frame:
+            self._frame = frame
+            self.stage.scene.show_particles(dict(zip(job.names, frame.world, strict=True)), live=True)
+            self._window.docks.curves.show_rows(list(job.recorder.energies))
+        self._look.setInterval(max(_LOOK_MS, round(_DRAWING_SHARE * self.stage.scene.draw_ms)))
+
+    @Slot()
+    def _step_on(self) -> None:
+        time = self.stage.footer.time
+        if time.value() >= time.maximum():
+            self._stop_playing()
+        else:
+            time.setValue(time.value() + 1)
+        self._player.setInterval(max(_PLAY_MS, round(_DRAWING_SHARE * self.stage.scene.draw_ms)))
+
+    def _stop_playing(self) -> None:
+        self._player.stop()
+        self._window.commands["run.play"].setText("Play")
+
+    @Slot(int)
+    def _show_moment(self, index: int) -> None:
+        result = self._session.result
+        if result is None or index >= len(result.frames):
+            return
+        frame = result.frames[index]
+        last = index == len(result.frames) - 1
+        particles = result.particles if last else dict(zip(result.result.names, frame.particles, strict=True))
+        self.stage.scene.show_particles(particles, live=not last)
+        count = len(next(iter(particles.values())))
+        self.stage.footer.moment.setText(f"iteration {frame.iteration} · {count} particles")
+
+    @Slot()
+    def _follow_selection(self) -> None:
+        if self._session.selection:
+            self.stage.scene.show_name(self._session.selection[0])
+        if self._window.commands["view.slice"].isChecked():
+            self._show_slices()
+
+    def _show_slices(self) -> None:
+        included = [one.name for one in self._session.study.included]
+        chosen = [name for name in self._session.selection if name in included] or included
+        survey, groomed = self._session.surveys.get(chosen[0]), self._session.groomed.get(chosen[0])
+        voxels = survey.voxels if survey else None
+        self.stage.slices.show_subject(chosen[0], voxels, groomed.subject.field if groomed else None)
+
+    @Slot()
+    def _tell_page(self) -> None:
+        scene = self.stage.scene
+        first = scene.page * scene.layout_count
+        total = len(self._session.study.included)
+        self.stage.footer.show_page(first + 1, min(first + scene.layout_count, total), total)
+        self._window.refresh()

@@ -1,0 +1,65 @@
+"""The small parts that panels are made of; distances are multiples of 8 pixels."""
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFrame, QLabel, QPushButton, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
+
+__all__ = ["GRID", "Panel", "button", "label", "rule"]
+
+GRID = 8
+
+
+def label(text: str, name: str = "", *, wrap: bool = False) -> QLabel:
+    """Return a text; `name` picks its look from the style sheet."""
+    result = QLabel(text)
+    result.setObjectName(name)
+    result.setWordWrap(wrap)
+    result.setTextFormat(Qt.TextFormat.PlainText)
+    return result
+
+
+def button(text: str, look: str = "") -> QPushButton:
+    """Return a push button; look is ``"primary"``, ``"flat"``, ``"card"`` or nothing."""
+    result = QPushButton(text)
+    if look:
+        result.setProperty(look, "true")
+    return result
+
+
+def rule() -> QFrame:
+    """Return a thin horizontal line."""
+    result = QFrame()
+    result.setObjectName("Rule")
+    return result
+
+
+class Panel(QWidget):
+    """One step's page in the inspector: title, one sentence, a body that scrolls, and the step's button."""
+
+    def __init__(self, title: str, hint: str) -> None:
+        super().__init__()
+        self.setAccessibleName(title)
+        self.body = QVBoxLayout()
+        self.body.setContentsMargins(2 * GRID, 0, 2 * GRID, GRID)
+        self.body.setSpacing(GRID)
+        self.footer = QVBoxLayout()
+        self.footer.setContentsMargins(2 * GRID, GRID, 2 * GRID, 2 * GRID)
+        self.footer.setSpacing(GRID)
+        head = QVBoxLayout()
+        head.setContentsMargins(2 * GRID, 2 * GRID, 2 * GRID, GRID)
+        head.setSpacing(GRID // 2)
+        head.addWidget(label(title, "PanelTitle"))
+        head.addWidget(label(hint, "Hint", wrap=True))
+        inner = QWidget()
+        inner.setLayout(self.body)
+        scroll = QScrollArea()
+        scroll.setWidgetResizable(True)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        scroll.setWidget(inner)
+        scroll.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.setSpacing(0)
+        outer.addLayout(head)
+        outer.addWidget(scroll, 1)
+        outer.addWidget(rule())
+        outer.addLayout(self.footer)

@@ -1,0 +1,218 @@
+"""The work of the session: reading, grooming and running, one job at a time."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from queue import SimpleQueue
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject, Signal, Slot
+
+from homolog.cohort import Cohort
+from homolog.files.project import Project
+from homolog_app.window.jobs import Devices, RunJob, groom, make_sample, prepare, read_files
+from homolog_app.window.loaded import Loaded, load_result
+from homolog_app.window.runner import Ended, Job, Runner, Status, Task
+from homolog_app.window.session import Groomed, Session
+
+if TYPE_CHECKING:
+    from homolog_app.window.survey import Survey
+
+__all__ = ["Work"]
+
+_log = logging.getLogger(__name__)
+_BACKGROUND = ("read", "prepare")
+_Then = Callable[[Ended], None]
+
+
+class Work(QObject):
+    """Gives jobs to the computing thread and puts what they found into the session.
+
+    Reading files and preparing kernels go on in the background: they give way to what the user orders.
+    """
+
+    changed = Signal()
+    background = Signal(str)
+    devices_known = Signal(object)
+    failed = Signal(str, object)
+
+    def __init__(self, session: Session, parent: QObject) -> None:
+        super().__init__(parent)
+        self._session = session
+        self.runner = Runner(self)
+        self.runner.progressed.connect(self._progressed)
+        self.runner.ended.connect(self._ended)
+        self.status: Status | None = None
+        self.kind = ""
+        self._then: _Then | None = None
+        self._next: tuple[str, Job, _Then] | None = None
+        self._arrived: "SimpleQueue[Survey]" = SimpleQueue()
+        self._prepared = False
+        session.study_changed.connect(self.go_on)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether the user waits for a job."""
+        return self.kind not in ("", *_BACKGROUND) or self._next is not None
+
+    @property
+    def run_job(self) -> RunJob | None:
+        """The run that is going on."""
+        return self.runner.job if isinstance(self.runner.job, RunJob) else None
+
+    @Slot()
+    def go_on(self) -> None:
+        """Do what waits in the background, if nothing else is done."""
+        if self.runner.job is not None or self._next is not None:
+            return
+        label = self._session.study.settings.groom.label
+        unread = [
+            one.subject
+            for one in self._session.study.members
+            if (seen := self._session.surveys.get(one.name)) is None
+            or seen.subject.path != one.subject.path
+            or seen.label != label
+        ]
+        if unread:
+            work = Task(lambda tick: read_files(unread, label, self._arrived.put, tick), "reading files")
+            self._start("read", work, self._read_ended)
+        elif not self._prepared:
+            self._start("prepare", Task(prepare, "preparing compute kernels"), self._prepare_ended)
+
+    def groom(self, cohort: Cohort, project: Project) -> None:
+        """Groom the subjects of a cohort with the settings in force."""
+        settings = self._session.study.settings.groom
+
+        def take(ended: Ended) -> None:
+            groomed, alignments = ended.result
+            self._session.groomed |= {
+                one.name: Groomed(one, alignment, settings)
+                for one, alignment in zip(groomed, alignments, strict=True)
+            }
+            _log.info("groomed %d subjects", len(groomed))
+            self._session.facts_changed.emit()
+
+        self._order("groom", Task(lambda tick: groom(cohort, settings, project, tick), "grooming"), take)
+
+    def groom_one(self, name: str, project: Project) -> None:
+        """Groom one subject again; its place among the others stays."""
+        settings = self._session.study.settings.groom
+        cohort = Cohort(
+            tuple(one for one in self._session.study.included if one.name == name), project.folder
+        )
+
+        def take(ended: Ended) -> None:
+            (groomed,), _ = ended.result
+            before = self._session.groomed[name]
+            self._session.groomed[name] = Groomed(groomed, before.alignment, settings)
+            _log.info("groomed %s again", name)
+            self._session.facts_changed.emit()
+
+        self._order("groom", Task(lambda tick: groom(cohort, settings, project, tick), "grooming"), take)
+
+    def run(self, project: Project, *, resume: bool) -> None:
+        """Place the particles."""
+        study = self._session.study
+        self._order("run", RunJob(project, study.cohort, study.settings, resume=resume), self._take_result)
+
+    def open_result(self, project: Project) -> None:
+        """Read the result of a project."""
+        self._order("open", Task(lambda tick: load_result(project), "reading the result"), self._take_result)
+
+    def make_sample(self, folder: Path, take: Callable[[Path], None]) -> None:
+        """Make the coffee-bean cohort."""
+        work = Task(lambda tick: make_sample(folder, tick), "making coffee beans")
+        self._order("sample", work, lambda ended: take(ended.result))
+
+    def cancel(self) -> None:
+        """End what the user waits for."""
+        if self._next is not None:
+            self._next = None
+            self.changed.emit()
+        else:
+            self.runner.cancel()
+
+    def pause_or_go_on(self) -> None:
+        """Hold the run, or let it go on."""
+        if self.run_job is not None:
+            self.run_job.set_paused(not self.run_job.status.paused)
+
+    def _order(self, kind: str, job: Job, take: _Then) -> None:
+        if self.runner.job is None:
+            self._start(kind, job, take)
+        elif not self.is_busy:
+            self._next = (kind, job, take)
+            self.runner.cancel()
+        self.changed.emit()
+
+    def _start(self, kind: str, job: Job, take: _Then) -> None:
+        self.kind, self._then = kind, take
+        if kind not in _BACKGROUND:
+            _log.info("%s begins", kind)
+        self.runner.start(job)
+
+    @Slot(object)
+    def _progressed(self, status: Status) -> None:
+        self._drain()
+        if self.is_busy:
+            self.status = status
+        if self.kind not in ("groom", "run"):
+            self.background.emit(status.message)
+        self.changed.emit()
+
+    @Slot(object)
+    def _ended(self, ended: Ended) -> None:
+        self._drain()
+        kind, self.kind, self.status = self.kind, "", None
+        take, self._then = self._then, None
+        self.background.emit("")
+        self._prepared |= kind == "prepare" and not ended.cancelled
+        if ended.error is not None:
+            _log.error("%s failed: %s", kind, ended.error, exc_info=ended.error)
+            self.failed.emit(kind, ended.error)
+        elif ended.cancelled:
+            _log.info("%s cancelled", kind)
+        elif take is not None:
+            take(ended)
+        if self._next is not None:
+            following, self._next = self._next, None
+            self._start(*following)
+        else:
+            self.go_on()
+        self.changed.emit()
+
+    def _drain(self) -> None:
+        """Put what was read into the session; bad files are left out until the user ticks them again."""
+        arrived: "list[Survey]" = []
+        while not self._arrived.empty():
+            arrived.append(self._arrived.get())
+        if not arrived:
+            return
+        members = {one.name: one for one in self._session.study.members}
+        current = [one for one in arrived if one.subject.name in members]
+        self._session.surveys |= {one.subject.name: one for one in current}
+        bad = {
+            one.subject.name: replace(members[one.subject.name], included=False)
+            for one in current
+            if one.problem and members[one.subject.name].included
+        }
+        for one in current:
+            if one.problem:
+                _log.warning("%s: %s", one.subject.name, one.problem)
+        if bad:
+            self._session.put(self._session.study.with_members(bad))
+        self._session.facts_changed.emit()
+
+    def _read_ended(self, ended: Ended) -> None:
+        _log.info("read %d files", len(self._session.surveys))
+
+    def _prepare_ended(self, ended: Ended) -> None:
+        devices: Devices = ended.result
+        self.devices_known.emit(devices)
+
+    def _take_result(self, ended: Ended) -> None:
+        loaded: Loaded = ended.result
+        self._session.result = loaded
+        _log.info("%s", loaded.summary)
+        self._session.facts_changed.emit()
