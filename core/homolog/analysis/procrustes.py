@@ -35,20 +35,33 @@ def align(
         Ends when the mean moves by less than this part of its size.
     iterations : int
         Ends after so many rounds in any case.
+
+    Returns
+    -------
+    (M, N, 3) array
+        Positions [mm]; their mean lies as the mean of the given shapes does.
     """
+    place = particles.mean(axis=0)
+    middle = place.mean(axis=0)
     shapes = particles - particles.mean(axis=1, keepdims=True)
     size = sizes(shapes)
     if scaling:
         shapes = shapes * (size.mean() / size)[:, None, None]
     target = shapes[0]
     for _ in range(iterations):
-        u, _, vt = np.linalg.svd(np.einsum("mni,nj->mij", shapes, target))
-        u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-        shapes = shapes @ (u @ vt)
+        shapes = shapes @ _rotations(shapes, target)
         moved = shapes.mean(axis=0)
         change = np.sqrt(np.square(moved - target).sum(axis=1).mean())
         target = moved
         if change < tolerance * size.mean():
             break
-    aligned: FloatArray = shapes
+    aligned: FloatArray = shapes @ _rotations(target[None], place - middle)[0] + middle
     return aligned
+
+
+def _rotations(shapes: FloatArray, target: FloatArray) -> FloatArray:
+    """Return the rotation that brings each centred shape nearest to the target (Kabsch 1976), (M, 3, 3)."""
+    u, _, vt = np.linalg.svd(np.einsum("mni,nj->mij", shapes, target))
+    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
+    rotations: FloatArray = u @ vt
+    return rotations
