@@ -5,6 +5,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of
 from homolog.settings import Alignment, GroomSettings, Method, OptimizeSettings, RunSettings
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["add_parser", "run"]
 
 _SHAPES, _SEED = 10, 5
+_MODES = 2  # true factors of variation: slot position and width
 _METHODS = (Method.EUCLIDEAN, Method.GEODESIC_NORMALS)
 _NAMES = {Method.EUCLIDEAN: "original", Method.GEODESIC_NORMALS: "proposed"}
 _ENDS = (0.01, 0.35, 0.88)
@@ -99,13 +102,19 @@ def _draw(out: Path, projects: dict[str, "Project"], tick: Tick) -> None:
     from homolog_app.cli.figures import draw_figures
     from homolog_app.pictures import ModeSurfaces, draw_comparison, write_picture
 
-    models = {}
+    models: dict[str, ModeSurfaces] = {}
+    reference = None
     for index, (name, project) in enumerate(projects.items()):
         draw_figures(project, part_of(tick, 0.4 * index, 0.4 * (index + 1)))
         result = read_result(project)
-        shares = fit_shape_model(result.world).explained
-        moves = read_modes(project, result.mean_surface)
-        models[f"{name} method"] = ModeSurfaces(result.mean_surface, moves, shares)
+        model = fit_shape_model(result.world)
+        moves = read_modes(project, result.mean_surface)[:_MODES]
+        scores = model.scores[:, :_MODES]
+        reference = scores if reference is None else reference
+        signs = np.where((scores * reference).sum(axis=0) < 0.0, -1.0, 1.0)  # a mode's sign is arbitrary
+        models[f"{name} method"] = ModeSurfaces(
+            result.mean_surface, signs[:, None, None] * moves, model.explained
+        )
     tick(0.8, "drawing the comparison")
     with replacing(out / "comparison.png") as part:
-        write_picture(draw_comparison(models), part)
+        write_picture(draw_comparison(models, modes=range(_MODES)), part)

@@ -57,15 +57,14 @@ def three_quarter_view(points: FloatArray, weights: FloatArray | None = None) ->
     points : (n, 3) array
         Points of the shape, such as the mean particles [mm].
     weights : (n,) array, optional
-        What is worth seeing, such as the variance of each particle: the viewer stands on the side where
-        more of it is. Without weights the viewer stands to the left, in front and above (LPS).
+        What is worth seeing, such as the variance of each particle: of the two broad sides the viewer sees
+        the one with more of it. All else being equal the viewer stands to the left, in front and above (LPS).
     """
     centred = points - points.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)
-    if weights is None:
-        lean = (axes * [1.0, -1.0, 1.0])[range(3), np.abs(axes).argmax(axis=1)]
-    else:
-        lean = weights @ (centred @ axes.T)
+    lean = (axes * [1.0, -1.0, 1.0])[range(3), np.abs(axes).argmax(axis=1)]
+    if weights is not None:
+        lean[2] = weights @ (centred @ axes[2])
     axes = axes * np.where(lean < 0.0, -1.0, 1.0)[:, None]
     toward = np.array([0.28, 0.42, 0.86]) @ axes
     up = _UP if abs(toward[2]) < 0.7 else _FORWARD
