@@ -115,7 +115,7 @@ class OptimizeSettings(_Settings):
     ] = 0.02
     normals_weight: Annotated[
         float, Field(gt=0.0, le=10.0, description="Weight of the entropy of surface normals H(V).")
-    ] = 0.02
+    ] = 0.05
     regularization_start: Annotated[
         float,
         Field(
