@@ -8,6 +8,7 @@ from homolog.analysis.design import Design
 from homolog.analysis.discriminant import Discriminant
 from homolog.analysis.local_map import LocalMap, local_map
 from homolog.analysis.mode_test import ModeTest, mode_test
+from homolog.analysis.null_simulation import FalseAlarms, null_simulation
 from homolog.analysis.procrustes import align, sizes
 from homolog.analysis.wilks import wilks_p
 from homolog.arrays import FloatArray, IntArray, frozen
@@ -30,6 +31,8 @@ class Options:
         Relabellings of each test.
     bootstraps : int
         Cohorts drawn for the bounds of the discriminant.
+    null_repeats : int
+        Relabellings of the null simulation; 0 leaves it out.
     seed : int
         Same seed, same result.
     """
@@ -38,6 +41,7 @@ class Options:
     modes: int | None = None
     permutations: int = 10_000
     bootstraps: int = 1000
+    null_repeats: int = 0
     seed: int = 0
 
 
@@ -69,7 +73,9 @@ class Comparison:
     discriminant : Discriminant or None
         For two groups, if at least one mode is kept.
     p_adjusted : float
-        The permutation p-value of the test; adjusted by Holm's method if it is one of several pairs.
+        The permutation p-value of the test, adjusted by Holm's method if it is one of several pairs.
+    false_alarms : tuple of FalseAlarms
+        What the same tests find on this cohort when labels mean nothing; empty without a null simulation.
     """
 
     title: str
@@ -82,6 +88,7 @@ class Comparison:
     size_p: float
     discriminant: Discriminant | None
     p_adjusted: float
+    false_alarms: tuple[FalseAlarms, ...]
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -129,11 +136,21 @@ def compared(
         modes=options.modes,
         permutations=options.permutations,
         seed=options.seed,
-        tick=part_of(tick, 0.0, 0.5),
+        tick=part_of(tick, 0.0, 0.4),
     )
     local = local_map(
-        data, design, permutations=options.permutations, seed=options.seed, tick=part_of(tick, 0.5, 1.0)
+        data, design, permutations=options.permutations, seed=options.seed, tick=part_of(tick, 0.4, 0.8)
     )
+    false_alarms: tuple[FalseAlarms, ...] = ()
+    if options.null_repeats and test.modes:
+        false_alarms = null_simulation(
+            data,
+            design,
+            modes=test.modes,
+            repeats=options.null_repeats,
+            seed=options.seed,
+            tick=part_of(tick, 0.8, 1.0),
+        )
     return Comparison(
         title=title,
         subjects=subjects,
@@ -145,6 +162,7 @@ def compared(
         size_p=_size_p(size, design),
         discriminant=None,
         p_adjusted=test.p_permutation,
+        false_alarms=false_alarms,
     )
 
 

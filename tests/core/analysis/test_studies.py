@@ -101,3 +101,12 @@ def test_a_cohort_that_differs_by_noise_only_has_no_discriminant_and_no_nan():
     assert result.test.modes == 0
     assert result.discriminant is None
     assert np.isfinite([result.test.p, result.size_p, result.test.wilks, result.p_adjusted]).all()
+
+
+def test_the_null_simulation_comes_with_the_comparison_where_it_is_asked_for(correlated):
+    shapes = correlated(subjects=20)
+    groups = ["a", "b"] * 10
+    options = Options(permutations=99, bootstraps=5, null_repeats=50)
+    with_null = compare_two_groups(shapes, groups, ("a", "b"), options=options)
+    assert [one.repeats for one in with_null.false_alarms] == [50] * 5
+    assert compare_two_groups(shapes, groups, ("a", "b"), options=QUICK).false_alarms == ()
