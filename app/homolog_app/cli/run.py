@@ -50,6 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
     for note in job.notes:
         sys.stderr.write(f"homolog: left out: {note}\n")
     if reason is FinishReason.CANCELLED:
+        if project.exists and project.read().result is None and job.keep():
+            sys.stderr.write("the particles so far are kept as a result\n")
         sys.stderr.write(f"cancelled; to go on: homolog run {project.folder} --resume\n")
         return CANCELLED
     if arguments.figures:

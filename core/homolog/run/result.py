@@ -1,6 +1,6 @@
 """A finished run on disk: particles, shape model, tables, and the record of how they came about."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -8,8 +8,10 @@ import numpy as np
 
 from homolog.analysis.reconstruction import MeanSurface, mean_surface, medoid
 from homolog.analysis.shape_model import ShapeModel, fit_shape_model
+from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
-from homolog.correspondence import Correspondence, Shape
+from homolog.correspondence import Shape
+from homolog.device import describe_device
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
 from homolog.files.particles import write_particles
@@ -23,15 +25,18 @@ from homolog.run.identity import content_of, versions
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Outcome", "model_of", "write_result"]
+__all__ = ["CANCELLED", "Outcome", "Study", "model_of", "write_result"]
+
+CANCELLED = "cancelled"
+"""How a result `ended` that was kept although its run was not done."""
 
 _SHOWN_SHARE = 0.95
 _LEAST_SHOWN, _MOST_SHOWN = 3, 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
-    """All that a run has come to.
+class Study:
+    """What an optimization starts from.
 
     Attributes
     ----------
@@ -39,23 +44,48 @@ class Outcome:
     settings : RunSettings
     groomed : sequence of GroomedSubject
     shapes : sequence of Shape
-    correspondence : Correspondence
     fingerprint : str
         Of the settings and shapes.
     device : str
-        For people.
-    seconds : dict of str to float
-        Time by phase.
+        Warp alias.
     """
 
     cohort: Cohort
     settings: RunSettings
     groomed: Sequence[GroomedSubject]
     shapes: Sequence[Shape]
-    correspondence: Correspondence
     fingerprint: str
     device: str
-    seconds: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What it has come to.
+
+    Attributes
+    ----------
+    study : Study
+    world, local : (M, N, 3) float64 arrays
+        Particles in aligned and in file coordinates [mm].
+    alignments : (M, 4, 4) float64 array
+        Similarities from local to world.
+    energies : (T, 4) float64 array
+        Iteration and the three parts of the objective.
+    iterations : int
+    ended : str
+        Why; ``"cancelled"`` if it can be resumed.
+    seconds : mapping of str to float
+        Time by phase.
+    """
+
+    study: Study
+    world: FloatArray
+    local: FloatArray
+    alignments: FloatArray
+    energies: FloatArray
+    iterations: int
+    ended: str
+    seconds: Mapping[str, float]
 
 
 def model_of(outcome: Outcome, tick: Tick) -> tuple[ShapeModel, MeanSurface]:
@@ -66,13 +96,13 @@ def model_of(outcome: Outcome, tick: Tick) -> tuple[ShapeModel, MeanSurface]:
     NumericalError
         If particles coincide, so that no surface can be carried by them.
     """
-    found = outcome.correspondence
-    model = fit_shape_model(found.world, names=[one.name for one in outcome.shapes])
+    shapes, world = outcome.study.shapes, outcome.world
+    model = fit_shape_model(world, names=[one.name for one in shapes])
     tick(0.1, "mean surface")
-    nearest = medoid(found.world, model.mean)
-    mesh, matrix = outcome.shapes[nearest].mesh, found.alignments[nearest]
+    nearest = medoid(world, model.mean)
+    mesh, matrix = shapes[nearest].mesh, outcome.alignments[nearest]
     vertices = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
-    return model, mean_surface(model.mean, found.world[nearest], vertices, mesh.faces)
+    return model, mean_surface(model.mean, world[nearest], vertices, mesh.faces)
 
 
 def write_result(
@@ -94,21 +124,23 @@ def write_result(
     InputError
         If the project can't be written to; its last result is then as it was.
     """
-    stems = file_stems([one.name for one in outcome.shapes])
+    study = outcome.study
+    stems = file_stems([one.name for one in study.shapes])
     with project.replacing_result() as new:
         _write_subjects(new, project, outcome, stems, part_of(tick, 0.0, 0.6))
         tick(0.6, "shape model")
-        _write_model(new, outcome.cohort, model)
+        _write_model(new, study.cohort, model)
         _write_surfaces(new, model, surface, part_of(tick, 0.7, 1.0))
         write_table(
             new.folder / "energies.csv",
             ["iteration", "sampling", "ensemble", "normals"],
-            ([int(row[0]), *row[1:]] for row in outcome.correspondence.energies.tolist()),
+            ([int(row[0]), *row[1:]] for row in outcome.energies.tolist()),
         )
         new.write(
             ProjectRecord(
-                subjects=project.describe(outcome.cohort),
-                settings=outcome.settings,
+                subjects=project.describe(study.cohort),
+                settings=study.settings,
+                unfinished=outcome.ended == CANCELLED,
                 result=_record(outcome, stems, surface.folded),
             )
         )
@@ -117,12 +149,11 @@ def write_result(
 def _write_subjects(
     new: Project, project: Project, outcome: Outcome, stems: Sequence[str], tick: Tick
 ) -> None:
-    found = outcome.correspondence
-    for index, stem in enumerate(stems):
-        tick(index / len(stems), f"writing {outcome.shapes[index].name}")
-        write_particles(particle_file(new, stem, "local"), found.local[index])
-        write_particles(particle_file(new, stem, "world"), found.world[index])
-        write_mesh(surface_file(project, stem), outcome.shapes[index].mesh)
+    for index, (stem, shape) in enumerate(zip(stems, outcome.study.shapes, strict=True)):
+        tick(index / len(stems), f"writing {shape.name}")
+        write_particles(particle_file(new, stem, "local"), outcome.local[index])
+        write_particles(particle_file(new, stem, "world"), outcome.world[index])
+        write_mesh(surface_file(project, stem), shape.mesh)
 
 
 def _write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
@@ -170,7 +201,7 @@ def _write_surfaces(new: Project, model: ShapeModel, surface: MeanSurface, tick:
 
 
 def _record(outcome: Outcome, stems: Sequence[str], folded: int) -> ResultRecord:
-    found = outcome.correspondence
+    study = outcome.study
     subjects = [
         ResultSubject(
             name=subject.name,
@@ -182,20 +213,20 @@ def _record(outcome: Outcome, stems: Sequence[str], folded: int) -> ResultRecord
             notes=list(groomed.report.notes),
         )
         for subject, stem, shape, alignment, groomed in zip(
-            outcome.cohort.subjects, stems, outcome.shapes, found.alignments, outcome.groomed, strict=True
+            study.cohort.subjects, stems, study.shapes, outcome.alignments, study.groomed, strict=True
         )
     ]
     return ResultRecord(
         finished=datetime.now(UTC).isoformat(timespec="seconds"),
-        ended=found.reason.value,
-        iterations=found.iterations,
-        particles=found.world.shape[1],
-        metric="geodesic" if outcome.settings.optimize.method.uses_geodesics else "euclidean",
+        ended=outcome.ended,
+        iterations=outcome.iterations,
+        particles=outcome.world.shape[1],
+        metric="geodesic" if study.settings.optimize.method.uses_geodesics else "euclidean",
         folded_faces=folded,
-        settings=outcome.settings,
-        device=outcome.device,
+        settings=study.settings,
+        device=describe_device(study.device),
         versions=versions(),
-        seconds=outcome.seconds,
-        fingerprint=outcome.fingerprint,
+        seconds=dict(outcome.seconds),
+        fingerprint=study.fingerprint,
         subjects=subjects,
     )

@@ -2,23 +2,29 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Correspondence, Frame, Shape, optimize
-from homolog.device import choose_device, describe_device
+from homolog.device import choose_device
 from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import writing
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord
 from homolog.grooming import GroomedSubject, align, check_cohort, groom_cohort
+from homolog.progress import no_tick
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.control import Control
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
 from homolog.run.identity import fingerprint_of
-from homolog.run.result import Outcome, model_of, write_result
+from homolog.run.result import CANCELLED, Outcome, Study, model_of, write_result
 from homolog.run.workers import worker_processes
 from homolog.settings import RunSettings
 
 __all__ = ["Run"]
+
+_FEWEST = 8
+"""Particles that can carry a surface."""
 
 
 class Run:
@@ -61,6 +67,8 @@ class Run:
         self._skip_bad = skip_bad
         self._control = Control()
         self._frame: Frame | None = None
+        self._study: Study | None = None
+        self._energies = np.empty((0, 4))
         self._notes: list[str] = []
 
     @property
@@ -112,6 +120,33 @@ class Run:
         self._control.finish(FinishReason.COMPLETED, "completed")
         return FinishReason.COMPLETED
 
+    def keep(self) -> bool:
+        """Make the newest particles of a cancelled run the project's result; the run can still be resumed.
+
+        Returns
+        -------
+        bool
+            False if there are no particles yet, or too few to carry a surface.
+
+        Raises
+        ------
+        InputError
+            If the project can't be written to.
+        """
+        study, frame = self._study, self._frame
+        if study is None or frame is None or frame.world.shape[1] < _FEWEST:
+            return False
+        world = frame.world.astype(np.float64)
+        alignments = np.stack([one.alignment for one in study.shapes])
+        inverses = np.linalg.inv(alignments)
+        local = np.einsum("mij,mnj->mni", inverses[:, :3, :3], world) + inverses[:, None, :3, 3]
+        outcome = Outcome(
+            study, world, local, alignments, self._energies, frame.iteration, CANCELLED, self._control.seconds
+        )
+        with self.project.locked():
+            write_result(self.project, outcome, *model_of(outcome, no_tick), no_tick)
+        return True
+
     def _work(self) -> None:
         device = choose_device(self._settings.device)
         cohort = self._checked()
@@ -120,18 +155,13 @@ class Run:
             groomed = self._groomed(cohort)
             shapes = self._aligned(groomed)
             fingerprint = fingerprint_of(self._settings.optimize, shapes)
-            correspondence = self._optimized(shapes, fingerprint, device)
-            outcome = Outcome(
-                cohort=cohort,
-                settings=self._settings,
-                groomed=groomed,
-                shapes=shapes,
-                correspondence=correspondence,
-                fingerprint=fingerprint,
-                device=describe_device(device),
-                seconds=self._control.seconds,
-            )
+            self._study = Study(cohort, self._settings, groomed, shapes, fingerprint, device)
+            found = self._optimized(self._study)
             self._control.enter(Phase.MODELING, "principal components")
+            outcome = Outcome(
+                self._study, found.world, found.local, found.alignments, found.energies,
+                found.iterations, found.reason.value, self._control.seconds,
+            )  # fmt: skip
             model, surface = model_of(outcome, self._control.tick)
             self._control.enter(Phase.WRITING, "writing")
             write_result(self.project, outcome, model, surface, self._control.tick)
@@ -187,25 +217,27 @@ class Run:
             for one, alignment in zip(groomed, alignments, strict=True)
         ]
 
-    def _optimized(self, shapes: Sequence[Shape], fingerprint: str, device: str) -> Correspondence:
-        geodesic = self._settings.optimize.method.uses_geodesics
+    def _optimized(self, study: Study) -> Correspondence:
+        geodesic = study.settings.optimize.method.uses_geodesics
         first = Phase.GEODESICS if geodesic else Phase.SPLITTING
         self._control.enter(first, "distances on the surfaces", until=Phase.OPTIMIZING)
+        path = self.project.checkpoint
 
         def observe(frame: Frame) -> None:
             self._frame = frame
             if (phase := Phase(frame.stage.value)) is not self.status.phase:
                 self._control.move_to(phase)
 
-        def keep(checkpoint: Checkpoint) -> None:
-            write_checkpoint(self.project.checkpoint, checkpoint, fingerprint)
+        def save(checkpoint: Checkpoint) -> None:
+            self._energies = checkpoint.energies
+            write_checkpoint(path, checkpoint, study.fingerprint)
 
         return optimize(
-            shapes,
-            self._settings.optimize,
-            device=device,
+            study.shapes,
+            study.settings.optimize,
+            device=study.device,
             tick=self._control.tick,
             observe=observe,
-            checkpoint=keep,
-            resume=read_checkpoint(self.project.checkpoint, fingerprint) if self._resume else None,
+            checkpoint=save,
+            resume=read_checkpoint(path, study.fingerprint) if self._resume else None,
         )

@@ -121,6 +121,30 @@ def test_a_run_can_be_cancelled_in_every_phase_and_the_last_result_stays(start, 
     assert read_result(again).names == ("a", "b", "c", "d")
 
 
+def test_the_particles_of_a_cancelled_run_can_be_kept_and_the_run_resumed(start, finished, project):
+    run = start()
+    run.execute(cancelling(run, Phase.OPTIMIZING))
+    assert run.keep()
+    kept = read_result(project)
+    assert np.array_equal(kept.world, run.frame.world)
+    for surface, points in zip(read_surfaces(project), kept.world, strict=True):
+        assert (
+            np.linalg.norm(points[:, None] - surface.vertices, axis=2).min(axis=1).max() < surface.mean_edge
+        )
+    record = project.read()
+    assert (record.unfinished, record.result.ended) == (True, "cancelled")
+    start(resume=True).execute()
+    assert contents(project) == contents(finished)
+    assert project.read().result.ended != "cancelled"
+
+
+def test_a_run_cancelled_before_there_are_particles_has_nothing_to_keep(start, project):
+    run = start()
+    run.execute(cancelling(run, Phase.ALIGNING))
+    assert not run.keep()
+    assert project.read().result is None
+
+
 def test_a_run_can_be_paused_from_another_thread(start):
     run = start()
     paused = threading.Event()
