@@ -1,18 +1,22 @@
 """All subjects of a cohort: checked before any work, groomed side by side, cached."""
 
-from concurrent.futures import Executor
+import multiprocessing
+import os
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass
 from pathlib import Path
 
 from homolog.cohort import Cohort
-from homolog.errors import InputError
-from homolog.grooming.images import read_segmentation
-from homolog.grooming.subject import GroomedSubject, groom_subject
-from homolog.progress import Tick, no_tick
+from homolog.errors import InputError, NumericalError
+from homolog.grooming.cache import content_key, load_groomed, save_groomed
+from homolog.grooming.subject import GroomedSubject, groom_subject, read_source
+from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
 
-__all__ = ["Problem", "check_cohort", "groom_cohort"]
+__all__ = ["Problem", "check_cohort", "groom_cohort", "local_executor"]
 
-from dataclasses import dataclass
+_PATIENCE = 0.1  # s between looks at the tick while workers are busy
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,15 +28,33 @@ class Problem:
 
 
 def check_cohort(cohort: Cohort, settings: GroomSettings, tick: Tick = no_tick) -> list[Problem]:
-    """Read every file and return what is wrong with the bad ones, in the cohort's order."""
+    """Read every file and return what is wrong with the bad ones, in the cohort's order.
+
+    Nothing is computed or written. Faults that only grooming can find are few: a grid that would not fit
+    into memory, or nothing left after smoothing.
+    """
     problems = []
     for index, subject in enumerate(cohort.subjects):
         tick(index / len(cohort.subjects), f"checking {subject.name}")
         try:
-            read_segmentation(subject.path, settings.label)
+            read_source(subject, settings)
         except InputError as error:
             problems.append(Problem(subject.name, str(error)))
     return problems
+
+
+def local_executor(workers: int | None = None) -> Executor:
+    """Return an executor of fresh processes on this machine.
+
+    Processes rather than threads, because marching cubes keeps the interpreter lock; fresh ones, because
+    forking is not safe once numerical libraries run threads of their own.
+
+    Parameters
+    ----------
+    workers : int or None
+        Their number; one for each core if None.
+    """
+    return ProcessPoolExecutor(workers or _cores(), mp_context=multiprocessing.get_context("spawn"))
 
 
 def groom_cohort(
@@ -43,9 +65,84 @@ def groom_cohort(
     cache: Path | None = None,
     tick: Tick = no_tick,
 ) -> list[GroomedSubject]:
-    """Groom every subject."""
-    result = []
-    for index, subject in enumerate(cohort.subjects):
-        tick(index / len(cohort.subjects), f"grooming {subject.name}")
-        result.append(groom_subject(subject, settings))
-    return result
+    """Groom every subject.
+
+    Parameters
+    ----------
+    cohort : Cohort
+        At least one subject.
+    settings : GroomSettings
+        Alignment and scaling play no part.
+    executor : Executor, optional
+        Where subjects are groomed; `local_executor` if not given. Its workers must see the files.
+    cache : Path, optional
+        Folder with what was groomed earlier; only what changed is made anew and added.
+    tick : Tick
+        Called at least every 0.1 s.
+
+    Returns
+    -------
+    list of GroomedSubject
+        In the cohort's order.
+
+    Raises
+    ------
+    InputError, NumericalError
+        Of the first subject that fails, or if a worker process died.
+    Cancelled
+        From the tick; what waits is dropped, what runs ends by itself within seconds.
+    """
+    found, keys = _from_cache(cohort, settings, cache, part_of(tick, 0.0, 0.1))
+    missing = [subject for subject in cohort.subjects if subject.name not in found]
+    if missing:
+        own = executor is None
+        used = executor or local_executor(min(len(missing), _cores()))
+        try:
+            futures = {used.submit(groom_subject, subject, settings): subject.name for subject in missing}
+            for done in _as_they_finish(futures, part_of(tick, 0.1, 1.0)):
+                found[done.name] = done
+                if cache:
+                    save_groomed(cache, done, keys[done.name])
+        finally:
+            if own:
+                used.shutdown(wait=False, cancel_futures=True)
+    return [found[subject.name] for subject in cohort.subjects]
+
+
+def _from_cache(
+    cohort: Cohort, settings: GroomSettings, cache: Path | None, tick: Tick
+) -> tuple[dict[str, GroomedSubject], dict[str, str]]:
+    """Return what the cache holds, and every subject's key."""
+    found: dict[str, GroomedSubject] = {}
+    keys: dict[str, str] = {}
+    for index, subject in enumerate(cohort.subjects if cache else ()):
+        tick(index / len(cohort.subjects), f"looking for {subject.name}")
+        keys[subject.name] = content_key(read_source(subject, settings), settings)
+        groomed = load_groomed(cache, subject.name, keys[subject.name]) if cache else None
+        if groomed:
+            found[subject.name] = groomed
+    return found, keys
+
+
+def _as_they_finish(futures: dict[Future[GroomedSubject], str], tick: Tick) -> Iterator[GroomedSubject]:
+    """Yield results as they come, ticking meanwhile; drop what waits when something goes wrong."""
+    pending = set(futures)
+    try:
+        while pending:
+            busy = next(name for future, name in futures.items() if future in pending)
+            tick(1.0 - len(pending) / len(futures), f"grooming {busy}")
+            done, pending = wait(pending, _PATIENCE, FIRST_COMPLETED)
+            for future in done:
+                yield future.result()
+    except BrokenExecutor as error:
+        raise NumericalError(
+            "a grooming process died, most likely for lack of memory; "
+            "use fewer workers or a larger grid spacing"
+        ) from error
+    finally:
+        for future in pending:
+            future.cancel()
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

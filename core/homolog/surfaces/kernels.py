@@ -186,3 +186,15 @@ def relax(
         if wp.abs(better - beyond * field[a, b, c]) > tolerance and wp.atomic_max(state, a, b, c, 1) == 0:
             field[a, b, c] = beyond * better
             following[wp.atomic_add(n_following, 0, 1)] = wp.vec3i(a, b, c)
+
+
+@wp.kernel
+def distance_to_mesh(mesh: wp.uint64, reach: float, distances: wp.array3d(dtype=wp.float32)) -> None:
+    """Signed distance from the nodes within reach of a mesh, inside where the mesh winds around the node."""
+    i, j, k = wp.tid()
+    node = wp.vec3(float(i), float(j), float(k))
+    query = wp.mesh_query_point_sign_winding_number(mesh, node, reach)
+    if query.result:
+        nearest = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
+        side = wp.where(query.sign < 0.0, -1.0, 1.0)
+        distances[i, j, k] = side * wp.min(wp.length(node - nearest), reach)
