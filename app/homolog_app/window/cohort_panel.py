@@ -69,6 +69,7 @@ class CohortPanel(Panel):
         table.setAlternatingRowColors(True)
         table.setShowGrid(False)
         table.setWordWrap(False)
+        table.setTextElideMode(Qt.TextElideMode.ElideMiddle)
         table.setIconSize(QSize(32, 32))
         table.setMinimumHeight(240)
         table.verticalHeader().hide()
@@ -77,7 +78,7 @@ class CohortPanel(Panel):
         head.setHighlightSections(False)
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         head.setStretchLastSection(False)
-        for column, width in ((NAME, 176), (GROUP, 56), (VOLUME, 72), (STATUS, 112)):
+        for column, width in ((NAME, 196), (GROUP, 52), (VOLUME, 72), (STATUS, 96)):
             head.resizeSection(column, width)
         head.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         return table

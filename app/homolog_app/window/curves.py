@@ -25,7 +25,8 @@ class EnergyCurves(QWidget):
         super().__init__()
         self._theme = theme
         self._rows: FloatArray = np.empty((0, 4))
-        self.setMinimumHeight(160)
+        self.setObjectName("Curves")
+        self.setMinimumHeight(152)
         self.setAccessibleName("Energies")
         theme.changed.connect(self.update)
 
@@ -75,7 +76,10 @@ class EnergyCurves(QWidget):
         down = frame.bottom() - frame.height() * (y - low) / (high - low)
         line = QPolygonF([QPointF(a, b) for a, b in zip(across[known], down[known], strict=True)])
         painter.setPen(QPen(QColor(colours.accent), 2))
+        painter.save()
+        painter.setClipRect(frame.adjusted(-2, -2, 2, 2))
         painter.drawPolyline(line)
+        painter.restore()
         painter.setPen(QColor(colours.dim))
         right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
         for value, height in ((high, frame.top()), (low, frame.bottom())):
@@ -85,7 +89,7 @@ class EnergyCurves(QWidget):
 
 
 def _range(values: FloatArray) -> tuple[float, float]:
-    """Return the range to show; a flat curve gets room above and below."""
-    low, high = float(values.min()), float(values.max())
+    """Return the range to show: without the leaps of the first iterations, with room around a flat curve."""
+    low, high = (float(one) for one in np.percentile(values, (4, 96)))
     room = 0.05 * (high - low) or abs(high) * 0.05 or 1.0
     return low - room, high + room

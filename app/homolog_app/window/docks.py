@@ -1,10 +1,10 @@
-"""The dock below the views: energies and log."""
+"""What is docked around the views: rail, inspector, energies and log."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Qt
-from PySide6.QtWidgets import QDockWidget
+from PySide6.QtWidgets import QDockWidget, QWidget
 
 from homolog_app.window.curves import EnergyCurves
 from homolog_app.window.log_pane import LogPane
@@ -14,17 +14,25 @@ if TYPE_CHECKING:
 
 __all__ = ["Docks"]
 
+_INSPECTOR = 432
+
 
 class Docks(QObject):
-    """Two docks in one place; the energies come up with a run, the log when it is asked for."""
+    """Rail left, inspector right, both full height; the energies come up with a run, the log when asked for."""
 
     def __init__(self, window: "MainWindow") -> None:
         super().__init__(window)
         self._window = window
         self.curves = EnergyCurves(window.desk.theme)
         self.log = LogPane(window.desk.memory)
-        self._curves_dock = self._dock("Energies", self.curves)
-        self._log_dock = self._dock("Log", self.log)
+        bottom = Qt.DockWidgetArea.BottomDockWidgetArea
+        window.setCorner(Qt.Corner.BottomLeftCorner, Qt.DockWidgetArea.LeftDockWidgetArea)
+        window.setCorner(Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea)
+        self._dock("Steps", window.rail, Qt.DockWidgetArea.LeftDockWidgetArea).show()
+        self._inspector_dock = self._dock("Inspector", window.inspector, Qt.DockWidgetArea.RightDockWidgetArea)
+        self._curves_dock = self._dock("Energies", self.curves, bottom)
+        self._log_dock = self._dock("Log", self.log, bottom)
+        window.resizeDocks([self._inspector_dock], [_INSPECTOR], Qt.Orientation.Horizontal)
         self._log_dock.visibilityChanged.connect(lambda shown: window.commands["view.log"].setChecked(shown))
         window.desk.session.facts_changed.connect(self._show_result)
 
@@ -35,6 +43,7 @@ class Docks(QObject):
     def show_for(self, open_: bool) -> None:
         """Show the energies while there are some, in the steps that they belong to."""
         work, session = self._window.desk.work, self._window.desk.session
+        self._inspector_dock.setVisible(open_)
         wanted = open_ and self._window.step in ("correspond", "explore")
         self._curves_dock.setVisible(wanted and (work.run_job is not None or session.result is not None))
 
@@ -42,11 +51,12 @@ class Docks(QObject):
         result = self._window.desk.session.result
         self.curves.show_rows(result.energies if result is not None else [])
 
-    def _dock(self, title: str, widget: EnergyCurves | LogPane) -> QDockWidget:
+    def _dock(self, title: str, widget: QWidget, area: Qt.DockWidgetArea) -> QDockWidget:
         dock = QDockWidget(title, self._window)
         dock.setObjectName(title)
         dock.setWidget(widget)
         dock.setFeatures(QDockWidget.DockWidgetFeature.NoDockWidgetFeatures)
-        self._window.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, dock)
+        dock.setTitleBarWidget(QWidget())
+        self._window.addDockWidget(area, dock)
         dock.hide()
         return dock

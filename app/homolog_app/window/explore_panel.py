@@ -2,8 +2,9 @@
 
 from PySide6.QtCore import Qt
 
+from homolog_app.window.actions import Actions
 from homolog_app.window.session import Session
-from homolog_app.window.widgets import Panel, label
+from homolog_app.window.widgets import Panel, button, label
 
 __all__ = ["ExplorePanel"]
 
@@ -11,7 +12,7 @@ __all__ = ["ExplorePanel"]
 class ExplorePanel(Panel):
     """What the run came to, and how to look at it."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, actions: Actions) -> None:
         super().__init__("Explore", "Equal colours mark corresponding places. Turn, page and play.")
         self._session = session
         self.summary = label("", wrap=True)
@@ -28,6 +29,9 @@ class ExplorePanel(Panel):
         self.body.addWidget(label("Files", "SectionTitle"))
         self.body.addWidget(self.files)
         self.body.addStretch()
+        self.save = button("Save project…", "primary")
+        self.save.clicked.connect(actions["file.save"].trigger)
+        self.footer.addWidget(self.save)
         session.facts_changed.connect(self._show)
         session.project_changed.connect(self._show)
 
@@ -35,6 +39,7 @@ class ExplorePanel(Panel):
         loaded = self._session.result
         self.summary.setText(loaded.summary if loaded else "")
         folder = self._session.folder
+        self.save.setVisible(self._session.folder is None)
         self.files.setText(
             f"Particles, shape model and tables are in {folder}."
             if folder

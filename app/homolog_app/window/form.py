@@ -76,8 +76,9 @@ class SettingsPair(QWidget):
 
     edited = Signal(str, object)
 
-    def __init__(self, model: type[BaseModel], main: tuple[str, ...], more: tuple[str, ...]) -> None:
+    def __init__(self, model: type[BaseModel], main: tuple[str, ...]) -> None:
         super().__init__()
+        more = tuple(one.name for one in parameters(model) if one.name not in main)
         self.main = SettingsForm(model, leave_out=more)
         self.more = SettingsForm(model, leave_out=main)
         self.more.hide()
@@ -180,7 +181,8 @@ class _Row(QWidget):
             return choice
         if one.kind is int and not one.automatic and one.low is not None and one.high is not None:
             number = QSpinBox(minimum=int(one.low), maximum=int(one.high), keyboardTracking=False)
-            number.setMinimumWidth(112)
+            number.setButtonSymbols(QSpinBox.ButtonSymbols.NoButtons)
+            number.setFixedWidth(112)
             number.setAlignment(Qt.AlignmentFlag.AlignRight)
             number.valueChanged.connect(self._report)
             return number

@@ -12,7 +12,6 @@ from homolog_app.window.widgets import Panel, button, label, rule
 
 __all__ = ["GroomPanel"]
 
-_ADVANCED = ("spacing", "scaling", "mesh_edge", "adaptive_mesh")
 _MAIN = ("label", "smoothing", "alignment")
 
 
@@ -24,7 +23,7 @@ class GroomPanel(Panel):
     def __init__(self, session: Session, actions: Actions) -> None:
         super().__init__("Groom", "Fill, smooth and align the shapes. Check the contours before going on.")
         self._session = session
-        self.form = SettingsPair(GroomSettings, _MAIN, _ADVANCED)
+        self.form = SettingsPair(GroomSettings, _MAIN)
         self.form.edited.connect(self.settings_edited)
         self.report = label("", "Hint", wrap=True)
         self.report.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)

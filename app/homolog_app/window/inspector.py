@@ -28,7 +28,7 @@ class Inspector(QFrame):
         self.cohort = CohortPanel(desk.session, desk.theme, actions)
         self.groom = GroomPanel(desk.session, actions)
         self.correspond = RunPanel(desk.session, actions)
-        self.explore = ExplorePanel(desk.session)
+        self.explore = ExplorePanel(desk.session, actions)
         self._pages = QStackedWidget()
         for panel in (self.cohort, self.groom, self.correspond, self.explore):
             self._pages.addWidget(panel)

@@ -79,9 +79,9 @@ class Library(QObject):
         missing = [one.name for one in opened.study.members if not one.subject.path.exists()]
         if missing:
             self._relocate(missing)
+        self._window.show_step("cohort")
         if opened.has_result:
-            self._desk.work.open_result(project)
-        self._window.show_step("explore" if opened.has_result else "cohort")
+            self._desk.work.open_result(project, lambda: self._window.show_step("explore"))
 
     def save(self) -> None:
         """Save to the project's folder, or ask for one."""
@@ -190,7 +190,7 @@ class Library(QObject):
         session.open(saved, folder)
         session.edit("Recovered edits", study)
         if desk.project.exists and desk.project.read().result is not None:
-            desk.work.open_result(desk.project)
+            desk.work.open_result(desk.project, lambda: self._window.show_step("explore"))
         desk.write_journal()
         self._window.show_step("cohort")
         if lost.record.running and desk.project.checkpoint.is_file():

@@ -3,7 +3,7 @@
 import logging
 from collections import deque
 
-from PySide6.QtCore import QObject, QTimer
+from PySide6.QtCore import QTimer, Qt
 from PySide6.QtWidgets import QApplication, QComboBox, QHBoxLayout, QPlainTextEdit, QVBoxLayout, QWidget
 
 from homolog_app.window.widgets import GRID, button
@@ -37,8 +37,10 @@ class LogMemory(logging.Handler):
 class LogPane(QWidget):
     """The lines of a `LogMemory`, from a level on."""
 
-    def __init__(self, memory: LogMemory, parent: QObject | None = None) -> None:
+    def __init__(self, memory: LogMemory) -> None:
         super().__init__()
+        self.setObjectName("LogPane")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self._memory = memory
         self._shown = -1
         self.text = QPlainTextEdit(readOnly=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QEvent, QTimer, Signal, Slot
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtOpenGLWidgets import QOpenGLWidget
-from PySide6.QtWidgets import QHBoxLayout, QMainWindow, QSplitter, QStackedWidget, QWidget
+from PySide6.QtWidgets import QMainWindow, QStackedWidget
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.availability import available
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 __all__ = ["MainWindow"]
 
 _log = logging.getLogger(__name__)
-_INSPECTOR = 448
 
 
 class MainWindow(QMainWindow):
@@ -98,7 +97,7 @@ class MainWindow(QMainWindow):
             return
         self.rail.show_steps(steps, self.step if desk.session.is_open else "")
         open_ = desk.session.is_open and views is not None
-        self._pages.setCurrentIndex(1 if open_ else 0)
+        self._middle.setCurrentIndex(1 if open_ else 0)
         self.inspector.show_work(desk.work)
         self.docks.show_for(open_)
         self._name_window()
@@ -139,22 +138,8 @@ class MainWindow(QMainWindow):
             self
         )  # makes the window one of OpenGL before it is shown: no flash later
         self._first_gl.setFixedSize(1, 1)
-        split = QSplitter()
-        split.setChildrenCollapsible(False)
-        split.addWidget(self._middle)
-        split.addWidget(self.inspector)
-        split.setStretchFactor(0, 1)
-        split.setSizes([10_000, _INSPECTOR])
-        self._pages = QStackedWidget()
-        self._pages.addWidget(self.start_page)
-        self._pages.addWidget(split)
-        middle = QWidget()
-        row = QHBoxLayout(middle)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(0)
-        row.addWidget(self.rail)
-        row.addWidget(self._pages, 1)
-        self.setCentralWidget(middle)
+        self._middle.addWidget(self.start_page)
+        self.setCentralWidget(self._middle)
 
     def _connect(self) -> None:
         desk = self.desk

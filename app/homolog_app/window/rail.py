@@ -98,14 +98,14 @@ class _StepButton(QAbstractButton):
             painter.setBrush(QColor(colours.accent))
             painter.drawEllipse(QRect(x - 7, y - 7, 14, 14))
             painter.drawPixmap(x - 5, y - 5, pixmap("done", colours.on_accent, 10))
-        elif self._step.following:
+        elif self._step.following and not self._current:
             painter.setPen(QPen(QColor(colours.accent), 2))
             painter.setBrush(QColor(colours.sunken))
             painter.drawEllipse(QRect(x - 5, y - 5, 10, 10))
 
     def _paint_words(self, painter: QPainter, box: QRect, ink: str) -> None:
         font = QFont(self.font())
-        font.setPixelSize(13)
+        font.setPixelSize(12)
         font.setWeight(QFont.Weight.DemiBold if self._current else QFont.Weight.Medium)
         painter.setFont(font)
         painter.setPen(QColor(ink))
@@ -115,5 +115,5 @@ class _StepButton(QAbstractButton):
         font.setWeight(QFont.Weight.Normal)
         painter.setFont(font)
         painter.setPen(QColor(self._theme.colours.dim if self._step.enabled else self._theme.colours.faint))
-        words = self._step.words or ("next" if self._step.following else "")
+        words = self._step.words or ("next" if self._step.following and not self._current else "")
         painter.drawText(box.adjusted(2, 66, -2, 0), flags | Qt.TextFlag.TextWordWrap, words)

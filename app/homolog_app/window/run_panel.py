@@ -5,13 +5,15 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel
 
 from homolog.settings import OptimizeSettings
 from homolog_app.window.actions import Actions
-from homolog_app.window.form import SettingsForm
+from homolog_app.window.form import SettingsPair
 from homolog_app.window.progress import Progress
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
-from homolog_app.window.widgets import GRID, Panel, button, label
+from homolog_app.window.widgets import GRID, Panel, button, label, rule
 
 __all__ = ["RunPanel"]
+
+_MAIN = ("method", "particles", "seed")
 
 
 class RunPanel(Panel):
@@ -23,7 +25,7 @@ class RunPanel(Panel):
     def __init__(self, session: Session, actions: Actions) -> None:
         super().__init__("Correspond", "Place the same particles on every shape, and watch them spread.")
         self._session, self._actions = session, actions
-        self.form = SettingsForm(OptimizeSettings)
+        self.form = SettingsPair(OptimizeSettings, _MAIN)
         self.form.edited.connect(self.settings_edited)
         self.device = QComboBox()
         self.device.setAccessibleName("Device")
@@ -33,7 +35,7 @@ class RunPanel(Panel):
         self.summary = label("", "Hint", wrap=True)
         name = QLabel("Device")
         name.setBuddy(self.device)
-        for widget in (self.form, name, self.device, self.device_help, self.summary):
+        for widget in (self.form, rule(), name, self.device, self.device_help, self.summary):
             self.body.addWidget(widget)
         self.body.addStretch()
         self.progress = Progress(actions)

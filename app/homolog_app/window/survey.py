@@ -96,7 +96,8 @@ def _survey_image(subject: Subject, label: int | None) -> Survey:
 def _labels(subject: Subject, everything: Segmentation) -> tuple[LabelFound, ...]:
     import SimpleITK
 
-    values: Array = SimpleITK.GetArrayViewFromImage(SimpleITK.ReadImage(str(subject.path)))
+    image = SimpleITK.ReadImage(str(subject.path))  # held as long as the view into it
+    values: Array = SimpleITK.GetArrayViewFromImage(image)
     present = np.unique(values[values > 0])
     if len(present) < 2:
         whole = LabelFound(int(present[0]), everything.volume / 1000.0, _thumbnail(_cropped(everything)))

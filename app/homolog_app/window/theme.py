@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from importlib.resources import files
+from pathlib import Path
 from string import Template
 
 from PySide6.QtCore import QObject, Qt, Signal, Slot
@@ -93,8 +94,12 @@ class Theme(QObject):
         self.colours = DARK if dark else LIGHT
         self._app.setPalette(_palette(self.colours))
         sheet = (files("homolog_resources") / "style.qss").read_text(encoding="utf-8")
-        self._app.setStyleSheet(Template(sheet).substitute(asdict(self.colours)))
+        self._app.setStyleSheet(Template(sheet).substitute(asdict(self.colours), icons=_icon_folder()))
         self.changed.emit()
+
+
+def _icon_folder() -> str:
+    return Path(str(files("homolog_resources"))).joinpath("icons").as_posix()
 
 
 def _palette(colours: Colours) -> QPalette:

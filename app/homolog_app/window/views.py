@@ -11,7 +11,7 @@ from homolog.correspondence.types import Frame
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.scene import LAYOUTS, VIEWS
 from homolog_app.window.screenshot import save_picture
-from homolog_app.window.session import Session
+from homolog_app.window.session import Groomed, Session
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
@@ -110,6 +110,10 @@ class Views(QObject):
             key += [groomed, survey.surface if survey else None]
         if len(key) != len(self._shown) or any(a is not b for a, b in zip(key, self._shown, strict=True)):
             new_result = session.result is not None and session.result not in self._shown
+            had_groomed = any(isinstance(one, Groomed) for one in self._shown)
+            if session.groomed and not had_groomed:
+                self._window.commands["view.raw"].setChecked(False)
+                stage.scene.switch(raw=False)
             self._shown = key
             stage.scene.set_contents(contents_of(session))
             if self._work.run_job is None:

@@ -116,9 +116,14 @@ class Work(QObject):
         study = self._session.study
         self._order("run", RunJob(project, study.cohort, study.settings, resume=resume), self._take_result)
 
-    def open_result(self, project: Project) -> None:
-        """Read the result of a project."""
-        self._order("open", Task(lambda tick: load_result(project), "reading the result"), self._take_result)
+    def open_result(self, project: Project, then: Callable[[], None]) -> None:
+        """Read the result of a project, then do something."""
+
+        def take(ended: Ended) -> None:
+            self._take_result(ended)
+            then()
+
+        self._order("open", Task(lambda tick: load_result(project), "reading the result"), take)
 
     def make_sample(self, folder: Path, take: Callable[[Path], None]) -> None:
         """Make the coffee-bean cohort."""

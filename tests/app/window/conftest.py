@@ -1,0 +1,143 @@
+"""The real window for tests, and the rule that nothing of it outlives its test."""
+
+import gc
+import threading
+import time
+
+import pytest
+
+pytest.importorskip("PySide6.QtWidgets")
+
+
+@pytest.fixture(scope="session")
+def qapp():
+    """Return the application with the surface format that the window needs."""
+    from homolog_app.window.start import make_application
+
+    return make_application()
+
+
+@pytest.fixture
+def wait(qapp):
+    """Return a function that handles events until a condition holds."""
+
+    def until(condition, seconds=60.0, what=""):
+        end = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end, f"waited {seconds} s in vain {what}"
+            qapp.processEvents()
+            time.sleep(0.002)
+
+    return until
+
+
+@pytest.fixture
+def make_window(qapp, tmp_path, wait):
+    """Return a function that opens a window; all of them are closed and must leave nothing behind."""
+    from homolog_app.window.start import make_window
+
+    windows = []
+
+    def make(home=None, views=True):
+        home = home or tmp_path / "home"
+        home.mkdir(exist_ok=True)
+        window = make_window(qapp, home)
+        window.desk.preferences.ask_on_close = False
+        windows.append(window)
+        window.show()
+        if views:
+            window.load_views()
+            wait(lambda: window.views is not None)
+        return window
+
+    yield make
+    while windows:
+        shut(windows.pop(), qapp)
+    assert_nothing_left(qapp)
+
+
+@pytest.fixture
+def window(make_window):
+    """Return an open window with its views."""
+    return make_window()
+
+
+@pytest.fixture
+def beans(window, ellipsoids, wait):
+    """Return a window in which four small shapes are listed and read, 32 particles asked for."""
+    window.library.take([ellipsoids])
+    window.desk.edit_settings("optimize", "particles", quick_settings())
+    wait(lambda: len(window.desk.session.surveys) == 4)
+    return window
+
+
+def quick_settings(particles=32):
+    from homolog.settings import OptimizeSettings
+
+    return OptimizeSettings(
+        particles=particles, split_iterations=5, anneal_iterations=20, settle_iterations=20
+    )
+
+
+@pytest.fixture
+def quick():
+    """Return the function that makes settings of a run that takes a second."""
+    return quick_settings
+
+
+@pytest.fixture
+def groomed(beans, wait):
+    """Return the window after grooming."""
+    beans.commands["run.groom"].trigger()
+    wait(lambda: not beans.desk.work.is_busy)
+    assert beans.desk.session.is_groomed
+    return beans
+
+
+@pytest.fixture
+def close(qapp):
+    """Return a function that closes a window and handles what that leaves to do."""
+    return lambda window: shut(window, qapp)
+
+
+@pytest.fixture
+def errors(monkeypatch):
+    """Return the list of errors that would have been shown, instead of dialogs that nobody closes."""
+    from homolog_app.window.helping import Helping
+
+    shown = []
+    monkeypatch.setattr(Helping, "show_error", lambda _self, kind, error: shown.append((kind, error)))
+    return shown
+
+
+def shut(window, qapp):
+    from PySide6.QtCore import QEvent
+    from shiboken6 import isValid
+
+    if isValid(window):
+        window.close()
+        window.deleteLater()
+    for _ in range(3):
+        qapp.processEvents()
+        qapp.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+
+
+def assert_nothing_left(qapp):
+    """Fail if a widget, a running timer or a thread of the window is still there."""
+    from PySide6.QtCore import QTimer
+
+    gc.collect()
+    for _ in range(3):
+        qapp.processEvents()
+    widgets = [one for one in qapp.topLevelWidgets() if one.isVisible()]
+    assert not widgets, f"still open: {widgets}"
+    threads = [one.name for one in threading.enumerate() if one.name == "homolog-compute"]
+    assert not threads, "the computing thread is still there"
+    timers = [one for one in gc.get_objects() if isinstance(one, QTimer) and _runs(one)]
+    assert not timers, f"timers still run: {timers}"
+
+
+def _runs(timer):
+    from shiboken6 import isValid
+
+    return isValid(timer) and timer.isActive()

@@ -1,0 +1,93 @@
+"""What a user does, on the real window."""
+
+import numpy as np
+import pytest
+
+from homolog.settings import OptimizeSettings
+
+pytestmark = pytest.mark.window
+
+
+def test_a_dropped_folder_becomes_particles_that_are_saved_and_found_again(
+    groomed, make_window, close, errors, wait, tmp_path
+):
+    groomed.commands["run.start"].trigger()
+    wait(lambda: not groomed.desk.work.is_busy)
+    assert not errors
+    before = groomed.desk.session.result.result
+    assert before.world.shape == (4, 32, 3)
+    groomed.library.save_to(tmp_path / "study")
+    close(groomed)
+
+    again = make_window()
+    again.library.take([tmp_path / "study"])
+    wait(lambda: again.desk.session.result is not None)
+    after = again.desk.session.result
+    assert after.result.names == before.names
+    np.testing.assert_array_equal(after.result.world, before.world)
+    assert len(after.frames) > 1
+    assert again.step == "explore"
+
+
+def test_the_previous_result_stays_when_the_next_run_is_cancelled(groomed, errors, wait):
+    groomed.commands["run.start"].trigger()
+    wait(lambda: not groomed.desk.work.is_busy)
+    result = groomed.desk.session.result
+    groomed.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=64))
+    groomed.commands["run.start"].trigger()
+    wait(lambda: groomed.desk.work.run_job is not None and groomed.desk.work.run_job.frame is not None)
+    groomed.commands["run.cancel"].trigger()
+    wait(lambda: not groomed.desk.work.is_busy)
+    assert groomed.desk.session.result is result
+    assert not errors
+
+
+def test_the_finished_run_can_be_played_from_its_first_moment(groomed, errors, wait):
+    groomed.commands["run.start"].trigger()
+    wait(lambda: not groomed.desk.work.is_busy)
+    time = groomed.views.stage.footer.time
+    assert groomed.commands["run.play"].isEnabled()
+    groomed.commands["run.play"].trigger()
+    wait(lambda: 0 < time.value() < time.maximum())
+    wait(lambda: time.value() == time.maximum())
+    assert not errors
+
+
+def test_bad_files_are_listed_with_their_reason_and_the_good_ones_load(window, ellipsoids, tmp_path, wait):
+    folder = tmp_path / "mixed"
+    folder.mkdir()
+    for number in range(4):
+        for good in ellipsoids.iterdir():
+            (folder / f"good_{number}_{good.name}").write_bytes(good.read_bytes())
+    whole = (ellipsoids / "a.nrrd").read_bytes()
+    (folder / "bad_cut.nrrd").write_bytes(whole[: len(whole) // 2])
+    (folder / "bad_empty.nrrd").write_bytes(b"")
+    (folder / "bad_text.nii.gz").write_bytes(b"no image at all")
+    window.library.take([folder])
+    session = window.desk.session
+    wait(lambda: len(session.surveys) == 19)
+    assert len(session.study.included) == 16
+    for name in ("bad_cut", "bad_empty", "bad_text"):
+        assert session.surveys[name].problem
+        assert name in window.inspector.cohort.problems.text()
+
+
+def test_the_bean_tour_leads_from_the_sample_to_a_result(
+    window, monkeypatch, errors, wait, ellipsoids, quick
+):
+    monkeypatch.setattr("homolog_app.window.work.make_sample", lambda folder, tick: ellipsoids)
+    window.commands["file.sample"].trigger()
+    wait(lambda: window.tour.card.isVisible())
+    session, card = window.desk.session, window.tour.card
+    wait(lambda: len(session.surveys) == 4 and card.go_on.isEnabled())
+    window.desk.edit_settings("optimize", "particles", quick(16))
+    for step in ("groom", "correspond"):
+        card.go_on.click()
+        assert window.step == step
+        card.offer.click()
+        wait(lambda: card.go_on.isEnabled() and not window.desk.work.is_busy)
+    card.go_on.click()
+    assert window.step == "explore"
+    card.go_on.click()
+    assert not card.isVisible()
+    assert not errors
