@@ -10,14 +10,14 @@ from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
 __all__ = ["Control"]
 
 _SHARES = {
-    Phase.READING: 0.03,
-    Phase.GROOMING: 0.12,
+    Phase.READING: 0.02,
+    Phase.GROOMING: 0.2,
     Phase.ALIGNING: 0.02,
-    Phase.GEODESICS: 0.1,
-    Phase.SPLITTING: 0.3,
-    Phase.OPTIMIZING: 0.38,
+    Phase.GEODESICS: 0.15,
+    Phase.SPLITTING: 0.15,
+    Phase.OPTIMIZING: 0.4,
     Phase.MODELING: 0.03,
-    Phase.WRITING: 0.02,
+    Phase.WRITING: 0.03,
 }
 """Of a usual run's time; they make one fraction of the phases' own."""
 
