@@ -28,8 +28,8 @@ class Accuracy:
         Maximum over pairs farther than three mean edges apart.
     bias : float
         Mean of D / exact - 1.
-    missing, surplus : int
-        Pairs nearer than d_max that the table lacks, and pairs farther that it has, by more than 1 %.
+    missing : int
+        Pairs nearer than d_max, by more than 1 %, that the table lacks.
     """
 
     sources: int
@@ -40,15 +40,13 @@ class Accuracy:
     worst_far: float
     bias: float
     missing: int
-    surplus: int
 
     def __str__(self) -> str:
         """Return a line for people, errors in percent."""
         return (
             f"{self.pairs} pairs of {self.sources} sources: error mean {100 * self.mean:.3f} %, "
             f"p99 {100 * self.p99:.3f} %, max {100 * self.worst:.2f} % (beyond {FAR_EDGES:.0f} edges "
-            f"{100 * self.worst_far:.2f} %), bias {100 * self.bias:+.3f} %, missing {self.missing}, "
-            f"surplus {self.surplus}"
+            f"{100 * self.worst_far:.2f} %), bias {100 * self.bias:+.3f} %, missing {self.missing}"
         )
 
 
@@ -74,16 +72,15 @@ def measure_accuracy(
     everywhere = np.arange(n, dtype=np.int32)
     faces = mesh.faces.astype(np.int32)
     limit = table.d_max if np.isfinite(table.d_max) else 1e100
-    errors, distances, missing, surplus = [], [], 0, 0
+    errors, distances, missing = [], [], 0
     for k, source in enumerate(sources):
         tick(k / len(sources), "exact distances")
         exact = gdist.compute_gdist(
-            mesh.vertices, faces, np.array([source], np.int32), everywhere, max_distance=1.1 * limit
+            mesh.vertices, faces, np.array([source], np.int32), everywhere, max_distance=limit
         )
         there = rows[k] > 0.0
         near = (exact > 0.0) & (exact <= limit)
         missing += int(np.count_nonzero(near & (exact < 0.99 * limit) & ~there))
-        surplus += int(np.count_nonzero(there & (exact > 1.01 * limit)))
         both = near & there
         errors.append(rows[k][both] / exact[both] - 1.0)
         distances.append(exact[both])
@@ -99,5 +96,4 @@ def measure_accuracy(
         worst_far=float(size[distance > FAR_EDGES * mesh.mean_edge].max(initial=0.0)),
         bias=float(error.mean()),
         missing=missing,
-        surplus=surplus,
     )

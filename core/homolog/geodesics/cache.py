@@ -51,15 +51,14 @@ def save_table(path: Path, table: GeodesicTable) -> None:
 def load_table(path: Path, device: str) -> GeodesicTable | None:
     """Return the table kept at a path; None if there is none that can be read."""
     try:
-        with np.load(path) as file:
+        with path.open("rb") as stream, np.load(stream) as file:
             arrays = dict(file)
         n, d_max, unit = arrays.pop("facts").tolist()
         codes = arrays.pop("codes")
         if "present" in arrays:
+            present = np.unpackbits(arrays.pop("present"), count=int(n) ** 2).astype(bool)
             dense = np.full((int(n), int(n)), MISSING, np.uint16)
-            dense[np.unpackbits(arrays.pop("present"), count=dense.size).view(bool).reshape(dense.shape)] = (
-                codes
-            )
+            dense.reshape(-1)[present] = codes
             codes = dense
     except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
         return None

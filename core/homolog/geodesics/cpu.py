@@ -178,6 +178,7 @@ def deal(worker: Callable[[], Callable[[int], None]], n_items: int, threads: int
             thread.join()
     if failures:
         raise failures[0]
+    report(1.0)
 
 
 def _recorded(kernel: Any, dim: int, inputs: list[Any]) -> Any:  # noqa: ANN401

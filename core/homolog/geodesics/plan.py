@@ -116,8 +116,8 @@ def plan_tables(
         return TablePlan(tasks, element, dense=True, nbytes=dense)
     if blocks > ceiling:
         raise InputError(
-            f"geodesic tables of {len(meshes)} shapes would take about {blocks / 1e9:.1f} GB, above the "
-            f"limit of {ceiling / 1e9:.1f} GB: raise the limit, shorten d_max or use coarser meshes"
+            f"geodesic tables of {len(meshes)} shapes would take about {blocks / 1e9:.3g} GB, above the "
+            f"limit of {ceiling / 1e9:.3g} GB: raise the limit, shorten d_max or use coarser meshes"
         )
     return TablePlan(tasks, element, dense=False, nbytes=blocks)
 

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+
+from homolog.errors import InputError
+from homolog.geodesics import distances_from, local_distances, plan_tables, solve_table
+from homolog.surfaces.mesh import TriangleMesh
+
+
+@pytest.mark.parametrize("d_max", [0.0, -3.0, np.nan])
+def test_a_length_that_is_none_is_refused(sphere, d_max):
+    with pytest.raises(InputError, match=r"femur_07: d_max is .*positive length"):
+        solve_table(sphere(50), d_max, name="femur_07")
+
+
+def test_an_open_mesh_is_refused_by_name(sphere):
+    mesh = sphere(50)
+    with pytest.raises(InputError, match="femur_07: the mesh is not closed: 3 edges"):
+        solve_table(TriangleMesh(mesh.vertices, mesh.faces[1:]), 5.0, name="femur_07")
+    with pytest.raises(InputError, match="not closed"):
+        local_distances(mesh.vertices, mesh.faces[1:], 5.0)
+    with pytest.raises(InputError, match="not closed"):
+        distances_from(TriangleMesh(mesh.vertices, mesh.faces[1:]), [0])
+
+
+def test_tables_above_the_memory_limit_are_refused_with_their_size(sphere):
+    with pytest.raises(InputError, match=r"2 shapes would take about .* GB, above the limit of 0.001 GB"):
+        plan_tables([sphere(2000)] * 2, 20.0, memory_limit=1_000_000)
+
+
+def test_storage_follows_the_memory(sphere):
+    mesh = sphere(2000)
+    assert plan_tables([mesh], 10.0).dense
+    frugal = plan_tables([mesh], 10.0, memory_limit=4_000_000)
+    assert not frugal.dense
+    assert frugal.nbytes < 4_000_000
+
+
+def test_the_size_is_foretold(sphere):
+    plan = plan_tables([sphere(2000)], 10.0, memory_limit=4_000_000)
+    table = solve_table(sphere(2000), 10.0, memory_limit=4_000_000)
+    assert table.nbytes == pytest.approx(plan.nbytes, rel=0.25)
+
+
+def test_sources_that_are_no_vertices_are_refused(sphere):
+    for sources in ([], [-1], [50]):
+        with pytest.raises(InputError, match="femur_07: sources have to be vertices"):
+            distances_from(sphere(50), sources, name="femur_07")

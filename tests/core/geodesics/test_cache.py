@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from homolog.errors import InputError
+from homolog.geodesics import solve_tables
+
+
+def same(one, other):
+    return all(
+        getattr(one, name) is getattr(other, name) is None
+        or np.array_equal(getattr(one, name).numpy(), getattr(other, name).numpy())
+        for name in ("codes", "row", "start", "slot")
+    ) and (one.n_vertices, one.d_max, one.unit) == (other.n_vertices, other.d_max, other.unit)
+
+
+def test_a_table_is_solved_once(sphere, slotted, tmp_path, storage):
+    said = []
+    first = solve_tables([sphere(300), slotted], 7.0, cache=tmp_path)
+    second = solve_tables(
+        [sphere(300), slotted], 7.0, cache=tmp_path, names=["a", "b"], tick=lambda _, text: said.append(text)
+    )
+    assert len(list(tmp_path.iterdir())) == 2
+    assert all(same(*pair) for pair in zip(first, second, strict=True))
+    assert said == ["geodesic distances"]  # nobody's
+
+
+def test_other_meshes_and_parameters_are_solved_anew(sphere, tmp_path):
+    solve_tables([sphere(300)], 7.0, cache=tmp_path)
+    solve_tables([sphere(301)], 7.0, cache=tmp_path)
+    solve_tables([sphere(300)], 7.5, cache=tmp_path)
+    solve_tables([sphere(300)], 7.0, element="linear", cache=tmp_path)
+    solve_tables([sphere(300)], 7.0, memory_limit=150_000, cache=tmp_path)
+    assert len(list(tmp_path.iterdir())) == 5
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda data: data[:-500], lambda data: b"", lambda data: data[:200] + bytes(len(data) - 200)]
+)
+def test_a_damaged_file_is_solved_anew(sphere, tmp_path, damage):
+    first = solve_tables([sphere(300)], 7.0, cache=tmp_path)[0]
+    file = next(tmp_path.iterdir())
+    whole = file.read_bytes()
+    file.write_bytes(damage(whole))
+    assert same(first, solve_tables([sphere(300)], 7.0, cache=tmp_path)[0])
+    assert len(file.read_bytes()) == len(whole)
+
+
+def test_a_folder_that_cannot_be_written_is_named(sphere, tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="can't be written"):
+        solve_tables([sphere(100)], 7.0, cache=tmp_path / "file" / "tables")

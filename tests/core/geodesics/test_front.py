@@ -1,0 +1,37 @@
+"""The form for CUDA, run on the CPU: the same kernels, one launch a step."""
+
+import numpy as np
+import pytest
+
+from homolog.geodesics import plan_tables, solve_tables
+from homolog.geodesics.cuda import solve_on_cuda
+from homolog.progress import no_tick
+
+
+def worst_difference(one, other):
+    """Largest difference in codes; a pair at the very rim may be beyond it in one of the two."""
+    codes = [np.asarray(table.to_csr().todense()) / table.unit for table in (one, other)]
+    both = (codes[0] > 0) & (codes[1] > 0)
+    only = np.maximum(*codes)[(codes[0] > 0) != (codes[1] > 0)]
+    assert (only > 64245).all()
+    return np.abs(codes[0] - codes[1])[both].max()
+
+
+@pytest.mark.parametrize("element", ["point", "linear"])
+def test_both_forms_agree_within_two_codes(slotted, storage, element):
+    plan = plan_tables([slotted], 8.0, element=element)
+    front = solve_on_cuda(plan, "cpu", 10**9, no_tick)[0]
+    sweep = solve_tables([slotted], 8.0, element=element)[0]
+    assert front.storage == sweep.storage == storage
+    assert worst_difference(front, sweep) <= 2
+
+
+def test_a_cohort_in_small_batches_gives_the_tables_of_its_shapes(sphere, slotted, storage):
+    meshes, reaches = [sphere(400), slotted, sphere(700)], [12.0, 6.0, 9.0]
+    plan = plan_tables(meshes, reaches)
+    together = solve_on_cuda(plan, "cpu", 2_500_000, no_tick)
+    for table, mesh, reach in zip(together, meshes, reaches, strict=True):
+        alone = solve_on_cuda(plan_tables([mesh], reach), "cpu", 10**9, no_tick)[0]
+        assert table.n_vertices == len(mesh.vertices)
+        assert (table.to_csr() != alone.to_csr()).nnz == 0
+        assert table.nbytes == alone.nbytes

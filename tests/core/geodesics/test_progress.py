@@ -1,0 +1,53 @@
+import threading
+
+import pytest
+
+from homolog.errors import Cancelled
+from homolog.geodesics import plan_tables, solve_tables
+from homolog.geodesics.cpu import deal
+from homolog.geodesics.cuda import solve_on_cuda
+
+
+def test_progress_rises_and_names_the_subjects(sphere, storage):
+    seen = []
+    solve_tables([sphere(500), sphere(600)], 10.0, names=["ann", "bob"], tick=lambda *what: seen.append(what))
+    fractions = [fraction for fraction, _ in seen]
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == pytest.approx(1.0)
+    assert [text.split(":")[0] for text in dict.fromkeys(text for _, text in seen)] == ["ann", "bob"]
+
+
+@pytest.mark.parametrize("at", [0.0, 0.4])
+def test_cancelling_ends_the_work_and_its_threads(sphere, at):
+    def tick(fraction, _):
+        if fraction >= at:
+            raise Cancelled
+
+    before = threading.active_count()
+    with pytest.raises(Cancelled):
+        solve_tables([sphere(900)] * 3, 20.0, tick=tick, threads=2)
+    assert threading.active_count() == before
+
+
+def test_cancelling_ends_the_form_for_cuda(sphere):
+    calls = []
+
+    def tick(fraction, _):
+        calls.append(fraction)
+        if len(calls) == 2:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        solve_on_cuda(plan_tables([sphere(600)], 20.0), "cpu", 3_000_000, tick)
+    assert len(calls) == 2
+
+
+def test_a_failure_in_a_thread_reaches_the_caller():
+    def worker():
+        def work(item):
+            raise ValueError(f"item {item}")
+
+        return work
+
+    with pytest.raises(ValueError, match="item"):
+        deal(worker, 10, 2, lambda done: None)

@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+
+from homolog.errors import InputError
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import check_mesh, edges, euler_number, face_components, longest_edge
+
+VERTICES = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)
+FACES = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+
+
+def test_a_tetrahedron_is_in_order():
+    check_mesh(TriangleMesh(VERTICES, FACES), "s01")
+    assert len(edges(FACES)) == 6
+    assert euler_number(FACES) == 2
+    assert longest_edge(TriangleMesh(VERTICES, FACES)) == pytest.approx(np.sqrt(8))
+
+
+def test_components_are_counted_largest_first():
+    two = np.concatenate([FACES[:2] + 4, FACES])
+    assert face_components(two).tolist() == [1, 1, 0, 0, 0, 0]
+
+
+def test_the_euler_number_of_a_torus_is_zero():
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(5), np.arange(4), indexing="ij"))
+
+    def at(di, dj):
+        return (i + di) % 5 * 4 + (j + dj) % 4
+
+    faces = np.concatenate(
+        [np.stack([at(0, 0), at(1, 0), at(1, 1)], 1), np.stack([at(0, 0), at(1, 1), at(0, 1)], 1)]
+    )
+    angle, around = 2 * np.pi * i / 5, 2 * np.pi * j / 4
+    radius = 3 + np.cos(around)
+    vertices = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sin(around)], axis=1)
+    assert euler_number(faces) == 0
+    check_mesh(TriangleMesh(vertices, faces), "torus")
+
+
+def with_vertex(row, value):
+    vertices = VERTICES.copy()
+    vertices[row] = value
+    return vertices
+
+
+BOW_TIE = np.where(FACES == 0, 0, FACES + 3)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "fault"),
+    [
+        (VERTICES, FACES[:0], "has no faces"),
+        (VERTICES[:, :2], FACES, "needs arrays of shape"),
+        (with_vertex(2, np.nan), FACES, "1 vertices that are not finite"),
+        (VERTICES, FACES + 1, "vertices outside 0 … 3"),
+        (VERTICES, FACES - 1, "vertices outside 0 … 3"),
+        (with_vertex(2, (VERTICES[0] + VERTICES[1]) / 2), FACES, "1 faces without area"),
+        (VERTICES, np.concatenate([FACES, [[0, 0, 1]]]), "1 faces without area (the first is face 4)"),
+        (np.concatenate([VERTICES, [[9, 9, 9]]]), FACES, "1 vertices that belong to no face"),
+        (
+            np.concatenate([VERTICES, VERTICES]),
+            np.concatenate([FACES, FACES + 4]),
+            "is not welded: 4 vertices",
+        ),
+        (VERTICES, FACES[1:], "is not closed: 3 edges"),
+        (VERTICES, np.concatenate([FACES, FACES[:1]]), "is not manifold: 3 edges have more than two"),
+        (VERTICES, np.concatenate([FACES[:1, ::-1], FACES[1:]]), "opposite orientation"),
+        (
+            np.concatenate([VERTICES, VERTICES + 9]),
+            np.concatenate([FACES, FACES + 4]),
+            "has 2 separate pieces",
+        ),
+        (
+            np.concatenate([VERTICES, VERTICES[1:] * [-1, -1, 1] + [2, 2, 0]]),
+            np.concatenate([FACES, BOW_TIE]),
+            "touches itself at 1 vertices",
+        ),
+    ],
+)
+def test_a_fault_is_named_with_the_subject_and_a_remedy(vertices, faces, fault):
+    with pytest.raises(InputError) as caught:
+        check_mesh(TriangleMesh(vertices, faces), "hip_12")
+    assert str(caught.value).startswith("hip_12: the mesh ")
+    assert fault in str(caught.value)
