@@ -28,6 +28,14 @@ def test_the_module_runs_as_the_script_does():
     assert done.stdout == f"homolog {__version__}\n"
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere there always is a display")
+def test_without_a_display_the_window_is_refused_with_a_hint(monkeypatch, capsys):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"):
+        monkeypatch.delenv(name, raising=False)
+    assert main([]) == 2
+    assert "homolog --help lists what needs none" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("words", [["nothing"], ["info"], ["run", "--particles"]])
 def test_a_wrong_use_ends_with_two_and_a_hint(words, capsys):
     with pytest.raises(SystemExit, match="2"):

@@ -7,9 +7,9 @@ matplotlib) is imported inside ``run``, so that ``homolog --help`` answers at on
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Sequence
-from importlib.util import find_spec
 from types import ModuleType
 
 from homolog import __version__
@@ -21,6 +21,8 @@ OK, PROGRAM_ERROR, INPUT_ERROR, CANCELLED = 0, 1, 2, 130
 """Exit codes; 130 is the shell's own for a command ended by Ctrl-C."""
 
 _COMMANDS = ("run", "info", "demo", "beans", "analyze", "report", "geodesics")
+
+_DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -34,8 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser, modules = _parser()
     arguments = parser.parse_args(argv)
     if arguments.command is None:
-        parser.print_help(sys.stderr)
-        return INPUT_ERROR
+        return _open_window()
     try:
         return int(modules[arguments.command].run(arguments))
     except InputError as error:
@@ -49,14 +50,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         return CANCELLED
 
 
+def _open_window() -> int:
+    if sys.platform.startswith("linux") and not any(map(os.environ.get, _DISPLAYS)):
+        sys.stderr.write("homolog: there is no display for a window; homolog --help lists what needs none\n")
+        return INPUT_ERROR
+    from homolog_app.window import main as open_window
+
+    return open_window()
+
+
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, ModuleType]]:
     parser = argparse.ArgumentParser(
-        prog="homolog", description="Corresponding points on ensembles of shapes, and their statistics."
+        prog="homolog",
+        description="Corresponding points on ensembles of shapes, and their statistics. "
+        "Without a command the window opens.",
     )
     parser.add_argument("--version", action="version", version=f"homolog {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
-    present = [name for name in _COMMANDS if find_spec(f"{__name__}.{name}")]
-    modules = {name: importlib.import_module(f"{__name__}.{name}") for name in present}
+    modules = {name: importlib.import_module(f"{__name__}.{name}") for name in _COMMANDS}
     for module in modules.values():
         module.add_parser(subparsers)
     return parser, modules

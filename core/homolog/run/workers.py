@@ -13,29 +13,29 @@ __all__ = ["worker_processes"]
 
 
 @contextmanager
-def worker_processes(count: int | None) -> Iterator[Executor | None]:
+def worker_processes(count: int | None) -> Iterator[Executor]:
     """Give an executor of so many processes; when the block is left they end, whatever they are doing.
 
     Parameters
     ----------
     count : int or None
-        One for each core if None. With one there is no executor: the work is done in this process.
+        One for each core if None.
     """
-    wanted = count or len(
-        os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
-    )
-    if wanted == 1:
-        yield None
-        return
     context = get_context("spawn")  # a fork of a process with threads, Warp or a window is not safe
     reader, writer = context.Pipe(duplex=False)
-    executor = ProcessPoolExecutor(wanted, mp_context=context, initializer=_live_with, initargs=(reader,))
+    executor = ProcessPoolExecutor(
+        count or _cores(), mp_context=context, initializer=_live_with, initargs=(reader,)
+    )
     try:
         yield executor
     finally:
         writer.close()
         executor.shutdown(cancel_futures=True)
         reader.close()
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _live_with(parent: Connection) -> None:

@@ -37,6 +37,13 @@ def project(ellipsoids, tmp_path):
 
 
 @pytest.fixture
+def groomed(finished, project):
+    """Return the project, with nothing in it but the groomed ellipsoids."""
+    shutil.copytree(finished.groomed, project.groomed)
+    return project
+
+
+@pytest.fixture
 def again(finished, project):
     """Return a copy of the finished project."""
     shutil.copytree(finished.folder, project.folder)

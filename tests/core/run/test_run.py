@@ -30,7 +30,7 @@ def cancelling(run, phase):
     return observer
 
 
-def test_a_run_tells_its_phases_in_order_and_ends_completed(start):
+def test_a_run_tells_its_phases_in_order_and_ends_completed(start, groomed):
     run, heard = start(), []
     assert run.execute(heard.append) is FinishReason.COMPLETED
     assert list(dict.fromkeys(one.phase for one in heard)) == list(Phase)
@@ -41,7 +41,7 @@ def test_a_run_tells_its_phases_in_order_and_ends_completed(start):
     assert run.frame.world.shape == (4, 48, 3)
 
 
-def test_a_method_without_geodesics_skips_their_phase(start, settings):
+def test_a_method_without_geodesics_skips_their_phase(start, settings, groomed):
     quick = settings.optimize.model_copy(update={"method": Method.EUCLIDEAN})
     heard = []
     start(settings=settings.model_copy(update={"optimize": quick})).execute(heard.append)
@@ -74,10 +74,10 @@ def test_scores_and_modes_on_disk_give_back_the_particles(finished):
     assert 0.2 < np.linalg.norm(moves[0], axis=1).max() < 3.0
 
 
-def test_the_same_seed_gives_the_same_bits(start, finished, project):
+def test_the_same_seed_gives_the_same_bits(start, finished, groomed):
     start().execute()
-    assert contents(project) == contents(finished)
-    assert project.read().result.fingerprint == finished.read().result.fingerprint
+    assert contents(groomed) == contents(finished)
+    assert groomed.read().result.fingerprint == finished.read().result.fingerprint
 
 
 def test_a_project_runs_again_from_its_cached_surfaces(start, finished, again, monkeypatch):
@@ -97,14 +97,14 @@ def test_the_record_says_how_the_result_came_about(finished, settings):
     assert not finished.checkpoint.exists()
 
 
-def test_a_run_broken_off_in_the_optimization_ends_as_if_it_had_not_been(start, finished, project):
+def test_a_run_broken_off_in_the_optimization_ends_as_if_it_had_not_been(start, finished, groomed):
     run = start()
     assert run.execute(cancelling(run, Phase.OPTIMIZING)) is FinishReason.CANCELLED
-    assert project.read().unfinished
-    assert project.checkpoint.is_file()
+    assert groomed.read().unfinished
+    assert groomed.checkpoint.is_file()
     heard = []
     assert start(resume=True).execute(heard.append) is FinishReason.COMPLETED
-    assert contents(project) == contents(finished)
+    assert contents(groomed) == contents(finished)
 
 
 @pytest.mark.parametrize("phase", list(Phase))
@@ -121,31 +121,31 @@ def test_a_run_can_be_cancelled_in_every_phase_and_the_last_result_stays(start, 
     assert read_result(again).names == ("a", "b", "c", "d")
 
 
-def test_the_particles_of_a_cancelled_run_can_be_kept_and_the_run_resumed(start, finished, project):
+def test_the_particles_of_a_cancelled_run_can_be_kept_and_the_run_resumed(start, finished, groomed):
     run = start()
     run.execute(cancelling(run, Phase.OPTIMIZING))
     assert run.keep()
-    kept = read_result(project)
+    kept = read_result(groomed)
     assert np.array_equal(kept.world, run.frame.world)
-    for surface, points in zip(read_surfaces(project), kept.world, strict=True):
+    for surface, points in zip(read_surfaces(groomed), kept.world, strict=True):
         assert (
             np.linalg.norm(points[:, None] - surface.vertices, axis=2).min(axis=1).max() < surface.mean_edge
         )
-    record = project.read()
+    record = groomed.read()
     assert (record.unfinished, record.result.ended) == (True, "cancelled")
     start(resume=True).execute()
-    assert contents(project) == contents(finished)
-    assert project.read().result.ended != "cancelled"
+    assert contents(groomed) == contents(finished)
+    assert groomed.read().result.ended != "cancelled"
 
 
-def test_a_run_cancelled_before_there_are_particles_has_nothing_to_keep(start, project):
+def test_a_run_cancelled_before_there_are_particles_has_nothing_to_keep(start, groomed):
     run = start()
     run.execute(cancelling(run, Phase.ALIGNING))
     assert not run.keep()
-    assert project.read().result is None
+    assert groomed.read().result is None
 
 
-def test_a_run_can_be_paused_from_another_thread(start):
+def test_a_run_can_be_paused_from_another_thread(start, groomed):
     run = start()
     paused = threading.Event()
 
@@ -167,7 +167,7 @@ def test_a_run_can_be_paused_from_another_thread(start):
     assert run.status.reason is FinishReason.COMPLETED
 
 
-def test_other_settings_cannot_resume_a_run(start, project, settings):
+def test_other_settings_cannot_resume_a_run(start, groomed, settings):
     run = start()
     run.execute(cancelling(run, Phase.OPTIMIZING))
     other = settings.optimize.model_copy(update={"seed": 1})
@@ -188,11 +188,11 @@ def test_every_bad_file_is_named_before_anything_is_written(start, project):
     assert not project.folder.exists()
 
 
-def test_bad_files_can_be_left_out(start, project):
-    (project.folder.parent / "scans" / "e.nrrd").write_text("no image")
+def test_bad_files_can_be_left_out(start, groomed):
+    (groomed.folder.parent / "scans" / "e.nrrd").write_text("no image")
     run = start(skip_bad=True)
     assert run.execute() is FinishReason.COMPLETED
-    assert read_result(project).names == ("a", "b", "c", "d")
+    assert read_result(groomed).names == ("a", "b", "c", "d")
     assert ["e.nrrd" in note for note in run.notes] == [True]
 
 
@@ -210,7 +210,7 @@ def test_a_project_that_cannot_be_written_to_is_named(start, project):
         start().execute()
 
 
-def test_a_failed_computation_is_told_first_and_then_raised(start, monkeypatch, project):
+def test_a_failed_computation_is_told_first_and_then_raised(start, monkeypatch, groomed):
     def fail(*_, **__):
         raise NumericalError("b: lost a particle")
 
@@ -219,5 +219,5 @@ def test_a_failed_computation_is_told_first_and_then_raised(start, monkeypatch, 
     with pytest.raises(NumericalError, match="lost a particle"):
         start().execute(heard.append)
     assert (heard[-1].reason, heard[-1].message) == (FinishReason.FAILED, "b: lost a particle")
-    with project.locked():
-        assert project.read().unfinished
+    with groomed.locked():
+        assert groomed.read().unfinished

@@ -17,11 +17,6 @@ def alive(pid):
         return False
 
 
-def test_one_worker_is_this_process():
-    with worker_processes(1) as executor:
-        assert executor is None
-
-
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
 def test_workers_end_at_once_when_the_block_is_left():
     with worker_processes(2) as executor:
