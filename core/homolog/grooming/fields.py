@@ -9,7 +9,6 @@ from homolog.grooming.levels import Level
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import marching_cubes
 from homolog.surfaces.redistance import redistanced
-from homolog.surfaces.topology import euler_number
 
 __all__ = ["distance_field"]
 
@@ -45,11 +44,16 @@ def distance_field(level: Level, smoothing: float) -> tuple[DistanceField, tuple
 def _smoothed_alike(distances: Float32Array, sigma: float) -> Float32Array:
     """Smooth; where that would tear the shape, keep every node on its own side of the zero level."""
     result = smoothed(distances, sigma)
-    before, after = (euler_number(marching_cubes(one)[1]) for one in (distances, result))
+    before, after = _euler_number(distances), _euler_number(result)
     if after == before or (after > before and _doubtful(distances < 0.0, after)):
         return result
     side = np.where(distances < 0.0, np.float32(-1.0), np.float32(1.0))
     return np.asarray(side * np.maximum(side * result, np.minimum(np.abs(distances), np.float32(_KEPT))))
+
+
+def _euler_number(values: Array) -> int:
+    vertices, faces = marching_cubes(values)
+    return len(vertices) - len(faces) // 2
 
 
 def _doubtful(inside: BoolArray, euler: int) -> bool:

@@ -51,3 +51,13 @@ class TriangleMesh:
         """Mean edge length [mm], over face sides."""
         corners = self.vertices[self.faces]
         return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
+
+    @property
+    def vertex_normals(self) -> FloatArray:
+        """Unit normals at the vertices, outward, weighted by face area, shape (V, 3)."""
+        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
+        across = np.cross(b - a, c - a)
+        sums = np.zeros_like(self.vertices)
+        for corner in range(3):
+            np.add.at(sums, self.faces[:, corner], across)
+        return np.asarray(sums / np.linalg.norm(sums, axis=1, keepdims=True))

@@ -18,6 +18,7 @@ __all__ = ["remeshed"]
 _LONG, _SHORT = 4.0 / 3.0, 4.0 / 5.0  # of the wished edge length
 _SWEEPS = 5
 _COLLAPSES = 8  # rounds of a sweep, at most
+_FEW = 0.003  # of the vertices: a round that would change less is left out
 _SLIDE = 0.6
 _SHARPEST = 0.3  # cosine between a face's normal before and after a change
 
@@ -117,7 +118,7 @@ def _collapse(
         chosen = candidates[_apart(ratio[candidates], edges.ends[candidates], edges.ends, len(vertices))]
         ends = edges.ends[chosen]
         ends = ends[~_spoils(vertices, faces, size, ends)]
-        if not len(ends):
+        if len(ends) < _FEW * len(vertices):
             break
         vertices = vertices.copy()
         vertices[ends[:, 0]] = vertices[ends].mean(axis=1)
@@ -181,7 +182,7 @@ def _flip(vertices: FloatArray, faces: IntArray) -> IntArray:
         sheets = _normals(vertices, faces)[edges.faces]
         excess[(sheets[:, 0] * sheets[:, 1]).sum(axis=1) < 1.0 - 2.0 * _SHARPEST] = 0.0
         chosen = np.flatnonzero(_best_of_each_face(excess, edges, len(faces)))
-        if not len(chosen):
+        if len(chosen) < _FEW * len(vertices):
             break
         faces = _flipped(vertices, faces, edges, chosen)
     return faces

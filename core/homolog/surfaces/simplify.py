@@ -3,7 +3,6 @@
 import numpy as np
 
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import euler_number
 
 __all__ = ["simplified"]
 
@@ -24,12 +23,12 @@ def simplified(mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
 
     if len(mesh.vertices) <= n_vertices:
         return mesh
-    euler = euler_number(mesh.faces)
+    euler = len(mesh.vertices) - len(mesh.faces) // 2
     centre = mesh.vertices.mean(axis=0)  # single precision: keep the numbers small
     points, faces = (mesh.vertices - centre).astype(np.float32), np.array(mesh.faces)
     target = max(4, 2 * (n_vertices - euler))
     for haste in (7, 5, 3):
         fewer, simpler = fast_simplification.simplify(points, faces, target_count=target, agg=haste)
-        if euler_number(simpler) == euler:
+        if len(fewer) - len(simpler) // 2 == euler and len(simpler) % 2 == 0:
             return TriangleMesh(fewer.astype(np.float64) + centre, simpler)
     return mesh
