@@ -1,10 +1,12 @@
 """The compute device: chosen here and nowhere else, and always named."""
 
+import os
+
 import warp as wp
 
 from homolog.errors import InputError
 
-__all__ = ["choose_device", "describe_device"]
+__all__ = ["choose_device", "cores", "describe_device"]
 
 wp.config.log_level = wp.LOG_WARNING
 
@@ -34,10 +36,12 @@ def choose_device(name: str = "auto") -> str:
 
 def describe_device(alias: str) -> str:
     """Return a line for people, such as ``"cuda:0 (NVIDIA H100, 80 GB)"`` or ``"cpu (2 cores)"``."""
-    import os
-
     if alias == "cpu":
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-        return f"cpu ({cores} cores)"
+        return f"cpu ({cores()} cores)"
     device = wp.get_device(alias)
     return f"{alias} ({device.name}, {device.total_memory / 2**30:.0f} GB)"
+
+
+def cores() -> int:
+    """Return how many processor cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,7 +1,6 @@
 """Solve on the CPU: clusters of sources dealt to one thread per core."""
 
 import itertools
-import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,15 +17,10 @@ from homolog.geodesics.plan import TablePlan, Task
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
 
-__all__ = ["cores", "solve_on_cpu"]
+__all__ = ["deal", "solve_on_cpu"]
 
 Report = Callable[[float], None]
 """Takes the fraction done; may raise to stop the work."""
-
-
-def cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

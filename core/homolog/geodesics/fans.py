@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.arrays import IntArray, frozen
 from homolog.geodesics.fan_kernels import UNSEEN, count_corners, fill_corners, grow_clusters
 from homolog.geodesics.kernels import Corner
 from homolog.geodesics.lookup import LANES
@@ -29,8 +29,6 @@ class Fans:
     ----------
     first : (S + 1,) int64 array
         First vertex of each shape, on the host.
-    mean_edge : (S,) float64 array
-        Mean edge length of each shape [mm], on the host.
     position : (N,) vec3 wp.array
         Vertices, each shape centred.
     start : (N + 1,) int32 wp.array
@@ -40,7 +38,6 @@ class Fans:
     """
 
     first: IntArray
-    mean_edge: FloatArray
     position: Any
     start: Any
     corners: Any
@@ -71,8 +68,7 @@ def build_fans(meshes: Sequence[TriangleMesh], device: str) -> Fans:
             ],
         )
         position = wp.array(centred.astype(np.float32), dtype=wp.vec3)
-    mean_edge = np.array([mesh.mean_edge for mesh in meshes])
-    return Fans(first, mean_edge, position, start, corners)
+    return Fans(first, position, start, corners)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

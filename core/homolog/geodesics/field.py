@@ -58,15 +58,16 @@ def distances_from(
     where = np.asarray(sources, int)
     if len(where) == 0 or where.min() < 0 or where.max() >= n:
         raise InputError(f"{name}: sources have to be vertices of the mesh, 0 … {n - 1}")
-    reach = Task(name, mesh, np.inf, 1.0).kernel_reach()
+    reach = Task(name, mesh, np.inf, 1.0, mesh.mean_edge).kernel_reach()
     reach.stored = float(kernels.FAR)
     fans = build_fans([mesh], "cpu")
     with wp.ScopedDevice("cpu"):
-        values = np.full((1, n, 1), float(kernels.FAR), np.float32)
-        np.minimum.at(values[0, :, 0], where, 0.0 if start is None else np.asarray(start, np.float32))
+        values = np.full((1, n, 1, 4), float(kernels.FAR), np.float32)
+        np.minimum.at(values[0, :, 0, 0], where, 0.0 if start is None else np.asarray(start, np.float32))
         around = np.unique(mesh.faces[np.isin(mesh.faces, where).any(axis=1)])
         front = front_kernels.Front()
-        front.u = wp.array(values)
+        front.u = wp.array(values, dtype=wp.vec4, ndim=3)
+        front.changed = wp.zeros((1, n), dtype=wp.int32)
         front.queued = wp.zeros((1, n), dtype=wp.int32)
         front.lists = wp.zeros((2, 1, n), dtype=wp.int32)
         front.lists.numpy()[1, 0, : len(around)] = around
@@ -79,5 +80,5 @@ def distances_from(
         clusters.fan = fans.start
         clusters.corners = fans.corners
         run_front(front, clusters, range(1), 0, partial(tick, 0.0, f"{name}: geodesic distances"))
-        distances: Float32Array = front.u.numpy()[0, :, 0]
+        distances: Float32Array = front.u.numpy()[0, :, 0, 0]
     return distances

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -9,6 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geodesics import kernels
 from homolog.geodesics.lookup import LANES, MISSING
@@ -45,21 +47,23 @@ class Task:
         Longest distance [mm] that the table keeps.
     reach : float
         Longest distance [mm] that codes have to hold: d_max, or what the mesh allows.
+    edge : float
+        Mean edge [mm].
     """
 
     name: str
     mesh: TriangleMesh
     d_max: float
     reach: float
+    edge: float
 
     def kernel_reach(self) -> Any:  # noqa: ANN401 - a wp.struct has no type
         """Return what kernels need to know of the reach."""
-        edge = self.mesh.mean_edge
         reach = kernels.Reach()
         reach.unit = self.reach / int(kernels.LAST)
         reach.stored = (MISSING - 1) * reach.unit
-        reach.slack = edge
-        reach.changed = CHANGED * edge
+        reach.slack = self.edge
+        reach.changed = CHANGED * self.edge
         return reach
 
 
@@ -107,7 +111,8 @@ def plan_tables(
     """
     labels = [f"mesh {k + 1}" for k in range(len(meshes))] if names is None else names
     limits = np.broadcast_to(np.asarray(d_max, float), len(meshes)).tolist()
-    tasks = tuple(_task(*one) for one in zip(labels, meshes, limits, strict=True))
+    with ThreadPoolExecutor(min(cores(), 8)) as pool:
+        tasks = tuple(pool.map(_task, labels, meshes, limits))
     squares = [2 * len(mesh.vertices) ** 2 for mesh in meshes]
     dense, blocks = sum(squares), sum(_block_bytes(task) for task in tasks)
     ceiling = DEFAULT_LIMIT if memory_limit is None else memory_limit
@@ -126,7 +131,7 @@ def _task(name: str, mesh: TriangleMesh, d_max: float) -> Task:
     check_mesh(mesh, name)
     if not d_max > 0.0:
         raise InputError(f"{name}: d_max is {d_max}; geodesic distances need a positive length in mm")
-    return Task(name, mesh, d_max, min(d_max, _longest(mesh, d_max)))
+    return Task(name, mesh, d_max, min(d_max, _longest(mesh, d_max)), mesh.mean_edge)
 
 
 def _longest(mesh: TriangleMesh, d_max: float) -> float:
@@ -142,7 +147,7 @@ def _longest(mesh: TriangleMesh, d_max: float) -> float:
 def _block_bytes(task: Task) -> int:
     """Size of a block table, from the area of a flat disc; curved surfaces mostly need less."""
     n = len(task.mesh.vertices)
-    radius = task.reach + 3.0 * task.mesh.mean_edge  # of a cluster: about 2.5 edges
+    radius = task.reach + 3.0 * task.edge  # of a cluster: about 2.5 edges
     patch = min(n, n * math.pi * radius**2 / task.mesh.area)
     n_clusters = 1.05 * n / LANES
     return int(2 * n_clusters * n + 2 * LANES * n_clusters * patch)

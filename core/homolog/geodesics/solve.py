@@ -8,10 +8,10 @@ import warp as wp
 from scipy.sparse import csr_array
 
 from homolog.arrays import Array
-from homolog.device import choose_device
+from homolog.device import choose_device, cores
 from homolog.errors import InputError
 from homolog.geodesics.cache import load_table, save_table, table_path
-from homolog.geodesics.cpu import cores, solve_on_cpu
+from homolog.geodesics.cpu import solve_on_cpu
 from homolog.geodesics.cuda import solve_on_cuda
 from homolog.geodesics.plan import Element, TablePlan, plan_tables
 from homolog.geodesics.table import GeodesicTable

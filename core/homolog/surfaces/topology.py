@@ -1,7 +1,7 @@
 """Checks of triangle meshes: what a surface must be before anything is computed on it."""
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from homolog.arrays import FloatArray, IntArray
@@ -59,13 +59,7 @@ def check_mesh(mesh: TriangleMesh, name: str) -> None:
     InputError
         The first fault found, what it does, and the remedy.
     """
-    fault = (
-        _array_fault(mesh)
-        or _face_fault(mesh)
-        or _vertex_fault(mesh)
-        or _edge_fault(mesh)
-        or _link_fault(mesh)
-    )
+    fault = _array_fault(mesh) or _face_fault(mesh) or _vertex_fault(mesh) or _side_fault(mesh)
     if fault:
         raise InputError(f"{name}: the mesh {fault}")
 
@@ -78,7 +72,8 @@ def _sides(faces: IntArray) -> IntArray:
 def _longest_sides(mesh: TriangleMesh) -> FloatArray:
     """Length of the longest side of each face [mm], shape (F,)."""
     corners = mesh.vertices[mesh.faces]
-    longest: FloatArray = np.linalg.norm(corners - corners[:, [2, 0, 1]], axis=2).max(axis=1)
+    sides = corners - corners[:, [1, 2, 0]]
+    longest: FloatArray = np.sqrt(np.einsum("fsi,fsi->fs", sides, sides).max(axis=1))
     return longest
 
 
@@ -123,26 +118,32 @@ def _vertex_fault(mesh: TriangleMesh) -> str:
     return ""
 
 
-def _side_tables(mesh: TriangleMesh) -> tuple[csr_array, csr_array]:
-    """Return the number of each directed side at its (start, end), and at its (end, start)."""
+def _side_fault(mesh: TriangleMesh) -> str:
+    """Look at how faces meet: at edges, then as a whole, then around vertices."""
+    # the number of each directed side, counted from 1, at its (start, end) and at its (end, start)
     sides = _sides(mesh.faces)
-    number = np.arange(len(sides))
+    number = np.arange(1, len(sides) + 1)
     shape = (len(mesh.vertices),) * 2
     there = coo_array((number, (sides[:, 0], sides[:, 1])), shape=shape).tocsr()
     back = coo_array((number, (sides[:, 1], sides[:, 0])), shape=shape).tocsr()
     there.sort_indices()
     back.sort_indices()
-    return there, back
+    # closed, manifold at edges, oriented: every side exactly once, and its opposite exactly once
+    if there.nnz < len(sides) or not (
+        np.array_equal(there.indptr, back.indptr) and np.array_equal(there.indices, back.indices)
+    ):
+        return _edge_fault(sides)
+    pieces = int(connected_components(there.astype(np.float64), directed=True, connection="weak")[0])
+    if pieces > 1:
+        return f"has {pieces} separate pieces; keep the largest or treat them as subjects of their own"
+    twin = np.empty(len(sides), np.int64)
+    twin[there.data - 1] = back.data - 1
+    touching = _fans(twin) - len(mesh.vertices)
+    return f"is not manifold: it touches itself at {touching} vertices; repair it" if touching else ""
 
 
-def _edge_fault(mesh: TriangleMesh) -> str:
-    """Every directed side exactly once and its opposite exactly once: closed, manifold at edges, oriented."""
-    there, back = _side_tables(mesh)
-    distinct = there.nnz == 3 * len(mesh.faces)  # equal ones were merged
-    if distinct and np.array_equal(there.indptr, back.indptr) and np.array_equal(there.indices, back.indices):
-        return ""
-    sides = np.sort(_sides(mesh.faces), axis=1)
-    uses = np.unique(sides, axis=0, return_counts=True)[1]
+def _edge_fault(sides: IntArray) -> str:
+    uses = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)[1]
     if (uses > 2).any():
         return f"is not manifold: {np.count_nonzero(uses > 2)} edges have more than two faces; repair it"
     if (uses < 2).any():
@@ -150,21 +151,13 @@ def _edge_fault(mesh: TriangleMesh) -> str:
     return "has faces of opposite orientation side by side; orient its normals consistently"
 
 
-def _link_fault(mesh: TriangleMesh) -> str:
-    """One component, and one fan of faces around every vertex; presumes that the edges are in order."""
-    n_vertices, n_faces = len(mesh.vertices), len(mesh.faces)
-    components = int(_vertex_components(mesh.faces, n_vertices).max()) + 1
-    if components > 1:
-        return f"has {components} separate pieces; keep the largest or treat them as subjects of their own"
-    # A corner is named by the side that leaves it. The next corner around its vertex is named by the twin of
-    # the side that arrives at it in the same face: the cycles of this permutation are the fans.
-    there, back = _side_tables(mesh)
-    twin = np.empty(3 * n_faces, np.int64)
-    twin[there.data] = back.data
-    following = np.roll(twin.reshape(3, n_faces), 1, axis=0).ravel()
-    ones = np.ones(3 * n_faces, np.int8)
-    graph = csr_array((ones, following, np.arange(3 * n_faces + 1)), shape=(3 * n_faces,) * 2)
-    fans = int(connected_components(graph, directed=True, connection="weak")[0])
-    if fans != n_vertices:
-        return f"is not manifold: it touches itself at {fans - n_vertices} vertices; repair it"
-    return ""
+def _fans(twin: IntArray) -> int:
+    """Count the fans of faces around all vertices, from the opposite of each directed side.
+
+    A corner is named by the side that leaves it. The next corner around its vertex is named by the twin of
+    the side that arrives at it in the same face: the cycles of this permutation are the fans.
+    """
+    following = np.roll(twin.reshape(3, -1), 1, axis=0).ravel()
+    n = len(twin)
+    steps = coo_array((np.ones(n), (np.arange(n), following)), shape=(n, n))
+    return int(connected_components(steps, directed=True, connection="weak")[0])
