@@ -9,7 +9,13 @@ from typing import Any
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord, ResultRecord
 
-__all__ = ["add_parser", "run"]
+__all__ = ["add_parser", "how_it_ended", "run"]
+
+_ENDINGS = {
+    "converged": "converged after {} iterations",
+    "iterations": "not converged after {} iterations",
+    "cancelled": "cancelled after {} iterations",
+}
 
 
 def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
@@ -33,6 +39,11 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def how_it_ended(result: ResultRecord) -> str:
+    """Say why the optimization ended and when."""
+    return _ENDINGS.get(result.ended, result.ended).format(result.iterations)
+
+
 def _facts(project: Project, record: ProjectRecord) -> list[tuple[str, str]]:
     facts = [("project", str(project.folder)), ("subjects", _groups([one.group for one in record.subjects]))]
     if record.unfinished:
@@ -53,7 +64,7 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
     facts = [
         ("result", f"{len(result.subjects)} subjects x {result.particles} particles, {result.finished}"),
         ("method", f"{settings.method}, {result.metric} distances, seed {settings.seed}"),
-        ("ended", f"{result.ended} after {result.iterations} iterations"),
+        ("ended", how_it_ended(result)),
         ("surface", f"{result.folded_faces} folded faces on the mean"),
         ("settings", json.dumps(changed) if changed else "defaults"),
         ("device", result.device),

@@ -12,6 +12,7 @@ from homolog.cohort import Cohort, read_cohort
 from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+from homolog_app.cli.info import how_it_ended
 from homolog_app.cli.options import add_options, with_options
 from homolog_app.cli.progress import add_progress_option, show_progress
 
@@ -59,8 +60,16 @@ def run(arguments: argparse.Namespace) -> int:
 
         with show_progress(arguments.progress) as progress:
             draw_figures(project, progress.tick)
-    sys.stdout.write(f"{project.folder}\n")
+    sys.stdout.write(f"{_summary(project)}\nresults in {project.folder}\n")
     return OK
+
+
+def _summary(project: Project) -> str:
+    result = project.read().result
+    assert result is not None, "a completed run has a result"
+    folds = f"; {result.folded_faces} faces of the mean are folded" if result.folded_faces else ""
+    size = f"{len(result.subjects)} subjects x {result.particles} particles"
+    return f"{size}, {how_it_ended(result)}{folds}"
 
 
 def _what_to_run(arguments: argparse.Namespace) -> tuple[Project, Cohort, RunSettings]:
