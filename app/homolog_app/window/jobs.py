@@ -13,7 +13,7 @@ from homolog.cohort import Cohort, Subject
 from homolog.errors import Cancelled
 from homolog.files.project import Project
 from homolog.progress import Tick, part_of
-from homolog.settings import GroomSettings, RunSettings
+from homolog.settings import RunSettings
 from homolog_app.window.loaded import Loaded, Recorder, load_result
 
 if TYPE_CHECKING:
@@ -84,14 +84,18 @@ def make_sample(folder: Path, tick: Tick) -> Path:
 
 
 def groom(
-    cohort: Cohort, settings: GroomSettings, project: Project, tick: Tick
+    cohort: Cohort, settings: RunSettings, project: Project, tick: Tick
 ) -> "tuple[list[GroomedSubject], FloatArray]":
     """Groom and align a cohort; what was groomed before comes from the project."""
     from homolog.grooming import align, groom_cohort
+    from homolog.workers import worker_processes
 
-    groomed = groom_cohort(cohort, settings, cache=project.groomed, tick=part_of(tick, 0.0, 0.9))
+    with worker_processes(settings.workers) as executor:
+        groomed = groom_cohort(
+            cohort, settings.groom, executor=executor, cache=project.groomed, tick=part_of(tick, 0.0, 0.9)
+        )
     tick(0.9, "aligning")
-    return groomed, align(groomed, settings)
+    return groomed, align(groomed, settings.groom)
 
 
 class RunJob:
@@ -101,7 +105,7 @@ class RunJob:
         from homolog.run import Run
 
         self._run = Run(project, cohort, settings, resume=resume)
-        self._last: "Frame | None" = None
+        self._last: Frame | None = None
         self.recorder = Recorder()
         self.names = [one.name for one in cohort.subjects]
 
@@ -123,12 +127,20 @@ class RunJob:
         """Wait, or go on."""
         self._run.set_paused(paused)
 
+    def keep(self, tick: Tick) -> Loaded | None:
+        """Make the particles of a cancelled run the result and read it; None if there are too few."""
+        tick(0.0, "keeping the particles")
+        return self._finished() if self._run.keep() else None
+
     def execute(self) -> Loaded:
         """Do the run and read its result; raises Cancelled if it was cancelled."""
         from homolog.run import FinishReason
 
         if self._run.execute(self._watch) is FinishReason.CANCELLED:
             raise Cancelled("cancelled")
+        return self._finished()
+
+    def _finished(self) -> Loaded:
         self.recorder.write(self._run.project)
         return load_result(self._run.project)
 

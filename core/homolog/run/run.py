@@ -18,8 +18,8 @@ from homolog.run.control import Control
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
 from homolog.run.identity import fingerprint_of
 from homolog.run.result import CANCELLED, Outcome, Study, model_of, write_result
-from homolog.run.workers import worker_processes
 from homolog.settings import RunSettings
+from homolog.workers import worker_processes
 
 __all__ = ["Run"]
 

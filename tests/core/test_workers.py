@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from homolog.run.workers import worker_processes
+from homolog.workers import worker_processes
 
 
 def alive(pid):
@@ -31,7 +31,7 @@ def test_workers_end_at_once_when_the_block_is_left():
 def test_workers_end_with_a_killed_parent():
     code = (
         "import os, time\n"
-        "from homolog.run.workers import worker_processes\n"
+        "from homolog.workers import worker_processes\n"
         "if __name__ == '__main__':\n"
         "    with worker_processes(2) as executor:\n"
         "        print(executor.submit(os.getpid).result(60), flush=True)\n"
