@@ -31,7 +31,7 @@ def draw_comparison(
     title: str = "",
     view: View | None = None,
     theme: Theme = LIGHT,
-    width: int = 400,
+    width: int = 320,
 ) -> Figure:
     """Draw the same modes of several models side by side (the paper's figure 3).
 

@@ -6,7 +6,7 @@ wp.set_module_options({"enable_backward": False})
 
 __all__ = ["cast", "occlude"]
 
-SAMPLES = wp.constant(3)  # rays along each side of a pixel
+SAMPLES = wp.constant(4)  # rays a pixel, on a rotated grid: all in different rows and columns
 FAR = wp.constant(1.0e6)
 
 
@@ -36,22 +36,25 @@ def cast(
     right: wp.vec3,
     up: wp.vec3,
     step: float,
+    first_row: int,
+    row_stride: int,
     image: wp.array2d(dtype=wp.vec4),
 ):
     """Draw one pixel: mean colour of the rays that hit (premultiplied), and their share as alpha."""
-    row, column = wp.tid()
+    index, column = wp.tid()
+    row = first_row + index * row_stride
     back = wp.cross(right, up)
     total = wp.vec4()
-    for index in range(SAMPLES * SAMPLES):
-        x = (float(column) + (float(index % SAMPLES) + 0.5) / float(SAMPLES)) * step
-        y = (float(row) + (float(index // SAMPLES) + 0.5) / float(SAMPLES)) * step
+    for ray in range(SAMPLES):
+        x = (float(column) + float(2 * ray + 1) / 8.0) * step
+        y = (float(row) + float((5 + 4 * ray + 2 * (ray // 2)) % 8) / 8.0) * step
         hit = wp.mesh_query_ray(mesh, corner + x * right - y * up, -back, FAR)
         if hit.result:
             indices = faces[hit.face]
             normal = wp.normalize(corner_mix(normals, indices, hit.u, hit.v))
             colour = shade(corner_mix(colours, indices, hit.u, hit.v), normal, right, up, back)
             total += wp.vec4(colour[0], colour[1], colour[2], 1.0)
-    image[row, column] = total / float(SAMPLES * SAMPLES)
+    image[row, column] = total / float(SAMPLES)
 
 
 @wp.kernel

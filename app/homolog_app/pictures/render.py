@@ -1,6 +1,8 @@
 """Shaded, antialiased images of surfaces and balls, computed with Warp on the processor."""
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 from homolog.arrays import FloatArray, IntArray
 from homolog.device import choose_device
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.pictures import kernels
 from homolog_app.pictures.kernels import cast, occlude
 from homolog_app.pictures.views import Frame
 
@@ -117,20 +120,23 @@ def render(solids: Sequence[Solid], frame: Frame, width: int) -> NDArray[np.floa
         np.array(frame.centre) - right * frame.width / 2.0 + up * height * step / 2.0 + back * frame.depth
     )
     image = wp.empty((height, width), dtype=wp.vec4, device=_DEVICE)
-    wp.launch(
-        cast,
-        (height, width),
-        inputs=[
-            mesh.id,
-            wp.array(faces.astype(np.int32), dtype=wp.vec3i, device=_DEVICE),
-            _vectors(np.concatenate([solid.normals for solid in solids])),
-            _vectors(np.concatenate([solid.colours for solid in solids])),
-            *(wp.vec3(*map(float, vector)) for vector in (corner, right, up)),
-            step,
-            image,
-        ],
-        device=_DEVICE,
-    )
+    inputs = [
+        mesh.id,
+        wp.array(faces.astype(np.int32), dtype=wp.vec3i, device=_DEVICE),
+        _vectors(np.concatenate([solid.normals for solid in solids])),
+        _vectors(np.concatenate([solid.colours for solid in solids])),
+        *(wp.vec3(*map(float, vector)) for vector in (corner, right, up)),
+        step,
+    ]
+    threads = min(os.cpu_count() or 1, height)
+
+    def draw_rows(first: int) -> None:
+        count = len(range(first, height, threads))
+        wp.launch(cast, (count, width), inputs=[*inputs, first, threads, image], device=_DEVICE)
+
+    wp.load_module(kernels, device=_DEVICE)
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(draw_rows, range(threads)))
     pixels = np.array(image.numpy())
     pixels[..., :3] /= np.maximum(pixels[..., 3:], 1e-6)
     return pixels

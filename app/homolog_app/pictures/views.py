@@ -66,7 +66,7 @@ def three_quarter_view(points: FloatArray, weights: FloatArray | None = None) ->
     if weights is not None:
         lean[2] = weights @ (centred @ axes[2])
     axes = axes * np.where(lean < 0.0, -1.0, 1.0)[:, None]
-    toward = np.array([0.28, 0.42, 0.86]) @ axes
+    toward = np.array([0.24, 0.36, 0.90]) @ axes
     up = _UP if abs(toward[2]) < 0.7 else _FORWARD
     return View(_triple(toward), _triple(up))
 

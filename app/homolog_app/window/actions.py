@@ -47,7 +47,7 @@ class Actions(QObject):
     def connect_handlers(self, handlers: Mapping[str, Handler]) -> None:
         """Connect commands to what they do."""
         for identifier, handler in handlers.items():
-            self._actions[identifier].triggered.connect(handler)
+            self._actions[identifier].triggered.connect(lambda _, handler=handler: handler())
 
     def enable(self, available: Mapping[str, bool]) -> None:
         """Enable exactly the commands whose needs are met."""

@@ -3,31 +3,36 @@
 import logging
 from collections.abc import Callable
 from functools import wraps
-from typing import Concatenate, ParamSpec, Protocol, TypeVar
+from typing import TYPE_CHECKING, Concatenate, ParamSpec, TypeVar, cast
 
+from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QMessageBox, QWidget
 
 from homolog.errors import HomologError
 
-__all__ = ["ask", "reported"]
+if TYPE_CHECKING:
+    from homolog_app.window.main_window import MainWindow
+
+__all__ = ["Part", "ask", "reported"]
 
 _log = logging.getLogger(__name__)
 _Given = ParamSpec("_Given")
 
 
-class _HasWindow(Protocol):
-    _window: "_ShowsErrors"
+class Part(QObject):
+    """A part of the window's behaviour: it has commands, and knows the window that it belongs to."""
+
+    def __init__(self, window: "MainWindow") -> None:
+        super().__init__(window)
+        self._window, self._desk = window, window.desk
+
+    def show_error(self, kind: str, error: BaseException) -> None:
+        """Show what went wrong."""
+        self._window.helping.show_error(kind, error)
 
 
-class _ShowsErrors(Protocol):
-    helping: "_Helping"
-
-
-class _Helping(Protocol):
-    def show_error(self, kind: str, error: BaseException) -> None: ...
-
-
-_Owner = TypeVar("_Owner", bound=_HasWindow)
+_AnyPart = TypeVar("_AnyPart", bound=Part)
+_Method = Callable[Concatenate[_AnyPart, _Given], None]
 
 
 def ask(parent: QWidget, title: str, words: str, answers: tuple[str, ...]) -> str:
@@ -35,29 +40,27 @@ def ask(parent: QWidget, title: str, words: str, answers: tuple[str, ...]) -> st
     box = QMessageBox(QMessageBox.Icon.Question, title, title, parent=parent)
     box.setInformativeText(words)
     role = QMessageBox.ButtonRole
-    buttons = {
-        box.addButton(text, role.RejectRole if text == answers[-1] else role.AcceptRole): text
-        for text in answers
-    }
-    box.setDefaultButton(next(iter(buttons)))
-    box.setEscapeButton(list(buttons)[-1])
+    buttons = [
+        box.addButton(text, role.RejectRole if text == answers[-1] else role.AcceptRole) for text in answers
+    ]
+    box.setDefaultButton(buttons[0])
+    box.setEscapeButton(buttons[-1])
     box.exec()
-    answer = buttons.get(box.clickedButton(), answers[-1])
+    clicked = box.clickedButton()
+    chosen = [text for text, button in zip(answers, buttons, strict=True) if button is clicked]
     box.deleteLater()
-    return answer
+    return chosen[0] if chosen else answers[-1]
 
 
-def reported(
-    method: Callable[Concatenate[_Owner, _Given], None],
-) -> Callable[Concatenate[_Owner, _Given], None]:
-    """Show an error of a method in the error dialog of its owner's window."""
+def reported(method: "_Method[_AnyPart, _Given]") -> "_Method[_AnyPart, _Given]":
+    """Show an error of a part's method in the error dialog instead of raising it."""
 
     @wraps(method)
-    def wrapper(self: _Owner, *args: _Given.args, **kwargs: _Given.kwargs) -> None:
+    def wrapper(self: _AnyPart, *args: _Given.args, **kwargs: _Given.kwargs) -> None:
         try:
             method(self, *args, **kwargs)
         except HomologError as error:
             _log.warning("%s", error)
-            self._window.helping.show_error(method.__name__, error)
+            self.show_error(method.__name__, error)
 
-    return wrapper
+    return cast("_Method[_AnyPart, _Given]", wrapper)

@@ -9,7 +9,15 @@ __all__ = ["available"]
 
 
 def available(
-    session: Session, project: Project, *, busy: bool, running: bool, page: int, pages: int, ready: bool
+    session: Session,
+    project: Project,
+    *,
+    busy: bool,
+    running: bool,
+    kept: bool,
+    page: int,
+    pages: int,
+    ready: bool,
 ) -> Mapping[str, bool]:
     """Return whether each need of the command table is met.
 
@@ -20,6 +28,8 @@ def available(
         The open project, or the draft.
     busy, running : bool
         Whether the user waits for a job; whether that job is a run.
+    kept : bool
+        Whether a run was cancelled whose particles can be kept.
     page, pages : int
         Of the views.
     ready : bool
@@ -45,6 +55,7 @@ def available(
         "busy": busy,
         "running": running,
         "resumable": study and idle and session.is_groomed and project.checkpoint.is_file(),
+        "cancelled": study and idle and kept,
         "result": study and session.result is not None,
         "particles": study and (running or session.result is not None),
         "frames": study and idle and session.result is not None and len(session.result.frames) > 1,

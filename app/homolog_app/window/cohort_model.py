@@ -10,7 +10,7 @@ from homolog.arrays import Array
 from homolog_app.window.icons import pixmap
 from homolog_app.window.session import Session
 from homolog_app.window.study import Member
-from homolog_app.window.theme import Theme
+from homolog_app.window.theme import Theme, rgb
 
 __all__ = ["CohortModel", "thumbnail"]
 
@@ -22,7 +22,7 @@ _PICTURE = 32
 
 def thumbnail(shade: Array, colour: str, size: int = _PICTURE) -> QPixmap:
     """Colour a survey's picture (0 is nothing) for the screen."""
-    tint = np.array(QColor(colour).getRgb()[:3])
+    tint = 255.0 * np.array(rgb(colour))
     ink = np.zeros((*shade.shape, 4), dtype=np.uint8)
     ink[..., :3] = tint * (shade[..., None] / 255.0)
     ink[..., 3] = np.where(shade > 0, 255, 0)
@@ -51,15 +51,15 @@ class CohortModel(QAbstractTableModel):
         """Return the member of a row."""
         return self._members[row]
 
-    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: N802, B008 - Qt's
+    def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's
         """Return the number of subjects."""
         return 0 if parent.isValid() else len(self._members)
 
-    def columnCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: N802, B008 - Qt's
+    def columnCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's
         """Return the number of columns, covariates included."""
         return 0 if parent.isValid() else len(_HEADS) + len(self._columns)
 
-    def headerData(self, section: int, orientation: Qt.Orientation, role: int = 0) -> object:  # noqa: N802
+    def headerData(self, section: int, orientation: Qt.Orientation, role: int = 0) -> object:
         """Return a column's title."""
         if orientation != Qt.Orientation.Horizontal or role != Qt.ItemDataRole.DisplayRole:
             return None
@@ -95,7 +95,7 @@ class CohortModel(QAbstractTableModel):
                 return int(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         return None
 
-    def setData(self, index: _Index, value: object, role: int = Qt.ItemDataRole.EditRole) -> bool:  # noqa: N802
+    def setData(self, index: _Index, value: object, role: int = Qt.ItemDataRole.EditRole) -> bool:
         """Edit a tick, a group or a covariate."""
         member = self._members[index.row()]
         if role == Qt.ItemDataRole.CheckStateRole:

@@ -37,7 +37,7 @@ class EnergyCurves(QWidget):
         self._rows = np.concatenate([table[::every], table[-1:]]) if len(table) else table
         self.update()
 
-    def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802 - Qt's name
+    def paintEvent(self, event: QPaintEvent) -> None:
         """Paint the three charts, or what will be here."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)

@@ -62,6 +62,7 @@ class Desk(QObject):
             "run.resume": lambda: self.run(resume=True),
             "run.pause": self.work.pause_or_go_on,
             "run.cancel": self.work.cancel,
+            "run.keep": self.work.keep,
         }
 
     def groom(self) -> None:

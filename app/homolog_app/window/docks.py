@@ -18,7 +18,7 @@ _INSPECTOR = 432
 
 
 class Docks(QObject):
-    """Rail left, inspector right, both full height; the energies come up with a run, the log when asked for."""
+    """Rail left, inspector right, both full height; energies come up with a run, the log if wanted."""
 
     def __init__(self, window: "MainWindow") -> None:
         super().__init__(window)
@@ -29,7 +29,9 @@ class Docks(QObject):
         window.setCorner(Qt.Corner.BottomLeftCorner, Qt.DockWidgetArea.LeftDockWidgetArea)
         window.setCorner(Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea)
         self._dock("Steps", window.rail, Qt.DockWidgetArea.LeftDockWidgetArea).show()
-        self._inspector_dock = self._dock("Inspector", window.inspector, Qt.DockWidgetArea.RightDockWidgetArea)
+        self._inspector_dock = self._dock(
+            "Inspector", window.inspector, Qt.DockWidgetArea.RightDockWidgetArea
+        )
         self._curves_dock = self._dock("Energies", self.curves, bottom)
         self._log_dock = self._dock("Log", self.log, bottom)
         window.resizeDocks([self._inspector_dock], [_INSPECTOR], Qt.Orientation.Horizontal)

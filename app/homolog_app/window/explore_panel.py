@@ -23,7 +23,7 @@ class ExplorePanel(Panel):
         self.body.addWidget(self.summary)
         self.body.addWidget(label("Run again", "SectionTitle"))
         self.body.addWidget(
-            label("Space plays the run from its stored frames; the slider below the views goes to any moment.",
+            label("Space plays the run from its stored frames; the slider below the views goes anywhere.",
                   "Hint", wrap=True)
         )  # fmt: skip
         self.body.addWidget(label("Files", "SectionTitle"))

@@ -180,7 +180,8 @@ class _Row(QWidget):
             choice.activated.connect(lambda _: self._report(choice.currentData()))
             return choice
         if one.kind is int and not one.automatic and one.low is not None and one.high is not None:
-            number = QSpinBox(minimum=int(one.low), maximum=int(one.high), keyboardTracking=False)
+            number = QSpinBox(minimum=int(one.low), maximum=int(one.high))
+            number.setKeyboardTracking(False)
             number.setButtonSymbols(QSpinBox.ButtonSymbols.NoButtons)
             number.setFixedWidth(112)
             number.setAlignment(Qt.AlignmentFlag.AlignRight)

@@ -8,7 +8,7 @@ from homolog_app.window.form import SettingsPair
 from homolog_app.window.progress import Progress
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Groomed, Session
-from homolog_app.window.widgets import Panel, button, label, rule
+from homolog_app.window.widgets import Panel, button, label, rule, set_primary
 
 __all__ = ["GroomPanel"]
 
@@ -59,8 +59,7 @@ class GroomPanel(Panel):
         count = len(session.study.included)
         self.go.setText(f"Groom {count} subjects" if not session.is_groomed else "Groom all again")
         self.go.setEnabled(count > 0)
-        self.go.setProperty("primary", "false" if session.is_groomed else "true")
-        self.go.style().polish(self.go)
+        set_primary(self.go, not session.is_groomed)
         self.proceed.setVisible(idle and session.is_groomed)
         name = session.selection[0] if session.selection else ""
         groomed = session.groomed.get(name)
@@ -75,7 +74,8 @@ def _sentences(groomed: Groomed) -> str:
     report = groomed.subject.report
     change = 100.0 * (report.volume_after / report.volume_before - 1.0)
     lines = [
-        f"Volume {report.volume_before:.3g} ml in the file, {report.volume_after:.3g} ml groomed ({change:+.1f} %)",
+        f"Volume {report.volume_before:.3g} ml in the file, "
+        f"{report.volume_after:.3g} ml groomed ({change:+.1f} %)",
         f"{len(groomed.subject.mesh.vertices)} vertices, {report.genus} handle{'s' * (report.genus != 1)}",
         *report.notes,
     ]

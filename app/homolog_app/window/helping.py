@@ -3,15 +3,14 @@
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, Slot
+from PySide6.QtCore import Slot
 from PySide6.QtWidgets import QDialog, QFileDialog, QMessageBox
 
 from homolog import __version__
 from homolog.errors import InputError, NumericalError
 from homolog.files.atomic import write_text
-from homolog_app.window.asking import reported
+from homolog_app.window.asking import Part, reported
 from homolog_app.window.error_dialog import ErrorDialog
 from homolog_app.window.icons import pixmap
 from homolog_app.window.palette import CommandPalette
@@ -19,20 +18,13 @@ from homolog_app.window.preferences import PreferencesDialog
 from homolog_app.window.problem_report import problem_report
 from homolog_app.window.shortcut_sheet import ShortcutSheet
 
-if TYPE_CHECKING:
-    from homolog_app.window.main_window import MainWindow
-
 __all__ = ["Helping"]
 
 _TITLES = {"groom": "Grooming stopped", "run": "The run stopped", "open": "The result can't be read"}
 
 
-class Helping(QObject):
+class Helping(Part):
     """Everything that explains."""
-
-    def __init__(self, window: "MainWindow") -> None:
-        super().__init__(window)
-        self._window, self._desk = window, window.desk
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of help do."""

@@ -1,4 +1,4 @@
-"""Crash recovery: each window keeps a journal; one whose window is gone without closing it can be recovered."""
+"""Crash recovery: each window keeps a journal; what one left without closing it can be recovered."""
 
 import shutil
 import uuid

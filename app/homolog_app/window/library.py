@@ -4,12 +4,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QMimeData, QObject
+from PySide6.QtCore import QMimeData
 from PySide6.QtWidgets import QFileDialog, QInputDialog
 
 from homolog.errors import InputError
 from homolog.files.project import Project
-from homolog_app.window.asking import ask, reported
+from homolog_app.window.asking import Part, ask, reported
 from homolog_app.window.journal import Lost, find_lost
 from homolog_app.window.study import Study, found_subjects, with_table
 from homolog_app.window.study_files import ViewRecord, open_project, save_project, study_of
@@ -28,12 +28,11 @@ def dropped_paths(data: QMimeData) -> list[Path]:
     return [Path(url.toLocalFile()) for url in data.urls() if url.isLocalFile()]
 
 
-class Library(QObject):
+class Library(Part):
     """Opens and saves; asks before anything is lost."""
 
     def __init__(self, window: "MainWindow") -> None:
         super().__init__(window)
-        self._window, self._desk = window, window.desk
         page = window.start_page
         page.opened.connect(lambda path: self.take([Path(path)]))
         page.located.connect(lambda path: self.locate(Path(path)))
@@ -71,6 +70,7 @@ class Library(QObject):
         """Open a project and read its result."""
         project = Project(folder)
         opened = open_project(project)
+        self._desk.work.forget()
         self._desk.journal.clear()
         self._desk.session.open(opened.study, folder)
         self._desk.session.select(opened.view.selection or [one.name for one in opened.study.members[:1]])
@@ -128,7 +128,7 @@ class Library(QObject):
         if not desk.preferences.ask_on_close:
             return True
         if desk.work.is_busy and ask(
-            self._window, "The work is not finished", "Stop it? A run can be resumed from its last checkpoint.",
+            self._window, "The work is not finished", "Stop it? A run can be resumed from its checkpoint.",
             ("Stop", "Go on"),
         ) != "Stop":  # fmt: skip
             return False
@@ -150,7 +150,7 @@ class Library(QObject):
 
     def begin(self) -> None:
         """Give up what is open and begin with an empty study."""
-        self._desk.work.cancel()
+        self._desk.work.forget()
         self._desk.journal.clear()
         self._desk.session.open(Study(), None)
         self._window.show_step("cohort")

@@ -66,7 +66,8 @@ class Recorder:
 
     def take(self, iteration: int, particles: FloatArray, energies: FloatArray) -> None:
         """Take a moment in."""
-        self.energies.append((iteration, *map(float, energies)))
+        sampling, ensemble, normals = (float(one) for one in energies)
+        self.energies.append((float(iteration), sampling, ensemble, normals))
         self._seen += 1
         if self._seen % self._every == 0:
             self.frames.append(RecordedFrame(iteration, frozen(particles, np.float32)))

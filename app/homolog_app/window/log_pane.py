@@ -3,7 +3,7 @@
 import logging
 from collections import deque
 
-from PySide6.QtCore import QTimer, Qt
+from PySide6.QtCore import Qt, QTimer
 from PySide6.QtWidgets import QApplication, QComboBox, QHBoxLayout, QPlainTextEdit, QVBoxLayout, QWidget
 
 from homolog_app.window.widgets import GRID, button
@@ -63,12 +63,12 @@ class LogPane(QWidget):
         self._timer = QTimer(self, interval=250)
         self._timer.timeout.connect(self._look)
 
-    def showEvent(self, event: object) -> None:  # noqa: N802 - Qt's name
+    def showEvent(self, event: object) -> None:
         """Look for new lines while visible."""
         self._look()
         self._timer.start()
 
-    def hideEvent(self, event: object) -> None:  # noqa: N802 - Qt's name
+    def hideEvent(self, event: object) -> None:
         """Rest while hidden."""
         self._timer.stop()
 

@@ -2,9 +2,10 @@
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QEvent, QTimer, Signal, Slot
+from PySide6.QtCore import QEvent, Signal, Slot
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
 from PySide6.QtOpenGLWidgets import QOpenGLWidget
 from PySide6.QtWidgets import QMainWindow, QStackedWidget
@@ -43,7 +44,7 @@ class MainWindow(QMainWindow):
         self.resize(1440, 900)
         self.commands = Actions(self, desk.theme)
         self.step = "cohort"
-        self.views: "Views | None" = None
+        self.views: Views | None = None
         self.start_page = StartPage(desk.theme, self.commands)
         self.inspector = Inspector(desk, self.commands)
         self.rail = Rail(desk.theme)
@@ -88,6 +89,7 @@ class MainWindow(QMainWindow):
         self.commands.enable(
             available(
                 desk.session, desk.project, busy=desk.work.is_busy, running=desk.work.run_job is not None,
+                kept=desk.work.cancelled_run is not None,
                 page=page, pages=pages, ready=views is not None,
             )
         )  # fmt: skip
@@ -102,7 +104,7 @@ class MainWindow(QMainWindow):
         self.docks.show_for(open_)
         self._name_window()
 
-    def closeEvent(self, event: QCloseEvent) -> None:  # noqa: N802 - Qt's name
+    def closeEvent(self, event: QCloseEvent) -> None:
         """Ask, stop the work, let go of the graphics, then close."""
         if not self.library.may_leave():
             event.ignore()
@@ -116,17 +118,17 @@ class MainWindow(QMainWindow):
         self.desk.close()
         event.accept()
 
-    def dragEnterEvent(self, event: QDragEnterEvent) -> None:  # noqa: N802 - Qt's name
+    def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Take files and folders while nothing is going on."""
         if dropped_paths(event.mimeData()) and not self.desk.work.is_busy and self.views is not None:
             event.acceptProposedAction()
 
-    def dropEvent(self, event: QDropEvent) -> None:  # noqa: N802 - Qt's name
+    def dropEvent(self, event: QDropEvent) -> None:
         """Open or add what was dropped."""
         event.acceptProposedAction()
         self.library.take(dropped_paths(event.mimeData()))
 
-    def changeEvent(self, event: QEvent) -> None:  # noqa: N802 - Qt's name
+    def changeEvent(self, event: QEvent) -> None:
         """Rest the drawing while minimized."""
         super().changeEvent(event)
         if event.type() == QEvent.Type.WindowStateChange and self.views is not None:
@@ -156,7 +158,7 @@ class MainWindow(QMainWindow):
 
     def _handlers(self) -> dict[str, Callable[[], object]]:
         undo = self.desk.session.undo
-        steps = {f"view.{name}": lambda _=False, name=name: self.show_step(name) for name in STEPS}
+        steps = {f"view.{name}": partial(self.show_step, name) for name in STEPS}
         own = {"file.quit": self.close, "edit.undo": undo.undo, "edit.redo": undo.redo}
         return {
             **steps, **own, **self.docks.handlers(), **self.library.handlers(), **self.helping.handlers(),

@@ -9,7 +9,7 @@ from homolog_app.window.form import SettingsPair
 from homolog_app.window.progress import Progress
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
-from homolog_app.window.widgets import GRID, Panel, button, label, rule
+from homolog_app.window.widgets import GRID, Panel, button, label, rule, set_primary
 
 __all__ = ["RunPanel"]
 
@@ -43,8 +43,10 @@ class RunPanel(Panel):
         self.pause.clicked.connect(actions["run.pause"].trigger)
         self.go = button("Run", "primary")
         self.go.clicked.connect(actions["run.start"].trigger)
-        self.resume = button("Resume from checkpoint")
+        self.resume = button("Resume")
         self.resume.clicked.connect(actions["run.resume"].trigger)
+        self.keep = button("Keep particles")
+        self.keep.clicked.connect(actions["run.keep"].trigger)
         self.proceed = button("Next: Explore", "primary")
         self.proceed.clicked.connect(actions["view.explore"].trigger)
         self.footer.addWidget(self.progress)
@@ -53,6 +55,7 @@ class RunPanel(Panel):
         row.setSpacing(GRID)
         row.addWidget(self.go, 1)
         row.addWidget(self.resume)
+        row.addWidget(self.keep)
         self.footer.addLayout(row)
         self.footer.addWidget(self.proceed)
         session.study_changed.connect(self.refresh)
@@ -84,9 +87,9 @@ class RunPanel(Panel):
         done = session.result is not None
         self.go.setText("Run again" if done else "Run")
         self.go.setEnabled(self._actions["run.start"].isEnabled())
-        self.go.setProperty("primary", "false" if done else "true")
-        self.go.style().polish(self.go)
+        set_primary(self.go, not done)
         self.resume.setVisible(idle and self._actions["run.resume"].isEnabled())
+        self.keep.setVisible(idle and self._actions["run.keep"].isEnabled())
         self.proceed.setVisible(idle and done)
         self.summary.setText(session.result.summary if session.result else "")
 

@@ -41,8 +41,9 @@ class Session(QObject):
         super().__init__(parent)
         self.undo = QUndoStack(self)
         self.study = Study()
+        self.generation = 0
         self.folder: Path | None = None
-        self.surveys: "dict[str, Survey]" = {}
+        self.surveys: dict[str, Survey] = {}
         self.groomed: dict[str, Groomed] = {}
         self.result: Loaded | None = None
         self.selection: tuple[str, ...] = ()
@@ -81,7 +82,8 @@ class Session(QObject):
         self.edit(text, Study(self.study.members, settings), key)
 
     def open(self, study: Study, folder: Path | None) -> None:
-        """Open another study; nothing of the one before is kept."""
+        """Open another study; nothing of the one before is kept, nor what is still computed for it."""
+        self.generation += 1
         self.surveys, self.groomed, self.result, self.selection = {}, {}, None, ()
         self.study, self.folder = study, folder
         self.undo.clear()
@@ -144,7 +146,7 @@ class _Edit(QUndoCommand):
         """Say which edits may become one."""
         return hash(self._key) % (2**31 - 1) if self._key else -1
 
-    def mergeWith(self, other: QUndoCommand) -> bool:  # noqa: N802 - Qt's name
+    def mergeWith(self, other: QUndoCommand) -> bool:
         """Take a following edit of the same thing in."""
         if not isinstance(other, _Edit) or other._key != self._key:
             return False

@@ -10,7 +10,7 @@ from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.grooming.images import Segmentation
 from homolog.surfaces.distance_field import DistanceField
 from homolog_app.window.scene.letters import direction_letters
-from homolog_app.window.theme import Theme
+from homolog_app.window.theme import Theme, rgb
 from homolog_app.window.widgets import GRID, label
 
 __all__ = ["SliceView", "contour_in_slice"]
@@ -79,7 +79,7 @@ class SliceView(QWidget):
         else:
             self._turn()
 
-    def wheelEvent(self, event: QWheelEvent) -> None:  # noqa: N802 - Qt's name
+    def wheelEvent(self, event: QWheelEvent) -> None:
         """Go through the slices."""
         self.position.setValue(self.position.value() + (1 if event.angleDelta().y() > 0 else -1))
 
@@ -169,7 +169,7 @@ class _Canvas(QWidget):
         self._mask, self._lines, self._spacing, self._letters = mask, lines, spacing, letters
         self.update()
 
-    def paintEvent(self, event: QPaintEvent) -> None:  # noqa: N802 - Qt's name
+    def paintEvent(self, event: QPaintEvent) -> None:
         colours = self._theme.colours
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
@@ -188,9 +188,8 @@ class _Canvas(QWidget):
         scale = min((self.width() - 96) / wide, (self.height() - 96) / high)
         box = QRectF(0, 0, wide * scale, high * scale)
         box.moveCenter(QRectF(self.rect()).center())
-        ink = QColor(colours.bone)
         rgba = np.zeros((*mask.shape, 4), dtype=np.uint8)
-        rgba[mask] = (*ink.getRgb()[:3], 255)
+        rgba[mask] = (*(round(255 * part) for part in rgb(colours.bone)), 255)
         image = QImage(rgba.tobytes(), mask.shape[1], mask.shape[0], QImage.Format.Format_RGBA8888)
         painter.setPen(QPen(QColor(colours.line), 1))
         painter.drawRect(box)

@@ -1,4 +1,4 @@
-"""Starting the application: surface format, logging, exception hooks, window, and the heavy imports after it."""
+"""Starting the application: surface format, logging, exception hooks, window, then the heavy imports."""
 
 import faulthandler
 import logging

@@ -92,7 +92,7 @@ class StartPage(QFrame):
         grid = QGridLayout()
         grid.setSpacing(2 * GRID)
         texts = {
-            "file.new": "A folder of segmentations (NRRD, NIfTI, MetaImage) or surfaces (VTP, PLY, STL, OBJ).",
+            "file.new": "Segmentations (NRRD, NIfTI, MetaImage) or closed surfaces (VTP, PLY, STL, OBJ).",
             "file.open": "Go on with a study that was saved before.",
             "file.sample": "Ten synthetic beans with a known truth, and a one-minute tour.",
         }

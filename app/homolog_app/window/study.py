@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from homolog.cohort import IMAGE_SUFFIXES, MESH_SUFFIXES, Cohort, Subject, read_cohort
@@ -30,7 +30,7 @@ class Study:
     """The list of subjects and the settings of the next run."""
 
     members: tuple[Member, ...] = ()
-    settings: RunSettings = RunSettings()
+    settings: RunSettings = field(default_factory=RunSettings)
 
     @property
     def included(self) -> tuple[Subject, ...]:

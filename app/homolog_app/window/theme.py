@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject, Qt, Signal, Slot
 from PySide6.QtGui import QColor, QGuiApplication, QPalette
 from PySide6.QtWidgets import QApplication
 
-__all__ = ["DARK", "LIGHT", "Colours", "Theme"]
+__all__ = ["DARK", "LIGHT", "Colours", "Theme", "rgb"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +52,12 @@ DARK = Colours(
     faint="#6b747e", accent="#35b8b0", accent_hover="#50cac2", on_accent="#06201f", danger="#ff8a80",
     warning="#f2b84b", scene="#121417", bone="#cdc6b6", raw="#bf9f74",
 )  # fmt: skip
+
+
+def rgb(colour: str) -> tuple[float, float, float]:
+    """Return the parts of a ``#rrggbb`` in [0, 1]."""
+    red, green, blue = (int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5))
+    return red, green, blue
 
 
 class Theme(QObject):
@@ -108,9 +114,11 @@ def _palette(colours: Colours) -> QPalette:
     for which, value in (
         (role.Window, colours.window), (role.Base, colours.field), (role.AlternateBase, colours.zebra),
         (role.Button, colours.raised), (role.ToolTipBase, colours.raised), (role.Mid, colours.line),
-        (role.Highlight, colours.accent), (role.HighlightedText, colours.on_accent), (role.Link, colours.accent),
+        (role.Highlight, colours.accent), (role.HighlightedText, colours.on_accent),
+        (role.Link, colours.accent),
         (role.Text, colours.text), (role.WindowText, colours.text), (role.ButtonText, colours.text),
-        (role.ToolTipText, colours.text), (role.PlaceholderText, colours.faint), (role.Accent, colours.accent),
+        (role.ToolTipText, colours.text), (role.PlaceholderText, colours.faint),
+        (role.Accent, colours.accent),
     ):  # fmt: skip
         palette.setColor(which, QColor(value))
     for which in (role.Text, role.WindowText, role.ButtonText):

@@ -1,6 +1,7 @@
-"""Between session and scene: which subjects are seen, their particles while a run goes on, playing, pictures."""
+"""Between session and scene: which subjects are seen, particles of a run, playing, pictures."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,7 +55,7 @@ def contents_of(session: Session) -> list[Content]:
 
 
 class Views(QObject):
-    """Drives the stage. A timer looks at the newest frame of a run: it draws what the machine can, no more."""
+    """Drives the stage. A timer looks at the newest frame of a run and draws what the machine can."""
 
     def __init__(self, window: "MainWindow", stage: "Stage") -> None:
         super().__init__(window)
@@ -85,10 +86,8 @@ class Views(QObject):
             return lambda: scene.switch(**{name: commands[f"view.{name}"].isChecked()})
 
         return {
-            **{
-                f"view.grid{count}": lambda _=False, count=count: scene.set_layout(count) for count in LAYOUTS
-            },
-            **{f"view.{view}": lambda _=False, view=view: scene.look(view) for view in VIEWS},
+            **{f"view.grid{count}": partial(scene.set_layout, count) for count in LAYOUTS},
+            **{f"view.{view}": partial(scene.look, view) for view in VIEWS},
             **{f"view.{name}": switch(name) for name in ("raw", "groomed", "particles")},
             "view.previous": lambda: scene.show_page(scene.page - 1),
             "view.next": lambda: scene.show_page(scene.page + 1),
@@ -171,7 +170,7 @@ class Views(QObject):
 
     @Slot()
     def _take_frame(self) -> None:
-        """Draw the newest frame if there is one, then leave the machine at least twice as long as that took."""
+        """Draw the newest frame if there is one, then rest at least twice as long as that took."""
         job = self._work.run_job
         frame = job.frame if job is not None else None
         if job is not None and frame is not None and frame is not self._frame:

@@ -3,7 +3,7 @@
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QFrame, QLabel, QPushButton, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
 
-__all__ = ["GRID", "Panel", "button", "label", "rule"]
+__all__ = ["GRID", "Panel", "button", "label", "rule", "set_primary"]
 
 GRID = 8
 
@@ -23,6 +23,15 @@ def button(text: str, look: str = "") -> QPushButton:
     if look:
         result.setProperty(look, "true")
     return result
+
+
+def set_primary(one: QPushButton, primary: bool) -> None:
+    """Make a button the one to press next, or an ordinary one."""
+    wanted = "true" if primary else "false"
+    if one.property("primary") != wanted:
+        one.setProperty("primary", wanted)
+        one.style().unpolish(one)
+        one.style().polish(one)
 
 
 def rule() -> QFrame:

@@ -46,9 +46,11 @@ class Work(QObject):
         self.status: Status | None = None
         self.kind = ""
         self._then: _Then | None = None
+        self._generation = 0
         self._next: tuple[str, Job, _Then] | None = None
-        self._arrived: "SimpleQueue[Survey]" = SimpleQueue()
+        self._arrived: SimpleQueue[Survey] = SimpleQueue()
         self._prepared = False
+        self.cancelled_run: RunJob | None = None
         session.study_changed.connect(self.go_on)
 
     @property
@@ -82,12 +84,12 @@ class Work(QObject):
 
     def groom(self, cohort: Cohort, project: Project) -> None:
         """Groom the subjects of a cohort with the settings in force."""
-        settings = self._session.study.settings.groom
+        settings = self._session.study.settings
 
         def take(ended: Ended) -> None:
             groomed, alignments = ended.result
             self._session.groomed |= {
-                one.name: Groomed(one, alignment, settings)
+                one.name: Groomed(one, alignment, settings.groom)
                 for one, alignment in zip(groomed, alignments, strict=True)
             }
             _log.info("groomed %d subjects", len(groomed))
@@ -97,7 +99,7 @@ class Work(QObject):
 
     def groom_one(self, name: str, project: Project) -> None:
         """Groom one subject again; its place among the others stays."""
-        settings = self._session.study.settings.groom
+        settings = self._session.study.settings
         cohort = Cohort(
             tuple(one for one in self._session.study.included if one.name == name), project.folder
         )
@@ -105,7 +107,7 @@ class Work(QObject):
         def take(ended: Ended) -> None:
             (groomed,), _ = ended.result
             before = self._session.groomed[name]
-            self._session.groomed[name] = Groomed(groomed, before.alignment, settings)
+            self._session.groomed[name] = Groomed(groomed, before.alignment, settings.groom)
             _log.info("groomed %s again", name)
             self._session.facts_changed.emit()
 
@@ -114,7 +116,14 @@ class Work(QObject):
     def run(self, project: Project, *, resume: bool) -> None:
         """Place the particles."""
         study = self._session.study
+        self.cancelled_run = None
         self._order("run", RunJob(project, study.cohort, study.settings, resume=resume), self._take_result)
+
+    def keep(self) -> None:
+        """Make the particles of the run that was cancelled last the result."""
+        job = self.cancelled_run
+        if job is not None:
+            self._order("keep", Task(job.keep, "keeping the particles"), self._take_result)
 
     def open_result(self, project: Project, then: Callable[[], None]) -> None:
         """Read the result of a project, then do something."""
@@ -138,6 +147,12 @@ class Work(QObject):
         else:
             self.runner.cancel()
 
+    def forget(self) -> None:
+        """End what is done for the study, which is about to be closed."""
+        self._next = None
+        self.cancelled_run = None
+        self.runner.cancel()
+
     def pause_or_go_on(self) -> None:
         """Hold the run, or let it go on."""
         if self.run_job is not None:
@@ -152,7 +167,7 @@ class Work(QObject):
         self.changed.emit()
 
     def _start(self, kind: str, job: Job, take: _Then) -> None:
-        self.kind, self._then = kind, take
+        self.kind, self._then, self._generation = kind, take, self._session.generation
         if kind not in _BACKGROUND:
             _log.info("%s begins", kind)
         self.runner.start(job)
@@ -171,6 +186,9 @@ class Work(QObject):
         self._drain()
         kind, self.kind, self.status = self.kind, "", None
         take, self._then = self._then, None
+        if self._generation != self._session.generation and kind not in _BACKGROUND:
+            take = self.cancelled_run = None
+            ended = Ended(ended.job, cancelled=True)
         self.background.emit("")
         self._prepared |= kind == "prepare" and not ended.cancelled
         if ended.error is not None:
@@ -178,6 +196,8 @@ class Work(QObject):
             self.failed.emit(kind, ended.error)
         elif ended.cancelled:
             _log.info("%s cancelled", kind)
+            if isinstance(ended.job, RunJob) and self._generation == self._session.generation:
+                self.cancelled_run = ended.job
         elif take is not None:
             take(ended)
         if self._next is not None:
@@ -189,13 +209,17 @@ class Work(QObject):
 
     def _drain(self) -> None:
         """Put what was read into the session; bad files are left out until the user ticks them again."""
-        arrived: "list[Survey]" = []
+        arrived: list[Survey] = []
         while not self._arrived.empty():
             arrived.append(self._arrived.get())
         if not arrived:
             return
         members = {one.name: one for one in self._session.study.members}
-        current = [one for one in arrived if one.subject.name in members]
+        current = [
+            one
+            for one in arrived
+            if one.subject.name in members and members[one.subject.name].subject.path == one.subject.path
+        ]
         self._session.surveys |= {one.subject.name: one for one in current}
         bad = {
             one.subject.name: replace(members[one.subject.name], included=False)
@@ -217,7 +241,11 @@ class Work(QObject):
         self.devices_known.emit(devices)
 
     def _take_result(self, ended: Ended) -> None:
-        loaded: Loaded = ended.result
+        loaded: Loaded | None = ended.result
+        self.cancelled_run = None
+        if loaded is None:
+            _log.warning("there are too few particles to keep")
+            return
         self._session.result = loaded
         _log.info("%s", loaded.summary)
         self._session.facts_changed.emit()

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from PySide6.QtGui import QColor
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
 from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
@@ -15,7 +14,7 @@ from homolog.arrays import Array, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.letters import edge_letters
-from homolog_app.window.theme import Colours
+from homolog_app.window.theme import Colours, rgb
 
 __all__ = ["Cell"]
 
@@ -23,7 +22,8 @@ _BALL = """//VTK::Color::Impl
 float r2 = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
 if (r2 > 1.0) { discard; }
 float shade = 0.35 + 0.65 * sqrt(1.0 - r2);
-float shine = max(0.0, 1.0 - 6.0 * dot(offsetVCVSOutput.xy - vec2(-0.35, 0.4), offsetVCVSOutput.xy - vec2(-0.35, 0.4)));
+vec2 off = offsetVCVSOutput.xy - vec2(-0.35, 0.4);
+float shine = max(0.0, 1.0 - 6.0 * dot(off, off));
 ambientColor = ambientColor * shade + vec3(0.25 * shine);
 diffuseColor *= shade;
 """
@@ -121,12 +121,12 @@ class Cell:
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
-        self.renderer.SetBackground(*QColor(colours.scene).getRgbF()[:3])
-        self._surfaces["groomed"].GetProperty().SetColor(*QColor(colours.bone).getRgbF()[:3])
-        self._surfaces["raw"].GetProperty().SetColor(*QColor(colours.raw).getRgbF()[:3])
-        self._caption.GetTextProperty().SetColor(*QColor(colours.text).getRgbF()[:3])
+        self.renderer.SetBackground(*rgb(colours.scene))
+        self._surfaces["groomed"].GetProperty().SetColor(*rgb(colours.bone))
+        self._surfaces["raw"].GetProperty().SetColor(*rgb(colours.raw))
+        self._caption.GetTextProperty().SetColor(*rgb(colours.text))
         for actor in self._letters:
-            actor.GetTextProperty().SetColor(*QColor(colours.accent).getRgbF()[:3])
+            actor.GetTextProperty().SetColor(*rgb(colours.accent))
 
     def face_camera(self, bounds: tuple[float, ...]) -> None:
         """Before each drawing: depth range, letters, and particles lifted off the surface towards the eye."""

@@ -20,7 +20,7 @@ class Content:
     raw : TriangleMesh or None
         The input as it is, in the coordinates of the file.
     groomed, coarse : TriangleMesh or None
-        The groomed surface and a light one of the same shape for quick drawing, in the coordinates of the file.
+        The groomed surface and a light one for quick drawing, in the coordinates of the file.
     alignment : (4, 4) array
         From those coordinates to the common ones that are shown.
     note : str

@@ -17,8 +17,8 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
     """A QtInteractor that draws once for each paint event, and only then.
 
     VTK's interactor style renders at every mouse move, and the frame that comes of it asks for a paint that
-    renders again. Here its wish to render only asks for a paint, which Qt merges with others, so that moves of
-    the mouse never queue up behind drawings.
+    renders again. Here its wish to render only asks for a paint, which Qt merges with others, so that moves
+    of the mouse never queue up behind drawings.
     """
 
     def __init__(self, parent: QWidget) -> None:
@@ -32,7 +32,7 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
         self._vtk.EnableRenderOff()
         self._observer = self._vtk.AddObserver("RenderEvent", self._wish)
 
-    def paintGL(self) -> None:  # noqa: N802 - Qt's name
+    def paintGL(self) -> None:
         """Draw, and remember how long that took."""
         began = time.perf_counter()
         self._painting = True
@@ -43,11 +43,11 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
         spent = 1000.0 * (time.perf_counter() - began)
         self.draw_ms = spent if not self.draw_ms else 0.8 * self.draw_ms + 0.2 * spent
 
-    def keyPressEvent(self, event: QKeyEvent) -> None:  # noqa: N802 - Qt's name
+    def keyPressEvent(self, event: QKeyEvent) -> None:
         """Leave the keys to the window's commands; VTK's own would turn surfaces to wires."""
         event.ignore()
 
-    def keyReleaseEvent(self, event: QKeyEvent) -> None:  # noqa: N802 - Qt's name
+    def keyReleaseEvent(self, event: QKeyEvent) -> None:
         """Leave the keys to the window's commands."""
         event.ignore()
 

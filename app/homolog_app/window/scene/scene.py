@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from PySide6.QtCore import QTimer, Signal
-from PySide6.QtGui import QColor, QImage
+from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 from vtkmodules.vtkRenderingCore import vtkRenderer
 
@@ -14,7 +14,7 @@ from homolog_app.window.scene.cell import Cell
 from homolog_app.window.scene.colours import colours_by_place
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.interactor import Interactor
-from homolog_app.window.theme import Colours
+from homolog_app.window.theme import Colours, rgb
 
 __all__ = ["LAYOUTS", "VIEWS", "Scene"]
 
@@ -100,7 +100,7 @@ class Scene(QWidget):
     def set_layout(self, count: int) -> None:
         """Show 1, 4, 9 or 16 views; the first subject stays in sight."""
         first = self._page * self._count
-        side = int(round(count**0.5))
+        side = round(count**0.5)
         for index, cell in enumerate(self._cells):
             row, column = divmod(index, side)
             left, bottom = column / side, 1.0 - (row + 1) / side
@@ -195,7 +195,7 @@ class Scene(QWidget):
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
-        self._backdrop.SetBackground(*QColor(colours.line).getRgbF()[:3])
+        self._backdrop.SetBackground(*rgb(colours.line))
         for cell in self._cells:
             cell.paint(colours)
         self._plot.update()
