@@ -1,0 +1,113 @@
+"""``homolog analyze``: a statistical question to a project's result."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog_app.cli.progress import add_progress_option, show_progress
+
+if TYPE_CHECKING:
+    from homolog.files.results import Result
+    from homolog_app.report.request import StudyRequest
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "analyze",
+        help="compare groups, regress on a variable, compare pairs",
+        description="Ask a project's result a statistical question: groups of a column (the default), "
+        "a linear effect of a column, or paired subjects. Prints what was found, writes tables into "
+        "PROJECT/analysis and keeps the question for homolog report.",
+    )
+    parser.add_argument("project", type=Path, help="project folder")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument(
+        "--group", metavar="COLUMN", default="group", help="column of the groups (default group)"
+    )
+    what.add_argument("--regress", metavar="COLUMN", help="column of a continuous variable")
+    parser.add_argument(
+        "--between", nargs="+", metavar="GROUP", help="groups to compare, in order; default all"
+    )
+    parser.add_argument("--pairs", metavar="COLUMN", help="column that names the pairs; needs --between A B")
+    parser.add_argument(
+        "--covariates", nargs="+", metavar="COLUMN", default=[], help="columns to allow for; size is one"
+    )
+    parser.add_argument(
+        "--size",
+        choices=["both", "with", "without"],
+        default="both",
+        help="analyze shapes with their size, with size removed, or both ways (default)",
+    )
+    parser.add_argument("--modes", type=int, help="number of modes (default: parallel analysis)")
+    parser.add_argument("--permutations", type=int, default=10_000, help="default 10000")
+    parser.add_argument(
+        "--null", type=int, default=1000, help="repeats of the null simulation (default 1000)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="same seed, same result (default 0)")
+    add_progress_option(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Answer the question; returns the exit code."""
+    from homolog.files.results import read_result
+    from homolog.progress import part_of
+    from homolog_app.report.findings import cautions, findings
+    from homolog_app.report.request import study_folder, write_request
+    from homolog_app.report.study import run_study
+    from homolog_app.report.surface_maps import SurfaceCarrier
+    from homolog_app.report.tables import write_study_tables
+
+    project = Project(arguments.project)
+    scalings = {"both": (False, True), "with": (False,), "without": (True,)}[arguments.size]
+    lines = []
+    with project.locked(), show_progress(arguments.progress) as progress:
+        result = read_result(project)
+        carrier = SurfaceCarrier.of(result)
+        for index, scaling in enumerate(scalings):
+            tick = part_of(progress.tick, index / len(scalings), (index + 1) / len(scalings))
+            request = _request(arguments, result, scaling)
+            study = run_study(result, request, tick)
+            write_study_tables(study_folder(project, request), study, result, carrier)
+            write_request(project, request)
+            lines += [request.title, *(f"  {words}" for words in findings(study) + cautions(study))]
+            lines.append(f"  tables: {study_folder(project, request)}")
+    stream = sys.stderr if arguments.progress == "json" else sys.stdout
+    stream.write("\n".join(lines) + "\n")
+    return 0
+
+
+def _request(arguments: argparse.Namespace, result: "Result", scaling: bool) -> "StudyRequest":
+    from pydantic import ValidationError
+
+    from homolog_app.report.request import StudyRequest
+    from homolog_app.report.study import column_of, levels
+
+    kind = "pairs" if arguments.pairs else "regression" if arguments.regress else "groups"
+    column = arguments.regress or arguments.group
+    between = arguments.between or []
+    if kind == "regression" and between:
+        raise InputError("--between names groups; a regression has none")
+    if kind == "groups" and not between:
+        between = levels(column_of(result, column))
+    try:
+        return StudyRequest(
+            kind=kind,
+            column=column,
+            between=tuple(between),
+            pairs=arguments.pairs,
+            covariates=tuple(arguments.covariates),
+            scaling=scaling,
+            modes=arguments.modes,
+            permutations=arguments.permutations,
+            null_repeats=arguments.null,
+            seed=arguments.seed,
+        )
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"--{first['loc'][0]} {first['input']}: {first['msg']}") from error

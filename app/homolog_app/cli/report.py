@@ -1,0 +1,34 @@
+"""``homolog report``: one page about a project's model and studies."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from homolog.files.project import Project
+from homolog_app.cli.progress import add_progress_option, show_progress
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "report",
+        help="write one HTML page about a project's model and studies",
+        description="Write one HTML page about a project's shape model and its studies (see homolog analyze) "
+        "with figures as SVG and PDF beside it. It opens in a browser without a network.",
+    )
+    parser.add_argument("project", type=Path, help="project folder")
+    add_progress_option(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the report; returns the exit code."""
+    from homolog_app.report.write import write_report
+
+    project = Project(arguments.project)
+    with project.locked(), show_progress(arguments.progress) as progress:
+        path = write_report(project, progress.tick)
+    sys.stdout.write(f"{path}\n")
+    return 0

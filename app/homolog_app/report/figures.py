@@ -1,0 +1,145 @@
+"""The report's figures, by file name."""
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from homolog.analysis.comparison import Comparison
+from homolog.analysis.evaluation import compactness, generalization, specificity
+from homolog.analysis.parallel import ParallelAnalysis, parallel_analysis
+from homolog.analysis.shape_model import ShapeModel
+from homolog.arrays import FloatArray
+from homolog.files.names import file_stems
+from homolog.files.project import Project
+from homolog.files.results import Result
+from homolog.progress import Tick
+from homolog_app.pictures import ModeSurfaces, draw_differences, draw_modes
+from homolog_app.plots import plot_discriminant, plot_energies, plot_quality, plot_scores, plot_scree
+from homolog_app.report.findings import LEVEL
+from homolog_app.report.study import Study
+from homolog_app.report.surface_maps import SurfaceCarrier
+
+__all__ = ["ReportFigure", "model_figures", "study_figures"]
+
+_SPECIFICITY_AT = (1, 2, 3, 5, 8, 13, 21)
+_DRAWS = 200
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReportFigure:
+    """A figure with its file name and caption."""
+
+    name: str
+    figure: Figure
+    caption: str
+
+
+def model_figures(
+    project: Project, result: Result, model: ShapeModel, carrier: SurfaceCarrier, tick: Tick
+) -> Iterator[ReportFigure]:
+    """Yield the figures of the shape model."""
+    parallel = parallel_analysis(result.world)
+    yield ReportFigure("scree", _scree(parallel), _scree_caption(parallel))
+    groups = [one or "no group" for one in result.groups]
+    if len(model.variances) > 1:
+        yield ReportFigure(
+            "scores",
+            plot_scores(model.scores, model.explained, groups),
+            "Subjects in the first two modes; large open markers are the groups' means.",
+        )
+    tick(0.2, "pictures of the modes")
+    shown = min(max(parallel.kept, 1), 3, len(model.variances))
+    moves = carrier.moved(model.modes[:shown] * model.standard_deviations[:shown, None, None])
+    yield ReportFigure(
+        "modes",
+        draw_modes(ModeSurfaces(carrier.mesh, moves, model.explained[:shown]), modes=shown),
+        "The first modes at ±2 standard deviations. Blue is outward of the mean, yellow inward.",
+    )
+    if len(result.world) > 2:
+        tick(0.4, "model quality")
+        at = [one for one in _SPECIFICITY_AT if one <= len(model.variances)]
+        yield ReportFigure(
+            "quality",
+            plot_quality(
+                compactness(model),
+                generalization(result.world),
+                (at, specificity(model, result.world, at, draws=_DRAWS)),
+            ),
+            "Share of variance in the first modes; distance to shapes left out of the model; distance of "
+            f"{_DRAWS} drawn shapes to the nearest real one (mean particle distances).",
+        )
+    energies = _energies(project)
+    if len(energies["iteration"]) > 1:
+        yield ReportFigure(
+            "energies",
+            plot_energies(energies.pop("iteration"), energies),
+            "The objective's parts along the optimization, in its last phase.",
+        )
+
+
+def study_figures(study: Study, carrier: SurfaceCarrier, tick: Tick) -> Iterator[ReportFigure]:
+    """Yield the figures of a study: maps of each comparison of two, and its discriminant."""
+    stems = file_stems([f"{study.request.name}_{one.title}" for one in study.comparisons])
+    for index, (one, stem) in enumerate(zip(study.comparisons, stems, strict=True)):
+        tick(index / len(stems), f"maps of {one.title}")
+        if len(one.local.effect) > 1:
+            continue
+        yield ReportFigure(f"{stem}_map", _maps(one, carrier), _map_caption(study, one))
+        if one.discriminant is not None:
+            second = np.array([study.labels[subject] for subject in one.subjects]) == list(one.counts)[1]
+            first_name, second_name = one.counts
+            yield ReportFigure(
+                f"{stem}_discriminant",
+                plot_discriminant(one.discriminant.scores, second, (first_name, second_name)),
+                "Subjects along the discriminant; bars are the groups' means. These places are not "
+                "cross-validated; accuracy and AUC in the table are.",
+            )
+
+
+def _maps(one: Comparison, carrier: SurfaceCarrier) -> Figure:
+    mesh, effect = carrier.mean_of(one), carrier.moved(one.local.effect[0])
+    significant = carrier.significant(one, LEVEL)
+    rows = {
+        "effect": (mesh, effect),
+        f"where p ≤ {LEVEL:g}, corrected": (mesh, effect * significant[:, None]),
+    }
+    if one.discriminant is not None:
+        way = carrier.moved(one.discriminant.displacement)
+        firm = carrier.discriminant_is_firm(one)
+        rows["discriminant, where firm"] = (mesh, way * firm[:, None])
+    return draw_differences(rows, width=380)
+
+
+def _map_caption(study: Study, one: Comparison) -> str:
+    what = {"groups": "Difference of the means", "regression": "Change per unit", "pairs": "Mean difference"}
+    words = (
+        f"{what[study.request.kind]}, {one.title}, on the mean shape: blue is expansion (outward), yellow "
+        f"contraction. Second row: only where significant (family-wise p ≤ {LEVEL:g})."
+    )
+    if one.discriminant is not None:
+        words += (
+            " Third row: the way between the groups along the linear discriminant, only where 95 % bootstrap "
+            "bounds leave out zero."
+        )
+    return words
+
+
+def _scree(parallel: ParallelAnalysis) -> Figure:
+    return plot_scree(parallel.variances, parallel.threshold, parallel.kept, parallel.percentile)
+
+
+def _scree_caption(parallel: ParallelAnalysis) -> str:
+    return (
+        f"Variance of each mode, and what data without correlation reach (parallel analysis, "
+        f"{parallel.repeats} {parallel.null} data sets)."
+    )
+
+
+def _energies(project: Project) -> dict[str, FloatArray]:
+    with (project.folder / "energies.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    names = ("iteration", "sampling", "ensemble", "normals")
+    return {name: np.array([float(row[name]) for row in rows]) for name in names}

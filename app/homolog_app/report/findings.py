@@ -1,0 +1,94 @@
+"""What was found, in plain language with its numbers."""
+
+import numpy as np
+
+from homolog.analysis.comparison import Comparison
+from homolog_app.report.study import Study
+
+__all__ = ["LEVEL", "cautions", "effect_words", "findings", "p_words"]
+
+LEVEL = 0.05
+"""Corrected p-values up to this are called significant."""
+
+
+def p_words(p: float) -> str:
+    """Return a p-value with two digits, such as ``"p = 0.034"``."""
+    return f"p = {p:.2g}" if p >= 1e-4 else f"p = {p:.1e}"
+
+
+def effect_words(comparison: Comparison) -> str:
+    """Return the test of the whole shape with its statistic, degrees of freedom and p-values."""
+    test = comparison.test
+    if not test.modes:
+        return "no mode above chance, p = 1"
+    noun = "mode" if test.modes == 1 else "modes"
+    name = f"Wilks' lambda = {test.wilks:.3f}"
+    if test.t_squared is not None:
+        name = f"Hotelling's T² = {test.t_squared:.1f}"
+    return (
+        f"{name} in {test.modes} {noun}, F({test.dof[0]:g}, {test.dof[1]:.4g}) = {test.f:.2f}, "
+        f"{p_words(test.p)}; permutation {p_words(test.p_permutation)}"
+    )
+
+
+def findings(study: Study) -> list[str]:
+    """Return a sentence or two for each comparison of a study.
+
+    Significant is called what the permutation test, adjusted for the number of pairs of groups, calls so.
+    """
+    return [_sentence(study, one) for one in study.comparisons]
+
+
+def cautions(study: Study) -> list[str]:
+    """Return what a reader should be careful about."""
+    thin = [f"{one.title}: {warning}" for one in study.comparisons for warning in one.test.warnings]
+    loose = [
+        f"{one.title}: on this cohort the test “{test.test}” raises false alarms in {100 * test.rate:.1f} "
+        "% of "
+        f"relabellings, more than the {100 * LEVEL:g} % that it claims."
+        for one in study.comparisons
+        for test in one.false_alarms
+        if "not corrected" not in test.test and test.low > LEVEL
+    ]
+    return thin + loose
+
+
+def _sentence(study: Study, one: Comparison) -> str:
+    request = study.request
+    significant = one.p_adjusted <= LEVEL
+    who = ", ".join(f"{count} {name}" for name, count in one.counts.items())
+    if request.kind == "regression":
+        verdict = "shape changes with it" if significant else "no change of shape with it can be shown"
+        start = f"{one.title} ({one.counts['all']} subjects): {verdict}"
+    elif len(one.counts) > 2:
+        verdict = "the groups differ in shape" if significant else "no difference in shape can be shown"
+        start = f"{who}: {verdict}"
+    else:
+        verdict = "the shapes differ" if significant else "no difference in shape can be shown"
+        start = f"{one.title} ({who}): {verdict}"
+    words = [f"{start} ({effect_words(one)}{_adjusted(study, one)})."]
+    if one.test.mahalanobis is not None and request.kind == "groups":
+        words.append(f"The groups' means are {one.test.mahalanobis:.1f} standard deviations apart.")
+    share = float((one.local.p_family <= LEVEL).mean())
+    place = f"on {100 * share:.0f} % of the particles" if share else "at no single particle"
+    words.append(f"Locally the effect is significant {place}, corrected over the surface.")
+    if one.discriminant is not None:
+        words.append(
+            f"A discriminant tells the groups apart in {100 * one.discriminant.accuracy:.0f} % of left-out "
+            f"subjects (AUC {one.discriminant.auc:.2f})."
+        )
+    words.append(_size_words(one, request.kind))
+    return " ".join(words)
+
+
+def _adjusted(study: Study, one: Comparison) -> str:
+    if one in study.pairwise:
+        return f", after Holm's correction for {len(study.pairwise)} pairs {p_words(one.p_adjusted)}"
+    return ""
+
+
+def _size_words(one: Comparison, kind: str) -> str:
+    if len(one.size_effect) > 1:
+        return f"Size alone: {p_words(one.size_p)}."
+    unit = " mm per unit" if kind == "regression" else " mm"
+    return f"Size alone: {np.round(one.size_effect[0], 2):+g}{unit}, {p_words(one.size_p)}."

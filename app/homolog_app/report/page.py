@@ -1,0 +1,88 @@
+"""The report's page: one HTML file that opens without a network. Every text is escaped here."""
+
+import base64
+import io
+from collections.abc import Iterable, Sequence
+from html import escape
+from importlib.resources import files
+
+from homolog_app.report.figures import ReportFigure
+
+__all__ = ["Page"]
+
+_DPI = 150
+
+
+class Page:
+    """A page that grows from top to bottom. Texts are plain: markup in them is shown as it is."""
+
+    def __init__(self, title: str, notice: str) -> None:
+        self._title = title
+        self._parts = [f"<h1>{escape(title)}</h1>", f'<p class="notice">{escape(notice)}</p>']
+
+    def heading(self, words: str, level: int = 2) -> None:
+        """Add a heading."""
+        self._parts.append(f"<h{level}>{escape(words)}</h{level}>")
+
+    def paragraph(self, words: str) -> None:
+        """Add a paragraph."""
+        self._parts.append(f"<p>{escape(words)}</p>")
+
+    def caution(self, words: str) -> None:
+        """Add a paragraph that stands out."""
+        self._parts.append(f'<p class="caution">{escape(words)}</p>')
+
+    def points(self, sentences: Iterable[str]) -> None:
+        """Add a list."""
+        items = "".join(f"<li>{escape(one)}</li>" for one in sentences)
+        self._parts.append(f"<ul>{items}</ul>")
+
+    def table(
+        self,
+        columns: Sequence[str],
+        rows: Iterable[Sequence[str]],
+        *,
+        words: bool = False,
+        summary: str = "",
+    ) -> None:
+        """Add a table; of words its cells are set to the left, with a summary it is folded away."""
+        head = "".join(f"<th>{escape(one)}</th>" for one in columns)
+        body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+        kind = ' class="words"' if words else ""
+        table = f'<div class="scroll"><table{kind}><tr>{head}</tr>{body}</table></div>'
+        if summary:
+            table = f"<details><summary>{escape(summary)}</summary>{table}</details>"
+        self._parts.append(table)
+
+    def figures(self, figures: Sequence[ReportFigure]) -> None:
+        """Add figures, beside each other where they fit."""
+        inner = "".join(_figure(one) for one in figures)
+        self._parts.append(f'<div class="row">{inner}</div>' if len(figures) > 1 else inner)
+
+    def links(self, targets: Iterable[str]) -> None:
+        """Add a list of files, by their paths from the page."""
+        items = "".join(f'<li><a href="{escape(one)}">{escape(one)}</a></li>' for one in targets)
+        self._parts.append(f"<ul>{items}</ul>")
+
+    @property
+    def html(self) -> str:
+        """The whole page."""
+        style = (files("homolog_resources") / "report.css").read_text(encoding="utf-8")
+        return (
+            '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">'
+            f"<title>{escape(self._title)}</title><style>\n{style}</style></head>\n<body>\n"
+            + "\n".join(self._parts)
+            + "\n</body></html>\n"
+        )
+
+
+def _figure(one: ReportFigure) -> str:
+    picture = io.BytesIO()
+    one.figure.savefig(picture, format="png", dpi=_DPI, facecolor=one.figure.get_facecolor())
+    data = base64.b64encode(picture.getvalue()).decode("ascii")
+    width = round(one.figure.get_figwidth() * 96)
+    return (
+        f'<figure><img src="data:image/png;base64,{data}" width="{width}" alt="{escape(one.caption)}">'
+        f"<figcaption>{escape(one.caption)}</figcaption></figure>"
+    )
