@@ -254,16 +254,13 @@ class Engine:
             ],
         )
 
-    def _move(self) -> None:
-        surfaces, layout = self.level.surfaces, self.layout
-        knobs = (self.stage, self.iteration)
-        self._locate()
+    def _repel(self) -> None:
         self.launch(
             kernels.repel,
             self.total,
             [
-                layout,
-                surfaces,
+                self.layout,
+                self.level.surfaces,
                 self.positions,
                 self.normals,
                 self.feet,
@@ -281,7 +278,7 @@ class Engine:
             kernels.yield_back,
             self.total,
             [
-                layout,
+                self.layout,
                 self.normals,
                 self.neighbors,
                 self.counts,
@@ -291,6 +288,12 @@ class Engine:
                 self.forces,
             ],
         )
+
+    def _move(self) -> None:
+        layout = self.layout
+        knobs = (self.stage, self.iteration)
+        self._locate()
+        self._repel()
         self.launch(
             kernels.mean_normals,
             self.count,

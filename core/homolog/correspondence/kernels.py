@@ -110,6 +110,24 @@ def project(
     bends[p] = flat * there.hessian * flat / size
 
 
+@wp.func
+def foot_on_face(s: Surface, face: int, x: wp.vec3) -> wp.vec4:
+    """Barycentric weights of a face's point nearest to x, and its squared distance."""
+    corners = s.faces[face]
+    a = s.vertices[corners[0]]
+    b = s.vertices[corners[1]]
+    c = s.vertices[corners[2]]
+    w = closest_on_triangle(x, a, b, c)
+    return wp.vec4(w[0], w[1], w[2], wp.length_sq(x - (w[0] * a + w[1] * b + w[2] * c)))
+
+
+@wp.func
+def corner_of(s: Surface, face: int, vertex: int) -> int:
+    """Which corner of a face a vertex is."""
+    corners = s.faces[face]
+    return wp.where(corners[0] == vertex, 0, wp.where(corners[1] == vertex, 1, 2))
+
+
 @wp.kernel
 def locate(
     first: int,
@@ -119,36 +137,40 @@ def locate(
     face_of: wp.array(dtype=int),
     feet: wp.array(dtype=SurfacePoint),
 ):
-    """Walk from the last face to the nearest one; never through space, where the other wall may be nearer."""
+    """Walk from the last face to the nearest one; never through space, where the other wall may be nearer.
+
+    From an edge the walk looks across it, from a corner at all faces around that corner.
+    """
     p = first + wp.tid()
     s = surfaces[p // per_shape]
     x = positions[p]
     face = face_of[p]
-    best = float(1.0e30)
+    here = foot_on_face(s, face, x)
     moved = int(1)
     steps = int(0)
-    while moved == 1 and steps < 200:
+    while moved == 1 and steps < 500:
         moved = int(0)
         steps += 1
-        corners = s.faces[face]
-        a = s.vertices[corners[0]]
-        b = s.vertices[corners[1]]
-        c = s.vertices[corners[2]]
-        w = closest_on_triangle(x, a, b, c)
-        best = wp.length_sq(x - (w[0] * a + w[1] * b + w[2] * c))
-        across = s.face_neighbors[face]
+        start = face
         for k in range(3):
-            if w[k] <= 0.0 and moved == 0:
-                other = across[k]
-                q = s.faces[other]
-                qa = s.vertices[q[0]]
-                qb = s.vertices[q[1]]
-                qc = s.vertices[q[2]]
-                v = closest_on_triangle(x, qa, qb, qc)
-                d = wp.length_sq(x - (v[0] * qa + v[1] * qb + v[2] * qc))
-                if d < best * (1.0 - 1.0e-5):
+            if here[k] <= 0.0:
+                other = s.face_neighbors[start][k]
+                there = foot_on_face(s, other, x)
+                if there[3] < here[3] * (1.0 - 1.0e-5):
+                    here = there
                     face = other
                     moved = int(1)
+        for k in range(3):
+            if moved == 0 and here[k] >= 1.0:
+                vertex = s.faces[start][k]
+                turning = s.face_neighbors[start][(k + 1) % 3]
+                while turning != start:
+                    there = foot_on_face(s, turning, x)
+                    if there[3] < here[3] * (1.0 - 1.0e-5):
+                        here = there
+                        face = turning
+                        moved = int(1)
+                    turning = s.face_neighbors[turning][(corner_of(s, turning, vertex) + 1) % 3]
     face_of[p] = face
     feet[p] = surface_point(s.vertices, s.faces, face, x)
 

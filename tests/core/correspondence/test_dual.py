@@ -1,0 +1,81 @@
+"""The entropies across shapes and their gradients, against finite differences."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from homolog.correspondence.coupling import DeviceCoupling, HostCoupling
+from homolog.correspondence.dual import covariance, entropy, inverse_dual, solve_duals
+from homolog.correspondence.kernels import Knobs
+from homolog.correspondence.launcher import Launcher
+
+SHAPES, PARTICLES = 6, 40
+
+
+@pytest.fixture
+def rows():
+    values = np.random.default_rng(3).normal(size=(SHAPES, 3 * PARTICLES))
+    return values - values.mean(axis=0)
+
+
+def energy(values, regularization):
+    centred = values - values.mean(axis=0)
+    return entropy(covariance(centred), regularization)
+
+
+@pytest.mark.parametrize("regularization", [0.01, 1.0, 100.0])
+def test_the_gradient_of_the_ensemble_entropy_matches_finite_differences(rows, regularization):
+    gradient = inverse_dual(covariance(rows), regularization) @ rows / (SHAPES * PARTICLES)
+    direction = np.random.default_rng(4).normal(size=rows.shape)
+    step = 1e-5
+    difference = energy(rows + step * direction, regularization) - energy(
+        rows - step * direction, regularization
+    )
+    assert (gradient * direction).sum() == pytest.approx(difference / (2 * step), rel=1e-6)
+
+
+def test_shapes_that_do_not_vary_have_no_entropy_whatever_the_regularization():
+    assert entropy(np.zeros((4, 4)), 1e-3) == pytest.approx(0.0, abs=1e-12)
+    assert entropy(np.zeros((4, 4)), 1e3) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_motion_common_to_all_shapes_is_neither_driven_nor_damped(rows):
+    duals = solve_duals(covariance(rows), covariance(rows), 0.5, 0.5, pull=3.0)
+    common = np.ones(SHAPES)
+    np.testing.assert_allclose(duals.gradient @ common, 0.0, atol=1e-5)
+    np.testing.assert_allclose(duals.damping @ common, common, atol=1e-5)
+
+
+def test_damping_is_the_inverse_of_the_implicit_step(rows):
+    matrix, pull = covariance(rows), 3.0
+    duals = solve_duals(matrix, matrix, 0.5, 0.5, pull)
+    implicit = np.eye(SHAPES) + pull * inverse_dual(matrix, 0.5)
+    np.testing.assert_allclose(duals.damping @ implicit, np.eye(SHAPES), atol=1e-5)
+
+
+def test_entropy_per_particle_does_not_depend_on_how_often_each_particle_is_counted(rows):
+    twice = np.concatenate([rows, rows], axis=1)
+    assert energy(twice, 0.3) == pytest.approx(energy(rows, 0.3), rel=1e-12)
+
+
+def test_the_device_coupling_computes_what_the_host_coupling_does(rows):
+    launcher = Launcher("cpu", cores=1)
+    knobs = np.zeros(1, dtype=Knobs.numpy_dtype())
+    knobs["step"], knobs["ensemble_weight"] = 2.0, 0.3
+    knobs["regularization"], knobs["normals_regularization"] = 0.4, 0.1
+    stage = wp.array(knobs, dtype=Knobs, device="cpu")
+    iteration = wp.zeros(1, dtype=int, device="cpu")
+    centred, logs = (
+        wp.array(values.reshape(-1, 3).astype(np.float32), dtype=wp.vec3, device="cpu")
+        for values in (rows, 0.1 * rows[::-1])
+    )
+    results = []
+    for kind in (HostCoupling, DeviceCoupling):
+        coupling = kind(SHAPES, PARTICLES, launcher)
+        out = [wp.zeros(SHAPES * PARTICLES, dtype=wp.vec3, device="cpu") for _ in range(3)]
+        coupling.solve(stage, iteration, centred, logs)
+        coupling.directions(centred, logs, out[0], out[1])
+        coupling.damp(centred, out[2])
+        results.append([*(array.numpy() for array in out), coupling.stiffness.numpy(), coupling.entropies()])
+    for host, device in zip(*results, strict=True):
+        np.testing.assert_allclose(host, device, rtol=1e-4, atol=1e-5)

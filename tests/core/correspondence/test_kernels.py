@@ -1,0 +1,209 @@
+"""Kernels one by one: surfaces, normals on the sphere, sampling forces."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from homolog.correspondence import kernels
+from homolog.correspondence.domain import AREA, prepare
+from homolog.correspondence.engine import Engine
+from homolog.correspondence.launcher import Launcher
+from homolog.correspondence.surfaces import Placement, build_level, face_neighbors, field_array
+from homolog.settings import OptimizeSettings
+
+LAUNCHER = Launcher("cpu", cores=1)
+
+
+def vectors(values):
+    return wp.array(np.asarray(values, dtype=np.float32).reshape(-1, 3), dtype=wp.vec3, device="cpu")
+
+
+def on_sphere(count, seed=0):
+    points = np.random.default_rng(seed).normal(size=(count, 3))
+    return points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+def projected(shape, placement, points):
+    fields = field_array([shape], [placement], "cpu")
+    positions = vectors(placement.apply(points))
+    normals = wp.zeros(len(points), dtype=wp.vec3, device="cpu")
+    bends = wp.zeros(len(points), dtype=wp.mat33, device="cpu")
+    LAUNCHER(kernels.project, len(points), [len(points), 3, fields, positions, normals, bends])
+    return positions.numpy(), normals.numpy(), bends.numpy()
+
+
+def turned(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def test_projection_reaches_the_surface_with_its_normal_and_curvature(ball):
+    placement = Placement(0.5 * turned(0.7), np.array([3.0, -2.0, 1.0]))
+    positions, normals, bends = projected(ball, placement, 10.8 * on_sphere(200))
+    radial = positions - placement.origin
+    np.testing.assert_allclose(np.linalg.norm(radial, axis=1), 5.0, atol=0.01)
+    outward = radial / np.linalg.norm(radial, axis=1, keepdims=True)
+    np.testing.assert_allclose(normals, outward, atol=2e-3)
+    flat = np.eye(3) - outward[:, :, None] * outward[:, None, :]
+    np.testing.assert_allclose(bends, flat / 5.0, atol=0.02)
+
+
+def test_the_walk_ends_on_the_nearest_face(ball):
+    placement = Placement(np.eye(3), np.zeros(3))
+    level = build_level([ball.mesh], [None], [placement], "cpu")
+    points = 10.0 * on_sphere(100)
+    faces = wp.zeros(len(points), dtype=int, device="cpu")
+    feet = wp.zeros(len(points), dtype=kernels.SurfacePoint, device="cpu")
+    LAUNCHER(kernels.locate, len(points), [len(points), level.surfaces, vectors(points), faces, feet])
+    corners = ball.mesh.vertices[ball.mesh.faces]
+    samples = np.einsum("sk,fkd->fsd", np.random.default_rng(1).dirichlet(np.ones(3), 200), corners)
+    nearest = np.linalg.norm(points[:, None, None] - samples[None], axis=-1).min(axis=(1, 2))
+    found = np.linalg.norm(points - feet.numpy()["position"], axis=1)
+    assert (found <= nearest + 1e-4).all()
+
+
+def test_face_neighbors_share_an_edge(ball):
+    across = face_neighbors(ball.mesh.faces)
+    for corner in range(3):
+        shared = [
+            len(set(mine) & set(theirs))
+            for mine, theirs in zip(ball.mesh.faces, ball.mesh.faces[across[:, corner]], strict=True)
+        ]
+        assert set(shared) == {2}
+
+
+def means_and_logs(means, *normals):
+    """Fréchet means, started from the given ones, and the Logs of each shape's normals."""
+    layout = kernels.Layout()
+    layout.per_shape, layout.shapes = len(means), len(normals)
+    held, given = vectors(means), vectors(np.concatenate(normals))
+    centred, logs = (wp.zeros(given.size, dtype=wp.vec3, device="cpu") for _ in range(2))
+    LAUNCHER(kernels.mean_normals, len(means), [layout, given, given, held, centred, logs])
+    return held.numpy(), logs.numpy().reshape(len(normals), -1, 3)
+
+
+def across(means, seed):
+    side = np.cross(means, on_sphere(len(means), seed))
+    return side / np.linalg.norm(side, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-4, 0.01, 0.5, np.pi / 2])
+def test_the_log_of_a_normal_is_as_long_as_its_angle_and_in_the_tangent_plane(angle):
+    means = on_sphere(50)
+    side = across(means, 1)
+    pair = [np.cos(angle) * means + sign * np.sin(angle) * side for sign in (1.0, -1.0)]
+    found, logs = means_and_logs(means, *pair)
+    np.testing.assert_allclose(found, means, atol=1e-5)
+    np.testing.assert_allclose(logs[0], angle * side, atol=4e-4)
+
+
+@pytest.mark.parametrize("angle", [2.0, 3.0, np.pi - 0.03])
+def test_the_log_keeps_its_length_near_the_opposite_normal(angle):
+    start = on_sphere(50)
+    far = np.cos(angle) * start + np.sin(angle) * across(start, 1)
+    means, logs = means_and_logs(start, *[start] * 200, far)
+    apart = np.arccos(np.clip((means * far).sum(axis=1), -1.0, 1.0))
+    assert apart.min() > angle - 0.05
+    np.testing.assert_allclose(np.linalg.norm(logs[-1], axis=1), apart, atol=5e-3)
+    np.testing.assert_allclose((logs[-1] * means).sum(axis=1), 0.0, atol=5e-3)
+
+
+def test_the_mean_normal_is_the_frechet_mean():
+    middle = on_sphere(50)
+    side, up = across(middle, 1), across(middle, 2)
+    normals = [
+        np.cos(a) * middle + np.sin(a) * (side if k % 2 else up) for k, a in enumerate((0.3, 0.8, -0.5))
+    ]
+    means = middle
+    for _ in range(20):
+        means, logs = means_and_logs(means, *normals)
+    _, logs = means_and_logs(means, *normals)
+    np.testing.assert_allclose(logs.sum(axis=0), 0.0, atol=1e-5)
+
+
+def test_opposite_normals_give_finite_logs():
+    middle = on_sphere(50)
+    means, logs = means_and_logs(middle, middle, -middle)
+    assert np.isfinite(means).all()
+    assert np.isfinite(logs).all()
+
+
+def pulled_back(means, normals, gradients):
+    """(dLog)' g through the combine kernel, with unit curvature and nothing else."""
+    count = len(means)
+    layout = kernels.Layout()
+    layout.per_shape, layout.shapes = count, 1
+    knobs = np.zeros(1, dtype=kernels.Knobs.numpy_dtype())
+    knobs["step"], knobs["normals_weight"] = 1.0, -1.0
+    zero = vectors(np.zeros((count, 3)))
+    out = wp.zeros(count, dtype=wp.vec3, device="cpu")
+    bends = wp.array(np.tile(np.eye(3, dtype=np.float32), (count, 1, 1)), dtype=wp.mat33, device="cpu")
+    LAUNCHER(
+        kernels.combine,
+        count,
+        [
+            layout,
+            wp.array(knobs, dtype=kernels.Knobs, device="cpu"),
+            wp.zeros(1, dtype=int, device="cpu"),
+            wp.zeros(1, dtype=float, device="cpu"),
+            vectors(normals),
+            vectors(means),
+            bends,
+            zero,
+            zero,
+            vectors(gradients),
+            out,
+        ],
+    )
+    return out.numpy()
+
+
+@pytest.mark.parametrize("angle", [0.05, 0.6, 1.5, 2.5])
+def test_the_gradient_of_the_normals_matches_finite_differences(angle):
+    def log(mean, normal):
+        c = (mean * normal).sum(axis=1, keepdims=True)
+        return np.arccos(c) / np.sqrt(1.0 - c * c) * (normal - c * mean)
+
+    means, gradients = on_sphere(60), on_sphere(60, seed=2)
+    normals = np.cos(angle) * means + np.sin(angle) * across(means, 1)
+    along = across(normals, 3)
+    eps = 1e-5
+    moved = [np.cos(eps) * normals + sign * np.sin(eps) * along for sign in (1.0, -1.0)]
+    difference = ((log(means, moved[0]) - log(means, moved[1])) * gradients).sum(axis=1) / (2 * eps)
+    analytic = (pulled_back(means, normals, gradients) * along).sum(axis=1)
+    np.testing.assert_allclose(analytic, difference, rtol=2e-3, atol=2e-3)
+
+
+@pytest.mark.parametrize("method", ["geodesic", "euclidean"])
+def test_the_sampling_force_matches_finite_differences_of_the_sampling_energy(ball, method):
+    domain = prepare([ball, ball], OptimizeSettings(method=method, particles=64), device="cpu")
+    points = np.stack([domain.placements[0].apply(10.0 * on_sphere(64, seed=5))] * 2)
+
+    def sampled(positions, widths=None, rounds=40):
+        """Energy, forces, widths and normals, the widths at their fixed point."""
+        engine = Engine(
+            domain.fields, domain.coarse, positions, geodesic=domain.geodesic, area=AREA, launcher=LAUNCHER
+        )
+        if widths is not None:
+            engine.widths.assign(widths)
+        engine._locate()
+        engine._relink()
+        for _ in range(rounds):
+            engine._repel()
+            engine.widths.assign(engine.next_widths)
+        forces = engine.forces.numpy().reshape(2, -1, 3)
+        return engine.energies.numpy().sum(dtype=float), forces, engine.widths.numpy(), engine.host_normals()
+
+    _, forces, widths, normals = sampled(points)
+    side = np.cross(normals, on_sphere(64, seed=6)[None])
+    eps = 0.02
+    for particle in (0, 7, 21, 40):
+        values = []
+        for sign in (1.0, -1.0):
+            moved = points.copy()
+            moved[0, particle] += sign * eps * side[0, particle]
+            values.append(sampled(moved, widths, rounds=12)[0])
+        difference = (values[0] - values[1]) / (2 * eps)
+        expected = -float((forces[0, particle] * side[0, particle]).sum())
+        scale = float(np.linalg.norm(forces[0, particle])) + 0.05
+        assert expected == pytest.approx(difference, abs=0.06 * scale)

@@ -1,0 +1,195 @@
+"""Whole optimizations of small cohorts: what they reach, what leaves them unchanged, how they stop."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from homolog.correspondence import Reason, Shape, optimize
+from homolog.correspondence.schedule import particle_counts, plan_stages
+from homolog.correspondence.splitting import split
+from homolog.errors import Cancelled, InputError
+from homolog.settings import Method, OptimizeSettings
+from homolog.surfaces.distance_field import DistanceField
+from homolog.surfaces.mesh import TriangleMesh
+
+QUICK = OptimizeSettings(particles=40, split_iterations=20, anneal_iterations=80, settle_iterations=60)
+
+
+def level_of(points, axes):
+    return np.linalg.norm(points / axes, axis=-1) - 1.0
+
+
+def spread_of(world):
+    """Variance per particle [mm²]."""
+    return float(((world - world.mean(axis=0)) ** 2).sum() / (len(world) - 1) / world.shape[1])
+
+
+@pytest.fixture(scope="module")
+def found(ellipsoid_shapes):
+    return optimize(ellipsoid_shapes, QUICK)
+
+
+def test_particles_lie_on_every_surface_and_spread_over_it(found, ellipsoid_shapes):
+    for index in range(len(ellipsoid_shapes)):
+        axes = np.array([12.0, 9.0, 6.0 + 0.5 * index])
+        points = found.local[index]
+        assert np.abs(level_of(points, axes)).max() < 0.01
+        gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)
+        np.fill_diagonal(gaps, np.inf)
+        nearest = gaps.min(axis=1)
+        assert nearest.std() / nearest.mean() < 0.2
+
+
+def test_one_growing_axis_is_one_mode(found):
+    centred = (found.world - found.world.mean(axis=0)).reshape(len(found.world), -1)
+    variances = np.linalg.svd(centred, compute_uv=False) ** 2
+    assert variances[0] / variances.sum() > 0.97
+
+
+def test_normals_are_those_of_the_surface(found):
+    axes = np.array([12.0, 9.0, 6.0])
+    outward = found.local[0] / axes**2
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    assert (outward * found.normals[0]).sum(axis=1).min() > 0.999
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(found, ellipsoid_shapes):
+    again = optimize(ellipsoid_shapes, QUICK)
+    other = optimize(ellipsoid_shapes, QUICK.model_copy(update={"seed": 1}))
+    np.testing.assert_array_equal(again.world, found.world)
+    assert np.abs(other.world - found.world).max() > 0.1
+
+
+def test_a_resumed_optimization_ends_bit_identical_wherever_it_was_broken_off(found, ellipsoid_shapes):
+    kept = []
+    optimize(ellipsoid_shapes, QUICK, checkpoint=kept.append)
+    assert len(kept) == len(plan_stages(QUICK))
+    for checkpoint in (kept[2], kept[-2], kept[-1]):
+        rest = optimize(ellipsoid_shapes, QUICK, resume=checkpoint)
+        np.testing.assert_array_equal(rest.world, found.world)
+        np.testing.assert_array_equal(rest.energies, found.energies)
+
+
+def test_cancelling_stops_at_once_and_hands_over_a_checkpoint_to_go_on_from(found, ellipsoid_shapes):
+    kept, calls = [], []
+
+    def tick(fraction, message):
+        calls.append(fraction)
+        if fraction > 0.8:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        optimize(ellipsoid_shapes, QUICK, tick=tick, checkpoint=kept.append)
+    assert sorted(calls) == calls
+    rest = optimize(ellipsoid_shapes, QUICK, resume=kept[-1])
+    np.testing.assert_array_equal(rest.world, found.world)
+
+
+def test_every_five_iterations_there_is_a_chance_to_cancel(ellipsoid_shapes):
+    ticks = []
+    result = optimize(ellipsoid_shapes, QUICK, tick=lambda fraction, message: ticks.append(message))
+    assert sum("particles" in message for message in ticks) >= result.iterations / 5
+
+
+def test_a_checkpoint_of_another_cohort_is_refused(ellipsoid_shapes):
+    kept = []
+    optimize(ellipsoid_shapes, QUICK, checkpoint=kept.append)
+    with pytest.raises(InputError, match="another cohort"):
+        optimize(ellipsoid_shapes[:4], QUICK, resume=kept[-1])
+
+
+def test_frames_show_the_stages_in_order(ellipsoid_shapes):
+    frames = []
+    optimize(ellipsoid_shapes, QUICK, observe=frames.append)
+    iterations = [frame.iteration for frame in frames]
+    assert iterations == sorted(iterations)
+    assert all(frame.world.shape[0] == 5 and np.isfinite(frame.energies).all() for frame in frames)
+
+
+def test_the_objective_is_recorded_and_the_run_says_why_it_ended(found):
+    assert found.reason in (Reason.CONVERGED, Reason.ITERATIONS)
+    assert found.energies[-1, 0] == found.iterations
+    assert np.isfinite(found.energies).all()
+
+
+@pytest.mark.parametrize("method", list(Method))
+def test_every_method_reaches_a_uniform_layout(method, ellipsoid_shapes):
+    settings = QUICK.model_copy(update={"method": method, "particles": 24})
+    result = optimize(ellipsoid_shapes[:3], settings)
+    assert result.world.shape == (3, 24, 3)
+    assert spread_of(result.world) < 1.0
+    assert (result.energies[-1, 3] == 0.0) == (not method.uses_normals)
+
+
+@pytest.mark.parametrize("particles", [5, 13, 37])
+def test_any_number_of_particles_can_be_asked_for(particles, ellipsoid_shapes):
+    result = optimize(ellipsoid_shapes[:2], QUICK.model_copy(update={"particles": particles}))
+    assert result.world.shape == (2, particles, 3)
+
+
+def test_counts_halve_down_to_one():
+    assert particle_counts(1000) == [1, 2, 4, 8, 16, 32, 63, 125, 250, 500, 1000]
+
+
+def test_a_split_moves_parent_and_child_apart_the_same_way_on_every_shape():
+    random = np.random.default_rng(0)
+    positions = random.normal(size=(3, 6, 3)).astype(np.float32)
+    normals = np.tile([0.0, 0.0, 1.0], (3, 6, 1)).astype(np.float32)
+    result = split(positions, normals, 9, 0.5, random)
+    parents = [i for i in range(6) if not np.allclose(result[0, i], positions[0, i])]
+    gaps = result[:, 6:] - result[:, parents]
+    np.testing.assert_allclose(np.linalg.norm(gaps, axis=2), 1.0, rtol=1e-5)
+    np.testing.assert_allclose(gaps[0], gaps[2], atol=1e-6)
+    np.testing.assert_allclose(gaps[..., 2], 0.0, atol=1e-6)
+
+
+def rescaled(shape, factor):
+    index_to_world = np.diag([factor] * 3 + [1.0]) @ shape.field.index_to_world
+    return Shape(
+        shape.name,
+        DistanceField(shape.field.values * factor, index_to_world),
+        TriangleMesh(shape.mesh.vertices * factor, shape.mesh.faces),
+        TriangleMesh(shape.coarse_mesh.vertices * factor, shape.coarse_mesh.faces),
+        shape.alignment,
+    )
+
+
+def test_a_change_of_units_changes_nothing(found, ellipsoid_shapes):
+    micrometres = optimize([rescaled(shape, 1000.0) for shape in ellipsoid_shapes], QUICK)
+    assert spread_of(micrometres.world / 1000.0) == pytest.approx(spread_of(found.world), rel=0.05)
+    assert micrometres.energies[-1, 1:].sum() == pytest.approx(found.energies[-1, 1:].sum(), abs=0.01)
+
+
+def test_the_order_of_subjects_does_not_matter(found, ellipsoid_shapes):
+    turned = optimize(ellipsoid_shapes[::-1], QUICK)
+    assert spread_of(turned.world) == pytest.approx(spread_of(found.world), rel=0.05)
+    assert turned.energies[-1, 1:].sum() == pytest.approx(found.energies[-1, 1:].sum(), abs=0.01)
+
+
+def test_a_cohort_repeated_twice_gives_the_same_model(found, ellipsoid_shapes):
+    twins = [dataclasses.replace(shape, name=shape.name + "'") for shape in ellipsoid_shapes]
+    double = optimize([*ellipsoid_shapes, *twins], QUICK)
+    np.testing.assert_allclose(double.world[:5], double.world[5:], atol=1e-3)
+    assert spread_of(double.world) * 9 / 8 == pytest.approx(spread_of(found.world), rel=0.1)
+
+
+def test_an_alignment_brings_turned_shapes_to_the_same_model(found, ellipsoid_shapes, make_shape):
+    swap = np.array([[0.0, -1, 0, 3], [1, 0, 0, -2], [0, 0, 1, 5], [0, 0, 0, 1]])
+    turned = []
+    for k, shape in enumerate(ellipsoid_shapes):
+        if k % 2:
+            shape = make_shape(shape.name, (9.0, 12.0, 6.0 + 0.5 * k), alignment=swap)
+            moved = shape.alignment.copy()
+            moved[:3, 3] = 0.0
+            shape = dataclasses.replace(shape, alignment=moved)
+        turned.append(shape)
+    result = optimize(turned, QUICK)
+    assert spread_of(result.world) == pytest.approx(spread_of(found.world), rel=0.15)
+    back = result.local[1] @ swap[:3, :3].T
+    np.testing.assert_allclose(back, result.world[1], atol=1e-3)
+
+
+def test_fewer_than_two_shapes_are_refused(ellipsoid_shapes):
+    with pytest.raises(InputError, match="two shapes"):
+        optimize(ellipsoid_shapes[:1], QUICK)
