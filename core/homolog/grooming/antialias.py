@@ -46,9 +46,15 @@ def antialiased(mask: BoolArray, sigma: float = 1.0) -> Float32Array:
     return np.where((level < 0) == mask, level, np.where(mask, -_SLACK, _SLACK)).astype(np.float32)
 
 
-def smoothed(values: Array, sigma: float) -> Float32Array:
-    """Smooth without the shrinking of a plain Gaussian: 2 G u - G G u, a kernel without second moment."""
-    if sigma == 0.0:
-        return np.asarray(values, np.float32)
+def smoothed(values: Array, sigma: float | tuple[float, ...]) -> Float32Array:
+    """Smooth without the shrinking of a plain Gaussian: 2 G u - G G u, a kernel without second moment.
+
+    Parameters
+    ----------
+    values : array
+        Any dimension.
+    sigma : float or tuple of float
+        Standard deviation of G, of all axes or of each [nodes].
+    """
     once = ndimage.gaussian_filter(values, sigma, mode="nearest", output=np.float32)
     return 2.0 * once - ndimage.gaussian_filter(once, sigma, mode="nearest", output=np.float32)

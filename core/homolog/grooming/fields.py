@@ -47,8 +47,7 @@ def _smoothed_alike(distances: Float32Array, sigma: float) -> Float32Array:
     before, after = _euler_number(distances), _euler_number(result)
     if after == before or (after > before and _doubtful(distances < 0.0, after)):
         return result
-    side = np.where(distances < 0.0, np.float32(-1.0), np.float32(1.0))
-    return np.asarray(side * np.maximum(side * result, np.minimum(np.abs(distances), np.float32(_KEPT))))
+    return np.where((result < 0.0) == (distances < 0.0), result, np.clip(distances, -_KEPT, _KEPT))
 
 
 def _euler_number(values: Array) -> int:

@@ -15,7 +15,7 @@ _FEW = 300
 _TRIAL_ROUNDS, _ROUNDS = 15, 60
 _SETTLED = 1e-5  # of the size
 _NORMAL_WEIGHT = 0.5  # of the size: how far apart a wall's two sides seem
-_CLEARLY_BETTER = 0.8  # of the residual: when principal axes replace the given orientation
+_CLEARLY_BETTER = 0.6  # of the residual: when principal axes replace the given orientation
 
 
 @dataclass(frozen=True, slots=True, eq=False)

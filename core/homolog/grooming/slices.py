@@ -7,12 +7,13 @@ from scipy import ndimage
 from scipy.interpolate import PchipInterpolator
 
 from homolog.arrays import Array, BoolArray, Float32Array, FloatArray
-from homolog.grooming.antialias import antialiased
+from homolog.grooming.antialias import antialiased, smoothed
 
 __all__ = ["Stack", "interpolated"]
 
 _CLOSES_BELOW = 0.5  # of a hole's largest area
 _BOTTOM = 0.1  # slices: how far a hole goes on beyond the last slice where it closes
+_ALONG = 0.6  # slices: standard deviation of the smoothing from slice to slice
 _FLAT = 0.5  # slices beyond the last one: where an open end is cut
 _DOME = 0.75  # slices: height of an ellipsoidal cap that holds as much as half a slice of its outline
 
@@ -88,10 +89,14 @@ def interpolated(mask: BoolArray, thickness: float, heights: FloatArray, sigma: 
 
 
 def _dome(level: Array, beyond: FloatArray, thickness: float) -> FloatArray:
-    """Return what to add to a level function so that it ends as a dome; `beyond` is how far it is passed."""
-    inradius = -level[..., np.argmin(np.abs(beyond))].min()
-    height = np.clip(beyond / _DOME, 0.0, 1.0)
-    dome = inradius * (1.0 - np.sqrt(1.0 - height**2)) + np.maximum(beyond - _DOME, 0.0) * thickness
+    """Return what to add to a level function so that it ends as a dome; `beyond` is how far it is passed.
+
+    No dome is higher than half a ball, so that a last slice with next to nothing makes no spike.
+    """
+    inradius = max(float(-level[..., np.argmin(np.abs(beyond))].min()), 0.5)
+    height = min(_DOME, inradius / thickness)
+    done = np.clip(beyond / height, 0.0, 1.0)
+    dome = inradius * (1.0 - np.sqrt(1.0 - done**2)) + np.maximum(beyond - height, 0.0) * thickness
     return np.asarray(dome)
 
 
@@ -108,8 +113,14 @@ def _distances(masks: BoolArray, sigma: float) -> Float32Array:
 
 
 def _between(slices: Float32Array, heights: FloatArray) -> Array:
-    """Interpolate along the last axis without overshoot; beyond the ends the last slice goes on."""
+    """Interpolate along the last axis without overshoot; beyond the ends the last slice goes on.
+
+    Slices that lie beside their neighbours (another breath hold) are evened out first.
+    """
     last = slices.shape[2] - 1
     if last == 0:
         return np.repeat(slices, len(heights), axis=2)
+    if last > 1:
+        trend = np.pad(slices, ((0, 0), (0, 0), (2, 2)), mode="reflect", reflect_type="odd")
+        slices = smoothed(trend, (0.0, 0.0, _ALONG))[..., 2:-2]
     return np.asarray(PchipInterpolator(np.arange(last + 1), slices, axis=2)(np.clip(heights, 0, last)))
