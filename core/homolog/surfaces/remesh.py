@@ -89,7 +89,16 @@ def _best_of_each_face(score: FloatArray, edges: _Edges, n_faces: int) -> BoolAr
 def _split(
     vertices: FloatArray, faces: IntArray, size: FloatArray
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Halve edges that are too long, at most one in each face."""
+    """Halve edges that are too long, at most one in each face, until there are none."""
+    while True:
+        vertices, faces, size, n_split = _split_once(vertices, faces, size)
+        if n_split <= _FEW * len(vertices):
+            return vertices, faces, size
+
+
+def _split_once(
+    vertices: FloatArray, faces: IntArray, size: FloatArray
+) -> tuple[FloatArray, IntArray, FloatArray, int]:
     edges = _edges(faces)
     excess = _lengths(vertices, edges.ends) / (_LONG * size[edges.ends].mean(axis=1)) - 1.0
     chosen = _best_of_each_face(excess, edges, len(faces))
@@ -104,7 +113,7 @@ def _split(
         far = np.where(old == ends[:, 1:], middle[:, None], old)
         added.append(np.where(old == ends[:, :1], middle[:, None], old))
         faces[touched[:, side]] = far
-    return vertices, np.concatenate([faces, *added]), size
+    return vertices, np.concatenate([faces, *added]), size, len(ends)
 
 
 def _collapse(
