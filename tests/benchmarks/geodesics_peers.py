@@ -1,0 +1,143 @@
+"""Other programs' geodesic distances, called the same way, from sampled sources.
+
+Each peer takes a mesh, d_max [mm] and sources, and returns the rows of those sources (len(sources), V) and
+the CPU seconds that all V sources would take: set-up once, sampled sources scaled up.
+"""
+
+import time
+from collections.abc import Callable
+
+import gdist
+import igl
+import numpy as np
+import potpourri3d
+import scipy.sparse
+from meshlib import mrmeshnumpy, mrmeshpy
+from scipy.sparse.csgraph import dijkstra
+
+from homolog.geodesics import solve_tables
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import edges
+
+Rows = tuple[np.ndarray, float]
+WHOLE = 7000
+
+
+def homolog(mesh: TriangleMesh, d_max: float, sources: np.ndarray, element: str = "point") -> Rows:
+    """Whole table on one thread, as a CSR matrix."""
+    begin = time.process_time()
+    matrix = solve_tables([mesh], d_max, element=element, threads=1)[0].to_csr()
+    return matrix[sources].toarray(), time.process_time() - begin
+
+
+def homolog_linear(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
+    """The same with the paper's planar element."""
+    return homolog(mesh, d_max, sources, "linear")
+
+
+def exact_rows(mesh: TriangleMesh, limit: float, sources: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return exact distances up to a limit and the median CPU seconds of a source, building the mesh anew."""
+    everywhere, faces = np.arange(len(mesh.vertices), dtype=np.int32), mesh.faces.astype(np.int32)
+    rows, seconds = [], []
+    for source in sources:
+        begin = time.process_time()
+        start = np.array([source], np.int32)
+        rows.append(gdist.compute_gdist(mesh.vertices, faces, start, everywhere, max_distance=limit))
+        seconds.append(time.process_time() - begin)
+    return np.stack(rows), float(np.median(seconds))
+
+
+def exact(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
+    """Mitchell, Mount, Papadimitriou; stops at d_max. The whole matrix, or from WHOLE vertices on sampled."""
+    rows, each = exact_rows(mesh, d_max, sources)
+    if len(mesh.vertices) < WHOLE:
+        begin = time.process_time()
+        gdist.local_gdist_matrix(mesh.vertices, mesh.faces.astype(np.int32), max_distance=d_max)
+        return rows, time.process_time() - begin
+    building = exact_rows(mesh, 1e-9 * d_max, sources)[1]
+    return rows, (each - building) * len(mesh.vertices)
+
+
+def dijkstra_edges(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
+    """Shortest paths along edges, all sources; not put together to a matrix."""
+    begin = time.process_time()
+    pairs = edges(mesh.faces)
+    lengths = np.linalg.norm(mesh.vertices[pairs[:, 0]] - mesh.vertices[pairs[:, 1]], axis=1)
+    n = len(mesh.vertices)
+    graph = scipy.sparse.csr_array((lengths, (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    rows = np.empty((len(sources), n))
+    for first in range(0, n, 512):  # in pieces: each is dense
+        block = dijkstra(graph, directed=False, indices=np.arange(first, min(first + 512, n)), limit=d_max)
+        here = (sources >= first) & (sources < first + 512)
+        rows[here] = block[sources[here] - first]
+    return rows, time.process_time() - begin
+
+
+def heat_geometry_central(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
+    """Heat method; can't stop at d_max."""
+    return _sampled(
+        mesh,
+        sources,
+        lambda: potpourri3d.MeshHeatMethodDistanceSolver(mesh.vertices, mesh.faces).compute_distance,
+    )
+
+
+def fast_marching(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
+    """Fast marching of geometry-central; can't stop at d_max."""
+
+    def prepare() -> Callable[[int], np.ndarray]:
+        solver = potpourri3d.MeshFastMarchingDistanceSolver(mesh.vertices, mesh.faces)
+        return lambda source: solver.compute_distance([[(int(source), [])]])
+
+    return _sampled(mesh, sources, prepare)
+
+
+def heat_igl(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
+    """Heat method of libigl; can't stop at d_max."""
+
+    def prepare() -> Callable[[int], np.ndarray]:
+        data = igl.HeatGeodesicsData()
+        igl.heat_geodesics_precompute(mesh.vertices, mesh.faces.astype(np.int64), data)
+        return lambda source: igl.heat_geodesics_solve(data, np.array([source], np.int64))
+
+    return _sampled(mesh, sources, prepare)
+
+
+def meshlib_surface(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
+    """MeshLib's surface distance; stops at d_max."""
+
+    def prepare() -> Callable[[int], np.ndarray]:
+        solid = mrmeshnumpy.meshFromFacesVerts(mesh.faces, mesh.vertices)
+
+        def row(source: int) -> np.ndarray:
+            start = mrmeshpy.VertBitSet(len(mesh.vertices))
+            start.set(mrmeshpy.VertId(int(source)))
+            found = mrmeshpy.computeSurfaceDistances(solid, start, float(d_max))
+            return np.array(found.vec, np.float64)
+
+        return row
+
+    return _sampled(mesh, sources, prepare)
+
+
+PEERS: dict[str, Callable[[TriangleMesh, float, np.ndarray], Rows]] = {
+    "homolog": homolog,
+    "homolog, planar element": homolog_linear,
+    "gdist (exact)": exact,
+    "scipy Dijkstra": dijkstra_edges,
+    "potpourri3d heat": heat_geometry_central,
+    "potpourri3d fast marching": fast_marching,
+    "libigl heat": heat_igl,
+    "meshlib": meshlib_surface,
+}
+
+
+def _sampled(
+    mesh: TriangleMesh, sources: np.ndarray, prepare: Callable[[], Callable[[int], np.ndarray]]
+) -> Rows:
+    begin = time.process_time()
+    row = prepare()
+    ready = time.process_time()
+    rows = np.stack([np.ravel(row(source)) for source in sources])
+    each = (time.process_time() - ready) / len(sources)
+    return rows, ready - begin + each * len(mesh.vertices)
