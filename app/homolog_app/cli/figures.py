@@ -37,8 +37,9 @@ def draw_figures(project: Project, tick: Tick = no_tick) -> None:
     tick(0.2, "pictures of the modes")
     moves = read_modes(project, result.mean_surface)
     shares = fit_shape_model(result.world).explained[: len(moves)]
-    modes = ModeSurfaces(result.mean_surface, moves, shares)
-    _write(project, "modes.png", draw_modes(modes, modes=min(len(moves), _MODES), title="Modes of variation"))
+    if len(moves):  # identical shapes have no modes
+        modes = ModeSurfaces(result.mean_surface, moves, shares)
+        _write(project, "modes.png", draw_modes(modes, modes=_MODES, title="Modes of variation"))
     surfaces = read_surfaces(project)
     tick(0.4, "pictures of the subjects")
     for page, figure in enumerate(draw_subjects(result.names, surfaces, result.world), start=1):
