@@ -116,30 +116,74 @@ def test_wrong_uses_end_with_two_and_a_line_and_write_nothing(ellipsoids, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_each_bad_file_gets_a_line_with_a_remedy_and_nothing_is_written(ellipsoids, tmp_path, capsys):
-    scans = tmp_path / "scans"
-    shutil.copytree(ellipsoids, scans)
-    (scans / "cut.nrrd").write_bytes((scans / "a.nrrd").read_bytes()[:-300])
-    (scans / "text.nii").write_text("no image")
-    (scans / "open.stl").write_text("solid\nendsolid\n")
-    assert main(["run", str(scans), "--out", str(tmp_path / "new"), *SHORT, "--progress", "none"]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert [next(name for name in ("cut", "open", "text") if name in line) for line in lines] == [
-        "cut",
-        "open",
-        "text",
-    ]
-    assert not (tmp_path / "new").exists()
-    arguments = [
+@pytest.fixture
+def scans(ellipsoids, tmp_path):
+    """Return a copy of the ellipsoids beside bad files, each called by what is wrong with it."""
+    import SimpleITK
+
+    folder = tmp_path / "scans"
+    shutil.copytree(ellipsoids, folder)
+    good = SimpleITK.GetArrayFromImage(SimpleITK.ReadImage(folder / "a.nrrd"))
+    with_nan = good.astype(np.float32)
+    with_nan[0, 0, 0] = np.nan
+    for name, array in {
+        "empty": np.zeros_like(good),
+        "flat": good[0],
+        "series": np.stack([good, good]),
+        "nan": with_nan,
+    }.items():
+        SimpleITK.WriteImage(SimpleITK.GetImageFromArray(array, isVector=False), folder / f"{name}.nrrd")
+    (folder / "cut.nrrd").write_bytes((folder / "a.nrrd").read_bytes()[:-300])
+    (folder / "text.nii").write_text("no image")
+    (folder / "open.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 2 3\nf 1 3 4\nf 1 4 2\n")
+    return folder
+
+
+def test_each_bad_file_gets_a_line_with_its_name_and_nothing_is_written(scans, tmp_path, capsys):
+    names = [one.name for one in sorted(scans.iterdir())]
+    rows = [f"{name.split('.')[0]},scans/{name}" for name in [*names, "gone.nrrd"]]
+    (tmp_path / "cohort.csv").write_text("\n".join(["name,path", *rows]))
+    words = [
         "run",
-        str(scans),
+        str(tmp_path / "cohort.csv"),
         "--out",
         str(tmp_path / "new"),
         *SHORT,
-        "--skip-bad",
         "--progress",
         "none",
     ]
-    assert main([*arguments, "--no-figures"]) == 0
-    assert capsys.readouterr().err.count("left out") == 3
+    assert main(words) == 2
+    lines = capsys.readouterr().err.splitlines()
+    bad = ["cut", "empty", "flat", "nan", "open", "series", "text", "gone"]
+    assert len(lines) == len(bad)
+    for name, line in zip(bad, lines, strict=True):
+        assert f"{name}." in line
+    assert not (tmp_path / "new").exists()
+
+
+def test_bad_files_can_be_left_out_and_are_named(scans, tmp_path, capsys):
+    words = ["run", str(scans), "--out", str(tmp_path / "new"), *SHORT, "--progress", "none", "--no-figures"]
+    assert main([*words, "--skip-bad"]) == 0
+    assert capsys.readouterr().err.count("homolog: left out: ") == 7
     assert read_result(Project(tmp_path / "new")).names == ("a", "b", "c", "d")
+
+
+def test_what_grooming_changed_is_told(ellipsoids, tmp_path, capsys):
+    import SimpleITK
+
+    scans = tmp_path / "scans"
+    shutil.copytree(ellipsoids, scans)
+    array = SimpleITK.GetArrayFromImage(SimpleITK.ReadImage(scans / "a.nrrd"))
+    pieces = array.copy()
+    pieces[:2, :2, :2] = 1
+    for name, values in (("border", array[:, :, 4:]), ("pieces", pieces)):
+        SimpleITK.WriteImage(
+            SimpleITK.GetImageFromArray(np.ascontiguousarray(values)), scans / f"{name}.nrrd"
+        )
+    words = ["run", str(scans), "--out", str(tmp_path / "new"), *SHORT, "--progress", "none", "--no-figures"]
+    assert main(words) == 0
+    main(["info", str(tmp_path / "new")])
+    notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note")]
+    assert any("border:" in note for note in notes)
+    assert any("pieces:" in note for note in notes)
+    assert not any(f" {name}:" in note for note in notes for name in "abcd")
