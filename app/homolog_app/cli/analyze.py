@@ -75,7 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
             study = run_study(result, request, tick)
             write_study_tables(study_folder(project, request), study, result, carrier)
             write_request(project, request)
-            lines += [request.title, *(f"  {words}" for words in findings(study) + cautions(study))]
+            lines += [request.title, *(f"  {one.verdict} {one.numbers}" for one in findings(study))]
+            lines += [f"  Caution: {words}" for words in cautions(study)]
             lines.append(f"  tables: {study_folder(project, request)}")
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
     stream.write("\n".join(lines) + "\n")

@@ -30,11 +30,12 @@ _DRAWS = 200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportFigure:
-    """A figure with its file name and caption."""
+    """A figure with its file name and caption, and a heading if it begins a part of the page."""
 
     name: str
     figure: Figure
     caption: str
+    heading: str = ""
 
 
 def model_figures(
@@ -76,7 +77,7 @@ def model_figures(
         yield ReportFigure(
             "energies",
             plot_energies(energies.pop("iteration"), energies),
-            "The objective's parts along the optimization, in its last phase.",
+            "The objective's parts along the optimization.",
         )
 
 
@@ -87,7 +88,7 @@ def study_figures(study: Study, carrier: SurfaceCarrier, tick: Tick) -> Iterator
         tick(index / len(stems), f"maps of {one.title}")
         if len(one.local.effect) > 1:
             continue
-        yield ReportFigure(f"{stem}_map", _maps(one, carrier), _map_caption(study, one))
+        yield ReportFigure(f"{stem}_map", _maps(one, carrier), _map_caption(study, one), one.title)
         if one.discriminant is not None:
             second = np.array([study.labels[subject] for subject in one.subjects]) == list(one.counts)[1]
             first_name, second_name = one.counts

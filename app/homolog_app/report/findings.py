@@ -1,11 +1,18 @@
 """What was found, in plain language with its numbers."""
 
-import numpy as np
+from dataclasses import dataclass
 
 from homolog.analysis.comparison import Comparison
 from homolog_app.report.study import Study
 
-__all__ = ["LEVEL", "cautions", "effect_words", "findings", "p_words"]
+__all__ = [
+    "LEVEL",
+    "Finding",
+    "cautions",
+    "effect_words",
+    "findings",
+    "p_words",
+]
 
 LEVEL = 0.05
 """Corrected p-values up to this are called significant."""
@@ -20,7 +27,7 @@ def effect_words(comparison: Comparison) -> str:
     """Return the test of the whole shape with its statistic, degrees of freedom and p-values."""
     test = comparison.test
     if not test.modes:
-        return "no mode above chance, p = 1"
+        return "No mode above chance, p = 1"
     noun = "mode" if test.modes == 1 else "modes"
     name = f"Wilks' lambda = {test.wilks:.3f}"
     if test.t_squared is not None:
@@ -31,12 +38,20 @@ def effect_words(comparison: Comparison) -> str:
     )
 
 
-def findings(study: Study) -> list[str]:
-    """Return a sentence or two for each comparison of a study.
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What a comparison shows, in a few words, and the numbers to it, in sentences."""
+
+    verdict: str
+    numbers: str
+
+
+def findings(study: Study) -> list[Finding]:
+    """Return what each comparison of a study shows.
 
     Significant is called what the permutation test, adjusted for the number of pairs of groups, calls so.
     """
-    return [_sentence(study, one) for one in study.comparisons]
+    return [Finding(_verdict(study, one), _numbers(study, one)) for one in study.comparisons]
 
 
 def cautions(study: Study) -> list[str]:
@@ -53,21 +68,22 @@ def cautions(study: Study) -> list[str]:
     return thin + loose
 
 
-def _sentence(study: Study, one: Comparison) -> str:
-    request = study.request
+def _verdict(study: Study, one: Comparison) -> str:
     significant = one.p_adjusted <= LEVEL
     who = ", ".join(f"{count} {name}" for name, count in one.counts.items())
-    if request.kind == "regression":
+    if study.request.kind == "regression":
         verdict = "shape changes with it" if significant else "no change of shape with it can be shown"
-        start = f"{one.title} ({one.counts['all']} subjects): {verdict}"
-    elif len(one.counts) > 2:
+        return f"{one.title} ({one.counts['all']} subjects): {verdict}."
+    if len(one.counts) > 2:
         verdict = "the groups differ in shape" if significant else "no difference in shape can be shown"
-        start = f"{who}: {verdict}"
-    else:
-        verdict = "the shapes differ" if significant else "no difference in shape can be shown"
-        start = f"{one.title} ({who}): {verdict}"
-    words = [f"{start} ({effect_words(one)}{_adjusted(study, one)})."]
-    if one.test.mahalanobis is not None and request.kind == "groups":
+        return f"{who}: {verdict}."
+    verdict = "the shapes differ" if significant else "no difference in shape can be shown"
+    return f"{one.title} ({who}): {verdict}."
+
+
+def _numbers(study: Study, one: Comparison) -> str:
+    words = [f"{effect_words(one)}{_adjusted(study, one)}."]
+    if one.test.mahalanobis is not None and study.request.kind == "groups":
         words.append(f"The groups' means are {one.test.mahalanobis:.1f} standard deviations apart.")
     share = float((one.local.p_family <= LEVEL).mean())
     place = f"on {100 * share:.0f} % of the particles" if share else "at no single particle"
@@ -77,7 +93,7 @@ def _sentence(study: Study, one: Comparison) -> str:
             f"A discriminant tells the groups apart in {100 * one.discriminant.accuracy:.0f} % of left-out "
             f"subjects (AUC {one.discriminant.auc:.2f})."
         )
-    words.append(_size_words(one, request.kind))
+    words.append(_size_words(one, study.request.kind))
     return " ".join(words)
 
 
@@ -91,4 +107,4 @@ def _size_words(one: Comparison, kind: str) -> str:
     if len(one.size_effect) > 1:
         return f"Size alone: {p_words(one.size_p)}."
     unit = " mm per unit" if kind == "regression" else " mm"
-    return f"Size alone: {np.round(one.size_effect[0], 2):+g}{unit}, {p_words(one.size_p)}."
+    return f"Size alone: {one.size_effect[0]:+.2g}{unit}, {p_words(one.size_p)}."

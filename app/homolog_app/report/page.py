@@ -26,15 +26,15 @@ class Page:
 
     def paragraph(self, words: str) -> None:
         """Add a paragraph."""
-        self._parts.append(f"<p>{escape(words)}</p>")
+        self._parts.append(f"<p>{_text(words)}</p>")
 
     def caution(self, words: str) -> None:
         """Add a paragraph that stands out."""
-        self._parts.append(f'<p class="caution">{escape(words)}</p>')
+        self._parts.append(f'<p class="caution">{_text(words)}</p>')
 
-    def points(self, sentences: Iterable[str]) -> None:
-        """Add a list."""
-        items = "".join(f"<li>{escape(one)}</li>" for one in sentences)
+    def points(self, points: Iterable[tuple[str, str]]) -> None:
+        """Add a list of points: what stands out, and what follows."""
+        items = "".join(f"<li><b>{_text(first)}</b> {_text(rest)}</li>" for first, rest in points)
         self._parts.append(f"<ul>{items}</ul>")
 
     def table(
@@ -77,6 +77,11 @@ class Page:
         )
 
 
+def _text(words: str) -> str:
+    """Escape words, and keep both sides of an equation on one line."""
+    return escape(words.replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%"))
+
+
 def _figure(one: ReportFigure) -> str:
     picture = io.BytesIO()
     one.figure.savefig(picture, format="png", dpi=_DPI, facecolor=one.figure.get_facecolor())
@@ -84,5 +89,5 @@ def _figure(one: ReportFigure) -> str:
     width = round(one.figure.get_figwidth() * 96)
     return (
         f'<figure><img src="data:image/png;base64,{data}" width="{width}" alt="{escape(one.caption)}">'
-        f"<figcaption>{escape(one.caption)}</figcaption></figure>"
+        f"<figcaption>{_text(one.caption)}</figcaption></figure>"
     )

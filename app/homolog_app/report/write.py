@@ -95,7 +95,7 @@ def _summary(page: Page, record: ResultRecord, studies: Sequence[Study]) -> None
         page.paragraph("No study has been made yet: homolog analyze PROJECT --group COLUMN.")
     for study in studies:
         page.heading(study.request.title, 3)
-        page.points(findings(study))
+        page.points((one.verdict, one.numbers) for one in findings(study))
         for words in cautions(study):
             page.caution(words)
 
@@ -120,6 +120,8 @@ def _study_section(page: Page, study: Study, figures: Sequence[ReportFigure]) ->
     page.heading(f"Study: {study.request.title}")
     page.table(_COLUMNS, (_row(one) for one in study.comparisons))
     for one in figures:
+        if one.heading:
+            page.heading(one.heading, 3)
         page.figures([one])
     alarms = [
         (one.title, test.test, f"{100 * test.rate:.1f}", f"{100 * test.low:.1f} – {100 * test.high:.1f}")
