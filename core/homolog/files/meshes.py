@@ -9,6 +9,7 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
+from homolog.files.atomic import replacing
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["read_mesh", "write_mesh"]
@@ -89,12 +90,10 @@ def write_mesh(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array] |
     if suffix == ".vtk" or suffix == ".stl":
         writer.SetHeader(_LPS_HEADER)
         writer.SetFileTypeToBinary()
-    part = path.with_name(f"{path.stem}.part{suffix}")
-    writer.SetFileName(os.fspath(part))
-    if not writer.Write() or writer.GetErrorCode():
-        part.unlink(missing_ok=True)
-        raise InputError(f"{path}: can't be written; is the folder there, writable and not full?")
-    part.replace(path)
+    with replacing(path) as part:
+        writer.SetFileName(os.fspath(part))
+        if not writer.Write() or writer.GetErrorCode():
+            raise OSError("the writer failed")
 
 
 def _piece(path: Path, kind: str) -> Any:  # noqa: ANN401 - VTK has no common type for its readers
@@ -178,9 +177,5 @@ def _write_ply(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array]) 
         *(f"property double {axis}" for axis in "xyz"), *(f"property float {name}" for name in columns),
         f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header\n",
     ]  # fmt: skip
-    part = path.with_name(f"{path.name}.part")
-    try:
+    with replacing(path) as part:
         part.write_bytes("\n".join(header).encode() + points.tobytes() + triangles.tobytes())
-        part.replace(path)
-    except OSError as error:
-        raise InputError(f"{path}: can't be written: {error.strerror}") from error

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import zipfile
 from dataclasses import asdict
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from homolog.arrays import Array
-from homolog.errors import InputError
+from homolog.files.atomic import replacing
 from homolog.files.meshes import write_mesh
 from homolog.grooming.images import Segmentation
 from homolog.grooming.subject import GroomedSubject, GroomReport
@@ -65,26 +64,19 @@ def save_groomed(folder: Path, groomed: GroomedSubject, key: str) -> None:
     InputError
         If the folder can't be written to.
     """
-    archive = _archive(folder, groomed.name)
-    part = archive.with_name(f"{archive.name}.part")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with part.open("wb") as stream:
-            np.savez(
-                stream,
-                key=key,
-                report=json.dumps(asdict(groomed.report)),
-                values=groomed.field.values,
-                index_to_world=groomed.field.index_to_world,
-                vertices=groomed.mesh.vertices,
-                faces=groomed.mesh.faces,
-                coarse_vertices=groomed.coarse_mesh.vertices,
-                coarse_faces=groomed.coarse_mesh.faces,
-            )
-        write_mesh(folder / f"{groomed.name}.vtp", groomed.mesh)
-        os.replace(part, archive)
-    except OSError as error:
-        raise InputError(f"{folder}: can't be written to: {error.strerror}") from error
+    write_mesh(folder / f"{groomed.name}.vtp", groomed.mesh)
+    with replacing(_archive(folder, groomed.name)) as part, part.open("wb") as stream:
+        np.savez(
+            stream,
+            key=key,
+            report=json.dumps(asdict(groomed.report)),
+            values=groomed.field.values,
+            index_to_world=groomed.field.index_to_world,
+            vertices=groomed.mesh.vertices,
+            faces=groomed.mesh.faces,
+            coarse_vertices=groomed.coarse_mesh.vertices,
+            coarse_faces=groomed.coarse_mesh.faces,
+        )
 
 
 def _archive(folder: Path, name: str) -> Path:

@@ -1,9 +1,8 @@
 """All subjects of a cohort: checked before any work, groomed side by side, cached."""
 
-import multiprocessing
-import os
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +12,9 @@ from homolog.grooming.cache import content_key, load_groomed, save_groomed
 from homolog.grooming.subject import GroomedSubject, groom_subject, read_source
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
+from homolog.workers import worker_processes
 
-__all__ = ["Problem", "check_cohort", "groom_cohort", "local_executor"]
+__all__ = ["Problem", "check_cohort", "groom_cohort"]
 
 _PATIENCE = 0.1  # s between looks at the tick while workers are busy
 
@@ -43,20 +43,6 @@ def check_cohort(cohort: Cohort, settings: GroomSettings, tick: Tick = no_tick) 
     return problems
 
 
-def local_executor(workers: int | None = None) -> Executor:
-    """Return an executor of fresh processes on this machine.
-
-    Processes rather than threads, because marching cubes keeps the interpreter lock; fresh ones, because
-    forking is not safe once numerical libraries run threads of their own.
-
-    Parameters
-    ----------
-    workers : int or None
-        Their number; one for each core if None.
-    """
-    return ProcessPoolExecutor(workers or _cores(), mp_context=multiprocessing.get_context("spawn"))
-
-
 def groom_cohort(
     cohort: Cohort,
     settings: GroomSettings,
@@ -74,7 +60,7 @@ def groom_cohort(
     settings : GroomSettings
         Alignment and scaling play no part.
     executor : Executor, optional
-        Where subjects are groomed; `local_executor` if not given. Its workers must see the files.
+        Where subjects are groomed, on workers that see the files; processes of this machine if not given.
     cache : Path, optional
         Folder with what was groomed earlier; only what changed is made anew and added.
     tick : Tick
@@ -90,22 +76,17 @@ def groom_cohort(
     InputError, NumericalError
         Of the first subject that fails, or if a worker process died.
     Cancelled
-        From the tick; what waits is dropped, what runs ends by itself within seconds.
+        From the tick; processes of our own end at once, those of a given executor finish what they began.
     """
     found, keys = _from_cache(cohort, settings, cache, part_of(tick, 0.0, 0.1))
     missing = [subject for subject in cohort.subjects if subject.name not in found]
     if missing:
-        own = executor is None
-        used = executor or local_executor(min(len(missing), _cores()))
-        try:
+        with nullcontext(executor) if executor else worker_processes(None) as used:
             futures = {used.submit(groom_subject, subject, settings): subject.name for subject in missing}
             for done in _as_they_finish(futures, part_of(tick, 0.1, 1.0)):
                 found[done.name] = done
                 if cache:
                     save_groomed(cache, done, keys[done.name])
-        finally:
-            if own:
-                used.shutdown(wait=False, cancel_futures=True)
     return [found[subject.name] for subject in cohort.subjects]
 
 
@@ -142,7 +123,3 @@ def _as_they_finish(futures: dict[Future[GroomedSubject], str], tick: Tick) -> I
     finally:
         for future in pending:
             future.cancel()
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,6 +1,8 @@
 """Reading segmentations: any orientation and spacing, one frame (LPS, mm), every fault named."""
 
+import gzip
 import os
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,6 +70,7 @@ def read_segmentation(path: Path, label: int | None) -> Segmentation:
     if not path.is_file():
         raise InputError(f"{path}: there is no such file")
     reader = _checked_header(path)
+    _check_length(path, reader)
     try:
         image = reader.Execute()
     except (RuntimeError, MemoryError) as error:
@@ -94,6 +97,23 @@ def _checked_header(path: Path) -> Any:  # noqa: ANN401 - SimpleITK is untyped
     if np.prod(size, dtype=np.float64) > MAX_VOXELS:
         raise InputError(f"{path}: claims {shape} voxels; crop it, or mend the header")
     return reader
+
+
+def _check_length(path: Path, reader: Any) -> None:  # noqa: ANN401 - SimpleITK is untyped
+    """Refuse a NIfTI file that is cut short: its reader takes what is missing for zeros."""
+    if not reader.HasMetaDataKey("vox_offset"):
+        return
+    bits = int(reader.GetMetaData("bitpix")) * int(np.prod(reader.GetSize()))
+    needed = float(reader.GetMetaData("vox_offset")) + bits / 8
+    length = 0
+    try:
+        with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
+            while block := stream.read(2**20):
+                length += len(block)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: can't be read; it is cut short or damaged: {error}") from error
+    if length < needed:
+        raise InputError(f"{path}: can't be read; it is cut short: {length} of {needed:.0f} bytes")
 
 
 def _segmentation(path: Path, image: Any, label: int | None) -> Segmentation:  # noqa: ANN401

@@ -3,7 +3,7 @@
 import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray
-from homolog.errors import NumericalError
+from homolog.errors import InputError, NumericalError
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.remesh import remeshed
@@ -13,6 +13,7 @@ from homolog.surfaces.topology import face_components
 __all__ = ["coarse_isosurface", "isosurface", "marching_cubes"]
 
 VERTICES = 6000
+MOST_VERTICES = 250_000
 _EQUILATERAL = 2.0 / np.sqrt(3.0)  # edge² times vertices, over the area
 _NEAREST = 1e-3
 """Values closer to zero than this part of the largest are moved away: vertices on nodes make needles."""
@@ -37,6 +38,8 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
 
     Raises
     ------
+    InputError
+        If the edges are too short for this surface.
     NumericalError
         If the field has no zero level.
     """
@@ -47,7 +50,13 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
     nodes, faces = marching_cubes(field.values)
     raw = TriangleMesh(nodes @ field.index_to_world[:3, :3].T + field.index_to_world[:3, 3], faces)
     edge = edge or _edge_for(raw.area, VERTICES)
-    return remeshed(simplified(raw, round(_EQUILATERAL * raw.area / edge**2)), field, edge, adaptive)
+    count = round(_EQUILATERAL * raw.area / edge**2)
+    if count > MOST_VERTICES:
+        least = _edge_for(raw.area, MOST_VERTICES)
+        raise InputError(
+            f"mesh edges of {edge:g} mm would make {count} vertices; choose {least:.2g} mm or more"
+        )
+    return remeshed(simplified(raw, count), field, edge, adaptive)
 
 
 def coarse_isosurface(field: DistanceField, mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:

@@ -1,0 +1,51 @@
+import numpy as np
+
+from homolog.grooming.clean import cleaned
+from homolog.grooming.images import Segmentation
+
+
+def segmentation(mask, spacing=(1.0, 1.0, 1.0)):
+    return Segmentation(mask, np.eye(3), np.array(spacing), np.array([10.0, 20.0, 30.0]))
+
+
+def test_the_largest_piece_stays_at_its_place():
+    mask = np.zeros((12, 12, 12), bool)
+    mask[1:3, 1:3, 1:3] = True
+    mask[5:10, 6:10, 7:10] = True
+    found = cleaned(segmentation(mask, (1.0, 2.0, 3.0)))
+    assert found.components_dropped == 1
+    assert found.segmentation.mask.shape == (5, 4, 3)
+    assert np.allclose(found.segmentation.origin, [10 + 5, 20 + 12, 30 + 21])
+
+
+def test_pieces_that_touch_at_a_corner_are_one():
+    mask = np.zeros((6, 6, 6), bool)
+    mask[1:3, 1:3, 1:3] = mask[3:5, 3:5, 3:5] = True
+    assert cleaned(segmentation(mask)).components_dropped == 0
+
+
+def test_enclosed_cavities_are_filled_and_counted():
+    mask = np.zeros((9, 9, 9), bool)
+    mask[1:8, 1:8, 1:8] = True
+    mask[3, 3, 3] = mask[5, 5, 5] = False
+    found = cleaned(segmentation(mask))
+    assert found.holes_filled == 2
+    assert found.segmentation.mask.all()
+
+
+def test_a_tunnel_is_not_a_cavity():
+    mask = np.zeros((9, 9, 9), bool)
+    mask[1:8, 1:8, 1:8] = True
+    mask[4, 4] = False
+    found = cleaned(segmentation(mask))
+    assert found.holes_filled == 0
+    assert not found.segmentation.mask.all()
+
+
+def test_touching_the_border_is_noticed_unless_a_dropped_piece_does():
+    mask = np.zeros((8, 8, 8), bool)
+    mask[2:6, 2:6, 2:6] = True
+    mask[0, 0, 0] = True
+    assert not cleaned(segmentation(mask)).at_border
+    mask[2:8, 2:6, 2:6] = True
+    assert cleaned(segmentation(mask)).at_border

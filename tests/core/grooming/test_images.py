@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+import SimpleITK
+
+from homolog.errors import InputError
+from homolog.grooming.images import read_segmentation
+
+
+def world_points(segmentation):
+    inside = np.argwhere(segmentation.mask) * segmentation.spacing
+    return inside @ segmentation.rotation.T + segmentation.origin
+
+
+@pytest.fixture
+def labelled():
+    values = np.zeros((6, 7, 8), np.uint8)
+    values[1:3, 2:4, 3] = 1
+    values[3, 2:5, 4:6] = 2
+    return values
+
+
+def test_every_value_above_zero_is_inside_without_a_label(labelled, save):
+    assert read_segmentation(save(labelled), None).mask.sum() == 10
+
+
+def test_a_label_is_picked_alone(labelled, save):
+    found = read_segmentation(save(labelled), 2)
+    assert np.array_equal(found.mask, labelled == 2)
+    assert found.volume == 6.0
+
+
+@pytest.mark.parametrize("suffix", [".nrrd", ".nii", ".nii.gz", ".mha", ".mhd", ".nhdr"])
+def test_each_format_puts_the_voxels_at_the_same_places(labelled, save, suffix):
+    turn = np.array([[0.0, -1.0, 0.0], [0.8, 0.0, -0.6], [0.6, 0.0, 0.8]])
+    path = save(labelled, f"a{suffix}", (1.0, 2.0, 3.0), (5.0, -6.0, 7.0), turn)
+    expected = np.argwhere(labelled) * [1.0, 2.0, 3.0] @ turn.T + [5.0, -6.0, 7.0]
+    assert np.allclose(world_points(read_segmentation(path, None)), expected, atol=1e-4)
+
+
+def test_a_mirrored_grid_becomes_right_handed_at_the_same_places(labelled, save):
+    mirrored = save(labelled, direction=np.diag([1.0, 1.0, -1.0]), origin=(1.0, 2.0, 3.0))
+    found = read_segmentation(mirrored, None)
+    expected = np.argwhere(labelled) * [1.0, 1.0, -1.0] + [1.0, 2.0, 3.0]
+    assert np.linalg.det(found.rotation) == pytest.approx(1.0)
+    assert {tuple(one) for one in world_points(found)} == {tuple(one) for one in expected}
+
+
+def test_an_absent_label_is_named_with_those_that_are_there(labelled, save):
+    with pytest.raises(InputError, match=r"a\.nrrd.*no voxel of label 7; it holds 1, 2"):
+        read_segmentation(save(labelled), 7)
+
+
+def test_an_empty_label_map_is_refused(save):
+    with pytest.raises(InputError, match="no voxel above 0"):
+        read_segmentation(save(np.zeros((4, 4, 4), np.uint8)), None)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"gone\.nrrd: there is no such file"):
+        read_segmentation(tmp_path / "gone.nrrd", None)
+
+
+@pytest.mark.parametrize("suffix", [".nrrd", ".nii", ".nii.gz", ".mha"])
+def test_a_file_cut_short_is_refused(save, suffix):
+    noise = np.random.default_rng(0).integers(0, 2, (30, 30, 30)).astype(np.uint8)
+    path = save(noise, f"a{suffix}")
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    with pytest.raises(InputError, match="can't be read"):
+        read_segmentation(path, None)
+
+
+def test_something_else_under_an_image_name_is_refused(tmp_path):
+    path = tmp_path / "a.nii.gz"
+    path.write_text("not an image")
+    with pytest.raises(InputError, match=r"a\.nii\.gz: can't be read"):
+        read_segmentation(path, None)
+
+
+@pytest.mark.parametrize("shape", [(5, 6), (5, 6, 1), (4, 5, 6, 2)])
+def test_an_image_of_two_or_four_dimensions_is_refused(tmp_path, shape):
+    values = np.ones(shape[::-1], np.uint8)
+    path = tmp_path / "a.nrrd"
+    SimpleITK.WriteImage(SimpleITK.GetImageFromArray(values, isVector=False), str(path))
+    with pytest.raises(InputError, match="not a 3-D volume but 5 x 6|not a 3-D volume but 4 x 5 x 6 x 2"):
+        read_segmentation(path, None)
+
+
+def test_a_colour_image_is_refused(tmp_path):
+    path = tmp_path / "a.nrrd"
+    image = SimpleITK.GetImageFromArray(np.ones((4, 4, 4, 3), np.uint8), isVector=True)
+    SimpleITK.WriteImage(image, str(path))
+    with pytest.raises(InputError, match="3 values per voxel"):
+        read_segmentation(path, None)
+
+
+def test_not_a_number_is_refused(save):
+    values = np.ones((4, 4, 4), np.float32)
+    values[1, 2, 3] = np.nan
+    with pytest.raises(InputError, match="not numbers"):
+        read_segmentation(save(values), None)
+
+
+def test_an_intensity_image_is_refused(save):
+    with pytest.raises(InputError, match="threshold"):
+        read_segmentation(save(np.linspace(0, 1, 64, dtype=np.float32).reshape(4, 4, 4)), None)
+
+
+def test_an_absurd_size_in_the_header_is_refused_before_reading(tmp_path):
+    path = tmp_path / "a.nrrd"
+    path.write_text(
+        "NRRD0004\ntype: uchar\ndimension: 3\nspace: left-posterior-superior\nsizes: 90000 90000 90000\n"
+        "space directions: (1,0,0) (0,1,0) (0,0,1)\nencoding: raw\nspace origin: (0,0,0)\n\n1234"
+    )
+    with pytest.raises(InputError, match="90000 x 90000 x 90000 voxels"):
+        read_segmentation(path, None)
