@@ -108,11 +108,11 @@ def draw_differences(
     vertices = [mesh.vertices for mesh, _ in surfaces.values()]
     if not views:
         front = three_quarter_view(vertices[0], np.abs(next(iter(outward.values()))))
-        views = [front, View((-front.toward[0], -front.toward[1], -front.toward[2]), front.up)]
+        views = [front, front.opposite]
     frames = [frame_around(vertices, view) for view in views]
     rows = []
     for name, (mesh, _) in surfaces.items():
         solid = surface(mesh, diverging_colours(outward[name], limit))
-        rows.append([Panel(render([solid], frame, width)) for frame in frames])
+        rows.append([Panel(render([solid], frame, width), frame.view.name) for frame in frames])
     labels = list(surfaces) if len(surfaces) > 1 else []
     return arrange(rows, title=title, row_labels=labels, limit=limit, theme=theme)

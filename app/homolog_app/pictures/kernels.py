@@ -20,7 +20,7 @@ def corner_mix(values: wp.array(dtype=wp.vec3), indices: wp.vec3i, u: float, v: 
 def shade(colour: wp.vec3, normal: wp.vec3, right: wp.vec3, up: wp.vec3, back: wp.vec3) -> wp.vec3:
     """Light from the viewer, from above left and a little from everywhere; a soft highlight."""
     key = wp.normalize(0.6 * up - 0.5 * right + 0.7 * back)
-    light = 0.40 + 0.40 * wp.max(wp.dot(normal, back), 0.0) + 0.27 * wp.max(wp.dot(normal, key), 0.0)
+    light = 0.50 + 0.34 * wp.max(wp.dot(normal, back), 0.0) + 0.22 * wp.max(wp.dot(normal, key), 0.0)
     gloss = 0.08 * wp.pow(wp.max(wp.dot(normal, wp.normalize(key + back)), 0.0), 30.0)
     lit = light * colour + wp.vec3(gloss, gloss, gloss)
     return wp.vec3(wp.min(lit[0], 1.0), wp.min(lit[1], 1.0), wp.min(lit[2], 1.0))

@@ -57,11 +57,11 @@ def draw_particles(
     radius = ball_radius(mesh, particles)
     solids = [surface(mesh, np.array(theme.surface)), balls(particles, radius, colours)]
     front = three_quarter_view(particles)
-    chosen = list(views) or [front, View((-front.toward[0], -front.toward[1], -front.toward[2]), front.up)]
-    panels = [
-        Panel(render(solids, frame_around([mesh.vertices, particles], view, border=radius), width))
-        for view in chosen
+    frames = [
+        frame_around([mesh.vertices, particles], view, border=radius)
+        for view in (views or (front, front.opposite))
     ]
+    panels = [Panel(render(solids, frame, width), frame.view.name) for frame in frames]
     return arrange([panels], title=title, theme=theme)
 
 

@@ -24,10 +24,19 @@ class View:
         From the shape to the viewer; any length.
     up : tuple of 3 float
         What is up in the picture, at least roughly; not parallel to `toward`.
+    name : str
+        Caption of pictures that have several views; may be empty.
     """
 
     toward: tuple[float, float, float]
     up: tuple[float, float, float]
+    name: str = ""
+
+    @property
+    def opposite(self) -> "View":
+        """The view from the other side, without a name."""
+        x, y, z = self.toward
+        return View((-x, -y, -z), self.up)
 
     @property
     def axes(self) -> FloatArray:
@@ -39,12 +48,15 @@ class View:
 
 
 VIEWS = {
-    "anterior": View((0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
-    "posterior": View((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-    "left": View((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-    "right": View((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-    "superior": View((0.0, 0.0, 1.0), (0.0, -1.0, 0.0)),
-    "inferior": View((0.0, 0.0, -1.0), (0.0, -1.0, 0.0)),
+    view.name: view
+    for view in (
+        View((0.0, -1.0, 0.0), (0.0, 0.0, 1.0), "anterior"),
+        View((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), "posterior"),
+        View((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), "left"),
+        View((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0), "right"),
+        View((0.0, 0.0, 1.0), (0.0, -1.0, 0.0), "superior"),
+        View((0.0, 0.0, -1.0), (0.0, -1.0, 0.0), "inferior"),
+    )
 }
 """The anatomical views, for shapes in patient coordinates (LPS)."""
 
