@@ -1,6 +1,7 @@
 """The real window for tests, and the rule that nothing of it outlives its test."""
 
 import gc
+import shutil
 import threading
 import time
 
@@ -85,9 +86,49 @@ def quick():
     return quick_settings
 
 
+@pytest.fixture(scope="session")
+def groomed_cache(ellipsoids, tmp_path_factory):
+    """Return a folder with the groomed shapes: processes that groom take seconds to start."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    from homolog.cohort import read_cohort
+    from homolog.grooming import groom_cohort
+    from homolog.settings import GroomSettings
+
+    folder = tmp_path_factory.mktemp("groomed")
+    with ThreadPoolExecutor(1) as executor:
+        groom_cohort(read_cohort(ellipsoids), GroomSettings(), executor=executor, cache=folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def finished(ellipsoids, groomed_cache, tmp_path_factory):
+    """Return a project with a result and the frames of its run; not to be written to."""
+    from homolog.cohort import read_cohort
+    from homolog.files.project import Project
+    from homolog.settings import RunSettings
+    from homolog_app.window.jobs import RunJob
+
+    project = Project(tmp_path_factory.mktemp("finished") / "study")
+    shutil.copytree(groomed_cache, project.groomed)
+    settings = RunSettings(optimize=quick_settings())
+    RunJob(project, read_cohort(ellipsoids), settings, resume=False).execute()
+    return project.folder
+
+
 @pytest.fixture
-def groomed(beans, wait):
+def explored(window, finished, tmp_path, wait):
+    """Return the window with a copy of the finished project open."""
+    shutil.copytree(finished, tmp_path / "copy")
+    window.library.take([tmp_path / "copy"])
+    wait(lambda: window.desk.session.result is not None and window.step == "explore")
+    return window
+
+
+@pytest.fixture
+def groomed(beans, wait, groomed_cache):
     """Return the window after grooming."""
+    shutil.copytree(groomed_cache, beans.desk.project.groomed)
     beans.commands["run.groom"].trigger()
     wait(lambda: not beans.desk.work.is_busy)
     assert beans.desk.session.is_groomed

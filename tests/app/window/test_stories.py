@@ -29,25 +29,39 @@ def test_a_dropped_folder_becomes_particles_that_are_saved_and_found_again(
     assert again.step == "explore"
 
 
-def test_the_previous_result_stays_when_the_next_run_is_cancelled(groomed, errors, wait):
-    groomed.commands["run.start"].trigger()
-    wait(lambda: not groomed.desk.work.is_busy)
-    result = groomed.desk.session.result
-    groomed.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=64))
-    groomed.commands["run.start"].trigger()
-    wait(lambda: groomed.desk.work.run_job is not None and groomed.desk.work.run_job.frame is not None)
-    groomed.commands["run.cancel"].trigger()
-    wait(lambda: not groomed.desk.work.is_busy)
-    assert groomed.desk.session.result is result
+def test_the_previous_result_stays_when_the_next_run_is_cancelled(explored, errors, wait):
+    session, work = explored.desk.session, explored.desk.work
+    result = session.result
+    wait(lambda: len(session.surveys) == 4)
+    explored.commands["run.groom"].trigger()
+    wait(lambda: not work.is_busy)
+    explored.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
+    explored.commands["run.start"].trigger()
+    wait(lambda: work.run_job is not None and work.run_job.frame is not None)
+    explored.commands["run.cancel"].trigger()
+    wait(lambda: not work.is_busy)
+    assert session.result is result
     assert not errors
 
 
-def test_the_finished_run_can_be_played_from_its_first_moment(groomed, errors, wait):
+def test_the_particles_of_a_cancelled_run_can_be_kept(groomed, errors, wait):
+    work = groomed.desk.work
+    groomed.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
     groomed.commands["run.start"].trigger()
-    wait(lambda: not groomed.desk.work.is_busy)
-    time = groomed.views.stage.footer.time
-    assert groomed.commands["run.play"].isEnabled()
-    groomed.commands["run.play"].trigger()
+    wait(lambda: (job := work.run_job) and job.frame and job.frame.world.shape[1] >= 16)
+    groomed.commands["run.cancel"].trigger()
+    wait(lambda: not work.is_busy)
+    assert groomed.desk.session.result is None
+    groomed.commands["run.keep"].trigger()
+    wait(lambda: not work.is_busy)
+    assert groomed.desk.session.result.result.world.shape[1] >= 16
+    assert not errors
+
+
+def test_the_finished_run_can_be_played_from_its_first_moment(explored, errors, wait):
+    time = explored.views.stage.footer.time
+    assert explored.commands["run.play"].isEnabled()
+    explored.commands["run.play"].trigger()
     wait(lambda: 0 < time.value() < time.maximum())
     wait(lambda: time.value() == time.maximum())
     assert not errors

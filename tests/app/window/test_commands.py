@@ -1,0 +1,69 @@
+"""The command table, and that everything in it can be ordered."""
+
+from collections import Counter
+from importlib.resources import files
+
+import pytest
+
+from homolog_app.window.commands import COMMANDS, MENUS
+from homolog_app.window.palette import matches
+
+
+def test_no_two_commands_share_an_id_or_a_shortcut():
+    for values in ([one.id for one in COMMANDS], [one.shortcut for one in COMMANDS if one.shortcut]):
+        assert not [value for value, count in Counter(values).items() if count > 1]
+
+
+@pytest.mark.parametrize("one", COMMANDS, ids=lambda one: one.id)
+def test_every_command_has_a_menu_a_sentence_of_help_and_an_icon_that_exists(one):
+    assert one.menu.split("/")[0] in MENUS
+    assert one.help.endswith(".")
+    assert one.help[0].isupper()
+    assert not one.icon or (files("homolog_resources") / "icons" / f"{one.icon}.svg").is_file()
+
+
+def test_the_palette_finds_a_command_by_any_of_its_words():
+    screenshot = next(one for one in COMMANDS if one.id == "view.screenshot")
+    assert matches("pict VIEW", screenshot)
+    assert not matches("picture of a cat", screenshot)
+
+
+@pytest.mark.window
+def test_every_command_has_a_handler_and_a_tool_tip(window):
+    for one in COMMANDS:
+        action = window.commands[one.id]
+        assert action.receivers("2triggered(bool)") > 0, one.id
+        assert action.toolTip()
+
+
+@pytest.mark.window
+def test_shortcuts_are_the_same_on_the_sheet_as_in_the_menu(window):
+    from PySide6.QtWidgets import QLabel
+
+    from homolog_app.window.shortcut_sheet import ShortcutSheet
+
+    sheet = ShortcutSheet(window)
+    words = {one.text() for one in sheet.findChildren(QLabel)}
+    sheet.close()
+    for one in COMMANDS:
+        if one.shortcut:
+            assert window.commands[one.id].shortcut().toString() in words
+
+
+@pytest.mark.window
+def test_without_a_study_only_commands_that_need_none_are_possible(window):
+    possible = {one.id for one in COMMANDS if window.commands[one.id].isEnabled()}
+    assert {"file.new", "file.open", "file.sample", "help.palette"} <= possible
+    assert not {"run.start", "run.groom", "edit.group", "view.screenshot", "file.save"} & possible
+
+
+@pytest.mark.window
+def test_the_palette_lists_what_is_possible_and_runs_it(window):
+    from homolog_app.window.palette import CommandPalette
+
+    palette = CommandPalette(window, window.commands)
+    palette.query.setText("light dark")
+    assert palette.list.count() == 1
+    palette.query.returnPressed.emit()
+    assert palette.chosen is window.commands["view.theme"]
+    palette.close()

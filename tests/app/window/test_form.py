@@ -1,0 +1,86 @@
+"""The form made from a settings model."""
+
+import pytest
+
+from homolog.parameters import parameters
+from homolog.settings import Alignment, GroomSettings, OptimizeSettings
+from homolog_app.window.quantities import duration, parse_number
+
+pytestmark = pytest.mark.window
+
+
+@pytest.fixture
+def form(qapp):
+    from homolog_app.window.form import SettingsForm
+
+    made = SettingsForm(GroomSettings)
+    made.show_values(GroomSettings())
+    made.edits = []
+    made.edited.connect(lambda name, value: made.edits.append((name, value)))
+    yield made
+    made.deleteLater()
+
+
+def editor(form, name):
+    from PySide6.QtWidgets import QWidget
+
+    return next(one for one in form.findChildren(QWidget) if one.accessibleName() == name)
+
+
+def type_into(form, name, text):
+    line = editor(form, name)
+    line.setText(text)
+    line.textEdited.emit(text)
+
+
+@pytest.mark.parametrize("text", ["1.5", "1,5", " 1,5 "])
+def test_both_decimal_signs_are_understood(form, text):
+    type_into(form, "smoothing", text)
+    assert form.edits == [("smoothing", GroomSettings(smoothing=1.5))]
+
+
+@pytest.mark.parametrize("text", ["7", "-1", "much", "1_0", ""])
+def test_what_is_out_of_bounds_or_no_number_changes_nothing_and_says_so(form, text):
+    from PySide6.QtWidgets import QLabel
+
+    type_into(form, "smoothing", text)
+    assert not form.edits
+    assert any("0.0 to 5.0" in one.text() for one in form.findChildren(QLabel, "Problem"))
+
+
+def test_an_empty_field_leaves_the_value_to_the_program(form):
+    type_into(form, "spacing", "0,8")
+    type_into(form, "spacing", "")
+    assert [value.spacing for _, value in form.edits] == [0.8, None]
+
+
+def test_a_choice_is_reported_as_the_models_value(form):
+    choice = editor(form, "alignment")
+    choice.setCurrentIndex(choice.findData("axes"))
+    choice.activated.emit(choice.currentIndex())
+    assert form.edits[-1][1].alignment is Alignment.AXES
+
+
+@pytest.mark.parametrize("model", [GroomSettings, OptimizeSettings])
+def test_every_setting_has_an_editor_with_its_help(qapp, model):
+    from PySide6.QtWidgets import QWidget
+
+    from homolog_app.window.form import SettingsForm
+
+    made = SettingsForm(model)
+    described = {one.accessibleName(): one.toolTip() for one in made.findChildren(QWidget)}
+    for one in parameters(model):
+        assert one.help in described[one.label]
+    made.deleteLater()
+
+
+def test_numbers_have_a_point_or_a_comma_and_nothing_else():
+    assert parse_number("−2,5") == -2.5
+    with pytest.raises(ValueError, match="could not"):
+        parse_number("1.000,5")
+
+
+def test_times_are_no_more_exact_than_they_are_known():
+    assert [duration(one) for one in (2, 43, 200, 9000)] == [
+        "about 5 s", "about 45 s", "about 3 min", "about 2.5 h",
+    ]  # fmt: skip

@@ -1,0 +1,46 @@
+"""The study as a value, and what can be dropped on the window."""
+
+import pytest
+
+from homolog.cohort import Subject
+from homolog.errors import InputError
+from homolog_app.window.study import Study, found_subjects, with_table
+
+
+@pytest.fixture
+def study(tmp_path):
+    return Study().adding(Subject(name, tmp_path / f"{name}.nrrd") for name in ("p01_ED", "p02_ED", "p10_ED"))
+
+
+def test_a_file_is_listed_once_and_two_files_never_share_a_name(study, tmp_path):
+    same = Subject("p01_ED", tmp_path / "p01_ED.nrrd")
+    other = Subject("p01_ED", tmp_path / "elsewhere" / "p01_ED.nrrd")
+    names = [one.name for one in study.adding([same, other]).members]
+    assert names == ["p01_ED", "p02_ED", "p10_ED", "p01_ED (2)"]
+
+
+def test_a_folder_and_single_files_can_be_dropped_together(ellipsoids, tmp_path):
+    extra = tmp_path / "extra.NII.GZ"
+    extra.touch()
+    assert [one.name for one in found_subjects([ellipsoids, extra])] == ["a", "b", "c", "d", "extra"]
+
+
+def test_a_file_of_another_kind_is_refused_by_name(tmp_path):
+    with pytest.raises(InputError, match=r"notes\.txt"):
+        found_subjects([tmp_path / "notes.txt"])
+
+
+def test_a_table_gives_groups_and_covariates_to_the_subjects_that_it_names(study, tmp_path):
+    table = tmp_path / "table.csv"
+    table.write_text("id,group,age\np01,DCM,61\np02_ED,NOR,48\nstranger,NOR,50\np1,NOR,1\n", encoding="utf-8")
+    changed, used = with_table(study, table)
+    assert used == 2
+    assert [one.subject.group for one in changed.members] == ["DCM", "NOR", None]
+    assert changed.members[0].subject.columns == {"age": "61"}
+
+
+def test_a_table_that_names_nobody_is_refused(study, tmp_path):
+    table = tmp_path / "table.csv"
+    table.write_text("name,group\nx,A\n", encoding="utf-8")
+    with pytest.raises(InputError, match="names none"):
+        with_table(study, table)
