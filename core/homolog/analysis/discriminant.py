@@ -6,6 +6,7 @@ import numpy as np
 from scipy import stats
 
 from homolog.analysis.shape_model import principal_components
+from homolog.analysis.threads import on_one_thread
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
@@ -76,6 +77,7 @@ class Discriminant:
         return limits
 
 
+@on_one_thread
 def discriminant(
     particles: FloatArray,
     second: BoolArray,

@@ -13,6 +13,7 @@ from scipy import stats
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.design import Design
 from homolog.analysis.permutation import Relabelling, counted_p, relabellings
+from homolog.analysis.threads import on_one_thread
 from homolog.analysis.wilks import wilks_p
 from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
@@ -100,6 +101,7 @@ class LocalStatistic:
         return determinant
 
 
+@on_one_thread
 def local_map(
     particles: FloatArray,
     design: Design,

@@ -14,6 +14,7 @@ from homolog.analysis.checks import checked_particles
 from homolog.analysis.design import Design, Exchange
 from homolog.analysis.parallel import Null, ParallelAnalysis, parallel_analysis
 from homolog.analysis.permutation import Relabelling, counted_p, relabellings
+from homolog.analysis.threads import on_one_thread
 from homolog.analysis.wilks import hotelling, rao_f, wilks_p
 from homolog.arrays import FloatArray, IntArray
 from homolog.errors import InputError
@@ -130,6 +131,7 @@ class ModeStatistic:
         return vectors[..., ::-1], squares[..., ::-1]
 
 
+@on_one_thread
 def mode_test(
     particles: FloatArray,
     design: Design,

@@ -10,6 +10,7 @@ from homolog.analysis.design import Design
 from homolog.analysis.local_map import LocalStatistic
 from homolog.analysis.mode_test import ModeStatistic
 from homolog.analysis.permutation import counted_p, relabellings
+from homolog.analysis.threads import on_one_thread
 from homolog.analysis.wilks import wilks_p
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, no_tick
@@ -47,6 +48,7 @@ class FalseAlarms:
         return self.alarms / self.repeats
 
 
+@on_one_thread
 def null_simulation(
     particles: FloatArray,
     design: Design,

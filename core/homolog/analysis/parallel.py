@@ -5,6 +5,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from homolog.analysis.threads import on_one_thread
 from homolog.arrays import FloatArray, frozen
 from homolog.progress import Tick, no_tick
 
@@ -58,6 +59,7 @@ class ParallelAnalysis:
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
 
+@on_one_thread
 def parallel_analysis(
     data: FloatArray,
     *,
