@@ -1,6 +1,5 @@
 """Shaded, antialiased images of surfaces and balls, computed with Warp on the processor."""
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.device import choose_device
+from homolog.device import choose_device, cores
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures import kernels
 from homolog_app.pictures.kernels import cast, occlude
@@ -128,7 +127,7 @@ def render(solids: Sequence[Solid], frame: Frame, width: int) -> NDArray[np.floa
         *(wp.vec3(*map(float, vector)) for vector in (corner, right, up)),
         step,
     ]
-    threads = min(os.cpu_count() or 1, height)
+    threads = min(cores(), height)
 
     def draw_rows(first: int) -> None:
         count = len(range(first, height, threads))
