@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.device import choose_device, cores
+from homolog.device import cores
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures import kernels
 from homolog_app.pictures.kernels import cast, occlude
@@ -17,7 +17,7 @@ from homolog_app.pictures.views import Frame
 
 __all__ = ["Solid", "balls", "render", "surface", "vertex_normals"]
 
-_DEVICE = choose_device("cpu")
+_DEVICE = "cpu"
 _OCCLUSION_RAYS = 48
 _OCCLUSION_DEPTH = 0.45
 _OCCLUSION_REACH = 0.25
