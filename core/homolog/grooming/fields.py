@@ -4,6 +4,7 @@ import numpy as np
 from scipy import ndimage
 
 from homolog.arrays import Array, BoolArray, Float32Array
+from homolog.errors import InputError
 from homolog.grooming.antialias import smoothed
 from homolog.grooming.levels import Level
 from homolog.surfaces.distance_field import DistanceField
@@ -22,7 +23,7 @@ def distance_field(level: Level, smoothing: float) -> tuple[DistanceField, tuple
     Parameters
     ----------
     level : Level
-        With at least one node inside.
+        Of whatever scale away from the surface.
     smoothing : float
         Standard deviation [nodes].
 
@@ -32,7 +33,14 @@ def distance_field(level: Level, smoothing: float) -> tuple[DistanceField, tuple
         On the grid of the level function; one solid without cavities.
     tuple of str
         Notes for the user, those of the level function first.
+
+    Raises
+    ------
+    InputError
+        If no node is inside.
     """
+    if not (level.values < 0.0).any():
+        raise InputError("nothing is left of the shape on this grid; use a finer grid spacing")
     solid, dropped = _one_solid(level.values)
     notes = level.notes
     if dropped:

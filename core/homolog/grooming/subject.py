@@ -133,7 +133,7 @@ def _groomed(name: str, source: Segmentation | TriangleMesh, settings: GroomSett
     else:
         pieces = face_components(source.faces)
         dropped, filled, at_border = int(pieces.max()), 0, False
-        level = level_of_mesh(_piece(source, pieces == 0), settings.spacing)
+        level = level_of_mesh(_outward(_piece(source, pieces == 0)), settings.spacing)
     field, further = distance_field(level, settings.smoothing)
     mesh = isosurface(field, settings.mesh_edge, settings.adaptive_mesh)
     check_mesh(mesh, name)
@@ -161,3 +161,7 @@ def _piece(mesh: TriangleMesh, chosen: BoolArray) -> TriangleMesh:
         return mesh
     used, faces = np.unique(mesh.faces[chosen], return_inverse=True)
     return TriangleMesh(mesh.vertices[used], faces.reshape(-1, 3))
+
+
+def _outward(mesh: TriangleMesh) -> TriangleMesh:
+    return mesh if mesh.volume > 0.0 else TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])

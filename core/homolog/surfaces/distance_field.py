@@ -31,6 +31,10 @@ class DistanceField:
         object.__setattr__(self, "values", frozen(self.values, np.float32))
         object.__setattr__(self, "index_to_world", frozen(self.index_to_world, np.float64))
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Stay read-only through pickling."""
+        return DistanceField, (self.values, self.index_to_world)
+
     @property
     def spacing(self) -> float:
         """Distance between neighbouring nodes [mm], the same along the three axes."""

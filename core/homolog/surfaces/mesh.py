@@ -29,6 +29,10 @@ class TriangleMesh:
         object.__setattr__(self, "vertices", frozen(self.vertices, np.float64))
         object.__setattr__(self, "faces", frozen(self.faces, np.int32))
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Stay read-only through pickling."""
+        return TriangleMesh, (self.vertices, self.faces)
+
     @property
     def face_areas(self) -> FloatArray:
         """Area of each face [mm²], shape (F,)."""

@@ -23,7 +23,7 @@ def mesh_level(
     Parameters
     ----------
     mesh : TriangleMesh
-        Closed; its orientation does not matter, and pieces may overlap.
+        Closed, faces counter-clockwise seen from outside; parts may overlap.
     start : (3,) array
         Place of the first node [mm, LPS].
     spacing : float

@@ -1,0 +1,235 @@
+import pickle
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from homolog.beans.generate import WIDE, Bean, voxelize
+from homolog.beans.surface import closest_on_bean
+from homolog.cohort import Subject
+from homolog.errors import InputError
+from homolog.files.meshes import write_mesh
+from homolog.grooming import groom_subject
+from homolog.settings import GroomSettings
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import check_mesh
+
+SETTINGS = GroomSettings()
+
+
+def groomed(path, **settings):
+    """Groom a file; large triangles do where the mesh is not the point."""
+    return groom_subject(Subject("one", path), GroomSettings(**{"mesh_edge": 1.5, **settings}))
+
+
+@pytest.fixture(scope="module")
+def bean_and_groomed(tmp_path_factory):
+    import SimpleITK
+
+    bean = Bean(WIDE, 3.2, 7.7)
+    mask, affine = voxelize(bean)
+    image = SimpleITK.GetImageFromArray(mask.astype(np.uint8).T)
+    image.SetOrigin(affine[:3, 3].tolist())
+    path = tmp_path_factory.mktemp("bean") / "bean.nrrd"
+    SimpleITK.WriteImage(image, str(path))
+    return bean, groom_subject(Subject("bean", path), SETTINGS)
+
+
+def test_a_bean_is_met_within_a_twelfth_of_a_voxel(bean_and_groomed):
+    bean, result = bean_and_groomed
+    error = np.abs(closest_on_bean(result.mesh.vertices, bean).distance)
+    assert error.mean() < 0.08
+    assert np.percentile(error, 95) < 0.22
+    assert error.max() < 1.0
+
+
+def test_the_gradient_has_length_one_and_is_the_normal_away_from_the_rim(bean_and_groomed):
+    bean, result = bean_and_groomed
+    contact = closest_on_bean(result.mesh.vertices, bean)
+    smooth = np.abs(contact.distance) < 0.2
+    slopes = result.field.sample(result.mesh.vertices)[1][smooth]
+    length = np.linalg.norm(slopes, axis=1)
+    assert abs(length.mean() - 1.0) < 0.01
+    cosine = (slopes * contact.normals[smooth]).sum(axis=1) / length
+    assert np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).mean() < 3.0
+
+
+def test_the_second_derivatives_are_those_of_the_ellipsoid(bean_and_groomed):
+    """The mean curvature at the underside, far from the slot, where it is known in closed form."""
+    _, result = bean_and_groomed
+    below = result.mesh.vertices[result.mesh.vertices[:, 2] < -12.0]
+    trace = sum(
+        (result.field.sample(below + axis)[1] - result.field.sample(below - axis)[1]) @ axis / 2.0
+        for axis in np.eye(3)
+    )
+    axes = np.array(WIDE.body)
+    slope, bend = 2.0 * below / axes**2, 2.0 / axes**2
+    length = np.linalg.norm(slope, axis=1)
+    expected = bend.sum() / length - (slope**2 * bend).sum(axis=1) / length**3
+    assert np.sqrt(np.mean((trace - expected) ** 2)) < 0.03
+    assert abs(np.mean(trace - expected)) < 0.005
+
+
+def test_meshes_are_closed_even_and_of_the_wished_size(bean_and_groomed):
+    _, result = bean_and_groomed
+    check_mesh(result.mesh, "fine")
+    check_mesh(result.coarse_mesh, "coarse")
+    assert 5500 < len(result.mesh.vertices) < 6500
+    assert 1300 < len(result.coarse_mesh.vertices) < 1700
+    assert result.mesh.volume > 0.0
+    corners = result.mesh.vertices[result.mesh.faces]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    assert sides.std() / sides.mean() < 0.2
+    quality = 4.0 * np.sqrt(3.0) * result.mesh.face_areas / (sides**2).sum(axis=1)
+    assert quality.min() > 0.4
+
+
+def test_the_field_reaches_six_nodes_beyond_the_surface(bean_and_groomed):
+    _, result = bean_and_groomed
+    values = result.field.values
+    border = np.concatenate(
+        [values[[0, -1]].ravel(), values[:, [0, -1]].ravel(), values[..., [0, -1]].ravel()]
+    )
+    assert border.min() > 5.0 * result.field.spacing
+
+
+def test_the_same_file_gives_the_same_bits_and_survives_pickling(sphere_volume):
+    path = sphere_volume()
+    first, second = groomed(path), pickle.loads(pickle.dumps(groomed(path)))
+    assert np.array_equal(first.field.values, second.field.values)
+    assert np.array_equal(first.mesh.vertices, second.mesh.vertices)
+    assert np.array_equal(first.coarse_mesh.faces, second.coarse_mesh.faces)
+    assert first.report == second.report
+    assert not second.mesh.vertices.flags.writeable
+
+
+def test_the_grids_direction_does_not_matter(grid, save):
+    """The same voxels, listed along other axes or under a turned frame, give the same shape."""
+    points = grid(12.0)
+    mask = ((points / [9.0, 6.0, 4.0]) ** 2).sum(axis=-1) < 1.0
+    plain = groomed(save(mask, "plain.nrrd", origin=points[0, 0, 0]))
+    flipped = groomed(
+        save(
+            mask[::-1, :, ::-1],
+            "flipped.nrrd",
+            origin=points[-1, 0, -1],
+            direction=np.diag([-1.0, 1.0, -1.0]),
+        )
+    )
+    permuted = groomed(
+        save(
+            mask.transpose(2, 0, 1),
+            "permuted.nii.gz",
+            origin=points[0, 0, 0],
+            direction=np.eye(3)[:, [2, 0, 1]],
+        )
+    )
+    turn = Rotation.from_rotvec([0.3, -0.5, 0.7]).as_matrix()
+    turned = groomed(save(mask, "turned.nrrd", origin=turn @ points[0, 0, 0], direction=turn))
+    sample = plain.mesh.vertices
+    for other, moved in ((flipped, sample), (permuted, sample), (turned, sample @ turn.T)):
+        assert np.abs(other.field.sample(moved)[0]).max() < 0.01
+        assert other.mesh.volume == pytest.approx(plain.mesh.volume, rel=1e-3)
+
+
+@pytest.mark.parametrize("spacing", [(0.5, 0.5, 0.5), (1.0, 1.0, 1.6), (0.8, 1.2, 1.0), (0.6, 4.0, 0.7)])
+def test_spacing_does_not_matter(grid, save, spacing):
+    axes = np.array([13.0, 11.0, 9.0])
+    points = grid(16.0, spacing)
+    mask = ((points / axes) ** 2).sum(axis=-1) < 1.0
+    result = groomed(save(mask, spacing=spacing, origin=points[0, 0, 0]))
+    assert result.field.spacing == pytest.approx(min(spacing))
+    assert result.mesh.volume == pytest.approx(4.0 / 3.0 * np.pi * axes.prod(), rel=0.03)
+    assert result.report.genus == 0
+    off = np.abs(np.sqrt(((result.mesh.vertices / axes) ** 2).sum(axis=1)) - 1.0) * axes.min()
+    assert off.mean() < 0.12 * max(spacing)
+
+
+def test_a_given_spacing_is_used_finer_and_coarser(sphere_volume):
+    path = sphere_volume()
+    for spacing in (0.7, 2.0):
+        result = groomed(path, spacing=spacing, mesh_edge=0.8)
+        assert result.field.spacing == pytest.approx(spacing)
+        assert result.mesh.volume == pytest.approx(4.0 / 3.0 * np.pi * 8.0**3, rel=0.06)
+
+
+def test_a_spacing_that_would_fill_the_memory_is_refused(sphere_volume):
+    with pytest.raises(
+        InputError, match=r"one: needs a grid of .* set the grid spacing to 0\.0\d+ mm or more"
+    ):
+        groomed(sphere_volume(), spacing=0.01)
+
+
+def test_a_spacing_larger_than_the_structure_is_refused(sphere_volume):
+    with pytest.raises(InputError, match="smaller than the grid spacing of 60 mm"):
+        groomed(sphere_volume(), spacing=60.0)
+
+
+def test_mesh_edges_that_would_fill_the_memory_are_refused(sphere_volume):
+    with pytest.raises(InputError, match=r"mesh edges of 0\.001 mm would make"):
+        groomed(sphere_volume(), mesh_edge=0.001)
+
+
+def test_the_wished_edge_length_is_met(sphere_volume):
+    assert groomed(sphere_volume(), mesh_edge=1.2).mesh.mean_edge == pytest.approx(1.2, rel=0.1)
+
+
+def test_an_adaptive_mesh_is_finer_where_the_surface_bends(grid, save):
+    points = grid(20.0)
+    mask = ((points / [18.0, 6.0, 6.0]) ** 2).sum(axis=-1) < 1.0
+    mesh = groomed(save(mask, origin=points[0, 0, 0]), mesh_edge=1.0, adaptive_mesh=True).mesh
+    check_mesh(mesh, "adaptive")
+    corners = mesh.vertices[mesh.faces]
+    edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1)
+    tip = np.abs(corners[..., 0].mean(axis=1)) > 15.0
+    assert edge[tip].mean() < 0.8 * edge[~tip].mean()
+
+
+def test_pieces_cavities_and_the_border_are_reported(grid, save):
+    radius = np.linalg.norm(grid(12.0) - [0.1, 0.3, 0.4], axis=-1)
+    mask = (radius < 9.0) & (radius > 2.0)
+    mask[0, 0, 0] = True
+    report = groomed(save(mask[3:])).report
+    assert (report.components_dropped, report.holes_filled, report.padded) == (0, 1, False)
+    report = groomed(save(mask[5:])).report
+    assert (report.components_dropped, report.holes_filled, report.padded) == (0, 1, True)
+    report = groomed(save(mask), mesh_edge=0.8).report
+    assert (report.components_dropped, report.padded, report.genus) == (1, False, 0)
+    assert any("largest of 2" in note for note in report.notes)
+    assert report.volume_before == pytest.approx(mask.sum() / 1000.0)
+    assert report.volume_after == pytest.approx(4.0 / 3.0 * np.pi * 0.9**3, rel=0.02)
+
+
+def test_a_torus_keeps_its_hole(grid, save):
+    points = grid(14.0)
+    ring = np.hypot(np.hypot(points[..., 0], points[..., 1]) - 9.0, points[..., 2]) < 3.0
+    assert groomed(save(ring)).report.genus == 1
+
+
+def test_a_mesh_gives_the_same_field_as_the_shape_it_is_of(sphere_volume, tmp_path):
+    volume = groomed(sphere_volume(), mesh_edge=0.8)
+    write_mesh(tmp_path / "sphere.ply", volume.mesh)
+    result = groomed(tmp_path / "sphere.ply", spacing=1.0, mesh_edge=0.8)
+    inside_out = TriangleMesh(volume.mesh.vertices, volume.mesh.faces[:, ::-1])
+    write_mesh(tmp_path / "inside_out.stl", inside_out)
+    turned = groomed(tmp_path / "inside_out.stl", spacing=1.0, mesh_edge=0.8)
+    for one in (result, turned):
+        assert one.mesh.volume == pytest.approx(volume.mesh.volume, rel=0.015)
+        assert np.abs(np.linalg.norm(one.mesh.vertices - [10.0, 20.0, 30.0], axis=1) - 8.0).max() < 0.2
+
+
+def test_crumbs_of_a_mesh_are_dropped_and_an_open_one_refused(sphere_volume, tmp_path):
+    mesh = groomed(sphere_volume(), mesh_edge=2.0).mesh
+    crumb = TriangleMesh(0.1 * mesh.vertices, mesh.faces)
+    both = TriangleMesh(
+        np.concatenate([crumb.vertices, mesh.vertices]),
+        np.concatenate(
+            [crumb.faces, mesh.faces[1:] + len(crumb.vertices), mesh.faces[:1] + len(crumb.vertices)]
+        ),
+    )
+    write_mesh(tmp_path / "both.vtp", both)
+    report = groomed(tmp_path / "both.vtp").report
+    assert report.components_dropped == 1
+    write_mesh(tmp_path / "open.vtp", TriangleMesh(mesh.vertices, mesh.faces[1:]))
+    with pytest.raises(InputError, match=r"open\.vtp: the mesh is not closed: 3 edges"):
+        groomed(tmp_path / "open.vtp")
