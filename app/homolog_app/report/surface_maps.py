@@ -70,8 +70,8 @@ class SurfaceCarrier:
         return np.asarray((low > 0.0) | (high < 0.0))
 
     def outward_at_particles(self, comparison: Comparison, displacement: FloatArray) -> FloatArray:
-        """Return the outward part of a displacement of the particles (N, 3) [mm], shape (N,)."""
+        """Return the outward part of displacements of the particles (..., N, 3) [mm], shape (..., N)."""
         mesh = self.mean_of(comparison)
         vertex = np.asarray(KDTree(mesh.vertices).query(comparison.mean)[1], dtype=np.int64)
-        outward: FloatArray = np.einsum("ni,ni->n", displacement, vertex_normals(mesh)[vertex])
+        outward: FloatArray = (displacement * vertex_normals(mesh)[vertex]).sum(axis=-1)
         return outward

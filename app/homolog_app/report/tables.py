@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.comparison import Comparison
+from homolog.analysis.comparison import Comparison, Options, prepared
+from homolog.analysis.welch_map import WelchMap, welch_map
 from homolog.files.names import file_stems
 from homolog.files.results import Result
 from homolog.files.tables import write_table
@@ -48,7 +49,7 @@ def write_study_tables(folder: Path, study: Study, result: Result, carrier: Surf
     )
     stems = file_stems([one.title for one in study.comparisons])
     for one, stem in zip(study.comparisons, stems, strict=True):
-        columns, rows = _particles(one, carrier)
+        columns, rows = _particles(study, one, result, carrier)
         write_table(folder / f"particles_{stem}.csv", columns, rows)
     _write_subjects(folder / "subjects.csv", study, result)
 
@@ -85,7 +86,9 @@ def _test_row(one: Comparison) -> list[_Cell]:
     ]
 
 
-def _particles(one: Comparison, carrier: SurfaceCarrier) -> tuple[list[str], Iterator[list[_Cell]]]:
+def _particles(
+    study: Study, one: Comparison, result: Result, carrier: SurfaceCarrier
+) -> tuple[list[str], Iterator[list[_Cell]]]:
     """Columns and rows of a comparison's particles: mean position, effects, p and q."""
     columns = ["particle", "mean_x_mm", "mean_y_mm", "mean_z_mm"]
     values = [one.mean]
@@ -99,8 +102,21 @@ def _particles(one: Comparison, carrier: SurfaceCarrier) -> tuple[list[str], Ite
     columns += ["explained", "p", "p_family", "q"]
     local = one.local
     values += [np.column_stack([local.explained, local.p, local.p_family, local.q])]
+    if one.discriminant is not None and not study.request.covariates:
+        welch = _outward_test(study, one, result, carrier)
+        columns += ["outward_t_welch", "outward_p_welch", "outward_p_family", "outward_q"]
+        values += [np.column_stack([welch.t, welch.p, welch.p_family, welch.q])]
     table = np.hstack(values).tolist()
     return columns, ([number, *row] for number, row in enumerate(table))
+
+
+def _outward_test(study: Study, one: Comparison, result: Result, carrier: SurfaceCarrier) -> WelchMap:
+    """Test two groups for outward displacement alone, with its sign and for unequal variances."""
+    request = study.request
+    shapes = prepared(result.world[one.subjects], Options(scaling=request.scaling))
+    second = np.array([study.labels[subject] for subject in one.subjects]) == list(one.counts)[1]
+    outward = carrier.outward_at_particles(one, shapes - one.mean)
+    return welch_map(outward, second, permutations=request.permutations, seed=request.seed)
 
 
 def _write_subjects(path: Path, study: Study, result: Result) -> None:
