@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from homolog.arrays import Array, FloatArray
+from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.files.atomic import replacing
 from homolog.surfaces.mesh import TriangleMesh
@@ -41,15 +41,13 @@ def read_mesh(path: Path) -> TriangleMesh:
         Whether the surface is closed is not looked at.
     """
     from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkFiltersCore import vtkCleanPolyData, vtkTriangleFilter
+    from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 
     polydata, space = _read_polydata(path)
     triangles = vtkTriangleFilter(pass_verts=False, pass_lines=False)
     triangles.SetInputData(polydata)
-    merge = vtkCleanPolyData(tolerance=0.0)
-    merge.SetInputConnection(triangles.GetOutputPort())
-    merge.Update()
-    surface = merge.GetOutput()
+    triangles.Update()
+    surface = triangles.GetOutput()
     if surface.GetNumberOfPolys() == 0:
         raise InputError(f"{path}: holds no triangles; export the surface again")
     vertices = vtk_to_numpy(surface.GetPoints().GetData()).astype(np.float64)
@@ -58,7 +56,16 @@ def read_mesh(path: Path) -> TriangleMesh:
         raise InputError(f"{path}: holds coordinates that aren't numbers; export the surface again")
     if space == "RAS":
         vertices[:, :2] *= -1.0
-    return TriangleMesh(vertices, faces)
+    return TriangleMesh(*_welded(vertices, faces))
+
+
+def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Merge coinciding vertices and drop unused ones, the rest in order; drop faces that lost a corner."""
+    _, first, same = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    faces = first[same.ravel()][faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    used, numbers = np.unique(faces, return_inverse=True)
+    return vertices[used], numbers.reshape(-1, 3)
 
 
 def write_mesh(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array] | None = None) -> None:

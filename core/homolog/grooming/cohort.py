@@ -113,8 +113,9 @@ def _as_they_finish(futures: dict[Future[GroomedSubject], str], tick: Tick) -> I
             busy = next(name for future, name in futures.items() if future in pending)
             tick(1.0 - len(pending) / len(futures), f"grooming {busy}")
             done, pending = wait(pending, _PATIENCE, FIRST_COMPLETED)
-            for future in done:
-                yield future.result()
+            for future in futures:
+                if future in done:
+                    yield future.result()
     except BrokenExecutor as error:
         raise NumericalError(
             "a grooming process died, most likely for lack of memory; "

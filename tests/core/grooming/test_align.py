@@ -1,0 +1,111 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from homolog.cohort import Subject
+from homolog.errors import Cancelled
+from homolog.grooming import align, groom_subject
+from homolog.settings import Alignment, GroomSettings
+from homolog.surfaces.mesh import TriangleMesh
+
+
+@pytest.fixture(scope="module")
+def paw(tmp_path_factory):
+    """A shape without any symmetry: an ellipsoid with two bumps of different size."""
+    import SimpleITK
+
+    points = np.stack(np.meshgrid(*[np.arange(-16.0, 17.0)] * 3, indexing="ij"), axis=-1)
+    mask = ((points / [12.0, 8.0, 5.0]) ** 2).sum(axis=-1) < 1.0
+    mask |= np.linalg.norm(points - [7.0, 5.0, 3.0], axis=-1) < 4.5
+    mask |= np.linalg.norm(points - [-6.0, 3.0, -3.0], axis=-1) < 3.5
+    path = tmp_path_factory.mktemp("paw") / "paw.nrrd"
+    SimpleITK.WriteImage(SimpleITK.GetImageFromArray(mask.astype(np.uint8).T), str(path))
+    return groom_subject(Subject("paw", path), GroomSettings(mesh_edge=1.0))
+
+
+def moved(subject, turn, shift, scale=1.0):
+    def move(mesh):
+        return TriangleMesh(scale * mesh.vertices @ turn.T + shift, mesh.faces)
+
+    return replace(subject, mesh=move(subject.mesh), coarse_mesh=move(subject.coarse_mesh))
+
+
+def placed(subject, pose):
+    return subject.mesh.vertices @ pose[:3, :3].T + pose[:3, 3]
+
+
+@pytest.fixture
+def two(paw):
+    turn = Rotation.from_rotvec([0.2, -0.3, 0.25]).as_matrix()
+    return [paw, moved(paw, turn, [100.0, -50.0, 20.0])]
+
+
+def test_none_leaves_every_subject_where_it_is(two):
+    poses = align(two, GroomSettings(alignment=Alignment.NONE))
+    assert np.allclose(poses, np.eye(4))
+
+
+def test_center_puts_the_surfaces_middle_at_the_origin_and_turns_nothing(two):
+    for one, pose in zip(two, align(two, GroomSettings(alignment=Alignment.CENTER)), strict=True):
+        assert np.allclose(pose[:3, :3], np.eye(3))
+        assert np.linalg.norm(placed(one, pose).mean(axis=0)) < 0.2
+
+
+@pytest.mark.parametrize("alignment", [Alignment.AXES, Alignment.ICP])
+@pytest.mark.parametrize("vector", [(0.2, -0.3, 0.25), (0.0, 0.0, 3.0), (2.0, 1.0, -1.5)])
+def test_axes_and_icp_undo_any_motion(paw, alignment, vector):
+    other = moved(paw, Rotation.from_rotvec(vector).as_matrix(), np.array([100.0, -50.0, 20.0]))
+    poses = align([paw, other], GroomSettings(alignment=alignment))
+    assert np.abs(placed(paw, poses[0]) - placed(other, poses[1])).max() < 0.05
+
+
+def test_icp_keeps_the_given_orientation_of_a_nearly_symmetric_shape(paw):
+    """A shape and its half-turn fit about as well: the one that the user gave stays."""
+    y_turn = np.diag([-1.0, 1.0, -1.0])
+    double = moved(paw, np.eye(3), np.zeros(3))
+    vertices = np.concatenate([paw.coarse_mesh.vertices, (paw.coarse_mesh.vertices - 16.0) @ y_turn + 16.0])
+    faces = np.concatenate([paw.coarse_mesh.faces, paw.coarse_mesh.faces + len(paw.coarse_mesh.vertices)])
+    double = replace(double, coarse_mesh=TriangleMesh(vertices, faces))
+    noise = np.random.default_rng(3).normal(0.0, 0.4, vertices.shape)
+    rough = replace(double, coarse_mesh=TriangleMesh(vertices + noise, faces))
+    for pose in align([double, rough], GroomSettings()):
+        assert np.trace(pose[:3, :3]) > 2.9
+
+
+def test_scaling_is_in_the_transform_only_and_makes_sizes_equal(paw):
+    large = moved(paw, np.eye(3), np.zeros(3), 1.5)
+    poses = align([paw, large], GroomSettings(scaling=True))
+    scales = np.cbrt(np.linalg.det(poses[:, :3, :3]))
+    assert scales == pytest.approx([np.sqrt(1.5), 1.0 / np.sqrt(1.5)], rel=1e-6)
+    assert np.abs(placed(paw, poses[0]) - placed(large, poses[1])).max() < 0.05
+    assert np.cbrt(np.linalg.det(align([paw, large], GroomSettings())[:, :3, :3])) == pytest.approx(1.0)
+
+
+def test_scaling_without_alignment_keeps_each_middle(paw):
+    large = moved(paw, np.eye(3), np.array([5.0, 6.0, 7.0]), 1.5)
+    poses = align([paw, large], GroomSettings(alignment=Alignment.NONE, scaling=True))
+    for one, pose in zip([paw, large], poses, strict=True):
+        middle = one.coarse_mesh.vertices.mean(axis=0)
+        assert np.allclose(pose[:3, :3] @ middle + pose[:3, 3], middle)
+
+
+def test_a_cohort_of_one_is_its_own_reference(paw):
+    (pose,) = align([paw], GroomSettings())
+    assert np.allclose(pose[:3, :3], np.eye(3), atol=1e-6)
+
+
+def test_rotations_are_proper(two):
+    for alignment in Alignment:
+        for pose in align(two, GroomSettings(alignment=alignment)):
+            assert np.linalg.det(pose[:3, :3]) == pytest.approx(1.0)
+            assert np.allclose(pose[3], [0.0, 0.0, 0.0, 1.0])
+
+
+def test_aligning_can_be_cancelled(two):
+    def stop(fraction, message):
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        align(two, GroomSettings(), stop)

@@ -1,0 +1,152 @@
+import time
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+
+import numpy as np
+import pytest
+
+from homolog.cohort import read_cohort
+from homolog.errors import Cancelled, InputError, NumericalError
+from homolog.files.meshes import read_mesh
+from homolog.grooming import check_cohort, groom_cohort
+from homolog.settings import GroomSettings
+
+SETTINGS = GroomSettings(mesh_edge=2.0)
+
+
+class Here(Executor):
+    """Does the work at once, and counts it."""
+
+    def __init__(self):
+        self.names = []
+
+    def submit(self, function, /, *arguments, **named):
+        self.names.append(arguments[0].name)
+        future = Future()
+        try:
+            future.set_result(function(*arguments, **named))
+        except Exception as error:  # noqa: BLE001 - an executor hands over whatever happens
+            future.set_exception(error)
+        return future
+
+
+@pytest.fixture
+def cohort(sphere_volume, tmp_path):
+    for name, radius in (("b.nrrd", 6.0), ("a.nrrd", 8.0), ("c.nii.gz", 7.0)):
+        sphere_volume(name, radius)
+    return read_cohort(tmp_path)
+
+
+def test_results_come_in_the_cohorts_order(cohort):
+    result = groom_cohort(cohort, SETTINGS, executor=Here())
+    assert [one.name for one in result] == ["a", "b", "c"]
+    assert result[0].mesh.volume > result[2].mesh.volume > result[1].mesh.volume
+
+
+def test_fresh_processes_give_the_same_bits_as_this_one(cohort):
+    fresh = groom_cohort(cohort, SETTINGS)
+    for one, other in zip(fresh, groom_cohort(cohort, SETTINGS, executor=Here()), strict=True):
+        assert np.array_equal(one.field.values, other.field.values)
+        assert np.array_equal(one.mesh.vertices, other.mesh.vertices)
+        assert not one.mesh.vertices.flags.writeable
+
+
+def test_what_was_groomed_is_not_groomed_again(cohort, tmp_path):
+    first, second = Here(), Here()
+    made = groom_cohort(cohort, SETTINGS, executor=first, cache=tmp_path / "groomed")
+    found = groom_cohort(cohort, SETTINGS, executor=second, cache=tmp_path / "groomed")
+    assert first.names == ["a", "b", "c"]
+    assert second.names == []
+    for one, other in zip(made, found, strict=True):
+        assert np.array_equal(one.field.values, other.field.values)
+        assert np.array_equal(one.field.index_to_world, other.field.index_to_world)
+        assert np.array_equal(one.mesh.faces, other.mesh.faces)
+        assert np.array_equal(one.coarse_mesh.vertices, other.coarse_mesh.vertices)
+        assert one.report == other.report
+
+
+def test_the_surfaces_are_there_for_other_programs(cohort, tmp_path):
+    made = groom_cohort(cohort, SETTINGS, executor=Here(), cache=tmp_path / "groomed")
+    for one in made:
+        assert np.allclose(read_mesh(tmp_path / "groomed" / f"{one.name}.vtp").vertices, one.mesh.vertices)
+
+
+def test_only_what_changed_is_groomed_again(cohort, tmp_path, sphere_volume):
+    groom_cohort(cohort, SETTINGS, executor=Here(), cache=tmp_path / "groomed")
+    sphere_volume("b.nrrd", 5.0)
+    again = Here()
+    result = groom_cohort(cohort, SETTINGS, executor=again, cache=tmp_path / "groomed")
+    assert again.names == ["b"]
+    assert result[1].mesh.volume == pytest.approx(4 / 3 * np.pi * 5.0**3, rel=0.2)
+
+
+def test_a_damaged_archive_is_made_anew(cohort, tmp_path):
+    groom_cohort(cohort, SETTINGS, executor=Here(), cache=tmp_path / "groomed")
+    for name, damage in (("a", b""), ("b", b"PK\x03\x04 nonsense")):
+        (tmp_path / "groomed" / f"{name}.npz").write_bytes(damage)
+    whole = (tmp_path / "groomed" / "c.npz").read_bytes()
+    (tmp_path / "groomed" / "c.npz").write_bytes(whole[: len(whole) // 2])
+    again = Here()
+    groom_cohort(cohort, SETTINGS, executor=again, cache=tmp_path / "groomed")
+    assert again.names == ["a", "b", "c"]
+
+
+def test_every_bad_file_is_listed_before_any_work(cohort, tmp_path, save):
+    save(np.zeros((4, 4, 4), np.uint8), "empty.nrrd")
+    (tmp_path / "a.nrrd").write_text("NRRD0004\n")
+    (tmp_path / "open.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "text.stl").write_text("no mesh at all")
+    problems = check_cohort(read_cohort(tmp_path), SETTINGS)
+    assert [one.subject for one in problems] == ["a", "empty", "open", "text"]
+    for problem, file in zip(problems, ("a.nrrd", "empty.nrrd", "open.obj", "text.stl"), strict=True):
+        assert str(tmp_path / file) in problem.message
+        assert "\n" not in problem.message
+
+
+def test_a_good_cohort_has_no_problem(cohort):
+    assert check_cohort(cohort, SETTINGS) == []
+
+
+def test_the_first_error_ends_the_work_and_names_the_subject(cohort):
+    with pytest.raises(InputError, match="a: needs a grid"):
+        groom_cohort(cohort, GroomSettings(spacing=0.005), executor=Here())
+
+
+def test_cancelling_ends_the_wait_at_once_and_writes_nothing_more(cohort, tmp_path):
+    class Slow(ThreadPoolExecutor):
+        def submit(self, function, /, *arguments, **named):
+            return super().submit(time.sleep, 2.0)
+
+    started = time.monotonic()
+
+    def tick(fraction, message):
+        if time.monotonic() > started + 0.3:
+            raise Cancelled
+
+    with Slow(1) as slow:
+        with pytest.raises(Cancelled):
+            groom_cohort(cohort, SETTINGS, executor=slow, cache=tmp_path / "groomed", tick=tick)
+        assert time.monotonic() - started < 1.5
+    assert not (tmp_path / "groomed").exists()
+
+
+def test_ticks_rise_from_zero_to_one_and_name_a_subject(cohort):
+    seen = []
+    groom_cohort(
+        cohort, SETTINGS, executor=Here(), tick=lambda fraction, message: seen.append((fraction, message))
+    )
+    fractions = [fraction for fraction, _ in seen]
+    assert fractions == sorted(fractions)
+    assert 0.0 <= fractions[0] <= fractions[-1] <= 1.0
+    assert seen[0][1] == "grooming a"
+
+
+def test_a_worker_that_dies_is_explained(cohort):
+    class Dying(Executor):
+        def submit(self, function, /, *arguments, **named):
+            future = Future()
+            future.set_exception(BrokenProcessPool("gone"))
+            return future
+
+    with pytest.raises(NumericalError, match="fewer workers"):
+        groom_cohort(cohort, SETTINGS, executor=Dying())
