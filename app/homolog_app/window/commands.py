@@ -97,6 +97,8 @@ COMMANDS = (
     Command("view.link", "Link cameras", "Turn all views together.",
             "View/Camera", "L", "link", "study", True),
     Command("view.reset", "Fit to view", "Show the whole shapes.", "View/Camera", "R", "reset", "study"),
+    Command("view.corner", "From a corner", "Look from above, in front and the right at once.",
+            "View/Camera", "C", "axes", "study"),
     Command("view.right", "From the right", "Look from the patient's right (R).",
             "View/Camera", "X", "axes", "study"),
     Command("view.left", "From the left", "Look from the patient's left (L).",

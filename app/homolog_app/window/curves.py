@@ -83,7 +83,7 @@ class EnergyCurves(QWidget):
         painter.setPen(QColor(colours.dim))
         right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
         for value, height in ((high, frame.top()), (low, frame.bottom())):
-            painter.drawText(QRectF(box.left(), height - 8, _LEFT - 8, 16), right, f"{value:.3g}")
+            painter.drawText(QRectF(box.left(), height - 8, _LEFT - 8, 16), right, f"{value:.2g}")
         below = QRectF(frame.left(), frame.bottom() + 6, frame.width(), 18)
         painter.drawText(below, Qt.AlignmentFlag.AlignRight, f"iteration {x[-1]:.0f}")
 

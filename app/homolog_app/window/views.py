@@ -214,6 +214,8 @@ class Views(QObject):
     def _show_slices(self) -> None:
         included = [one.name for one in self._session.study.included]
         chosen = [name for name in self._session.selection if name in included] or included
+        if not chosen:
+            return
         survey, groomed = self._session.surveys.get(chosen[0]), self._session.groomed.get(chosen[0])
         voxels = survey.voxels if survey else None
         self.stage.slices.show_subject(chosen[0], voxels, groomed.subject.field if groomed else None)

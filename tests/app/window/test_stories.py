@@ -62,8 +62,10 @@ def test_the_finished_run_can_be_played_from_its_first_moment(explored, errors, 
     time = explored.views.stage.footer.time
     assert explored.commands["run.play"].isEnabled()
     explored.commands["run.play"].trigger()
-    wait(lambda: 0 < time.value() < time.maximum())
+    seen = []
+    time.valueChanged.connect(seen.append)
     wait(lambda: time.value() == time.maximum())
+    assert seen == list(range(1, time.maximum() + 1))
     assert not errors
 
 

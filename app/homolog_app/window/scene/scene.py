@@ -26,6 +26,7 @@ VIEWS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
     "back": ((0, 1, 0), (0, 0, 1)),
     "feet": ((0, 0, -1), (0, -1, 0)),
     "head": ((0, 0, 1), (0, -1, 0)),
+    "corner": ((-0.45, -1, 0.75), (0, 0, 1)),
 }
 """Where the eye is (LPS) and what is up."""
 
@@ -115,7 +116,7 @@ class Scene(QWidget):
         self._contents = contents
         self.show_page(min(self._page, self.pages - 1))
         if contents and (not had or not self._fitted):
-            self.look("front")
+            self.look("corner")
 
     def show_page(self, page: int) -> None:
         """Show a page of subjects."""
@@ -243,7 +244,7 @@ class Scene(QWidget):
         if bounds is None or not count:
             return 1.0
         size = float(np.mean([bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4]]))
-        return float(np.clip(0.35 * size / np.sqrt(count), 0.006 * size, 0.035 * size))
+        return float(np.clip(0.42 * size / np.sqrt(count), 0.006 * size, 0.035 * size))
 
     def _bounds(self) -> tuple[float, ...] | None:
         boxes = [box for cell in self._cells[: self._count] if (box := cell.bounds) is not None]

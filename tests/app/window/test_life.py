@@ -1,0 +1,161 @@
+"""Life and death: cancel in every phase, crashes, random orders, opening and closing again and again."""
+
+import json
+import random
+import subprocess
+import sys
+import time
+
+import pytest
+
+from homolog.settings import OptimizeSettings
+
+pytestmark = pytest.mark.window
+
+PHASES = ("any", "geodesics", "splitting", "optimizing")
+
+
+@pytest.mark.parametrize("phase", PHASES)
+def test_a_run_can_be_cancelled_in_every_phase(groomed, errors, wait, phase):
+    work = groomed.desk.work
+    groomed.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
+    groomed.commands["run.start"].trigger()
+    wait(lambda: work.run_job is None or phase in ("any", work.run_job.status.phase))
+    assert work.run_job is not None
+    groomed.commands["run.cancel"].trigger()
+    wait(lambda: not work.is_busy)
+    assert not errors
+    assert groomed.commands["run.start"].isEnabled()
+
+
+def test_a_paused_run_stands_still_and_goes_on(groomed, errors, wait):
+    work = groomed.desk.work
+    groomed.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=64))
+    groomed.commands["run.start"].trigger()
+    wait(lambda: work.run_job.frame is not None)
+    groomed.commands["run.pause"].trigger()
+    wait(lambda: work.run_job.status.paused)
+    frame = work.run_job.frame
+    wait(lambda: groomed.inspector.correspond.pause.text() == "Go on")
+    assert work.run_job.frame is frame
+    groomed.commands["run.pause"].trigger()
+    wait(lambda: work.run_job.frame is not frame)
+    groomed.commands["run.cancel"].trigger()
+    wait(lambda: not work.is_busy)
+    assert not errors
+
+
+def test_a_cancelled_run_is_resumed_from_its_checkpoint(groomed, errors, wait, quick):
+    work = groomed.desk.work
+    groomed.desk.edit_settings("optimize", "particles", quick(64))
+    groomed.commands["run.start"].trigger()
+    wait(lambda: work.run_job is None or groomed.desk.project.checkpoint.is_file())
+    groomed.commands["run.cancel"].trigger()
+    wait(lambda: not work.is_busy)
+    if groomed.desk.session.result is None:
+        assert groomed.commands["run.resume"].isEnabled()
+        groomed.commands["run.resume"].trigger()
+        wait(lambda: not work.is_busy)
+    assert groomed.desk.session.result.result.world.shape[1] == 64
+    assert not errors
+
+
+def test_fifty_random_orders_leave_the_window_whole(groomed, errors, wait, quick):
+    orders = random.Random(3)
+    groomed.desk.edit_settings("optimize", "particles", quick(16))
+    names = ("run.start", "run.pause", "run.cancel", "run.groom", "view.next", "view.grid1", "view.grid9",
+             "view.raw", "edit.undo", "edit.redo", "view.slice", "view.theme", "run.play")  # fmt: skip
+    for _ in range(50):
+        possible = [name for name in names if groomed.commands[name].isEnabled()]
+        groomed.commands[orders.choice(possible)].trigger()
+        pause = time.monotonic() + orders.random() * 0.15
+        wait(lambda end=pause: time.monotonic() > end)
+    groomed.desk.work.cancel()
+    wait(lambda: groomed.desk.work.run_job is None or not groomed.desk.work.run_job.status.paused)
+    wait(lambda: not groomed.desk.work.is_busy)
+    assert not errors
+
+
+def test_a_window_closed_in_mid_run_leaves_nothing_behind(groomed, close, wait):
+    groomed.commands["run.start"].trigger()
+    wait(lambda: groomed.desk.work.run_job.frame is not None)
+    close(groomed)
+
+
+def test_windows_can_be_opened_and_closed_again_and_again(make_window, close):
+    for _ in range(4):
+        close(make_window())
+
+
+CHILD = """
+import sys, time
+from pathlib import Path
+from homolog.settings import OptimizeSettings
+from homolog_app.window.start import make_application, make_window
+
+if __name__ == "__main__":
+    home, cohort, cache = map(Path, sys.argv[1:])
+    app = make_application()
+    window = make_window(app, home)
+    window.show()
+    window.load_views()
+    desk = window.desk
+    def until(condition):
+        while not condition():
+            app.processEvents()
+            time.sleep(0.002)
+    window.library.take([cohort])
+    desk.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
+    until(lambda: len(desk.session.surveys) == 4)
+    import shutil
+    shutil.copytree(cache, desk.project.groomed)
+    window.commands["run.groom"].trigger()
+    until(lambda: not desk.work.is_busy)
+    window.commands["run.start"].trigger()
+    until(lambda: desk.project.checkpoint.is_file())
+    print("ready", flush=True)
+    until(lambda: False)
+"""
+
+
+def test_after_a_kill_in_mid_run_the_next_start_offers_what_was_lost(
+    make_window, ellipsoids, groomed_cache, tmp_path, monkeypatch, errors, wait
+):
+    home = tmp_path / "home"
+    home.mkdir()
+    script = tmp_path / "child.py"
+    script.write_text(CHILD, encoding="utf-8")
+    child = subprocess.Popen(
+        [sys.executable, script, home, ellipsoids, groomed_cache], stdout=subprocess.PIPE, text=True
+    )
+    assert "ready" in child.stdout.readline()
+    child.kill()
+    child.wait()
+    child.stdout.close()
+
+    asked = []
+    monkeypatch.setattr(
+        "homolog_app.window.library.ask",
+        lambda parent, title, words, answers: asked.append(f"{title} {words}") or answers[0],
+    )
+    window = make_window(home)
+    window.library.offer_recovery()
+    assert asked == [
+        "Recover a study that was never saved? "
+        "The program ended without closing it: 4 subjects, a run was going on."
+    ]
+    session = window.desk.session
+    assert [one.name for one in session.study.members] == ["a", "b", "c", "d"]
+    assert session.study.settings.optimize.particles == 128
+    wait(lambda: len(session.surveys) == 4)
+    window.commands["run.groom"].trigger()
+    wait(lambda: not window.desk.work.is_busy)
+    assert window.commands["run.resume"].isEnabled()
+    assert not errors
+    assert (
+        not list((home / "sessions").glob("*/journal.json"))
+        or json.loads(next((home / "sessions").glob("*/journal.json")).read_text())["study"]["settings"][
+            "optimize"
+        ]["particles"]
+        == 128
+    )
