@@ -6,40 +6,31 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 
 __all__ = ["worker_processes"]
 
 
 @contextmanager
-def worker_processes(count: int | None) -> Iterator[Executor]:
-    """Give an executor of so many processes; when the block is left they end, whatever they are doing.
-
-    Parameters
-    ----------
-    count : int or None
-        One for each core if None.
-    """
+def worker_processes(count: int) -> Iterator[Executor]:
+    """Give an executor of so many processes; when the block is left they end, whatever they are doing."""
     context = get_context("spawn")  # a fork of a process with threads, Warp or a window is not safe
+    others = set(active_children())
     reader, writer = context.Pipe(duplex=False)
-    executor = ProcessPoolExecutor(
-        count or _cores(), mp_context=context, initializer=_live_with, initargs=(reader,)
-    )
+    executor = ProcessPoolExecutor(count, mp_context=context, initializer=_live_with, initargs=(reader,))
     try:
         yield executor
     finally:
-        writer.close()
+        for process in set(active_children()) - others:
+            process.terminate()
         executor.shutdown(cancel_futures=True)
+        writer.close()
         reader.close()
 
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _live_with(parent: Connection) -> None:
-    """Leave Ctrl-C to the parent, and end with it: the pipe breaks when it closes its end or is killed."""
+    """Leave Ctrl-C to the parent, and end with it even if it is killed: the pipe breaks then."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:

@@ -87,10 +87,11 @@ def groom(
     cohort: Cohort, settings: RunSettings, project: Project, tick: Tick
 ) -> "tuple[list[GroomedSubject], FloatArray]":
     """Groom and align a cohort; what was groomed before comes from the project."""
+    from homolog.device import cores
     from homolog.grooming import align, groom_cohort
     from homolog.workers import worker_processes
 
-    with worker_processes(settings.workers) as executor:
+    with worker_processes(settings.workers or cores()) as executor:
         groomed = groom_cohort(
             cohort, settings.groom, executor=executor, cache=project.groomed, tick=part_of(tick, 0.0, 0.9)
         )

@@ -14,6 +14,7 @@ from scipy.spatial.distance import cdist
 
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.errors import NumericalError
+from homolog.progress import Tick, no_tick
 
 __all__ = ["MeanSurface", "mean_surface", "medoid", "spread_centres", "thin_plate_operator"]
 
@@ -68,7 +69,12 @@ class MeanSurface:
 
 
 def mean_surface(
-    mean: FloatArray, particles: FloatArray, vertices: FloatArray, faces: IntArray
+    mean: FloatArray,
+    particles: FloatArray,
+    vertices: FloatArray,
+    faces: IntArray,
+    *,
+    tick: Tick = no_tick,
 ) -> MeanSurface:
     """Warp one subject's mesh to the mean shape, without folds, and prepare it for any other shape.
 
@@ -82,11 +88,13 @@ def mean_surface(
         The subject's mesh in the same frame as its particles [mm].
     faces : (F, 3) int array
         Its faces, counter-clockwise seen from outside.
+    tick : Tick
     """
     centres = spread_centres(mean, MOST_CENTRES)
     unit = _mean_spacing(particles[centres])
     best: tuple[int, float, FloatArray] | None = None
-    for part in SMOOTHINGS:
+    for attempt, part in enumerate(SMOOTHINGS):
+        tick(attempt / (len(SMOOTHINGS) + 1), "mean surface")
         smoothing = part * unit
         weights = _solve(particles[centres], mean[centres], smoothing)
         warped = _evaluate(particles[centres], vertices, weights)
@@ -97,6 +105,7 @@ def mean_surface(
             break
     assert best is not None
     folded, smoothing, warped = best
+    tick(len(SMOOTHINGS) / (len(SMOOTHINGS) + 1), "mean surface")
     operator = thin_plate_operator(mean[centres], warped, smoothing=smoothing)
     return MeanSurface(warped, faces, operator, centres, smoothing, folded)
 

@@ -98,11 +98,10 @@ def model_of(outcome: Outcome, tick: Tick) -> tuple[ShapeModel, MeanSurface]:
     """
     shapes, world = outcome.study.shapes, outcome.world
     model = fit_shape_model(world, names=[one.name for one in shapes])
-    tick(0.1, "mean surface")
     nearest = medoid(world, model.mean)
     mesh, matrix = shapes[nearest].mesh, outcome.alignments[nearest]
     vertices = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
-    return model, mean_surface(model.mean, world[nearest], vertices, mesh.faces)
+    return model, mean_surface(model.mean, world[nearest], vertices, mesh.faces, tick=tick)
 
 
 def write_result(

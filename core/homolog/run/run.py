@@ -6,7 +6,7 @@ import numpy as np
 
 from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Correspondence, Frame, Shape, optimize
-from homolog.device import choose_device
+from homolog.device import choose_device, cores
 from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import writing
 from homolog.files.project import Project
@@ -199,7 +199,7 @@ class Run:
 
     def _groomed(self, cohort: Cohort) -> list[GroomedSubject]:
         self._control.enter(Phase.GROOMING, "grooming")
-        with worker_processes(self._settings.workers) as executor:
+        with worker_processes(self._settings.workers or cores()) as executor:
             return groom_cohort(
                 cohort,
                 self._settings.groom,
