@@ -10,6 +10,7 @@ import numpy as np
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.files.atomic import replacing
+from homolog.files.ply import check_ply, write_ply
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["read_mesh", "write_mesh"]
@@ -52,6 +53,8 @@ def read_mesh(path: Path) -> TriangleMesh:
         raise InputError(f"{path}: holds no triangles; export the surface again")
     vertices = vtk_to_numpy(surface.GetPoints().GetData()).astype(np.float64)
     faces = vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(f"{path}: refers to vertices that it does not hold; export the surface again")
     if not np.isfinite(vertices).all():
         raise InputError(f"{path}: holds coordinates that aren't numbers; export the surface again")
     if space == "RAS":
@@ -90,7 +93,7 @@ def write_mesh(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array] |
     if point_data and suffix in (".stl", ".obj"):
         raise InputError(f"{path}: {suffix} files can't hold values at vertices; use .vtp or .ply")
     if suffix == ".ply":
-        _write_ply(path, mesh, point_data or {})
+        write_ply(path, mesh, point_data or {}, _LPS_HEADER)
         return
     writer = _piece(path, "Writer")
     writer.SetInputData(_as_polydata(mesh, point_data or {}))
@@ -118,8 +121,11 @@ def _read_polydata(path: Path) -> tuple[Any, str]:
     reader = _piece(path, "Reader")
     if not path.is_file():
         raise InputError(f"{path}: there is no such file")
+    if path.suffix.lower() == ".ply":
+        check_ply(path)
     complaints: list[str] = []
-    reader.AddObserver("ErrorEvent", lambda *_: complaints.append("error"))
+    for event in ("ErrorEvent", "WarningEvent"):  # observed, so that nothing is printed either
+        reader.AddObserver(event, lambda *_: complaints.append("cut short"))
     reader.SetFileName(os.fspath(path))
     reader.Update()
     polydata = reader.GetOutput()
@@ -158,31 +164,3 @@ def _as_polydata(mesh: TriangleMesh, point_data: Mapping[str, Array]) -> Any:  #
     space.InsertNextValue("LPS")
     polydata.GetFieldData().AddArray(space)
     return polydata
-
-
-def _write_ply(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array]) -> None:
-    """Write a binary PLY with doubles and one float property per column of values.
-
-    VTK's PLY writer stores only colours and single-precision points.
-    """
-    columns: dict[str, FloatArray] = {}
-    for name, values in point_data.items():
-        table = np.asarray(values, dtype=np.float64).reshape(len(mesh.vertices), -1)
-        names = [name] if table.shape[1] == 1 else [f"{name}_{index}" for index in range(table.shape[1])]
-        columns.update(zip(["_".join(one.split()) for one in names], table.T, strict=True))
-    points = np.empty(
-        len(mesh.vertices), [(axis, "<f8") for axis in "xyz"] + [(one, "<f4") for one in columns]
-    )
-    for index, axis in enumerate("xyz"):
-        points[axis] = mesh.vertices[:, index]
-    for name, column in columns.items():
-        points[name] = column
-    triangles = np.empty(len(mesh.faces), [("count", "u1"), ("corners", "<i4", 3)])
-    triangles["count"], triangles["corners"] = 3, mesh.faces
-    header = [
-        "ply", "format binary_little_endian 1.0", f"comment {_LPS_HEADER}", f"element vertex {len(points)}",
-        *(f"property double {axis}" for axis in "xyz"), *(f"property float {name}" for name in columns),
-        f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header\n",
-    ]  # fmt: skip
-    with replacing(path) as part:
-        part.write_bytes("\n".join(header).encode() + points.tobytes() + triangles.tobytes())

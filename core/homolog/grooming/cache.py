@@ -41,7 +41,7 @@ def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) ->
 def load_groomed(folder: Path, name: str, key: str) -> GroomedSubject | None:
     """Return a subject from the cache; None if it is not there, of other content, or damaged."""
     try:
-        with np.load(_archive(folder, name), allow_pickle=False) as stored:
+        with _archive(folder, name).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             if str(stored["key"]) != key:
                 return None
             report = json.loads(str(stored["report"]))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from homolog.cohort import Cohort
+from homolog.device import cores
 from homolog.errors import InputError, NumericalError
 from homolog.grooming.cache import content_key, load_groomed, save_groomed
 from homolog.grooming.subject import GroomedSubject, groom_subject, read_source
@@ -81,7 +82,7 @@ def groom_cohort(
     found, keys = _from_cache(cohort, settings, cache, part_of(tick, 0.0, 0.1))
     missing = [subject for subject in cohort.subjects if subject.name not in found]
     if missing:
-        with nullcontext(executor) if executor else worker_processes(None) as used:
+        with nullcontext(executor) if executor else worker_processes(min(len(missing), cores())) as used:
             futures = {used.submit(groom_subject, subject, settings): subject.name for subject in missing}
             for done in _as_they_finish(futures, part_of(tick, 0.1, 1.0)):
                 found[done.name] = done

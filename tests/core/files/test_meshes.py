@@ -1,0 +1,163 @@
+import numpy as np
+import pytest
+
+from homolog.errors import InputError
+from homolog.files.meshes import read_mesh, write_mesh
+from homolog.surfaces.mesh import TriangleMesh
+
+SUFFIXES = [".vtp", ".vtk", ".ply", ".stl", ".obj"]
+
+
+@pytest.fixture
+def mesh():
+    vertices = np.array([[10.5, 0, 0], [12, 0.125, 0], [10, 2, 0.25], [10, 0, 2]])
+    return TriangleMesh(vertices, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_what_is_written_is_read_again(mesh, tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    write_mesh(path, mesh)
+    again = read_mesh(path)
+    assert again.volume == pytest.approx(mesh.volume)
+    if suffix != ".stl":  # which lists corners, not vertices
+        assert np.array_equal(again.vertices, mesh.vertices)
+        assert np.array_equal(again.faces, mesh.faces)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("suffix", [".vtp", ".vtk", ".ply", ".stl"])
+def test_files_say_that_they_are_lps(mesh, tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    write_mesh(path, mesh)
+    if suffix == ".vtp":
+        from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+        reader = vtkXMLPolyDataReader(file_name=str(path))
+        reader.Update()
+        assert reader.GetOutput().GetFieldData().GetAbstractArray("SPACE").GetValue(0) == "LPS"
+    else:
+        assert b"SPACE=LPS" in path.read_bytes()[:300]
+
+
+def test_a_mesh_marked_ras_is_turned(mesh, tmp_path):
+    path = tmp_path / "a.ply"
+    write_mesh(path, mesh)
+    path.write_bytes(path.read_bytes().replace(b"SPACE=LPS", b"SPACE=RAS"))
+    assert np.array_equal(read_mesh(path).vertices, mesh.vertices * [-1.0, -1.0, 1.0])
+
+
+@pytest.mark.parametrize("suffix", [".vtp", ".vtk", ".ply"])
+def test_values_at_vertices_are_kept(mesh, tmp_path, suffix):
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOLegacy import vtkPolyDataReader
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+    path = tmp_path / f"a{suffix}"
+    values = np.array([1.5, -2.0, 0.0, 4.0])
+    write_mesh(path, mesh, {"difference mm": values, "move": mesh.vertices})
+    if suffix == ".ply":
+        header = path.read_bytes().split(b"end_header")[0].decode()
+        assert "property float difference_mm" in header
+        assert "property float move_2" in header
+        return
+    reader = vtkXMLPolyDataReader() if suffix == ".vtp" else vtkPolyDataReader()
+    if suffix == ".vtk":
+        reader.ReadAllScalarsOn()
+        reader.ReadAllVectorsOn()
+        reader.ReadAllFieldsOn()
+    reader.SetFileName(str(path))
+    reader.Update()
+    found = reader.GetOutput().GetPointData()
+    name = "difference mm" if suffix == ".vtp" else "difference%20mm"
+    stored = found.GetArray("difference mm") or found.GetArray(name)
+    assert vtk_to_numpy(stored).tolist() == values.tolist()
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj"])
+def test_values_that_a_format_cannot_keep_are_refused(mesh, tmp_path, suffix):
+    with pytest.raises(InputError, match=r"use \.vtp or \.ply"):
+        write_mesh(tmp_path / f"a{suffix}", mesh, {"a": np.zeros(4)})
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_an_unreadable_file_is_named(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    path.write_text("this is no mesh\n")
+    with pytest.raises(InputError, match=f"a{suffix}: (can't be read as a mesh|holds no triangles)"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_missing_file_is_named(tmp_path, suffix):
+    with pytest.raises(InputError, match="there is no such file"):
+        read_mesh(tmp_path / f"gone{suffix}")
+
+
+@pytest.mark.parametrize("suffix", [".vtp", ".vtk", ".ply"])
+def test_a_file_cut_short_is_refused_or_open(tmp_path, suffix):
+    """Binary files with half of their data must not pass as a closed surface."""
+    from homolog.surfaces.topology import check_mesh
+
+    angles = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
+    rim = np.stack([np.cos(angles), np.sin(angles), np.zeros(200)], axis=1)
+    vertices = np.concatenate([rim, [[0, 0, 1], [0, 0, -1]]])
+    ring = np.arange(200)
+    faces = np.concatenate([
+        np.stack([ring, (ring + 1) % 200, np.full(200, 200)], axis=1),
+        np.stack([(ring + 1) % 200, ring, np.full(200, 201)], axis=1),
+    ])  # fmt: skip
+    path = tmp_path / f"a{suffix}"
+    write_mesh(path, TriangleMesh(vertices, faces))
+    check_mesh(read_mesh(path), "whole")
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) * 2 // 3])
+    with pytest.raises(InputError):
+        check_mesh(read_mesh(path), "cut")
+
+
+def test_coordinates_that_are_not_numbers_are_refused(mesh, tmp_path):
+    bad = np.array(mesh.vertices)
+    bad[1, 1] = np.nan
+    write_mesh(tmp_path / "a.vtp", TriangleMesh(bad, mesh.faces))
+    with pytest.raises(InputError, match="aren't numbers"):
+        read_mesh(tmp_path / "a.vtp")
+
+
+def test_polygons_are_split(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+    assert read_mesh(path).area == pytest.approx(1.0)
+
+
+def test_an_unknown_suffix_is_refused(mesh, tmp_path):
+    with pytest.raises(InputError, match=r"a\.gltf: is no mesh file; known are \.vtp"):
+        write_mesh(tmp_path / "a.gltf", mesh)
+
+
+def test_a_folder_that_cannot_be_written_to_is_named(mesh, tmp_path):
+    (tmp_path / "file").write_text("")
+    for suffix in (".vtp", ".ply"):
+        with pytest.raises(InputError, match="can't be written"):
+            write_mesh(tmp_path / "file" / f"a{suffix}", mesh)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.4, 0.7, 0.99])
+def test_a_ply_cut_short_anywhere_is_refused(mesh, tmp_path, share):
+    """VTK's reader would crash on it."""
+    path = tmp_path / "a.ply"
+    write_mesh(path, mesh, {"value": np.zeros(4)})
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(InputError, match=r"a\.ply: can't be read as a mesh; it"):
+        read_mesh(path)
+
+
+def test_a_ply_as_text_with_colours_is_read(tmp_path):
+    path = tmp_path / "a.ply"
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        "property uchar red\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "0 0 0 9\n1 0 0 9\n0 1 0 9\n3 0 1 2\n"
+    )
+    assert read_mesh(path).area == pytest.approx(0.5)

@@ -1,0 +1,113 @@
+"""Marching cubes, simplification and remeshing of one torus and one ellipsoid."""
+
+import numpy as np
+import pytest
+
+from homolog.errors import InputError, NumericalError
+from homolog.surfaces.distance_field import DistanceField
+from homolog.surfaces.isosurface import coarse_isosurface, isosurface, marching_cubes
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.remesh import remeshed
+from homolog.surfaces.simplify import simplified
+from homolog.surfaces.topology import check_mesh, euler_number
+
+LARGE, SMALL = 12.0, 4.0
+
+
+@pytest.fixture(scope="module")
+def torus():
+    points = np.stack(np.meshgrid(*[np.arange(-22.0, 23.0)] * 3, indexing="ij"), axis=-1)
+    ring = np.hypot(points[..., 0], points[..., 1]) - LARGE
+    affine = np.eye(4)
+    affine[:3, 3] = -22.0
+    return DistanceField(np.hypot(ring, points[..., 2]) - SMALL, affine)
+
+
+@pytest.fixture(scope="module")
+def mesh(torus):
+    return isosurface(torus, 0.9)
+
+
+def shape_of(mesh):
+    corners = mesh.vertices[mesh.faces]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    return sides, 4.0 * np.sqrt(3.0) * mesh.face_areas / (sides**2).sum(axis=1)
+
+
+def test_a_torus_is_met_with_its_genus_and_outward(mesh):
+    check_mesh(mesh, "torus")
+    assert euler_number(mesh.faces) == 0
+    assert mesh.volume == pytest.approx(2.0 * np.pi**2 * LARGE * SMALL**2, rel=0.02)
+    assert mesh.area == pytest.approx(4.0 * np.pi**2 * LARGE * SMALL, rel=0.02)
+    off = np.hypot(np.hypot(*mesh.vertices[:, :2].T) - LARGE, mesh.vertices[:, 2]) - SMALL
+    assert np.abs(off).max() < 0.06
+
+
+def test_triangles_are_even(mesh):
+    sides, quality = shape_of(mesh)
+    assert sides.mean() == pytest.approx(0.9, rel=0.05)
+    assert sides.max() < 1.7 * sides.mean()
+    assert sides.min() > 0.4 * sides.mean()
+    assert quality.min() > 0.5
+    assert quality.mean() > 0.95
+
+
+def test_the_usual_number_of_vertices_is_six_thousand(torus):
+    assert len(isosurface(torus).vertices) == pytest.approx(6000, rel=0.05)
+
+
+def test_a_coarse_mesh_keeps_the_handle(torus, mesh):
+    coarse = coarse_isosurface(torus, mesh, 300)
+    check_mesh(coarse, "coarse")
+    assert euler_number(coarse.faces) == 0
+    assert len(coarse.vertices) == pytest.approx(300, rel=0.15)
+    assert shape_of(coarse)[1].min() > 0.3
+
+
+def test_simplifying_keeps_the_topology_and_meets_the_number(mesh):
+    fewer = simplified(mesh, 500)
+    check_mesh(fewer, "fewer")
+    assert euler_number(fewer.faces) == 0
+    assert len(fewer.vertices) == pytest.approx(500, abs=5)
+
+
+def test_a_mesh_with_few_vertices_is_not_simplified(mesh):
+    assert simplified(mesh, len(mesh.vertices)) is mesh
+
+
+def test_simplifying_far_from_the_origin_loses_nothing(mesh):
+    shift = np.array([1e4, -2e4, 3e4])
+    far = simplified(TriangleMesh(mesh.vertices + shift, mesh.faces), 800)
+    assert np.allclose(far.vertices - shift, simplified(mesh, 800).vertices, atol=1e-2)
+
+
+def test_remeshing_a_coarse_mesh_finer_keeps_it_on_the_surface(torus, mesh):
+    fine = remeshed(simplified(mesh, 400), torus, 0.9)
+    check_mesh(fine, "fine")
+    assert euler_number(fine.faces) == 0
+    assert np.abs(torus.sample(fine.vertices)[0]).max() < 0.02
+    assert shape_of(fine)[1].mean() > 0.95
+
+
+def test_values_at_zero_make_no_needles():
+    """Nodes exactly on the surface are where marching cubes makes triangles without area."""
+    x, y, z = np.meshgrid(*[np.arange(-6.0, 7.0)] * 3, indexing="ij")
+    vertices, faces = marching_cubes(np.abs(x) + np.abs(y) + np.abs(z) - 3.0)
+    check_mesh(TriangleMesh(vertices, faces), "octahedron")
+
+
+def test_the_largest_of_two_surfaces_is_returned():
+    x, y, z = np.meshgrid(*[np.arange(-10.0, 11.0)] * 3, indexing="ij")
+    two = np.minimum(np.hypot(np.hypot(x + 3, y), z) - 5.0, np.hypot(np.hypot(x - 7, y), z) - 2.0)
+    vertices, _ = marching_cubes(two)
+    assert (vertices[:, 0] - 10.0).max() < 2.5
+
+
+def test_a_field_without_a_surface_is_an_error():
+    with pytest.raises(NumericalError, match="nothing is left"):
+        isosurface(DistanceField(np.ones((8, 8, 8)), np.eye(4)))
+
+
+def test_edges_that_ask_for_millions_of_vertices_are_refused(torus):
+    with pytest.raises(InputError, match=r"choose .* mm or more"):
+        isosurface(torus, 0.01)

@@ -1,0 +1,102 @@
+import pickle
+
+import pytest
+
+from homolog.cohort import Subject, read_cohort
+from homolog.errors import InputError
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in ("b.nii.gz", "a.nrrd", "C.STL", "notes.txt", ".hidden.nrrd"):
+        (tmp_path / name).touch()
+    return tmp_path
+
+
+def table(folder, text, name="cohort.csv"):
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_folder_gives_its_images_and_meshes_by_name(folder):
+    cohort = read_cohort(folder)
+    assert [one.name for one in cohort.subjects] == ["C", "a", "b"]
+    assert [one.is_mesh for one in cohort.subjects] == [True, False, False]
+    assert all(one.group is None and one.path.is_absolute() for one in cohort.subjects)
+    assert cohort.folder == folder
+
+
+def test_a_table_gives_groups_and_further_columns_in_its_order(folder):
+    path = table(folder, "\ufeffname, path,group,age\nz,a.nrrd,HCM,61\ny,sub/b.nii.gz,,\n")
+    for source in (path, folder):
+        first, second = read_cohort(source).subjects
+        assert (first.name, first.path, first.group) == ("z", folder / "a.nrrd", "HCM")
+        assert dict(first.columns) == {"age": "61"}
+        assert second.group is None
+        assert second.path == folder / "sub" / "b.nii.gz"
+
+
+def test_a_table_may_hold_absolute_paths(folder):
+    (one,) = read_cohort(table(folder, f"name,path\nx,{folder / 'a.nrrd'}\n")).subjects
+    assert one.path == folder / "a.nrrd"
+
+
+def test_subjects_can_be_left_out(folder):
+    assert [one.name for one in read_cohort(folder).without({"a", "C"}).subjects] == ["b"]
+
+
+def test_subjects_survive_pickling(folder):
+    cohort = read_cohort(table(folder, "name,path,age\nz,a.nrrd,61\n"))
+    assert pickle.loads(pickle.dumps(cohort.subjects)) == cohort.subjects
+
+
+def test_two_files_of_one_name_are_refused(folder):
+    (folder / "a.nii").touch()
+    with pytest.raises(InputError, match="several subjects are called a;"):
+        read_cohort(folder)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name,path\na,a.nrrd\na,b.nii.gz\n", "several subjects are called a"),
+        ("name,file\na,a.nrrd\n", "lacks the column path"),
+        ("", "lacks the column name and path"),
+        ("name,path\n", "lists no subject"),
+        ("name,path\n,a.nrrd\n", "line 2: the name is empty"),
+        ("name,path\na,a.nrrd\nb,\n", "line 3: the path is empty"),
+        ("name,path\na/b,a.nrrd\n", "line 2: 'a/b' can't be a file name"),
+        ("name,path\n..,a.nrrd\n", "can't be a file name"),
+    ],
+)
+def test_a_faulty_table_is_named_with_the_line(folder, text, message):
+    with pytest.raises(InputError, match=message) as caught:
+        read_cohort(table(folder, text))
+    assert "cohort.csv" in str(caught.value)
+
+
+def test_a_table_of_another_encoding_is_refused(folder):
+    (folder / "cohort.csv").write_bytes(b"name,path\n\xff\xfe,a.nrrd\n")
+    with pytest.raises(InputError, match="can't be read as a table"):
+        read_cohort(folder)
+
+
+def test_an_empty_folder_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"holds no segmentation or mesh; known files are \.nii\.gz"):
+        read_cohort(tmp_path)
+
+
+def test_what_is_not_there_is_refused(tmp_path):
+    with pytest.raises(InputError, match="there is no such folder or file"):
+        read_cohort(tmp_path / "gone")
+
+
+def test_a_single_image_is_refused_with_the_remedy(folder):
+    with pytest.raises(InputError, match="give the folder"):
+        read_cohort(folder / "a.nrrd")
+
+
+def test_a_mesh_is_known_by_its_suffix(tmp_path):
+    assert Subject("a", tmp_path / "a.VTP").is_mesh
+    assert not Subject("a", tmp_path / "a.seg.nrrd").is_mesh
