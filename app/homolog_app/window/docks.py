@@ -34,13 +34,19 @@ class Docks(QObject):
         )
         self._curves_dock = self._dock("Energies", self.curves, bottom)
         self._log_dock = self._dock("Log", self.log, bottom)
+        window.tabifyDockWidget(self._curves_dock, self._log_dock)
         window.resizeDocks([self._inspector_dock], [_INSPECTOR], Qt.Orientation.Horizontal)
         self._log_dock.visibilityChanged.connect(lambda shown: window.commands["view.log"].setChecked(shown))
         window.desk.session.facts_changed.connect(self._show_result)
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of the docks do."""
-        return {"view.log": lambda: self._log_dock.setVisible(self._log_dock.isHidden())}
+        return {"view.log": self.show_or_hide_log}
+
+    def show_or_hide_log(self) -> None:
+        """Bring the log up, or put it away."""
+        self._log_dock.setVisible(self._log_dock.isHidden())
+        self._log_dock.raise_()
 
     def show_for(self, open_: bool) -> None:
         """Show the energies while there are some, in the steps that they belong to."""

@@ -4,7 +4,7 @@ from PySide6.QtCore import Qt
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.session import Session
-from homolog_app.window.widgets import Panel, button, label
+from homolog_app.window.widgets import GRID, Panel, button, label
 
 __all__ = ["ExplorePanel"]
 
@@ -21,11 +21,13 @@ class ExplorePanel(Panel):
         self.files.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.body.addWidget(label("Result", "SectionTitle"))
         self.body.addWidget(self.summary)
-        self.body.addWidget(label("Run again", "SectionTitle"))
+        self.body.addSpacing(GRID)
+        self.body.addWidget(label("Playback", "SectionTitle"))
         self.body.addWidget(
             label("Space plays the run from its stored frames; the slider below the views goes anywhere.",
                   "Hint", wrap=True)
         )  # fmt: skip
+        self.body.addSpacing(GRID)
         self.body.addWidget(label("Files", "SectionTitle"))
         self.body.addWidget(self.files)
         self.body.addStretch()
@@ -39,7 +41,7 @@ class ExplorePanel(Panel):
         loaded = self._session.result
         self.summary.setText(loaded.summary if loaded else "")
         folder = self._session.folder
-        self.save.setVisible(self._session.folder is None)
+        self.base.setVisible(self._session.folder is None)
         self.files.setText(
             f"Particles, shape model and tables are in {folder}."
             if folder

@@ -2,14 +2,20 @@
 
 from PySide6.QtCore import QEvent, QObject, Qt
 from PySide6.QtGui import QAction, QKeyEvent, QKeySequence
-from PySide6.QtWidgets import QDialog, QLineEdit, QListWidget, QListWidgetItem, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QDialog,
+    QHeaderView,
+    QLineEdit,
+    QTreeWidget,
+    QTreeWidgetItem,
+    QVBoxLayout,
+    QWidget,
+)
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.commands import COMMANDS, Command
 
 __all__ = ["CommandPalette", "matches"]
-
-_ROWS = 9
 
 
 def matches(query: str, one: Command) -> bool:
@@ -29,7 +35,13 @@ class CommandPalette(QDialog):
         self.resize(560, 420)
         self.query = QLineEdit(placeholderText="Find a command…")
         self.query.setAccessibleName("Find a command")
-        self.list = QListWidget()
+        self.list = QTreeWidget()
+        self.list.setColumnCount(2)
+        self.list.setHeaderHidden(True)
+        self.list.setRootIsDecorated(False)
+        self.list.header().setStretchLastSection(False)
+        self.list.header().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        self.list.header().setSectionResizeMode(1, QHeaderView.ResizeMode.ResizeToContents)
         self.list.setAccessibleName("Commands")
         layout = QVBoxLayout(self)
         layout.setContentsMargins(8, 8, 8, 8)
@@ -52,8 +64,8 @@ class CommandPalette(QDialog):
         if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.KeyPress:
             step = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}.get(Qt.Key(event.key()), 0)
             if step:
-                row = self.list.currentRow() + step
-                self.list.setCurrentRow(max(0, min(row, self.list.count() - 1)))
+                beside = self.list.itemBelow if step > 0 else self.list.itemAbove
+                self.list.setCurrentItem(beside(self.list.currentItem()) or self.list.currentItem())
                 return True
         return super().eventFilter(watched, event)
 
@@ -63,14 +75,16 @@ class CommandPalette(QDialog):
             action = self._actions[one.id]
             if action.isEnabled() and one.id != "help.palette" and matches(query, one):
                 keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
-                item = QListWidgetItem(action.icon(), f"{one.title}\t{keys}".replace("…", ""))
-                item.setToolTip(one.help)
-                item.setData(Qt.ItemDataRole.UserRole, action)
-                self.list.addItem(item)
-        self.list.setCurrentRow(0)
+                item = QTreeWidgetItem([one.title.rstrip("…"), keys])
+                item.setIcon(0, action.icon())
+                item.setToolTip(0, one.help)
+                item.setData(0, Qt.ItemDataRole.UserRole, action)
+                item.setTextAlignment(1, Qt.AlignmentFlag.AlignRight)
+                self.list.addTopLevelItem(item)
+        self.list.setCurrentItem(self.list.topLevelItem(0))
 
     def _choose(self) -> None:
         item = self.list.currentItem()
         if item is not None:
-            self._chosen = item.data(Qt.ItemDataRole.UserRole)
+            self._chosen = item.data(0, Qt.ItemDataRole.UserRole)
             self.accept()

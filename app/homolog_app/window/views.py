@@ -78,6 +78,11 @@ class Views(QObject):
             window.commands[f"view.{name}"].setChecked(True)
         self.refresh()
 
+    @property
+    def shown_frame(self) -> Frame | None:
+        """The newest frame of the run that was drawn."""
+        return self._frame
+
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of the views do."""
         commands, scene = self._window.commands, self.stage.scene

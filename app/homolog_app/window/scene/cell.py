@@ -44,7 +44,7 @@ class Cell:
         self._radius = 1.0
         self._make_balls()
         self._caption = _text(15)
-        self._caption.SetPosition(0.012, 0.985)
+        self._caption.SetPosition(0.015, 0.975)
         self._letters = [_text(14) for _ in _EDGES]
         for actor, (x, y) in zip(self._letters, _EDGES, strict=True):
             actor.SetPosition(x, y)
