@@ -49,6 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the experiment; returns the exit code."""
     from homolog.beans.files import write_beans
     from homolog.beans.generate import draw_beans, draw_moments
+    from homolog.files.atomic import writing
     from homolog_app.cli.demo_table import table_text, write_comparison
 
     out = arguments.out
@@ -68,7 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
             settings = optimize.model_copy(update={"method": method})
             name = _NAMES[method]
             for done in projects.values():  # groomed alike, so that the second method finds it in its cache
-                shutil.copytree(done.groomed, out / name / done.groomed.name, dirs_exist_ok=True)
+                with writing(out / name):
+                    shutil.copytree(done.groomed, out / name / done.groomed.name, dirs_exist_ok=True)
             projects[name] = _run_method(out / name, name, cohort, settings, part_of(tick, start, end))
         rows = write_comparison(out, projects, beans, part_of(tick, _ENDS[2], _ENDS[3]))
         _draw(out, projects, part_of(tick, _ENDS[3], 1.0))
