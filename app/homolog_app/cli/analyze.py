@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Answer the question; returns the exit code."""
     from homolog.files.results import read_result
     from homolog.progress import part_of
-    from homolog_app.report.findings import cautions, findings
+    from homolog_app.report.findings import cautions, findings, outlier_words
     from homolog_app.report.request import study_folder, write_request
     from homolog_app.report.study import run_study
     from homolog_app.report.surface_maps import SurfaceCarrier
@@ -78,6 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
             lines += [request.title, *(f"  {one.verdict} {one.numbers}" for one in findings(study))]
             lines += [f"  Caution: {words}" for words in cautions(study)]
             lines.append(f"  tables: {study_folder(project, request)}")
+    lines = [*(f"Caution: {words}" for words in outlier_words(result)), *lines]
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
     stream.write("\n".join(lines) + "\n")
     return 0

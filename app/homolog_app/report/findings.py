@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 
 from homolog.analysis.comparison import Comparison
+from homolog.analysis.outliers import outlying
+from homolog.files.results import Result
 from homolog_app.report.study import Study
 
 __all__ = [
@@ -11,6 +13,7 @@ __all__ = [
     "cautions",
     "effect_words",
     "findings",
+    "outlier_words",
     "p_words",
 ]
 
@@ -52,6 +55,19 @@ def findings(study: Study) -> list[Finding]:
     Significant is called what the permutation test, adjusted for the number of pairs of groups, calls so.
     """
     return [Finding(_verdict(study, one), _numbers(study, one)) for one in study.comparisons]
+
+
+def outlier_words(result: Result) -> list[str]:
+    """Return a warning if subjects lie far from all others."""
+    far = [result.names[index] for index in outlying(result.world)]
+    if not far:
+        return []
+    verb = "lies" if len(far) == 1 else "lie"
+    return [
+        f"{', '.join(far)}: {verb} far from all other shapes. Look at segmentation and particles before "
+        "trusting "
+        "any test; F distributions are wrong with such subjects."
+    ]
 
 
 def cautions(study: Study) -> list[str]:

@@ -9,11 +9,11 @@ from homolog.errors import InputError
 from homolog.files.atomic import replacing, write_text
 from homolog.files.project import Project
 from homolog.files.records import ResultRecord
-from homolog.files.results import read_result
+from homolog.files.results import Result, read_result
 from homolog.progress import Tick, no_tick, part_of
 from homolog_app.pictures import write_picture
 from homolog_app.report.figures import ReportFigure, model_figures, study_figures
-from homolog_app.report.findings import LEVEL, cautions, findings, p_words
+from homolog_app.report.findings import LEVEL, cautions, findings, outlier_words, p_words
 from homolog_app.report.methods import methods, settings_rows
 from homolog_app.report.page import Page
 from homolog_app.report.request import read_requests, study_folder
@@ -61,7 +61,7 @@ def write_report(project: Project, tick: Tick = no_tick) -> Path:
     model = fit_shape_model(result.world, names=result.names)
     figures = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.6)))
     page = Page(f"Shape analysis of {project.folder.resolve().name}", f"{NOTICE} {_made(record)}")
-    _summary(page, record, studies)
+    _summary(page, record, result, studies)
     _model_section(page, model, figures)
     for index, study in enumerate(studies):
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
@@ -83,7 +83,7 @@ def _made(record: ResultRecord) -> str:
     return f"Made with Homolog {record.versions.get('homolog', '')} from the result of {record.finished}."
 
 
-def _summary(page: Page, record: ResultRecord, studies: Sequence[Study]) -> None:
+def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence[Study]) -> None:
     groups = [one.group or "no group" for one in record.subjects]
     counts = ", ".join(f"{groups.count(group)} {group}" for group in dict.fromkeys(groups))
     page.paragraph(
@@ -91,6 +91,8 @@ def _summary(page: Page, record: ResultRecord, studies: Sequence[Study]) -> None
         f"{record.metric} distances; {record.folded_faces} folded faces on the mean surface."
     )
     page.heading("Findings")
+    for words in outlier_words(result):
+        page.caution(words)
     if not studies:
         page.paragraph("No study has been made yet: homolog analyze PROJECT --group COLUMN.")
     for study in studies:
