@@ -32,7 +32,8 @@ def test_json_lines_can_be_read_one_by_one(clock):
     ]
 
 
-def test_a_bar_on_a_terminal_stays_on_one_line_and_is_wiped(clock):
+def test_a_bar_on_a_terminal_stays_on_one_line_and_is_wiped(clock, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
     stream = Terminal()
     progress = Progress("bar", stream)
     for step in range(5):
@@ -43,6 +44,15 @@ def test_a_bar_on_a_terminal_stays_on_one_line_and_is_wiped(clock):
     assert "\n" not in text
     assert "50 % 1:13 left  optimizing: work" in text
     assert text.endswith("\r\x1b[2K")
+
+
+def test_a_bar_fits_the_terminal_and_does_not_say_the_phase_twice(clock, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    stream = Terminal()
+    Progress("bar", stream).show(0.5, "optimizing: " + "particles " * 20, None, "optimizing")
+    line = stream.getvalue().removeprefix("\r\x1b[2K")
+    assert len(line) == 59
+    assert line.count("optimizing") == 1
 
 
 def test_without_a_terminal_there_is_a_line_for_each_phase_and_every_ten_seconds(clock):

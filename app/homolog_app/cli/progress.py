@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import shutil
 import sys
 import time
 from collections.abc import Iterator
@@ -59,8 +60,10 @@ class Progress:
             record = {"phase": phase, "fraction": round(fraction, 4), "message": message, "eta_s": eta}
             self._stream.write(json.dumps(record) + "\n")
         else:
-            line = _line(fraction, message if phase is None else f"{phase}: {message}", eta_s)
-            self._stream.write(f"\r\x1b[2K{line[:100]}" if self._moves else f"{line}\n")
+            told = phase is None or message.startswith(phase)
+            line = _line(fraction, message if told else f"{phase}: {message}", eta_s)
+            width = shutil.get_terminal_size().columns - 1
+            self._stream.write(f"\r\x1b[2K{line[:width]}" if self._moves else f"{line}\n")
         self._stream.flush()
 
     def close(self) -> None:
