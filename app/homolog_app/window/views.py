@@ -9,6 +9,7 @@ from PySide6.QtCore import QObject, QTimer, Slot
 from PySide6.QtWidgets import QApplication
 
 from homolog.correspondence.types import Frame
+from homolog_app.window.loaded import Loaded
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.scene import LAYOUTS, VIEWS
 from homolog_app.window.screenshot import save_picture
@@ -114,8 +115,8 @@ class Views(QObject):
             key += [groomed, survey.surface if survey else None]
         if len(key) != len(self._shown) or any(a is not b for a, b in zip(key, self._shown, strict=True)):
             new_result = session.result is not None and session.result not in self._shown
-            had_groomed = any(isinstance(one, Groomed) for one in self._shown)
-            if session.groomed and not had_groomed:
+            had_smooth = any(isinstance(one, Groomed | Loaded) for one in self._shown)
+            if (session.groomed or session.result) and not had_smooth:
                 self._window.commands["view.raw"].setChecked(False)
                 stage.scene.switch(raw=False)
             self._shown = key

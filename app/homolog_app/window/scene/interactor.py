@@ -22,7 +22,7 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
     """
 
     def __init__(self, parent: QWidget) -> None:
-        self.draw_ms = 0.0
+        self.draw_ms = self.last_ms = 0.0
         self._painting = False
         super().__init__(
             parent, shape=_CELLS, border=False, auto_update=False, multi_samples=4, lighting="none"
@@ -40,8 +40,8 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
         super().paintGL()
         self._vtk.EnableRenderOff()
         self._painting = False
-        spent = 1000.0 * (time.perf_counter() - began)
-        self.draw_ms = spent if not self.draw_ms else 0.8 * self.draw_ms + 0.2 * spent
+        self.last_ms = 1000.0 * (time.perf_counter() - began)
+        self.draw_ms = self.last_ms if not self.draw_ms else 0.8 * self.draw_ms + 0.2 * self.last_ms
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Leave the keys to the window's commands; VTK's own would turn surfaces to wires."""

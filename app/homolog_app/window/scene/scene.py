@@ -1,6 +1,6 @@
 """The grid of linked views."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,8 @@ VIEWS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
 """Where the eye is (LPS) and what is up."""
 
 _SLOW_MS = 40.0
+_LIVE_MS = (30.0, 55.0)
+_MOST_CELLS = LAYOUTS[-1]
 _REFINE_MS = 400
 _GAP = 0.0015
 
@@ -55,7 +57,10 @@ class Scene(QWidget):
         for renderer in (self._backdrop, *(cell.renderer for cell in self._cells)):
             window.AddRenderer(renderer)
         window.SetMultiSamples(0)
-        self._observer = window.AddObserver("StartEvent", self._before_drawing)
+        self._observers = (
+            window.AddObserver("StartEvent", self._before_drawing),
+            window.AddObserver("EndEvent", self._after_drawing),
+        )
         self._contents: Sequence[Content] = ()
         self._particles: Mapping[str, FloatArray] = {}
         self._tints: Array | None = None
@@ -63,6 +68,8 @@ class Scene(QWidget):
         self._count, self._page, self._linked = 1, 0, True
         self._raw, self._groomed, self._balls, self._opacity = True, True, True, 1.0
         self._quick = False
+        self._share, self._turn, self._partial = _MOST_CELLS, 0, False
+        self._size: object = None
         self._fitted = False
         self._refine = QTimer(self, interval=_REFINE_MS, singleShot=True)
         self._refine.timeout.connect(self._draw_fine)
@@ -159,7 +166,9 @@ class Scene(QWidget):
         if live:
             self._draw_quick()
             self._refine.start()
-        self._refresh()
+            self._refresh_some()
+        else:
+            self._refresh()
 
     def set_linked(self, linked: bool) -> None:
         """Turn all views together, or each alone."""
@@ -220,7 +229,8 @@ class Scene(QWidget):
         self._refine.stop()
         window: Any = self._plot.ren_win
         if window is not None:
-            window.RemoveObserver(self._observer)
+            for observer in self._observers:
+                window.RemoveObserver(observer)
         self._cells = []
         self._plot.close()
 
@@ -230,6 +240,7 @@ class Scene(QWidget):
 
     def _refresh(self) -> None:
         size = {1: 16, 4: 15, 9: 13}.get(self._count, 12)
+        self._after_drawing()
         for cell in self._cells[: self._count]:
             content = cell.content
             cell.show(self._raw, self._groomed, self._quick, self._opacity)
@@ -237,6 +248,38 @@ class Scene(QWidget):
             points = self._particles.get(content.name) if content is not None and self._balls else None
             cell.show_particles(points, self._tints, self._radius)
         self._plot.update()
+
+    def _refresh_some(self) -> None:
+        """Move the particles of a few views, and draw only these: as many as are drawn fast enough.
+
+        What is not drawn keeps its last picture, as each renderer clears its own part of the window only. A
+        slow machine so updates the views in turn instead of keeping the user's clicks waiting.
+        """
+        spent = self._plot.last_ms
+        if spent > _LIVE_MS[1]:
+            self._share = max(1, min(self._share, self._count) * 2 // 3)
+        elif spent < _LIVE_MS[0]:
+            self._share = min(_MOST_CELLS, self._share + 1)
+        share = min(self._share, self._count)
+        chosen = {(self._turn + step) % self._count for step in range(share)}
+        self._turn = (self._turn + share) % self._count
+        for index in chosen:
+            cell = self._cells[index]
+            points = self._particles.get(cell.content.name) if cell.content and self._balls else None
+            cell.show_particles(points, self._tints, self._radius)
+        self._draw_cells(chosen)
+        self._partial = share < self._count
+        self._plot.update()
+
+    def _draw_cells(self, chosen: Collection[int]) -> None:
+        for index, cell in enumerate(self._cells[: self._count]):
+            cell.renderer.SetDraw(index in chosen)
+        self._backdrop.SetDraw(len(chosen) == self._count)
+
+    def _after_drawing(self, *_: object) -> None:
+        if self._partial:
+            self._partial = False
+            self._draw_cells(range(self._count))
 
     def _ball_radius(self, count: int) -> float:
         """Return a radius that leaves half of the surface free, whatever the number of particles."""
@@ -253,6 +296,10 @@ class Scene(QWidget):
         return tuple(pick(box[at] for box in boxes) for at, pick in enumerate((min, max) * 3))
 
     def _before_drawing(self, *_: object) -> None:
+        size = self._plot.ren_win.GetSize()
+        if size != self._size:  # the picture of the views that are not drawn is gone
+            self._size = size
+            self._after_drawing()
         bounds = self._bounds()
         if bounds is not None:
             for cell in self._cells[: self._count]:

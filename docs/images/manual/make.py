@@ -1,0 +1,86 @@
+"""Make the manual's pictures from the real window and the coffee-bean sample.
+
+    python docs/images/manual/make.py
+
+Needs a display (Xvfb will do) and takes some minutes.
+"""
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from PySide6.QtWidgets import QWidget
+
+HERE = Path(__file__).parent
+SIZE = (1280, 800)
+SECOND = 1.0
+
+
+def main() -> None:
+    """Go through the four steps and keep a picture of each."""
+    from homolog.settings import OptimizeSettings
+    from homolog_app.window.palette import CommandPalette
+    from homolog_app.window.start import make_application, make_window
+
+    app = make_application()
+    with tempfile.TemporaryDirectory(prefix="homolog-") as folder:
+        window = make_window(app, Path(folder))
+        window.desk.preferences.ask_on_close = False
+        window.resize(*SIZE)
+        window.show()
+
+        def until(condition: Callable[[], object]) -> None:
+            while not condition():
+                app.processEvents()
+                time.sleep(0.005)
+
+        def rest(seconds: float = SECOND) -> None:
+            end = time.monotonic() + seconds
+            until(lambda: time.monotonic() > end)
+
+        def keep(name: str, widget: QWidget = window) -> None:
+            rest()
+            widget.grab().scaledToWidth(min(SIZE[0], widget.width())).save(str(HERE / f"{name}.png"))
+
+        session, work, order = window.desk.session, window.desk.work, window.commands
+        keep("start")
+        window.load_views()
+        order["file.sample"].trigger()
+        until(lambda: len(session.surveys) == 10)
+        order["view.grid9"].trigger()
+        keep("tour")
+        window.tour.card.end.click()
+        session.select(["bean_02", "bean_04"])
+        session.set_group("wide")
+        keep("cohort")
+        window.show_step("groom")
+        order["run.groom"].trigger()
+        until(lambda: not work.is_busy)
+        keep("groom")
+        order["view.slice"].trigger()
+        window.views.stage.slices.axis.setCurrentIndex(2)
+        keep("slices")
+        order["view.slice"].trigger()
+        window.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
+        window.show_step("correspond")
+        order["run.start"].trigger()
+        until(lambda: (job := work.run_job) is None or (job.frame and job.frame.world.shape[1] == 256))
+        keep("run")
+        until(lambda: not work.is_busy)
+        window.show_step("explore")
+        order["view.head"].trigger()
+        keep("explore")
+        window.desk.theme.choose("dark")
+        keep("dark")
+        window.desk.theme.choose("light")
+        palette = CommandPalette(window, order)
+        palette.query.setText("view")
+        palette.show()
+        keep("palette", palette)
+        palette.close()
+        window.close()
+
+
+if __name__ == "__main__":
+    main()
