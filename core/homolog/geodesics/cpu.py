@@ -44,7 +44,7 @@ class Problem:
         scratch.u = wp.full(
             self.n_vertices, sweep_kernels.Lanes(float(kernels.FAR)), dtype=sweep_kernels.Lanes, device="cpu"
         )
-        for name in ("dirty", "changed", "seen", "patch"):
+        for name in ("dirty", "changed", "seen", "bin", "patch"):
             setattr(scratch, name, wp.zeros(self.n_vertices, dtype=wp.int32, device="cpu"))
         scratch.bucket = wp.zeros(int(sweep_kernels.BUCKETS) + 1, dtype=wp.int32, device="cpu")
         scratch.size = wp.zeros(1, dtype=wp.int32, device="cpu")

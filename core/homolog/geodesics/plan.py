@@ -14,6 +14,7 @@ from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geodesics import kernels
 from homolog.geodesics.lookup import LANES, MISSING
+from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh, edges
 
@@ -101,6 +102,7 @@ def plan_tables(
     names: Sequence[str] | None = None,
     element: Element = "point",
     memory_limit: int | None = None,
+    tick: Tick = no_tick,
 ) -> TablePlan:
     """Check the meshes, choose the storage and predict its size; parameters as for `solve_tables`.
 
@@ -112,19 +114,22 @@ def plan_tables(
     labels = [f"mesh {k + 1}" for k in range(len(meshes))] if names is None else names
     limits = np.broadcast_to(np.asarray(d_max, float), len(meshes)).tolist()
     with ThreadPoolExecutor(min(cores(), 8)) as pool:
-        tasks = tuple(pool.map(_task, labels, meshes, limits))
+        tasks = []
+        for task in pool.map(_task, labels, meshes, limits):
+            tick(0.0, f"{task.name}: mesh checked")
+            tasks.append(task)
     squares = [2 * len(mesh.vertices) ** 2 for mesh in meshes]
     dense, blocks = sum(squares), sum(_block_bytes(task) for task in tasks)
     ceiling = DEFAULT_LIMIT if memory_limit is None else memory_limit
     small = dense <= DENSE_BUDGET and max(squares, default=0) <= DENSE_SHAPE
     if dense <= ceiling and (small or dense <= blocks):
-        return TablePlan(tasks, element, dense=True, nbytes=dense)
+        return TablePlan(tuple(tasks), element, dense=True, nbytes=dense)
     if blocks > ceiling:
         raise InputError(
             f"geodesic tables of {len(meshes)} shapes would take about {blocks / 1e9:.3g} GB, above the "
             f"limit of {ceiling / 1e9:.3g} GB: raise the limit, shorten d_max or use coarser meshes"
         )
-    return TablePlan(tasks, element, dense=False, nbytes=blocks)
+    return TablePlan(tuple(tasks), element, dense=False, nbytes=blocks)
 
 
 def _task(name: str, mesh: TriangleMesh, d_max: float) -> Task:

@@ -63,7 +63,7 @@ def solve_tables(
         For a mesh or d_max that can't be used, tables above the memory limit, or a cache that can't be
         written to.
     """
-    plan = plan_tables(meshes, d_max, names=names, element=element, memory_limit=memory_limit)
+    plan = plan_tables(meshes, d_max, names=names, element=element, memory_limit=memory_limit, tick=tick)
     return solve_plan(plan, device=device, tick=tick, threads=threads, cache=cache)
 
 

@@ -12,6 +12,8 @@ from homolog.geodesics.lookup import LANES, MISSING
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 
 BUCKETS = wp.constant(256)
+BAND = wp.constant(48)
+"""Vertices, in the order of the patch, that are settled together."""
 Lanes = wp.types.vector(length=LANES, dtype=wp.float32)
 
 
@@ -23,6 +25,7 @@ class Scratch:
     dirty: wp.array(dtype=wp.int32)  # (V,) 1 if the vertex awaits an update
     changed: wp.array(dtype=wp.int32)  # (V,) clock of the vertex' last change, 0 outside the patch
     seen: wp.array(dtype=wp.int32)  # (V,) clock of its last update
+    bin: wp.array(dtype=wp.int32)  # (V,) bucket of the vertex' distance, -1 outside the patch
     patch: wp.array(dtype=wp.int32)  # (V,) vertices of the patch, near to far
     bucket: wp.array(dtype=wp.int32)  # (BUCKETS + 1,)
     size: wp.array(dtype=wp.int32)  # (1,) vertices in the patch
@@ -36,14 +39,14 @@ def lay_patch(scratch: Scratch, position: wp.array(dtype=wp.vec3), centre: wp.ve
     scale = 0.9999 * float(BUCKETS) / radius
     for v in range(position.shape[0]):
         distance = wp.length(position[v] - centre)
+        scratch.bin[v] = wp.where(distance <= radius, int(distance * scale), -1)
         if distance <= radius:
-            scratch.bucket[int(distance * scale) + 1] += 1
+            scratch.bucket[scratch.bin[v] + 1] += 1
     for k in range(BUCKETS):
         scratch.bucket[k + 1] += scratch.bucket[k]
     for v in range(position.shape[0]):
-        distance = wp.length(position[v] - centre)
-        if distance <= radius:
-            k = int(distance * scale)
+        k = scratch.bin[v]
+        if k >= 0:
             scratch.patch[scratch.bucket[k]] = v
             scratch.dirty[v] = 0
             scratch.seen[v] = 0
@@ -70,6 +73,38 @@ def update(
                 for lane in range(LANES):
                     best[lane] = wp.min(best[lane], plane_front(corner, da[lane], db[lane]))
     return best
+
+
+@wp.func
+def lower(
+    scratch: Scratch,
+    v: int,
+    fan: wp.array(dtype=wp.int32),
+    corners: wp.array(dtype=Corner),
+    reach: Reach,
+    element: int,
+    clock: int,
+) -> int:
+    """Update a vertex and mark its neighbours if it fell; return how far the clock goes on."""
+    scratch.dirty[v] = 0
+    old = scratch.u[v]
+    new = update(scratch, v, fan, corners, element)
+    scratch.seen[v] = clock
+    gain = float(0.0)
+    near = float(0.0)
+    limit = reach.stored + reach.slack
+    for lane in range(LANES):
+        gain = wp.max(gain, old[lane] - new[lane])
+        near = wp.max(near, wp.where(new[lane] <= limit, old[lane] - new[lane], 0.0))
+        new[lane] = wp.min(new[lane], old[lane])
+    if near > reach.changed:
+        for k in range(fan[v], fan[v + 1]):
+            scratch.dirty[corners[k].a] = 1
+    if gain > reach.changed:
+        scratch.u[v] = new
+        scratch.changed[v] = clock + 1
+        return 1
+    return 0
 
 
 @wp.kernel
@@ -114,32 +149,21 @@ def sweep_cluster(
             for k in range(fan[m], fan[m + 1]):
                 scratch.dirty[corners[k].a] = 1
 
-    limit = reach.stored + reach.slack
+    # A band is settled before the next: what lies beyond is not computed from values that still fall.
     clock = int(1)
     pending = int(1)
     while pending != 0:
         pending = int(0)
-        for p in range(size):
-            v = scratch.patch[p]
-            if scratch.dirty[v] != 0:
-                scratch.dirty[v] = 0
-                old = scratch.u[v]
-                new = update(scratch, v, fan, corners, element)
-                scratch.seen[v] = clock
-                gain = float(0.0)
-                near = float(0.0)
-                for lane in range(LANES):
-                    gain = wp.max(gain, old[lane] - new[lane])
-                    near = wp.max(near, wp.where(new[lane] <= limit, old[lane] - new[lane], 0.0))
-                    new[lane] = wp.min(new[lane], old[lane])
-                if gain > reach.changed:
-                    scratch.u[v] = new
-                    clock += 1
-                    scratch.changed[v] = clock
-                if near > reach.changed:
-                    pending = int(1)
-                    for k in range(fan[v], fan[v + 1]):
-                        scratch.dirty[corners[k].a] = 1
+        for first in range(0, size, BAND):
+            moving = int(1)
+            while moving != 0:
+                moving = int(0)
+                for p in range(first, wp.min(first + BAND, size)):
+                    v = scratch.patch[p]
+                    if scratch.dirty[v] != 0:
+                        moving = int(1)
+                        pending = int(1)
+                        clock += lower(scratch, v, fan, corners, reach, element, clock)
 
 
 @wp.kernel

@@ -14,7 +14,12 @@ def test_progress_rises_and_names_the_subjects(sphere, storage):
     fractions = [fraction for fraction, _ in seen]
     assert fractions == sorted(fractions)
     assert fractions[-1] == pytest.approx(1.0)
-    assert [text.split(":")[0] for text in dict.fromkeys(text for _, text in seen)] == ["ann", "bob"]
+    assert list(dict.fromkeys(text for _, text in seen)) == [
+        "ann: mesh checked",
+        "bob: mesh checked",
+        "ann: geodesic distances",
+        "bob: geodesic distances",
+    ]
 
 
 @pytest.mark.parametrize("at", [0.0, 0.4])

@@ -133,7 +133,7 @@ def test_real_surfaces_are_as_accurate(data):
     from homolog.files.meshes import read_mesh
 
     mesh = read_mesh(sorted((data / "vertebra_l1_verse" / "meshes").glob("*.ply"))[0])
-    accuracy = measure_accuracy(mesh, solve_table(mesh, 3.0), 8)
+    accuracy = measure_accuracy(mesh, solve_table(mesh, 2.5), 4)
     assert accuracy.missing == 0
     assert accuracy.mean < 0.001
     assert accuracy.p99 < 0.006
