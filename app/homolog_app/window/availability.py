@@ -38,6 +38,7 @@ def available(
     study = session.is_open and ready
     idle = not busy
     chosen = bool(session.selection)
+    two = len(session.study.included) >= 2
     groomed = study and bool(session.groomed or session.result)
     return {
         "always": True,
@@ -51,10 +52,11 @@ def available(
         "removable": study and idle and chosen,
         "groomed": groomed,
         "groomed_selection": study and idle and chosen and session.selection[0] in session.groomed,
-        "ready": study and idle and session.is_groomed and len(session.study.included) >= 2,
+        "two": study and two,
+        "ready": study and idle and two and (session.is_groomed or session.result is not None),
         "busy": busy,
         "running": running,
-        "resumable": study and idle and session.is_groomed and project.checkpoint.is_file(),
+        "resumable": study and idle and two and project.checkpoint.is_file(),
         "cancelled": study and idle and kept,
         "result": study and session.result is not None,
         "particles": study and (running or session.result is not None),

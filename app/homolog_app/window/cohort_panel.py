@@ -78,7 +78,7 @@ class CohortPanel(Panel):
         head.setHighlightSections(False)
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         head.setStretchLastSection(False)
-        for column, width in ((NAME, 184), (GROUP, 56), (VOLUME, 72), (STATUS, 80)):
+        for column, width in ((NAME, 152), (GROUP, 56), (VOLUME, 72), (STATUS, 80)):
             head.resizeSection(column, width)
         head.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         return table

@@ -80,7 +80,7 @@ COMMANDS = (
     Command("view.groom", "Groom", "From segmentations to smooth surfaces.",
             "View/Step", "F2", "groom", "study"),
     Command("view.correspond", "Correspond", "Place corresponding particles.",
-            "View/Step", "F3", "correspond", "groomed"),
+            "View/Step", "F3", "correspond", "two"),
     Command("view.explore", "Explore", "Look at the result and play the run again.",
             "View/Step", "F4", "explore", "result"),
     Command("view.grid1", "1 view", "One subject.", "View/Layout", "Ctrl+1", "grid1", "study", True, "grid"),

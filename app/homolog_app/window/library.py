@@ -192,9 +192,10 @@ class Library(Part):
         if desk.project.exists and desk.project.read().result is not None:
             desk.work.open_result(desk.project, lambda: self._window.show_step("explore"))
         desk.write_journal()
-        self._window.show_step("cohort")
-        if lost.record.running and desk.project.checkpoint.is_file():
-            self._window.status.say("Groom (from the cache), then Resume goes on from the checkpoint.")
+        resumable = lost.record.running and desk.project.checkpoint.is_file()
+        self._window.show_step("correspond" if resumable else "cohort")
+        if resumable:
+            self._window.status.say("Resume goes on from the checkpoint of the run.")
 
     def _new(self) -> None:
         path = QFileDialog.getExistingDirectory(self._window, "Folder of segmentations or surfaces")

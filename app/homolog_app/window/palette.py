@@ -79,7 +79,7 @@ class CommandPalette(QDialog):
                 item.setIcon(0, action.icon())
                 item.setToolTip(0, one.help)
                 item.setData(0, Qt.ItemDataRole.UserRole, action)
-                item.setTextAlignment(1, Qt.AlignmentFlag.AlignRight)
+                item.setTextAlignment(1, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
                 self.list.addTopLevelItem(item)
         self.list.setCurrentItem(self.list.topLevelItem(0))
 

@@ -14,6 +14,7 @@ from homolog_app.window.widgets import GRID, Panel, button, label, rule, set_pri
 __all__ = ["RunPanel"]
 
 _MAIN = ("method", "particles", "seed")
+_FIRST = "Groom the shapes first, and look whether the surfaces are right."
 
 
 class RunPanel(Panel):
@@ -91,7 +92,8 @@ class RunPanel(Panel):
         self.resume.setVisible(idle and self._actions["run.resume"].isEnabled())
         self.keep.setVisible(idle and self._actions["run.keep"].isEnabled())
         self.proceed.setVisible(idle and done)
-        self.summary.setText(session.result.summary if session.result else "")
+        ready = session.is_groomed or done
+        self.summary.setText(session.result.summary if session.result else "" if ready else _FIRST)
 
     def refresh_device(self) -> None:
         """Show the chosen device; one that this machine lacks is listed as missing."""

@@ -14,14 +14,14 @@ def steps_of(session: Session, work: Work) -> dict[str, Step]:
     result = session.result
     done = {
         "cohort": included >= 2,
-        "groom": session.is_groomed,
+        "groom": session.is_groomed or result is not None,
         "correspond": result is not None,
         "explore": False,
     }
     enabled = {
         "cohort": session.is_open,
         "groom": included > 0,
-        "correspond": groomed > 0 or result is not None,
+        "correspond": included >= 2,
         "explore": result is not None,
     }
     words = {

@@ -1,6 +1,7 @@
 """The real window for tests, and the rule that nothing of it outlives its test."""
 
 import gc
+import os
 import shutil
 import threading
 import time
@@ -44,6 +45,7 @@ def make_window(qapp, tmp_path, wait):
         home.mkdir(exist_ok=True)
         window = make_window(qapp, home)
         window.desk.preferences.ask_on_close = False
+        window.desk.theme.choose(os.environ.get("HOMOLOG_TEST_SCHEME", "light"))
         windows.append(window)
         window.show()
         if views:

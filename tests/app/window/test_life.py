@@ -1,6 +1,5 @@
 """Life and death: cancel in every phase, crashes, random orders, opening and closing again and again."""
 
-import json
 import random
 import subprocess
 import sys
@@ -105,7 +104,8 @@ if __name__ == "__main__":
             app.processEvents()
             time.sleep(0.002)
     window.library.take([cohort])
-    desk.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
+    desk.edit_settings("optimize", "particles", OptimizeSettings(
+        particles=128, split_iterations=30, anneal_iterations=100, settle_iterations=5))
     until(lambda: len(desk.session.surveys) == 4)
     import shutil
     shutil.copytree(cache, desk.project.groomed)
@@ -147,15 +147,8 @@ def test_after_a_kill_in_mid_run_the_next_start_offers_what_was_lost(
     session = window.desk.session
     assert [one.name for one in session.study.members] == ["a", "b", "c", "d"]
     assert session.study.settings.optimize.particles == 128
-    wait(lambda: len(session.surveys) == 4)
-    window.commands["run.groom"].trigger()
+    assert window.step == "correspond"
+    window.commands["run.resume"].trigger()
     wait(lambda: not window.desk.work.is_busy)
-    assert window.commands["run.resume"].isEnabled()
+    assert session.result.result.world.shape == (4, 128, 3)
     assert not errors
-    assert (
-        not list((home / "sessions").glob("*/journal.json"))
-        or json.loads(next((home / "sessions").glob("*/journal.json")).read_text())["study"]["settings"][
-            "optimize"
-        ]["particles"]
-        == 128
-    )

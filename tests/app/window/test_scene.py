@@ -1,0 +1,124 @@
+"""The views: letters, colours, pages, pictures."""
+
+import numpy as np
+import pytest
+
+from homolog_app.window.scene.colours import colours_by_place
+from homolog_app.window.scene.content import Content
+from homolog_app.window.scene.letters import direction_letters, edge_letters
+
+
+@pytest.mark.parametrize(
+    ("direction", "letters"),
+    [((1, 0, 0), "L"), ((-1, 0, 0), "R"), ((0, 1, 0), "P"), ((0, -1, 0), "A"), ((0, 0, 1), "S"),
+     ((0, 0, -1), "I"),
+     ((0.8, -0.6, 0), "LA"), ((0.98, 0.17, 0), "L")],
+)  # fmt: skip
+def test_directions_are_named_as_in_radiology(direction, letters):
+    assert direction_letters(np.array(direction, dtype=float)) == letters
+
+
+def test_seen_from_the_front_the_patients_right_is_at_the_left_and_the_head_on_top():
+    assert edge_letters(np.eye(3), np.array([1.0, 0, 0]), np.array([0, 0, 1.0])) == ("R", "L", "I", "S")
+
+
+def test_a_subject_that_alignment_turned_over_has_its_own_letters():
+    turned = np.diag([-2.0, -2.0, 2.0, 1.0])
+    content = Content("x", None, None, None, turned)
+    letters = edge_letters(content.patient_axes, np.array([1.0, 0, 0]), np.array([0, 0, 1.0]))
+    assert letters == ("L", "R", "I", "S")
+
+
+def test_neighbours_have_alike_colours_and_opposite_places_do_not():
+    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    ring = np.column_stack([3 * np.cos(angle), 2 * np.sin(angle), np.zeros(200)])
+    colours = colours_by_place(ring).astype(float)
+    beside = np.linalg.norm(colours - np.roll(colours, 1, axis=0), axis=1)
+    opposite = np.linalg.norm(colours - np.roll(colours, 100, axis=0), axis=1)
+    assert beside.max() < 0.25 * opposite.min()
+
+
+def pixels(image):
+    from PySide6.QtGui import QImage
+
+    image = image.convertToFormat(QImage.Format.Format_RGBA8888)
+    flat = np.frombuffer(image.constBits(), dtype=np.uint8)
+    return flat.reshape(image.height(), image.bytesPerLine() // 4, 4)[:, : image.width()].copy()
+
+
+@pytest.mark.window
+class TestViews:
+    def test_every_layout_shows_its_number_of_subjects_and_pages_through_the_rest(self, beans):
+        scene = beans.views.stage.scene
+        for command, count, pages in (("view.grid1", 1, 4), ("view.grid4", 4, 1), ("view.grid16", 16, 1)):
+            beans.commands[command].trigger()
+            assert (scene.layout_count, scene.pages) == (count, pages)
+        beans.commands["view.grid1"].trigger()
+        beans.commands["view.next"].trigger()
+        assert [one.name for one in scene.shown] == ["b"]
+        beans.desk.session.select(["d"])
+        assert [one.name for one in scene.shown] == ["d"]
+        assert not beans.commands["view.next"].isEnabled()
+
+    def test_a_picture_can_be_larger_than_the_screen_and_transparent(self, beans):
+        scene = beans.views.stage.scene
+        one, two = scene.picture(1), scene.picture(2, transparent=True)
+        assert (two.width(), two.height()) == (2 * one.width(), 2 * one.height())
+        assert pixels(one)[..., 3].min() == 255
+        alpha = pixels(two)[..., 3]
+        assert alpha.min() == 0
+        assert alpha.max() == 255
+
+    def test_the_surface_is_seen_and_can_be_hidden(self, beans):
+        scene = beans.views.stage.scene
+        before = pixels(scene.picture())
+        beans.commands["view.raw"].trigger()
+        after = pixels(scene.picture())
+        assert (before != after).any(axis=-1).mean() > 0.05
+
+    def test_particles_have_the_same_colour_on_every_shape(self, explored):
+        scene = explored.views.stage.scene
+        explored.commands["view.groomed"].trigger()
+        explored.commands["view.grid1"].trigger()
+        seen = []
+        for page in range(2):
+            scene.show_page(page)
+            seen.append({tuple(one) for one in pixels(scene.picture())[::2, ::2, :3].reshape(-1, 3)})
+        assert len(seen[0] & seen[1]) > 20
+
+    def test_a_few_views_at_a_time_are_drawn_if_drawing_is_slow(self, explored, wait):
+        scene, frames = explored.views.stage.scene, explored.desk.session.result.frames
+        names = explored.desk.session.result.result.names
+        first, last = (dict(zip(names, one.particles, strict=True)) for one in (frames[-2], frames[-1]))
+        scene.show_particles(first)
+        scene.picture()
+        scene._plot.last_ms, scene._share = 1000.0, 1
+        drawn = []
+        for cell in scene._cells[:4]:
+            cell.renderer.AddObserver("StartEvent", lambda *_, cell=cell: drawn.append(cell))
+        scene.show_particles(last, live=True)
+        scene._plot.repaint()
+        assert len(set(drawn)) == 1
+        scene._plot.repaint()
+        assert len(set(drawn)) == 4
+
+    def test_the_scheme_changes_the_background_of_the_views(self, beans):
+        before = pixels(beans.views.stage.scene.picture())[40, 40, :3].mean()
+        beans.commands["view.theme"].trigger()
+        after = pixels(beans.views.stage.scene.picture())[40, 40, :3].mean()
+        assert abs(before - after) > 100
+
+
+@pytest.mark.window
+def test_the_contour_in_a_slice_runs_along_the_border_of_the_voxels(groomed):
+    from homolog_app.window.slice_view import contour_in_slice
+
+    session = groomed.desk.session
+    voxels, field = session.surveys["a"].voxels, session.groomed["a"].subject.field
+    for axis in range(3):
+        index = voxels.mask.shape[axis] // 2
+        (line,) = contour_in_slice(voxels, field, axis, index)
+        mask = np.take(voxels.mask, index, axis=axis)
+        inside = np.argwhere(mask)
+        np.testing.assert_allclose(line.min(axis=0), inside.min(axis=0) - 0.5, atol=0.8)
+        np.testing.assert_allclose(line.max(axis=0), inside.max(axis=0) + 0.5, atol=0.8)
