@@ -12,6 +12,7 @@ wp.set_module_options({"enable_backward": False})
 FAR = 1.0e6
 _FAR = wp.constant(FAR)
 _TRIALS = wp.constant(10)
+_FREE_TURNS = wp.constant(12)
 
 
 @wp.func
@@ -151,6 +152,7 @@ def _quadratic(value: wp.vec3, weight: wp.vec3) -> float:
 def relax(
     field: wp.array3d(dtype=wp.float32),
     state: wp.array3d(dtype=wp.int32),
+    turns: wp.array3d(dtype=wp.int32),
     active: wp.array(dtype=wp.vec3i),
     following: wp.array(dtype=wp.vec3i),
     n_following: wp.array(dtype=wp.int32),
@@ -160,13 +162,17 @@ def relax(
     """One round of the fast iterative method (Jeong and Whitaker 2008, algorithm 2.1).
 
     A node of the active list takes the value that its neighbours give it. Once that no longer changes, it
-    leaves the list (state 0) and hands over to those neighbours that it improves (state 1).
+    leaves the list (state 0) and hands over to those neighbours that it improves (state 1). Second
+    differences can make values swing for ever where fronts meet: after some turns a node only decreases.
     """
     node = active[wp.tid()]
     i, j, k = node[0], node[1], node[2]
     side = wp.where(field[i, j, k] < 0.0, -1.0, 1.0)
     old = side * field[i, j, k]
     new = _solve(field, i, j, k, side, second_order)
+    turns[i, j, k] += 1
+    if turns[i, j, k] > _FREE_TURNS:
+        new = wp.min(new, old)
     field[i, j, k] = side * new
     if wp.abs(new - old) > tolerance:
         following[wp.atomic_add(n_following, 0, 1)] = node
@@ -183,7 +189,10 @@ def relax(
             continue
         beyond = wp.where(field[a, b, c] < 0.0, -1.0, 1.0)
         better = _solve(field, a, b, c, beyond, second_order)
-        if wp.abs(better - beyond * field[a, b, c]) > tolerance and wp.atomic_max(state, a, b, c, 1) == 0:
+        change = better - beyond * field[a, b, c]
+        if turns[a, b, c] < _FREE_TURNS:
+            change = -wp.abs(change)
+        if change < -tolerance and wp.atomic_max(state, a, b, c, 1) == 0:
             field[a, b, c] = beyond * better
             following[wp.atomic_add(n_following, 0, 1)] = wp.vec3i(a, b, c)
 

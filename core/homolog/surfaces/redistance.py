@@ -62,9 +62,10 @@ def _propagate(signed: wp.array, state: wp.array, second_order: bool) -> None:
     lists = [wp.empty(capacity, dtype=wp.vec3i) for _ in range(2)]
     if len(start):
         lists[0][: len(start)].assign(start)
+    turns = wp.zeros_like(state)
     count, total = len(start), wp.zeros(1, dtype=wp.int32)
     while count:
         total.zero_()
-        wp.launch(kernels.relax, count, [signed, state, *lists, total, _TOLERANCE, second_order])
+        wp.launch(kernels.relax, count, [signed, state, turns, *lists, total, _TOLERANCE, second_order])
         lists.reverse()
         count = int(total.numpy()[0])

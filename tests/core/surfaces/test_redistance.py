@@ -70,3 +70,13 @@ def test_a_two_node_gap_between_two_solids_is_resolved():
     x = np.arange(40.0)[:, None, None] * np.ones((40, 12, 12))
     exact = 2.5 - np.abs(x - 20.0)
     assert np.abs(redistanced(exact) + np.abs(x - 20.0) - 2.5)[10:30].max() < 0.01
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("scale", [0.0, 0.7, 2.0])
+def test_it_ends_on_noise_where_fronts_meet_everywhere(scale):
+    """Second differences alone made values swing for ever here."""
+    noise = ndimage.gaussian_filter(np.random.default_rng(0).normal(size=(40, 40, 40)), scale)
+    distance = redistanced(noise)
+    assert np.isfinite(distance).all()
+    assert np.abs(distance).max() < 40.0
