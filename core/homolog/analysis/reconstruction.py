@@ -21,8 +21,14 @@ __all__ = ["MeanSurface", "mean_surface", "medoid", "spread_centres", "thin_plat
 MOST_CENTRES = 2048
 """Above this count the spline takes evenly spread particles only: the others add cost, not shape."""
 
-SMOOTHINGS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""Tried in turn until no face is folded; in units of the mean distance of neighbouring centres."""
+ROUNDS = 12
+"""Most times that the spline is made smoother where faces are folded."""
+
+_FIRST_SMOOTHING = 0.1
+"""Of a centre near a folded face, in mean distances of neighbouring centres; doubled in each round."""
+
+_NEAR = 3
+"""Centres made smoother for each folded face."""
 
 _CHUNK = 4096
 
@@ -41,8 +47,9 @@ class MeanSurface:
         Thin-plate weights: see `moved`.
     centres : (n,) int array
         Indices of the particles that carry the spline; all of them unless there are very many.
-    smoothing : float
-        Smoothing of the spline [mm] that the template needed to come out unfolded; 0 interpolates.
+    smoothing : (n,) array
+        Smoothing of the spline at each centre [mm]: 0, where it interpolates, but near faces that would
+        have come out folded.
     folded : int
         Faces that are folded even so: 0 unless correspondences cross each other.
     """
@@ -51,12 +58,12 @@ class MeanSurface:
     faces: IntArray
     operator: FloatArray
     centres: IntArray
-    smoothing: float
+    smoothing: FloatArray
     folded: int
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("vertices", "faces", "operator", "centres"):
+        for name in ("vertices", "faces", "operator", "centres", "smoothing"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def moved(self, particles: FloatArray) -> FloatArray:
@@ -91,26 +98,28 @@ def mean_surface(
     tick : Tick
     """
     centres = spread_centres(mean, MOST_CENTRES)
-    unit = _mean_spacing(particles[centres])
-    best: tuple[int, float, FloatArray] | None = None
-    for attempt, part in enumerate(SMOOTHINGS):
-        tick(attempt / (len(SMOOTHINGS) + 1), "mean surface")
-        smoothing = part * unit
-        weights = _solve(particles[centres], mean[centres], smoothing)
-        warped = _evaluate(particles[centres], vertices, weights)
-        folded = int(_folded(particles[centres], vertices, warped, faces, weights).sum())
-        if best is None or folded < best[0]:
-            best = folded, smoothing, warped
-        if folded == 0:
+    start, tree = particles[centres], KDTree(particles[centres])
+    first = _FIRST_SMOOTHING * _mean_spacing(start)
+    smoothing = np.zeros(len(centres))
+    for attempt in range(ROUNDS):
+        tick(attempt / (ROUNDS + 1), "mean surface")
+        weights = _solve(start, mean[centres], smoothing)
+        warped = _evaluate(start, vertices, weights)
+        folded = _folded(start, vertices, warped, faces, weights)
+        if not folded.any():
             break
-    assert best is not None
-    folded, smoothing, warped = best
-    tick(len(SMOOTHINGS) / (len(SMOOTHINGS) + 1), "mean surface")
+        middles = vertices[faces[folded]].mean(axis=1)
+        _, near = tree.query(middles, k=range(1, min(_NEAR, len(centres)) + 1))
+        touched = np.unique(near)
+        smoothing[touched] = np.maximum(2.0 * smoothing[touched], first)
+    tick(ROUNDS / (ROUNDS + 1), "mean surface")
     operator = thin_plate_operator(mean[centres], warped, smoothing=smoothing)
-    return MeanSurface(warped, faces, operator, centres, smoothing, folded)
+    return MeanSurface(warped, faces, operator, centres, smoothing, int(folded.sum()))
 
 
-def thin_plate_operator(centres: FloatArray, points: FloatArray, *, smoothing: float = 0.0) -> FloatArray:
+def thin_plate_operator(
+    centres: FloatArray, points: FloatArray, *, smoothing: float | FloatArray = 0.0
+) -> FloatArray:
     """Return the matrix that takes target positions of the centres to those of the points.
 
     Parameters
@@ -119,8 +128,8 @@ def thin_plate_operator(centres: FloatArray, points: FloatArray, *, smoothing: f
         Where the particles are before the warp [mm]; not all in one plane.
     points : (V, 3) array
         Where the vertices are before the warp [mm].
-    smoothing : float
-        0 interpolates; larger values trade fidelity for smoothness [mm].
+    smoothing : float or (N,) array
+        Of each centre [mm]: 0 interpolates, larger values trade fidelity for smoothness.
 
     Returns
     -------
@@ -155,12 +164,12 @@ def spread_centres(points: FloatArray, most: int) -> IntArray:
     return np.sort(chosen)
 
 
-def _solve(centres: FloatArray, targets: FloatArray, smoothing: float) -> FloatArray:
+def _solve(centres: FloatArray, targets: FloatArray, smoothing: float | FloatArray) -> FloatArray:
     """Weights of the kernel (N rows) and of the affine part (4 rows) for each column of the targets."""
     count = len(centres)
     system = np.zeros((count + 4, count + 4))
     # The kernel r is conditionally negative definite, so smoothing makes the diagonal smaller.
-    system[:count, :count] = cdist(centres, centres) - smoothing * np.eye(count)
+    system[:count, :count] = cdist(centres, centres) - np.diag(np.broadcast_to(smoothing, count))
     system[:count, count] = system[count, :count] = 1.0
     middle = centres.mean(axis=0)
     system[:count, count + 1 :] = centres - middle
