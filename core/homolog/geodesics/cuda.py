@@ -16,14 +16,12 @@ from homolog.geodesics.plan import TablePlan
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
 
-__all__ = ["run_front", "solve_on_cuda"]
-
-QUADS = int(front_kernels.QUADS)
+__all__ = ["solve_on_cuda"]
 
 STEPS = 16
 """Steps launched before the host looks whether anything is left to do; an idle step takes microseconds."""
-BYTES_PER_VERTEX = 4 * LANES + 4 + 4 + 8 + 4
-"""Scratch of one cluster for each vertex: u, changed, queued, lists and the marks of what is stored."""
+BYTES_PER_VERTEX = 4 * LANES + 4 + 8 + 4
+"""Scratch of one cluster for each vertex: u, queued, lists and the marks of what is stored."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,8 +92,7 @@ def _upload(plan: TablePlan, device: str) -> Cohort:
 
 def _front(batch: int, n: int) -> Any:  # noqa: ANN401 - a wp.struct has no type
     front = front_kernels.Front()
-    front.u = wp.empty((batch, n, QUADS), dtype=wp.vec4)
-    front.changed = wp.empty((batch, n), dtype=wp.int32)
+    front.u = wp.empty((batch, n, LANES), dtype=wp.float32)
     front.queued = wp.empty((batch, n), dtype=wp.int32)
     front.lists = wp.empty((2, batch, n), dtype=wp.int32)
     front.counts = wp.empty((3, batch), dtype=wp.int32)
@@ -105,8 +102,8 @@ def _front(batch: int, n: int) -> Any:  # noqa: ANN401 - a wp.struct has no type
 
 def _advance(front: Any, cohort: Cohort, begin: int, end: int, pause: Callable[[], None]) -> None:  # noqa: ANN401
     """Solve clusters begin … end into front.u."""
-    front.u.fill_(wp.vec4(float(kernels.FAR)))
-    for array in (front.changed, front.queued, front.counts, front.last):
+    front.u.fill_(float(kernels.FAR))
+    for array in (front.queued, front.counts, front.last):
         array.zero_()
     wp.launch(front_kernels.seed_front, (end - begin, LANES), inputs=[front, cohort.sources, begin])
     run_front(front, cohort.sources, range(begin, end), cohort.element, pause)
@@ -138,7 +135,7 @@ class _DenseStore:
     def add(self, u: Any, at: int) -> None:  # noqa: ANN401
         n = self._codes.shape[0]
         inputs = [u, self._members[at : at + u.shape[0]], self._reach, self._codes]
-        wp.launch(front_kernels.store_front_dense, (u.shape[0], QUADS, n), inputs=inputs)
+        wp.launch(front_kernels.store_front_dense, (u.shape[0], LANES, n), inputs=inputs)
 
     def finish(self, name: str) -> tuple[Any, ...]:
         tiles = -(-self._codes.shape[0] // 16)

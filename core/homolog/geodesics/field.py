@@ -62,12 +62,11 @@ def distances_from(
     reach.stored = float(kernels.FAR)
     fans = build_fans([mesh], "cpu")
     with wp.ScopedDevice("cpu"):
-        values = np.full((1, n, 1, 4), float(kernels.FAR), np.float32)
-        np.minimum.at(values[0, :, 0, 0], where, 0.0 if start is None else np.asarray(start, np.float32))
+        values = np.full((1, n, 1), float(kernels.FAR), np.float32)
+        np.minimum.at(values[0, :, 0], where, 0.0 if start is None else np.asarray(start, np.float32))
         around = np.unique(mesh.faces[np.isin(mesh.faces, where).any(axis=1)])
         front = front_kernels.Front()
-        front.u = wp.array(values, dtype=wp.vec4, ndim=3)
-        front.changed = wp.zeros((1, n), dtype=wp.int32)
+        front.u = wp.array(values)
         front.queued = wp.zeros((1, n), dtype=wp.int32)
         front.lists = wp.zeros((2, 1, n), dtype=wp.int32)
         front.lists.numpy()[1, 0, : len(around)] = around
@@ -80,5 +79,5 @@ def distances_from(
         clusters.fan = fans.start
         clusters.corners = fans.corners
         run_front(front, clusters, range(1), 0, partial(tick, 0.0, f"{name}: geodesic distances"))
-        distances: Float32Array = front.u.numpy()[0, :, 0, 0]
+        distances: Float32Array = front.u.numpy()[0, :, 0]
     return distances
