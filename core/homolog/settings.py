@@ -105,7 +105,12 @@ class OptimizeSettings(_Settings):
         int, Field(ge=4, le=65536, description="Corresponding points on every shape; any number.")
     ] = 1024
     seed: Annotated[
-        int, Field(ge=0, le=2**31 - 1, description="Seed of the split directions; same seed, same result.")
+        int,
+        Field(
+            ge=0,
+            le=2**31 - 1,
+            description="Seed of the first particle and the split directions; same seed, same result.",
+        ),
     ] = 0
     ensemble_weight: Annotated[
         float,

@@ -1,4 +1,4 @@
-"""The optimization, from one particle on every shape to all of them."""
+"""The optimization, from a few particles on every shape to all of them."""
 
 import math
 import time
@@ -12,6 +12,7 @@ from homolog.correspondence.engine import LIST_LIFE, Engine, Particles
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.schedule import Plan, plan_stages
 from homolog.correspondence.splitting import split
+from homolog.correspondence.start import first_particles
 from homolog.correspondence.types import Checkpoint, Correspondence, Frame, Observe, Reason, Shape
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.progress import Tick, no_tick, part_of
@@ -87,7 +88,8 @@ class _Journey:
         observe: Observe | None,
         keep: Keep | None,
     ) -> None:
-        self.domain, self.settings, self.tick, self.observe, self.keep = domain, settings, tick, observe, keep
+        self.domain, self.settings, self.observe, self.keep = domain, settings, observe, keep
+        self.start_tick, self.tick = part_of(tick, 0.0, 0.05), part_of(tick, 0.05, 1.0)
         self.launcher = Launcher(domain.device)
         self.stages = plan_stages(settings)
         self.energies: list[list[float]] = []
@@ -99,8 +101,10 @@ class _Journey:
         """Go through the stages, the first or the rest of them."""
         start, done = 0, 0
         if resume is None:
-            bottom = [mesh.vertices[[mesh.vertices[:, 2].argmin()]] for mesh in self.domain.coarse.meshes]
-            self.engine = self._engine(self.stages[0], np.stack(bottom))
+            first = first_particles(
+                self.domain.coarse.meshes, self.stages[0].count, self.settings.seed, self.start_tick
+            )
+            self.engine = self._engine(self.stages[0], first)
         else:
             start, done = resume.stage, resume.done
             self.iteration, self.energies = resume.iteration, resume.energies.tolist()

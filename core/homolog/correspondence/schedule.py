@@ -10,7 +10,7 @@ from homolog.settings import OptimizeSettings
 __all__ = ["Plan", "particle_counts", "plan_stages"]
 
 STEP = 0.5  # tau, of the squared Parzen width
-FEW = 64  # below, there is no covariance worth the name: pull to the mean shape
+FIRST = 256  # at most so many particles are placed by registration; the others come by splitting
 MEAN_PULL = 0.02  # strength of that pull, per squared optimizer length
 HUGE = 1.0e4  # a regularisation under which H(Z) is the squared distance to the mean shape
 
@@ -58,28 +58,26 @@ class Plan:
 
 
 def particle_counts(particles: int) -> list[int]:
-    """Return the numbers of particles of the splits: halved, rounded up, down to one; ascending."""
+    """Return the numbers of particles: halved, rounded up, down to at most `FIRST`; ascending."""
     counts = [particles]
-    while counts[-1] > 1:
+    while counts[-1] > FIRST:
         counts.append((counts[-1] + 1) // 2)
     return counts[::-1]
 
 
 def plan_stages(settings: OptimizeSettings) -> list[Plan]:
-    """Return the stages of an optimization, from one particle to all."""
+    """Return the stages of an optimization, from the first particles to all."""
     normals = settings.normals_weight if settings.method.uses_normals else 0.0
     weight, split = settings.ensemble_weight, settings.split_iterations
-    stages = []
-    for count in particle_counts(settings.particles):
-        if count < FEW:
-            stages.append(
-                Plan(Stage.SPLITTING, count, split, MEAN_PULL * HUGE, normals, (HUGE, HUGE), (0.3, 0.3))
-            )
-        else:
-            stages.append(Plan(Stage.SPLITTING, count, split, weight, normals, (10.0, 0.2), (0.3, 0.03)))
-    first, last = settings.regularization_start, settings.regularization_end
+    first, *more = particle_counts(settings.particles)
+    stages = [Plan(Stage.SPLITTING, first, split, MEAN_PULL * HUGE, normals, (HUGE, HUGE), (0.3, 0.3))]
+    stages += [
+        Plan(Stage.SPLITTING, count, split, weight, normals, (10.0, 0.2), (0.3, 0.03))
+        for count in (first, *more)
+    ]
+    begin, end = settings.regularization_start, settings.regularization_end
     rest = (settings.particles, settings.anneal_iterations, weight, normals)
-    stages.append(Plan(Stage.OPTIMIZING, *rest, (first, last), (0.3, 0.01)))
+    stages.append(Plan(Stage.OPTIMIZING, *rest, (begin, end), (0.3, 0.01)))
     rest = (settings.particles, settings.settle_iterations, weight, normals)
-    stages.append(Plan(Stage.OPTIMIZING, *rest, (last, last), (0.01, 0.01), until_converged=True))
+    stages.append(Plan(Stage.OPTIMIZING, *rest, (end, end), (0.01, 0.01), until_converged=True))
     return stages

@@ -4,12 +4,7 @@ import numpy as np
 
 from homolog.arrays import Float32Array, FloatArray
 
-__all__ = ["first_particles", "split"]
-
-
-def first_particles(fields_minimum: FloatArray) -> FloatArray:
-    """Return one particle a shape, (M, 1, 3), from one point a shape."""
-    return fields_minimum[:, None, :]
+__all__ = ["split"]
 
 
 def split(

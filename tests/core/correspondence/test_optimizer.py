@@ -128,8 +128,9 @@ def test_any_number_of_particles_can_be_asked_for(particles, ellipsoid_shapes):
     assert result.world.shape == (2, particles, 3)
 
 
-def test_counts_halve_down_to_one():
-    assert particle_counts(1000) == [1, 2, 4, 8, 16, 32, 63, 125, 250, 500, 1000]
+def test_counts_halve_down_to_what_registration_places():
+    assert particle_counts(1000) == [250, 500, 1000]
+    assert particle_counts(40) == [40]
 
 
 def test_a_split_moves_parent_and_child_apart_the_same_way_on_every_shape():

@@ -1,0 +1,138 @@
+"""Where the first particles go: spread over one reference shape, carried to the others by registration.
+
+Splitting from a single particle decides early, and blindly, which end of one shape meets which of another;
+thin or branched shapes never recover from a wrong decision. Here a coarse non-rigid registration decides
+(iterated closest points in position and normal, under a thin-plate map that softens step by step), and
+the entropies take over from there.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from homolog.arrays import FloatArray, IntArray
+from homolog.progress import Tick, no_tick
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["first_particles"]
+
+CONTROL = 400  # points of the reference that drive its deformation
+ROUNDS = 12
+STIFF, SOFT = 1e3, 10.0  # smoothing of the thin-plate map in the first and in the last round
+NORMAL_LENGTH = 20.0  # length, in the optimizer's unit, that a turn of the normal by one radian counts
+
+
+def first_particles(
+    meshes: Sequence[TriangleMesh], count: int, seed: int = 0, tick: Tick = no_tick
+) -> FloatArray:
+    """Return corresponding first particles on coarse meshes.
+
+    Parameters
+    ----------
+    meshes : sequence of TriangleMesh
+        The M shapes, aligned, in the optimizer's coordinates.
+    count : int
+        Particles a shape.
+    seed : int
+        Draws the vertex from which the particles are spread.
+    tick : Tick
+        Progress and cancelling.
+
+    Returns
+    -------
+    (M, count, 3) array
+        Vertices of the meshes.
+    """
+    normals = [vertex_normals(mesh) for mesh in meshes]
+    reference = medoid(meshes)
+    source = meshes[reference]
+    control = spread_indices(source.vertices, min(CONTROL, len(source.vertices)))
+    begin = int(np.random.default_rng(seed).integers(len(source.vertices)))
+    chosen = spread_indices(source.vertices, count, begin)
+    softening = np.geomspace(STIFF, SOFT, ROUNDS)
+    operators = [smoothing_operator(source.vertices[control], source.vertices, soft) for soft in softening]
+    result = np.empty((len(meshes), count, 3))
+    for index, (mesh, own) in enumerate(zip(meshes, normals, strict=True)):
+        tick(index / len(meshes), "first particles")
+        if index == reference:
+            result[index] = source.vertices[chosen]
+            continue
+        deformed = register(source, control, mesh, own, operators)
+        moved = features(deformed.vertices, vertex_normals(deformed))[chosen]
+        result[index] = mesh.vertices[cKDTree(features(mesh.vertices, own)).query(moved)[1]]
+    return result
+
+
+def register(
+    source: TriangleMesh,
+    control: IntArray,
+    target: TriangleMesh,
+    normals: FloatArray,
+    operators: Sequence[FloatArray],
+) -> TriangleMesh:
+    """Return the source mesh deformed onto the target, by closest points under softening thin plates."""
+    deformed = source
+    tree = cKDTree(features(target.vertices, normals))
+    for operator in operators:
+        moving = features(deformed.vertices, vertex_normals(deformed))
+        matched = target.vertices[tree.query(moving[control])[1]]
+        deformed = TriangleMesh(operator @ matched, source.faces)
+    return deformed
+
+
+def features(vertices: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return what closest points are sought by: position and normal, shape (V, 6)."""
+    return np.hstack([vertices, NORMAL_LENGTH * normals])
+
+
+def smoothing_operator(control: FloatArray, points: FloatArray, smoothing: float) -> FloatArray:
+    """Return the (points, control) matrix of a smoothing thin-plate map (kernel r in 3-D; Wahba 1990).
+
+    Applied to the control points' targets, it gives where the map takes the points.
+    """
+    n = len(control)
+    kernel = -cdist(control, control) + smoothing * np.eye(n)
+    affine = np.hstack([np.ones((n, 1)), control])
+    system = np.block([[kernel, affine], [affine.T, np.zeros((4, 4))]])
+    rows = np.hstack([-cdist(points, control), np.ones((len(points), 1)), points])
+    operator: FloatArray = np.linalg.solve(system.T, rows.T).T[:, :n]
+    return operator
+
+
+def vertex_normals(mesh: TriangleMesh) -> FloatArray:
+    """Return unit normals at the vertices, faces weighted by area; shape (V, 3)."""
+    corners = mesh.vertices[mesh.faces]
+    weighted = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.zeros_like(mesh.vertices)
+    for corner in range(3):
+        np.add.at(total, mesh.faces[:, corner], weighted)
+    unit: FloatArray = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-30)
+    return unit
+
+
+def spread_indices(points: FloatArray, count: int, begin: int = 0) -> IntArray:
+    """Return indices of points far from each other, each the farthest from those before (Gonzalez 1985)."""
+    chosen = [begin]
+    gap = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < count:
+        chosen.append(int(gap.argmax()))
+        gap = np.minimum(gap, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return np.array(chosen)
+
+
+def medoid(meshes: Sequence[TriangleMesh], candidates: int = 40, samples: int = 200) -> int:
+    """Return the index of the shape that is nearest to all others (of at most so many candidates)."""
+    step = max(1, len(meshes) // candidates)
+    trees = [cKDTree(mesh.vertices) for mesh in meshes]
+    points = [mesh.vertices[spread_indices(mesh.vertices, samples)] for mesh in meshes]
+    indices = range(0, len(meshes), step)
+    costs = [
+        sum(
+            float(trees[k].query(other)[0].mean() + tree.query(points[k])[0].mean())
+            for other, tree in zip(points, trees, strict=True)
+        )
+        for k in indices
+    ]
+    return indices[int(np.argmin(costs))]

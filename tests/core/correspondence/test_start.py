@@ -1,0 +1,55 @@
+"""The registration that places the first particles."""
+
+import numpy as np
+from homolog.correspondence.start import (
+    first_particles,
+    medoid,
+    smoothing_operator,
+    spread_indices,
+    vertex_normals,
+)
+from homolog.surfaces.mesh import TriangleMesh
+
+
+def test_a_smoothing_map_keeps_affine_maps_however_stiff_it_is():
+    random = np.random.default_rng(0)
+    control, points = random.normal(size=(30, 3)), random.normal(size=(50, 3))
+    affine, shift = random.normal(size=(3, 3)), random.normal(size=3)
+    operator = smoothing_operator(control, points, 100.0)
+    np.testing.assert_allclose(operator @ (control @ affine.T + shift), points @ affine.T + shift, atol=1e-8)
+
+
+def test_a_map_without_smoothing_interpolates():
+    control = np.random.default_rng(0).normal(size=(30, 3))
+    np.testing.assert_allclose(smoothing_operator(control, control, 0.0), np.eye(30), atol=1e-8)
+
+
+def test_vertex_normals_of_a_sphere_point_outward(ball):
+    outward = ball.mesh.vertices / np.linalg.norm(ball.mesh.vertices, axis=1, keepdims=True)
+    assert (vertex_normals(ball.mesh) * outward).sum(axis=1).min() > 0.98
+
+
+def test_spread_points_are_farther_apart_than_random_ones():
+    points = np.random.default_rng(1).normal(size=(500, 3))
+    chosen = points[spread_indices(points, 20)]
+    gaps = np.linalg.norm(chosen[:, None] - chosen[None], axis=-1)[np.triu_indices(20, 1)]
+    some = np.linalg.norm(points[:20, None] - points[None, :20], axis=-1)[np.triu_indices(20, 1)]
+    assert len(set(map(tuple, chosen))) == 20
+    assert gaps.min() > 2.0 * some.min()
+
+
+def test_the_medoid_is_the_shape_in_the_middle(ellipsoid_shapes):
+    assert medoid([shape.coarse_mesh for shape in ellipsoid_shapes]) == 2
+
+
+def test_first_particles_follow_a_known_deformation(ellipsoid_shapes):
+    source = ellipsoid_shapes[0].coarse_mesh
+    unit = 0.12
+    plain = TriangleMesh(source.vertices / unit, source.faces)
+    bent = plain.vertices.copy()
+    bent[:, 2] += 6.0 * np.sin(bent[:, 0] / 50.0)
+    found = first_particles([plain, TriangleMesh(bent, source.faces)], 60)
+    expected = found[0].copy()
+    expected[:, 2] += 6.0 * np.sin(expected[:, 0] / 50.0)
+    spacing = np.sqrt(plain.area / 60)
+    assert np.linalg.norm(found[1] - expected, axis=1).mean() < 0.25 * spacing
