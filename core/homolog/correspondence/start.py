@@ -128,11 +128,9 @@ def medoid(meshes: Sequence[TriangleMesh], candidates: int = 40, samples: int = 
     trees = [cKDTree(mesh.vertices) for mesh in meshes]
     points = [mesh.vertices[spread_indices(mesh.vertices, samples)] for mesh in meshes]
     indices = range(0, len(meshes), step)
-    costs = [
-        sum(
-            float(trees[k].query(other)[0].mean() + tree.query(points[k])[0].mean())
-            for other, tree in zip(points, trees, strict=True)
-        )
-        for k in indices
-    ]
+    costs = []
+    for k in indices:
+        away = [np.mean(np.asarray(trees[k].query(other)[0])) for other in points]
+        back = [np.mean(np.asarray(tree.query(points[k])[0])) for tree in trees]
+        costs.append(float(np.sum(away) + np.sum(back)))
     return indices[int(np.argmin(costs))]

@@ -1,6 +1,7 @@
 """The registration that places the first particles."""
 
 import numpy as np
+
 from homolog.correspondence.start import (
     first_particles,
     medoid,
