@@ -79,6 +79,7 @@ class Library(Part):
         missing = [one.name for one in opened.study.members if not one.subject.path.exists()]
         if missing:
             self._relocate(missing)
+        self._window.commands[f"view.grid{opened.view.layout}"].trigger()
         self._window.show_step("cohort")
         if opened.has_result:
             self._desk.work.open_result(project, lambda: self._window.show_step("explore"))
@@ -280,7 +281,11 @@ class Library(Part):
                 self._desk.session.relocate(Path(path))
 
     def _view(self) -> ViewRecord:
-        return ViewRecord(step=self._window.step, selection=self._desk.session.selection)
+        views = self._window.views
+        layout = views.stage.scene.layout_count if views is not None else 4
+        return ViewRecord.model_validate(
+            {"step": self._window.step, "selection": self._desk.session.selection, "layout": layout}
+        )
 
     def _forget(self) -> None:
         self._desk.preferences.forget()

@@ -65,7 +65,10 @@ class CommandPalette(QDialog):
             step = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}.get(Qt.Key(event.key()), 0)
             if step:
                 beside = self.list.itemBelow if step > 0 else self.list.itemAbove
-                self.list.setCurrentItem(beside(self.list.currentItem()) or self.list.currentItem())
+                here = self.list.currentItem()
+                following = beside(here) if here is not None else None
+                if following is not None:
+                    self.list.setCurrentItem(following)
                 return True
         return super().eventFilter(watched, event)
 
@@ -81,7 +84,9 @@ class CommandPalette(QDialog):
                 item.setData(0, Qt.ItemDataRole.UserRole, action)
                 item.setTextAlignment(1, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
                 self.list.addTopLevelItem(item)
-        self.list.setCurrentItem(self.list.topLevelItem(0))
+        first = self.list.topLevelItem(0)
+        if first is not None:
+            self.list.setCurrentItem(first)
 
     def _choose(self) -> None:
         item = self.list.currentItem()

@@ -1,6 +1,7 @@
 """Starting the application: surface format, logging, exception hooks, window, then the heavy imports."""
 
 import faulthandler
+import importlib
 import logging
 import sys
 import threading
@@ -21,7 +22,7 @@ from homolog_app.window.theme import Theme
 __all__ = ["make_application", "make_window", "start"]
 
 _log = logging.getLogger("homolog_app")
-_AFTER_FIRST_PAINT_MS = 30
+_LOOK_MS = 50
 
 
 def start(paths: list[str]) -> int:
@@ -42,7 +43,7 @@ def start(paths: list[str]) -> int:
             window.library.offer_recovery()
 
     window.views_ready.connect(go_on)
-    QTimer.singleShot(_AFTER_FIRST_PAINT_MS, window, window.load_views)
+    _load_views_soon(window)
     code = app.exec()
     faulthandler.disable()
     faults.close()
@@ -73,6 +74,25 @@ def make_window(app: QApplication, home: Path) -> MainWindow:
     window = MainWindow(Desk(home, theme, memory))
     window.destroyed.connect(lambda: root.removeHandler(memory))
     return window
+
+
+def _load_views_soon(window: MainWindow) -> None:
+    """Import what the views need beside the living window, then make them."""
+    window.start_page.notice.setText("Loading the 3-D views…")
+    imports = threading.Thread(
+        target=importlib.import_module, args=["homolog_app.window.scene.scene"], name="homolog-imports"
+    )
+    look = QTimer(window, interval=_LOOK_MS)
+
+    def go_on() -> None:
+        if not imports.is_alive():
+            look.stop()
+            window.load_views()
+            window.start_page.notice.setText("")
+
+    look.timeout.connect(go_on)
+    QTimer.singleShot(_LOOK_MS, window, imports.start)
+    QTimer.singleShot(2 * _LOOK_MS, window, look.start)
 
 
 def _surface_format() -> QSurfaceFormat:

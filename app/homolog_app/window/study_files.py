@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -25,10 +26,7 @@ class ViewRecord(BaseModel):
 
     step: str = "cohort"
     selection: tuple[str, ...] = ()
-    layout: int = 4
-    raw: bool = True
-    groomed: bool = True
-    particles: bool = True
+    layout: Literal[1, 4, 9, 16] = 4
 
 
 class StudyRecord(BaseModel):

@@ -19,7 +19,7 @@ from homolog_app.window.theme import Colours, rgb
 __all__ = ["LAYOUTS", "VIEWS", "Scene"]
 
 LAYOUTS = (1, 4, 9, 16)
-VIEWS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
+VIEWS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
     "right": ((-1, 0, 0), (0, 0, 1)),
     "left": ((1, 0, 0), (0, 0, 1)),
     "front": ((0, -1, 0), (0, 0, 1)),

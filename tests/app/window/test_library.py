@@ -1,0 +1,210 @@
+"""Studies on disk and in the hand: undo, tables, saving, moving, dropping, reporting."""
+
+import logging
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from homolog.cohort import read_cohort
+from homolog.errors import InputError
+
+HEAVY = ("warp", "SimpleITK", "pyvista", "pyvistaqt", "vtkmodules", "matplotlib", "skimage")
+
+
+def test_the_window_opens_before_anything_heavy_is_imported():
+    code = "import sys, homolog_app.window.start; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert not set(HEAVY) & set(loaded.split())
+
+
+@pytest.mark.window
+def test_every_edit_can_be_undone_and_made_again(beans):
+    session, undo = beans.desk.session, beans.commands["edit.undo"]
+    states = [session.study]
+    session.select(["a", "b"])
+    session.set_group("left")
+    states.append(session.study)
+    beans.commands["edit.include"].trigger()
+    states.append(session.study)
+    beans.commands["edit.remove"].trigger()
+    states.append(session.study)
+    groom = session.study.settings.groom.model_copy(update={"smoothing": 2.0})
+    beans.desk.edit_settings("groom", "smoothing", groom)
+    states.append(session.study)
+    assert len(set(map(id, states))) == 5
+    for before in reversed(states[:-1]):
+        undo.trigger()
+        assert session.study == before
+    for after in states[1:]:
+        beans.commands["edit.redo"].trigger()
+        assert session.study == after
+
+
+@pytest.mark.window
+def test_typing_a_number_is_one_edit(beans):
+    session = beans.desk.session
+    before = session.study
+    for smoothing in (0.2, 0.25, 0.255):
+        groom = session.study.settings.groom.model_copy(update={"smoothing": smoothing})
+        beans.desk.edit_settings("groom", "smoothing", groom)
+    beans.commands["edit.undo"].trigger()
+    assert session.study == before
+
+
+@pytest.mark.window
+def test_ticks_groups_and_covariates_are_edited_in_the_table(beans):
+    from PySide6.QtCore import Qt
+
+    session, model = beans.desk.session, beans.inspector.cohort.model
+    model.setData(model.index(1, 0), Qt.CheckState.Unchecked.value, Qt.ItemDataRole.CheckStateRole)
+    model.setData(model.index(2, 1), "HCM")
+    assert [one.included for one in session.study.members] == [True, False, True, True]
+    assert session.study.members[2].subject.group == "HCM"
+    assert model.index(0, 2).data() == f"{session.surveys['a'].volume_ml:.3g} ml"
+
+
+@pytest.mark.window
+def test_the_table_is_sorted_by_number_and_filtered_by_any_column(beans):
+    from PySide6.QtCore import Qt
+
+    panel, surveys = beans.inspector.cohort, beans.desk.session.surveys
+    panel.table.sortByColumn(2, Qt.SortOrder.DescendingOrder)
+    names = [panel.rows.index(row, 0).data() for row in range(4)]
+    assert names == sorted(surveys, key=lambda name: -surveys[name].volume_ml)
+    beans.desk.session.select(["c"])
+    beans.desk.session.set_group("special")
+    panel.filter.setText("SPEC")
+    assert [panel.rows.index(row, 0).data() for row in range(panel.rows.rowCount())] == ["c"]
+
+
+@pytest.mark.window
+def test_an_exported_table_is_read_as_the_same_cohort(beans, tmp_path):
+    session = beans.desk.session
+    session.select(["b"])
+    session.set_group("NOR")
+    member = session.study.members[0]
+    aged = replace(member, subject=replace(member.subject, columns={"age": "61"}))
+    session.edit("age", session.study.with_members({"a": aged}))
+    beans.library.export_table(tmp_path / "out" / "table.csv")
+    again = read_cohort(tmp_path / "out" / "table.csv").subjects
+    assert [(one.name, one.group) for one in again] == [("a", None), ("b", "NOR"), ("c", None), ("d", None)]
+    assert [one.path.resolve() for one in again] == [one.subject.path for one in session.study.members]
+    assert again[0].columns["age"] == "61"
+
+
+@pytest.mark.window
+def test_a_project_that_was_moved_is_found_whole(explored, close, make_window, tmp_path, wait, errors):
+    session = explored.desk.session
+    session.select(["d"])
+    explored.commands["edit.include"].trigger()
+    explored.commands["view.grid1"].trigger()
+    explored.commands["file.save"].trigger()
+    close(explored)
+    shutil.move(tmp_path / "copy", tmp_path / "elsewhere" / "moved")
+
+    window = make_window()
+    window.library.take([tmp_path / "elsewhere" / "moved"])
+    wait(lambda: window.desk.session.result is not None)
+    assert [one.included for one in window.desk.session.study.members] == [True, True, True, False]
+    assert window.desk.session.selection == ("d",)
+    assert window.views.stage.scene.layout_count == 1
+    assert not errors
+
+
+@pytest.mark.window
+def test_a_project_is_not_saved_over_other_files(beans, tmp_path, errors):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").touch()
+    beans.library.save_to(tmp_path / "full")
+    (error,) = [error for _, error in errors]
+    assert isinstance(error, InputError)
+    assert "not empty" in str(error)
+    assert beans.desk.is_changed
+
+
+@pytest.mark.window
+def test_a_folder_dropped_on_the_window_is_listed(window, ellipsoids):
+    from PySide6.QtCore import QMimeData, QPointF, Qt, QUrl
+    from PySide6.QtGui import QDropEvent
+
+    data = QMimeData()
+    data.setUrls([QUrl.fromLocalFile(str(ellipsoids))])
+    none = Qt.KeyboardModifier.NoModifier
+    drop = QDropEvent(QPointF(9, 9), Qt.DropAction.CopyAction, data, Qt.MouseButton.LeftButton, none)
+    window.dropEvent(drop)
+    assert [one.name for one in window.desk.session.study.members] == ["a", "b", "c", "d"]
+
+
+@pytest.mark.window
+def test_the_label_picker_comes_up_where_files_hold_several_labels(window, tmp_path, wait):
+    import numpy as np
+    import SimpleITK
+
+    values = np.zeros((20, 20, 20), dtype=np.uint8)
+    values[4:9, 4:9, 4:9], values[11:17, 11:17, 11:17] = 2, 5
+    for name in "xy":
+        SimpleITK.WriteImage(SimpleITK.GetImageFromArray(values), tmp_path / f"{name}.nrrd")
+    window.library.take([tmp_path / "x.nrrd", tmp_path / "y.nrrd"])
+    session, picker = window.desk.session, window.inspector.cohort.labels
+    wait(lambda: len(session.surveys) == 2)
+    assert picker.isVisibleTo(window)
+    picker.choice.setCurrentIndex(picker.choice.findData(5))
+    picker.choice.activated.emit(picker.choice.currentIndex())
+    assert session.study.settings.groom.label == 5
+    wait(lambda: all(one.label == 5 for one in session.surveys.values()))
+    assert session.surveys["x"].volume_ml == pytest.approx(0.216)
+
+
+@pytest.mark.window
+def test_the_problem_report_names_no_subject_file_or_group(beans):
+    from homolog_app.window.problem_report import problem_report
+
+    session = beans.desk.session
+    session.edit(
+        "names",
+        session.study.with_members(
+            {
+                "a": replace(
+                    session.study.members[0],
+                    subject=replace(session.study.members[0].subject, name="Erika Muster"),
+                )
+            }
+        ),
+    )
+    session.select(["Erika Muster"])
+    session.set_group("rare disease")
+    logging.getLogger("homolog_app").warning("Erika Muster: %s failed", session.study.members[0].subject.path)
+    text = problem_report(session, beans.desk.memory, "Traceback of Erika Muster")
+    assert "Erika" not in text
+    assert "rare disease" not in text
+    assert str(session.study.members[0].subject.path.parent) not in text
+    assert "SUBJECT-1" in text
+    assert "numpy" in text
+
+
+@pytest.mark.window
+def test_an_error_says_what_to_do_and_folds_its_details(window):
+    from PySide6.QtWidgets import QLabel
+
+    from homolog_app.window.error_dialog import ErrorDialog
+
+    window.helping.show_error("groom", InputError("a: holds no voxel; segment it"))
+    dialog = window.findChild(ErrorDialog)
+    words = [one.text() for one in dialog.findChildren(QLabel)]
+    assert "Grooming stopped" in words
+    assert "a: holds no voxel; segment it" in words
+    assert not dialog.details.isVisibleTo(dialog)
+    dialog.close()
+
+
+@pytest.mark.window
+def test_none_keeps_its_references_while_the_window_is_painted(window, qapp):
+    before = sys.getrefcount(None)
+    for number in range(200):
+        window.status.work.setText(str(number))
+        window.views.stage.scene._plot.repaint()
+        qapp.processEvents()
+    assert sys.getrefcount(None) > before - 100
