@@ -12,7 +12,7 @@ from homolog.errors import InputError
 from homolog.geodesics import front_kernels, kernels
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
 from homolog.geodesics.lookup import LANES, MISSING
-from homolog.geodesics.plan import TablePlan
+from homolog.geodesics.plan import TablePlan, Task, block_rows
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
 
@@ -56,7 +56,7 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
     with wp.ScopedDevice(device):
         front = _front(batch, cohort.largest)
         store = _DenseStore if plan.dense else _BlockStore
-        stores = [store(cohort, k, ends[k], ends[k + 1]) for k in range(len(plan.tasks))]
+        stores = [store(cohort, task, k, ends[k], ends[k + 1]) for k, task in enumerate(plan.tasks)]
         for begin in range(0, n_clusters, batch):
             end = min(begin + batch, n_clusters)
             shapes = range(int(cohort.clusters.shape[begin]), int(cohort.clusters.shape[end - 1]) + 1)
@@ -67,7 +67,7 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
                 stores[k].add(front.u[low - begin : high - begin], low - ends[k])
                 if high == ends[k + 1]:
                     task, unit = plan.tasks[k], float(cohort.reaches[k].unit)
-                    arrays = stores[k].finish(task.name)
+                    arrays = stores[k].finish()
                     tables.append(GeodesicTable(len(task.mesh.vertices), task.d_max, unit, *arrays))
         tick(1.0, "geodesic distances")
     return tables
@@ -126,7 +126,7 @@ def run_front(front: Any, sources: Any, clusters: range, element: int, pause: Ca
 class _DenseStore:
     """Takes the solved distances of one shape, batch after batch, into a dense table."""
 
-    def __init__(self, cohort: Cohort, shape: int, begin: int, end: int) -> None:
+    def __init__(self, cohort: Cohort, task: Task, shape: int, begin: int, end: int) -> None:
         n = int(np.diff(cohort.fans.first)[shape])
         self._reach = cohort.reaches[shape]
         self._members = cohort.sources.members[begin:end]
@@ -137,7 +137,7 @@ class _DenseStore:
         inputs = [u, self._members[at : at + u.shape[0]], self._reach, self._codes]
         wp.launch(front_kernels.store_front_dense, (u.shape[0], LANES, n), inputs=inputs)
 
-    def finish(self, name: str) -> tuple[Any, ...]:
+    def finish(self) -> tuple[Any, ...]:
         tiles = -(-self._codes.shape[0] // 16)
         wp.launch(front_kernels.symmetrize_dense, (tiles, tiles, 256), inputs=[self._codes])
         return (self._codes,)
@@ -146,7 +146,7 @@ class _DenseStore:
 class _BlockStore:
     """Takes the solved distances of one shape, batch after batch, into blocks."""
 
-    def __init__(self, cohort: Cohort, shape: int, begin: int, end: int) -> None:
+    def __init__(self, cohort: Cohort, task: Task, shape: int, begin: int, end: int) -> None:
         n = int(np.diff(cohort.fans.first)[shape])
         self._reach = cohort.reaches[shape]
         self._members = cohort.sources.members[begin:end]
@@ -154,33 +154,36 @@ class _BlockStore:
         self._slot = wp.array(slot, dtype=wp.int32)
         self._row = wp.empty((end - begin, n), dtype=wp.uint16)
         self._start = wp.empty(end - begin, dtype=wp.int32)
-        self._parts: list[Any] = []
+        self._name = task.name
+        self._blocks = wp.empty((block_rows(task), LANES), dtype=wp.uint16)
+        self._rows = 0
 
     def add(self, u: Any, at: int) -> None:  # noqa: ANN401
         n_clusters, n = u.shape[0], self._row.shape[1]
         reached = wp.empty((n_clusters, n), dtype=wp.int32)
         wp.launch(front_kernels.mark_reached, reached.shape, inputs=[u, self._reach, reached])
         wp.utils.array_scan(reached.flatten(), reached.flatten(), inclusive=True)
-        part = wp.empty((int(reached[n_clusters - 1, n - 1 : n].numpy()[0]), LANES), dtype=wp.uint16)
+        first, self._rows = self._rows, self._rows + int(reached[n_clusters - 1, n - 1 : n].numpy()[0])
+        self._make_room(first)
         start, row = self._start[at : at + n_clusters], self._row[at : at + n_clusters]
-        offset = sum(p.shape[0] for p in self._parts)
-        inputs = [u, self._reach, reached, offset, start, row, part]
+        inputs = [u, self._reach, reached, first, start, row, self._blocks[first : self._rows]]
         wp.launch(front_kernels.store_front_blocks, reached.shape, inputs=inputs)
-        self._parts.append(part)
 
-    def finish(self, name: str) -> tuple[Any, ...]:
-        total = sum(p.shape[0] for p in self._parts)
-        sizes = np.diff(np.append(self._start.numpy(), total))
+    def _make_room(self, used: int) -> None:
+        """Grow if the estimate was too low."""
+        if self._rows > self._blocks.shape[0]:
+            larger = wp.empty((int(1.3 * self._rows), LANES), dtype=wp.uint16)
+            if used:
+                wp.copy(larger[:used], self._blocks[:used])
+            self._blocks = larger
+
+    def finish(self) -> tuple[Any, ...]:
+        sizes = np.diff(np.append(self._start.numpy(), self._rows))
         if sizes.max() >= MISSING:
-            raise InputError(f"{name}: d_max reaches over more than 65534 vertices; choose a shorter one")
-        blocks = self._parts[0]
-        if len(self._parts) > 1:
-            blocks = wp.empty((total, LANES), dtype=wp.uint16)
-            at = 0
-            while self._parts:
-                part = self._parts.pop(0)
-                wp.copy(blocks[at : at + part.shape[0]], part)
-                at += part.shape[0]
+            raise InputError(
+                f"{self._name}: d_max reaches over more than 65534 vertices; choose a shorter one"
+            )
+        blocks = self._blocks[: self._rows]
         inputs = [self._members, self._slot, self._start, self._row, blocks, 0]
         wp.launch(kernels.symmetrize_blocks, self._row.shape, inputs=inputs)
         return blocks, self._row, self._start, self._slot

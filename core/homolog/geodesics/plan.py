@@ -18,7 +18,7 @@ from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh, edges
 
-__all__ = ["Element", "TablePlan", "Task", "plan_tables"]
+__all__ = ["Element", "TablePlan", "Task", "block_rows", "plan_tables"]
 
 Element = Literal["point", "linear"]
 """Local solver: fronts from a point, or the paper's planar fronts, which are some percent too long."""
@@ -149,10 +149,15 @@ def _longest(mesh: TriangleMesh, d_max: float) -> float:
     return 2.0 * float(dijkstra(graph.tocsr(), directed=False, indices=np.array([0])).max())
 
 
-def _block_bytes(task: Task) -> int:
-    """Size of a block table, from the area of a flat disc; curved surfaces mostly need less."""
+def block_rows(task: Task) -> int:
+    """Return about how many rows a block table has, from the area of a flat disc.
+
+    Curved surfaces mostly need less.
+    """
     n = len(task.mesh.vertices)
     radius = task.reach + 3.0 * task.edge  # of a cluster: about 2.5 edges
-    patch = min(n, n * math.pi * radius**2 / task.mesh.area)
-    n_clusters = 1.05 * n / LANES
-    return int(2 * n_clusters * n + 2 * LANES * n_clusters * patch)
+    return int(1.05 * n / LANES * min(n, n * math.pi * radius**2 / task.mesh.area))
+
+
+def _block_bytes(task: Task) -> int:
+    return int(2.1 * len(task.mesh.vertices) ** 2 / LANES) + 2 * LANES * block_rows(task)

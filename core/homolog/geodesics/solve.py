@@ -145,7 +145,7 @@ def _solve(plan: TablePlan, device: str, tick: Tick, threads: int | None) -> lis
 def _scratch(device: str, table_bytes: int) -> int:
     """Return how much memory a batch may take beside the tables: half of what is left."""
     free = int(wp.get_device(device).free_memory)
-    left = free - 2 * table_bytes  # a shape's blocks exist twice while they are joined
+    left = free - table_bytes
     if left < free // 10:
         raise InputError(
             f"geodesic tables of {table_bytes / 1e9:.1f} GB do not fit the {free / 1e9:.1f} GB that are free "

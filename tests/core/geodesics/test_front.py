@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from homolog.geodesics import plan_tables, solve_tables
+from homolog.geodesics import cuda, plan_tables, solve_tables
+from homolog.geodesics import plan as planning
 from homolog.geodesics.cuda import solve_on_cuda
 from homolog.progress import no_tick
 
@@ -35,3 +36,13 @@ def test_a_cohort_in_small_batches_gives_the_tables_of_its_shapes(sphere, slotte
         assert table.n_vertices == len(mesh.vertices)
         assert (table.to_csr() != alone.to_csr()).nnz == 0
         assert table.nbytes == alone.nbytes
+
+
+def test_blocks_grow_where_more_is_in_reach_than_foreseen(slotted, monkeypatch):
+    monkeypatch.setattr(planning, "DENSE_BUDGET", 0)
+    plan = plan_tables([slotted], 6.0)
+    enough = solve_on_cuda(plan, "cpu", 10**9, no_tick)[0]
+    monkeypatch.setattr(cuda, "block_rows", lambda task: 10)
+    grown = solve_on_cuda(plan, "cpu", 2_500_000, no_tick)[0]
+    assert (grown.to_csr() != enough.to_csr()).nnz == 0
+    assert grown.nbytes == enough.nbytes
