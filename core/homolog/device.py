@@ -1,6 +1,8 @@
 """The compute device: chosen here and nowhere else, and always named."""
 
+import ctypes.util
 import os
+import sys
 
 import warp as wp
 
@@ -8,7 +10,28 @@ from homolog.errors import InputError
 
 __all__ = ["choose_device", "cores", "describe_device"]
 
-wp.config.log_level = wp.LOG_WARNING
+
+def _start_warp() -> None:
+    """Initialize Warp without the line that its native part prints where there is no CUDA driver.
+
+    Such a machine is a normal one here, and the device in use is named by `describe_device`.
+    """
+    wp.config.log_level = wp.LOG_WARNING
+    if ctypes.util.find_library("cuda") or ctypes.util.find_library("nvcuda"):
+        wp.init()
+        return
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        wp.init()
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+_start_warp()
 
 
 def choose_device(name: str = "auto") -> str:
@@ -24,7 +47,6 @@ def choose_device(name: str = "auto") -> str:
     InputError
         If the named device does not exist here; the message lists those that do.
     """
-    wp.init()
     present = ["cpu", *(device.alias for device in wp.get_cuda_devices())]
     if name == "auto":
         return present[1] if len(present) > 1 else "cpu"

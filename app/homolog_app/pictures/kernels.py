@@ -2,6 +2,8 @@
 
 import warp as wp
 
+import homolog.device  # noqa: F401 - starts Warp
+
 wp.set_module_options({"enable_backward": False})
 
 __all__ = ["cast", "occlude"]

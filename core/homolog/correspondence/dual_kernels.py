@@ -2,6 +2,7 @@
 
 import warp as wp
 
+import homolog.device  # noqa: F401 - starts Warp
 from homolog.correspondence.kernels import Knobs
 
 wp.set_module_options({"enable_backward": False})

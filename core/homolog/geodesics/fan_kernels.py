@@ -2,6 +2,7 @@
 
 import warp as wp
 
+import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.kernels import Corner
 from homolog.geodesics.lookup import LANES
 

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import warp as wp
 
+import homolog.device  # noqa: F401 - starts Warp
 from homolog.arrays import Float32Array
 from homolog.errors import InputError
 from homolog.geodesics import front_kernels, kernels

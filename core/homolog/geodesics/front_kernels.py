@@ -7,6 +7,7 @@ fall, so that reading a neighbour while it is being lowered is harmless: lowerin
 
 import warp as wp
 
+import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.kernels import FAR, Corner, Reach, encode, mean_code, plane_front, point_front
 from homolog.geodesics.lookup import LANES, MISSING
 

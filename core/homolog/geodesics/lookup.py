@@ -5,6 +5,8 @@ Kernels of other parts import the structs and functions of this module.
 
 import warp as wp
 
+import homolog.device  # noqa: F401 - starts Warp
+
 wp.set_module_options({"enable_backward": False})
 
 __all__ = ["LANES", "MISSING", "SurfacePoint", "TableData", "geodesic", "surface_point", "table_distance"]

@@ -5,6 +5,7 @@ Distances from the sources of a cluster are solved side by side, one source a la
 
 import warp as wp
 
+import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.kernels import FAR, Corner, Reach, encode, mean_code, plane_front, point_front
 from homolog.geodesics.lookup import LANES, MISSING
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import warp as wp
 
+import homolog.device  # noqa: F401 - starts Warp
+
 wp.set_module_options({"enable_backward": False})
 
 FAR = 1.0e6
