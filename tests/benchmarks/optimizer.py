@@ -1,0 +1,288 @@
+"""Quality and speed of the optimizer, on beans and on real cohorts.
+
+    python tests/benchmarks/optimizer.py shapes FOLDER   groom once: beans and real cohorts, as npz
+    python tests/benchmarks/optimizer.py quality FOLDER  every method on five bean cohorts
+    python tests/benchmarks/optimizer.py seeds FOLDER    256 particles, 20 seeds; the narrow beans
+    python tests/benchmarks/optimizer.py real FOLDER     landmarks of vertebrae, walls of ventricles
+    python tests/benchmarks/optimizer.py speed FOLDER    time and memory against shapes and particles
+
+All but the first take --device; they need only numpy, scipy, warp-lang and pydantic.
+"""
+
+import argparse
+import csv
+import os
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import RBFInterpolator
+from scipy.spatial import cKDTree
+
+from homolog.beans.evaluate import evaluate
+from homolog.beans.generate import NARROW, WIDE, draw_beans
+from homolog.correspondence import Shape, optimize
+from homolog.correspondence.domain import AREA, prepare
+from homolog.correspondence.engine import Engine, Weights
+from homolog.correspondence.launcher import Launcher
+from homolog.correspondence.start import spread_indices
+from homolog.device import choose_device, describe_device
+from homolog.settings import GroomSettings, Method, OptimizeSettings
+from homolog.surfaces.distance_field import DistanceField
+from homolog.surfaces.mesh import TriangleMesh
+
+DATA = Path(os.environ.get("HOMOLOG_DATA", Path(__file__).parents[3] / "shared" / "data"))
+COHORTS = (1, 2, 3, 5, 12)
+REAL = {
+    "vertebrae": ("vertebra_l1_verse/meshes", {}),
+    "ventricles": ("lv_acdc_dev/myo_iso", {}),
+}
+
+
+def make_shapes(folder):
+    """Groom every cohort once."""
+    from homolog.beans.files import write_beans
+    from homolog.cohort import read_cohort
+
+    for geometry in (WIDE, NARROW):
+        for seed in COHORTS if geometry is WIDE else (5,):
+            with tempfile.TemporaryDirectory() as place:
+                cohort = write_beans(Path(place), draw_beans(10, seed, geometry), seed)
+                save(folder / f"{geometry.name}{seed}.npz", cohort, GroomSettings(alignment="none"))
+    for name, (path, options) in REAL.items():
+        save(folder / f"{name}.npz", read_cohort(DATA / path), GroomSettings(**options))
+
+
+def save(path, cohort, settings):
+    """Groom a cohort and store what the optimizer needs."""
+    from homolog.grooming import align, groom_cohort
+
+    start = time.perf_counter()
+    groomed = groom_cohort(cohort, settings, cache=None)
+    arrays = {"names": [one.name for one in groomed], "alignments": align(groomed, settings)}
+    for k, one in enumerate(groomed):
+        values = np.clip(one.field.values, -12 * one.field.spacing, 12 * one.field.spacing)
+        arrays |= {f"values{k}": values.astype(np.float16), f"grid{k}": one.field.index_to_world}
+        arrays |= {f"vertices{k}": one.mesh.vertices.astype(np.float32), f"faces{k}": one.mesh.faces}
+        arrays |= {f"coarse_vertices{k}": one.coarse_mesh.vertices.astype(np.float32)}
+        arrays |= {f"coarse_faces{k}": one.coarse_mesh.faces}
+    np.savez_compressed(path, **arrays)
+    print(f"{path.name}: {len(groomed)} shapes, {time.perf_counter() - start:.1f} s", flush=True)
+
+
+def load(path):
+    """Read stored shapes."""
+    a = np.load(path)
+    return [
+        Shape(
+            str(name),
+            DistanceField(a[f"values{k}"].astype(np.float32), a[f"grid{k}"]),
+            TriangleMesh(a[f"vertices{k}"], a[f"faces{k}"]),
+            TriangleMesh(a[f"coarse_vertices{k}"], a[f"coarse_faces{k}"]),
+            a["alignments"][k],
+        )
+        for k, name in enumerate(a["names"])
+    ]
+
+
+def timed(shapes, device, **options):
+    """Optimize; return the correspondence and the seconds."""
+    start = time.perf_counter()
+    found = optimize(shapes, OptimizeSettings(**options), device=device)
+    return found, time.perf_counter() - start
+
+
+def bean_row(title, runs):
+    """Print the medians over runs of (figures, seconds)."""
+    names = ("leak", "linear_in_truth", "r2_position", "r2_width", "var_per_particle", "slot_fill")
+    names += ("normals_over_90_pairs", "wall_swap", "distance_mean", "distance_p95", "nn_cv", "cover_max")
+    median = {name: float(np.median([getattr(figures, name) for figures, _ in runs])) for name in names}
+    lowest = min(figures.linear_in_truth for figures, _ in runs)
+    print(
+        f"| {title} | {100 * median['leak']:.2f} | {100 * median['linear_in_truth']:.2f} "
+        f"| {100 * lowest:.2f} | {median['r2_position']:.4f} | {median['r2_width']:.4f} | {median['var_per_particle']:.1f} "
+        f"| {median['slot_fill']:.2f} | {100 * median['normals_over_90_pairs']:.3f} "
+        f"| {100 * median['wall_swap']:.3f} | {median['distance_mean']:.3f} / {median['distance_p95']:.3f} "
+        f"| {median['nn_cv']:.3f} | {np.median([seconds for _, seconds in runs]):.1f} |",
+        flush=True,
+    )
+
+
+BEAN_HEAD = (
+    "| cohort, method | leak % | linear % | lowest % | R² p | R² w | var | fill | n > 90° % | swap % "
+    "| distance mean / p95 | nn_cv | s |\n|" + "---|" * 13
+)
+
+
+def quality(folder, device, seeds):
+    """Every method on the wide cohorts, 1024 particles."""
+    print(BEAN_HEAD)
+    for method in (Method.GEODESIC_NORMALS, Method.NORMALS, Method.GEODESIC, Method.EUCLIDEAN):
+        everything = []
+        for cohort in COHORTS:
+            beans, shapes = draw_beans(10, cohort, WIDE), load(folder / f"wide{cohort}.npz")
+            runs = []
+            for seed in range(seeds):
+                found, seconds = timed(shapes, device, method=method, particles=1024, seed=seed)
+                runs.append((evaluate(found.local, beans), seconds))
+            everything += runs
+            if method is Method.GEODESIC_NORMALS:
+                bean_row(f"{cohort}, {method.value}", runs)
+        bean_row(f"all, {method.value}", everything)
+
+
+def many_seeds(folder, device):
+    """No bad seeds at 256 particles; the narrow geometry."""
+    print(BEAN_HEAD)
+    for name, cohort, particles, seeds in (
+        ("wide", 5, 256, 20),
+        ("wide", 12, 256, 20),
+        ("narrow", 5, 1024, 5),
+    ):
+        beans = draw_beans(10, cohort, WIDE if name == "wide" else NARROW)
+        shapes = load(folder / f"{name}{cohort}.npz")
+        runs = []
+        for seed in range(seeds):
+            found, seconds = timed(shapes, device, particles=particles, seed=seed)
+            runs.append((evaluate(found.local, beans), seconds))
+        bean_row(f"{name} {cohort}, {particles} particles, {seeds} seeds", runs)
+
+
+def real(folder, device):
+    """Landmark transfer on vertebrae, swapped walls on ventricles."""
+    for method in (Method.GEODESIC_NORMALS, Method.EUCLIDEAN):
+        for particles in (512, 1024):
+            shapes = load(folder / "vertebrae.npz")
+            found, seconds = timed(shapes, device, method=method, particles=particles)
+            errors = landmark_errors(shapes, found.local)
+            print(
+                f"vertebrae, {method.value}, {particles}: landmarks mean {errors.mean():.2f} mm, median "
+                f"{np.median(errors):.2f}, by landmark {np.round(errors.mean(axis=0), 1)}, "
+                f"opposed normals {opposed(found.normals):.2f} %, {seconds:.1f} s",
+                flush=True,
+            )
+        shapes = load(folder / "ventricles.npz")
+        found, seconds = timed(shapes, device, method=method, particles=512)
+        share, count = wall_swaps(found)
+        print(
+            f"ventricles, {method.value}, 512: swapped walls {share:.4f} % of pairs, {count} particles, "
+            f"opposed normals {opposed(found.normals):.2f} %, {seconds:.1f} s",
+            flush=True,
+        )
+
+
+def landmark_errors(shapes, particles):
+    """Distances [mm] of landmarks carried by thin plates through the particles, snapped to the surface."""
+    table = {}
+    with (DATA / "vertebra_l1_verse" / "landmarks.csv").open() as file:
+        for row in csv.DictReader(file):
+            table.setdefault(row["id"], {})[row["landmark"]] = [float(row[axis]) for axis in "xyz"]
+    own = [np.array([v for _, v in sorted(table[shape.name.split("_")[0]].items())]) for shape in shapes]
+    weights = np.random.default_rng(0).dirichlet(np.ones(3), 12)
+    surfaces = [
+        np.einsum("sk,fkd->fsd", weights, s.mesh.vertices[s.mesh.faces]).reshape(-1, 3) for s in shapes
+    ]
+    errors = []
+    for a, source in enumerate(own):
+        for b, target in enumerate(own):
+            if a != b:
+                carried = RBFInterpolator(particles[a], particles[b], kernel="linear", degree=1)(source)
+                snapped = surfaces[b][cKDTree(surfaces[b]).query(carried)[1]]
+                errors.append(np.linalg.norm(snapped - target, axis=1))
+    return np.array(errors)
+
+
+def opposed(normals):
+    """Share of (particle, pair of shapes) with opposed normals [%]."""
+    pairs = [(normals[i] * normals[j]).sum(axis=-1) < 0 for i in range(len(normals)) for j in range(i)]
+    return 100.0 * float(np.mean(pairs))
+
+
+def wall_swaps(found):
+    """Share [%] of pairs, and number of particles, with one end on the inner and one on the outer wall.
+
+    A wall counts where the normal is within 60° of the radial direction about the long (z) axis.
+    """
+    radial = found.world - found.world.mean(axis=1, keepdims=True)
+    radial[..., 2] = 0.0
+    radial /= np.maximum(np.linalg.norm(radial, axis=-1, keepdims=True), 1e-9)
+    side = (radial * found.normals).sum(axis=-1)
+    both = swapped = 0
+    for i in range(len(side)):
+        for j in range(i):
+            sure = (np.abs(side[i]) > 0.5) & (np.abs(side[j]) > 0.5)
+            both += int(sure.sum())
+            swapped += int((sure & (side[i] * side[j] < 0)).sum())
+    on_both = (side > 0.5).any(axis=0) & (side < -0.5).any(axis=0)
+    return 100.0 * swapped / both, int(on_both.sum())
+
+
+def speed(folder, device):
+    """Milliseconds an iteration against shapes and particles, and the peak memory of this process."""
+    import warp as wp
+
+    base = load(folder / "wide5.npz")
+    print("| shapes | particles | ms an iteration | prepared in s | peak memory GB |\n|---|---|---|---|---|")
+    sizes = [(10, 256), (10, 1024), (10, 4096), (10, 8192), (50, 1024), (100, 1024), (200, 1024)]
+    for count, particles in sizes if device != "cpu" else sizes[:5]:
+        shapes = [base[k % 10] for k in range(count)]
+        start = time.perf_counter()
+        domain = prepare(shapes, OptimizeSettings(particles=particles), device=device)
+        ready = time.perf_counter() - start
+        level = domain.level(particles)
+        meshes = [mesh.vertices for mesh in level.meshes]
+        chosen = [spread_indices(v, min(particles, len(v))) for v in meshes[:10]]
+        rows = [np.resize(chosen[k % 10], particles) for k in range(count)]
+        jitter = np.random.default_rng(0).normal(scale=0.3, size=(count, particles, 3))
+        positions = np.stack([v[row] for v, row in zip(meshes, rows, strict=True)]) + jitter
+        launcher = Launcher(device)
+        engine = Engine(domain.fields, level, positions, geodesic=True, area=AREA, launcher=launcher)
+        engine.start_stage([Weights(0.02, 0.05, 1.0, 0.1, 0.5)] * 400)
+        for _ in range(20):
+            engine.iterate()
+        wp.synchronize()
+        start = time.perf_counter()
+        for _ in range(20):
+            engine.iterate()
+        wp.synchronize()
+        each = (time.perf_counter() - start) * 10.0
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+        print(f"| {count} | {particles} | {each:.2f} | {ready:.2f} | {peak:.2f} |", flush=True)
+        launcher.close()
+    for particles in (256, 1024):
+        timed(base, device, particles=particles)
+        found, seconds = timed(base, device, particles=particles)
+        print(
+            f"whole optimization 10 x {particles}, geodesics and start included: {seconds:.2f} s, "
+            f"{found.iterations} iterations, {found.reason.value}",
+            flush=True,
+        )
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=["shapes", "quality", "seeds", "real", "speed"])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--device", default="auto")
+    parser.add_argument("--seeds", type=int, default=3)
+    arguments = parser.parse_args()
+    if arguments.what == "shapes":
+        arguments.folder.mkdir(parents=True, exist_ok=True)
+        make_shapes(arguments.folder)
+        return 0
+    device = choose_device(arguments.device)
+    print(describe_device(device))
+    if arguments.what == "quality":
+        quality(arguments.folder, device, arguments.seeds)
+    else:
+        {"seeds": many_seeds, "real": real, "speed": speed}[arguments.what](arguments.folder, device)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
