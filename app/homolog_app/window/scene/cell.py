@@ -82,7 +82,6 @@ class Cell:
                 if mesh is not None:
                     self._meshes[name] = _polydata(mesh, content.alignment)
         self.show_particles(None, None, 1.0)
-        self.show_words(True)
 
     def show(self, raw: bool, groomed: bool, quick: bool, opacity: float) -> None:
         """Switch the surfaces; the raw one is drawn as a shell where both are shown."""
@@ -108,15 +107,13 @@ class Cell:
         self._ball_data.Modified()
         self._ball_mapper.SetScaleFactor(radius)
 
-    def show_words(self, shown: bool, size: int = 15) -> None:
-        """Show the subject's name and the letters."""
+    def show_words(self, size: int) -> None:
+        """Write the subject's name and the letters, so many pixels high."""
         content = self.content
-        self._caption.SetVisibility(shown and content is not None)
         if content is not None:
             self._caption.SetInput(content.name + (f"\n{content.note}" if content.note else ""))
-        self._caption.GetTextProperty().SetFontSize(size)
-        for actor in self._letters:
-            actor.SetVisibility(shown and content is not None)
+        for actor in (self._caption, *self._letters):
+            actor.SetVisibility(content is not None)
             actor.GetTextProperty().SetFontSize(size)
 
     def paint(self, colours: Colours) -> None:

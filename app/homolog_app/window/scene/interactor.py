@@ -3,14 +3,17 @@
 import time
 from typing import Any
 
-from PySide6.QtCore import QEvent
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QWidget
 from pyvistaqt import QtInteractor
 
-__all__ = ["Interactor"]
+__all__ = ["SMOOTH", "Interactor"]
+
+SMOOTH = 8
+"""Samples a pixel for smooth edges."""
 
 _CELLS = (4, 4)
+_SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "swrast", "basic render")
 
 
 class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
@@ -25,12 +28,18 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
         self.draw_ms = self.last_ms = 0.0
         self._painting = False
         super().__init__(
-            parent, shape=_CELLS, border=False, auto_update=False, multi_samples=4, lighting="none"
+            parent, shape=_CELLS, border=False, auto_update=False, multi_samples=0, lighting="none"
         )
         self.setAcceptDrops(False)
         self._vtk: Any = self.ren_win.GetInteractor()
         self._vtk.EnableRenderOff()
         self._observer = self._vtk.AddObserver("RenderEvent", self._wish)
+
+    @property
+    def smoothing(self) -> int:
+        """Samples a pixel that this machine can afford: none where the processor does the drawing."""
+        capabilities = str(self.ren_win.ReportCapabilities()).lower()
+        return 0 if any(name in capabilities for name in _SOFTWARE) else SMOOTH
 
     def paintGL(self) -> None:
         """Draw, and remember how long that took."""
@@ -50,10 +59,6 @@ class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
     def keyReleaseEvent(self, event: QKeyEvent) -> None:
         """Leave the keys to the window's commands."""
         event.ignore()
-
-    def event(self, event: QEvent) -> bool:
-        """Take everything but gestures as the base class does."""
-        return bool(super().event(event))
 
     def close(self) -> None:
         """Let go of the graphics."""

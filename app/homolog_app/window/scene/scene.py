@@ -13,7 +13,7 @@ from homolog.arrays import Array, FloatArray
 from homolog_app.window.scene.cell import Cell
 from homolog_app.window.scene.colours import colours_by_place
 from homolog_app.window.scene.content import Content
-from homolog_app.window.scene.interactor import Interactor
+from homolog_app.window.scene.interactor import SMOOTH, Interactor
 from homolog_app.window.theme import Colours, rgb
 
 __all__ = ["LAYOUTS", "VIEWS", "Scene"]
@@ -56,7 +56,7 @@ class Scene(QWidget):
             window.RemoveRenderer(cell.renderer)
         for renderer in (self._backdrop, *(cell.renderer for cell in self._cells)):
             window.AddRenderer(renderer)
-        window.SetMultiSamples(0)
+        window.SetMultiSamples(self._plot.smoothing)
         self._observers = (
             window.AddObserver("StartEvent", self._before_drawing),
             window.AddObserver("EndEvent", self._after_drawing),
@@ -213,12 +213,16 @@ class Scene(QWidget):
     def picture(self, scale: int = 1, *, transparent: bool = False) -> QImage:
         """Return what is shown, up to four times as large."""
         self._draw_fine()
+        self._show_words(scale)
         self._backdrop.SetDraw(not transparent)
+        self._plot.ren_win.SetMultiSamples(SMOOTH)
         self._plot.repaint()
         pixels = np.ascontiguousarray(
             self._plot.screenshot(return_img=True, scale=scale, transparent_background=transparent)
         )
+        self._show_words()
         self._backdrop.SetDraw(True)
+        self._plot.ren_win.SetMultiSamples(self._plot.smoothing)
         kind = QImage.Format.Format_RGBA8888 if pixels.shape[2] == 4 else QImage.Format.Format_RGB888
         image = QImage(pixels.tobytes(), pixels.shape[1], pixels.shape[0], pixels.strides[0], kind).copy()
         self._plot.update()
@@ -239,15 +243,20 @@ class Scene(QWidget):
         return [cell.renderer.GetActiveCamera() for cell in cells]
 
     def _refresh(self) -> None:
-        size = {1: 16, 4: 15, 9: 13}.get(self._count, 12)
         self._after_drawing()
+        self._show_words()
         for cell in self._cells[: self._count]:
             content = cell.content
             cell.show(self._raw, self._groomed, self._quick, self._opacity)
-            cell.show_words(content is not None, size)
             points = self._particles.get(content.name) if content is not None and self._balls else None
             cell.show_particles(points, self._tints, self._radius)
         self._plot.update()
+
+    def _show_words(self, scale: float = 1.0) -> None:
+        """Write names and letters, as large on every screen and in every picture."""
+        size = {1: 16, 4: 15, 9: 13}.get(self._count, 12) * scale * self.devicePixelRatioF()
+        for cell in self._cells[: self._count]:
+            cell.show_words(round(size))
 
     def _refresh_some(self) -> None:
         """Move the particles of a few views, and draw only these: as many as are drawn fast enough.
