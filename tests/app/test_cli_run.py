@@ -50,10 +50,10 @@ def begin(ellipsoids, project):
 
 def test_a_folder_becomes_a_project_with_pictures(ellipsoids, project, capsys):
     assert main(["run", str(ellipsoids), "--out", str(project.folder), *SHORT, "--progress", "json"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    records = [json.loads(line) for line in lines if line.startswith("{")]
+    *records, last = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert {"phase", "fraction", "message", "eta_s"} == set(records[0])
     assert [one["fraction"] for one in records if one["phase"]][-1] == 1.0
+    assert last == {"reason": "completed", "project": str(project.folder)}
     assert {one.name for one in project.figures.iterdir()} >= {"mean.png", "modes.png", "subjects_01.png"}
     assert read_result(project).world.shape == (4, 32, 3)
 
@@ -70,11 +70,13 @@ def test_a_project_runs_again_with_other_settings(ellipsoids, project):
 def test_ctrl_c_stops_at_once_and_says_how_to_go_on(begin, project):
     process = begin()
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=30)
+    shown, said = process.communicate(timeout=60)
     assert process.returncode == 130
+    assert json.loads(shown.splitlines()[-1])["reason"] == "cancelled"
     assert f"cancelled; to go on: homolog run {project.folder} --resume" in said
     assert "Traceback" not in said
     assert project.checkpoint.is_file()
+    assert project.read().result.ended == "cancelled"
 
 
 def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been_killed(

@@ -1,12 +1,13 @@
 """``homolog run``: from a cohort to a shape model, in a project folder."""
 
 import argparse
+import json
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from homolog.cohort import Cohort, read_cohort
 from homolog.errors import InputError
@@ -15,6 +16,9 @@ from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog_app.cli.info import how_it_ended
 from homolog_app.cli.options import add_options, with_options
 from homolog_app.cli.progress import add_progress_option, show_progress
+
+if TYPE_CHECKING:
+    from homolog.run import Run
 
 __all__ = ["add_parser", "run"]
 
@@ -50,18 +54,30 @@ def run(arguments: argparse.Namespace) -> int:
         )
     for note in job.notes:
         sys.stderr.write(f"homolog: left out: {note}\n")
-    if reason is FinishReason.CANCELLED:
-        if project.exists and project.read().result is None and job.keep():
-            sys.stderr.write("the particles so far are kept as a result\n")
-        sys.stderr.write(f"cancelled; to go on: homolog run {project.folder} --resume\n")
-        return CANCELLED
-    if arguments.figures:
+    done = reason is FinishReason.COMPLETED
+    if done and arguments.figures:
         from homolog_app.cli.figures import draw_figures
 
         with show_progress(arguments.progress) as progress:
             draw_figures(project, progress.tick)
-    sys.stdout.write(f"{_summary(project)}\nresults in {project.folder}\n")
-    return OK
+    if arguments.progress == "json":
+        sys.stdout.write(json.dumps({"reason": reason, "project": str(project.folder)}) + "\n")
+    elif done:
+        sys.stdout.write(f"{_summary(project)}\nresults in {project.folder}\n")
+    if not done:
+        _say_what_is_left(job)
+    return OK if done else CANCELLED
+
+
+def _say_what_is_left(job: "Run") -> None:
+    """After a cancelled run: keep its particles if there is no better result, and say how to go on."""
+    project = job.project
+    if not project.exists:
+        sys.stderr.write("cancelled\n")
+        return
+    if project.read().result is None and job.keep():
+        sys.stderr.write("the particles so far are kept as a result\n")
+    sys.stderr.write(f"cancelled; to go on: homolog run {project.folder} --resume\n")
 
 
 def _summary(project: Project) -> str:
