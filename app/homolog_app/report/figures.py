@@ -16,7 +16,7 @@ from homolog.files.names import file_stems
 from homolog.files.project import Project
 from homolog.files.results import Result
 from homolog.progress import Tick
-from homolog_app.pictures import ModeSurfaces, draw_differences, draw_modes
+from homolog_app.pictures import VIEWS, ModeSurfaces, draw_differences, draw_modes
 from homolog_app.plots import plot_discriminant, plot_energies, plot_quality, plot_scores, plot_scree
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.study import Study
@@ -26,6 +26,7 @@ __all__ = ["ReportFigure", "model_figures", "study_figures"]
 
 _SPECIFICITY_AT = (1, 2, 3, 5, 8, 13, 21)
 _DRAWS = 200
+_VIEWS = ("anterior", "posterior", "superior", "inferior")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +49,9 @@ def model_figures(
     if len(model.variances) > 1:
         yield ReportFigure(
             "scores",
-            plot_scores(model.scores, model.explained, groups),
-            "Subjects in the first two modes; large open markers are the groups' means.",
+            plot_scores(_per_particle(model.scores, model.mean), model.explained, groups),
+            "Subjects in the first two modes (root mean square displacement of the particles); large open "
+            "markers are the groups' means.",
         )
     tick(0.2, "pictures of the modes")
     shown = min(max(parallel.kept, 1), 3, len(model.variances))
@@ -94,10 +96,19 @@ def study_figures(study: Study, carrier: SurfaceCarrier, tick: Tick) -> Iterator
             first_name, second_name = one.counts
             yield ReportFigure(
                 f"{stem}_discriminant",
-                plot_discriminant(one.discriminant.scores, second, (first_name, second_name)),
-                "Subjects along the discriminant; bars are the groups' means. These places are not "
+                plot_discriminant(
+                    _per_particle(one.discriminant.scores, one.mean), second, (first_name, second_name)
+                ),
+                "Subjects along the discriminant (root mean square displacement of the particles); bars "
+                "are the groups' means. These places are not "
                 "cross-validated; accuracy and AUC in the table are.",
             )
+
+
+def _per_particle(scores: FloatArray, mean: FloatArray) -> FloatArray:
+    """Return scores as root mean square displacements of the particles [mm]."""
+    displacement: FloatArray = scores / np.sqrt(len(mean))
+    return displacement
 
 
 def _maps(one: Comparison, carrier: SurfaceCarrier) -> Figure:
@@ -111,7 +122,7 @@ def _maps(one: Comparison, carrier: SurfaceCarrier) -> Figure:
         way = carrier.moved(one.discriminant.displacement)
         firm = carrier.discriminant_is_firm(one)
         rows["discriminant, where firm"] = (mesh, way * firm[:, None])
-    return draw_differences(rows, width=380)
+    return draw_differences(rows, views=[VIEWS[name] for name in _VIEWS], width=300)
 
 
 def _map_caption(study: Study, one: Comparison) -> str:

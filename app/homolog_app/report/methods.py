@@ -10,12 +10,13 @@ def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
     """Return paragraphs for the methods section of a paper."""
     particles, subjects = record.particles, len(record.subjects)
     method = record.settings.optimize.method
+    ended = "converged" if record.ended == "converged" else "was stopped before convergence"
     words = [
         f"Corresponding points were placed with Homolog {record.versions.get('homolog', '')} on "
         f"{subjects} shapes, "
         f"{particles} on each, by entropy-based particle optimization with {record.metric} distances between "
-        f"particles on a shape (method {method}, seed {record.settings.optimize.seed}). The optimizer ended "
-        f"after {record.iterations} iterations ({record.ended}).",
+        f"particles on a shape (method {method}, seed {record.settings.optimize.seed}). The optimizer "
+        f"{ended} after {record.iterations} iterations.",
         "The shape model is a principal component analysis of the aligned particle positions. The number of "
         "modes was chosen by Horn's parallel analysis: modes were kept up to the first whose variance did "
         "not "

@@ -59,10 +59,10 @@ class Page:
         inner = "".join(_figure(one) for one in figures)
         self._parts.append(f'<div class="row">{inner}</div>' if len(figures) > 1 else inner)
 
-    def links(self, targets: Iterable[str]) -> None:
-        """Add a list of files, by their paths from the page."""
+    def links(self, targets: Iterable[str], summary: str) -> None:
+        """Add a list of files, by their paths from the page, folded away."""
         items = "".join(f'<li><a href="{escape(one)}">{escape(one)}</a></li>' for one in targets)
-        self._parts.append(f"<ul>{items}</ul>")
+        self._parts.append(f"<details><summary>{escape(summary)}</summary><ul>{items}</ul></details>")
 
     @property
     def html(self) -> str:

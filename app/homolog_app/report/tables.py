@@ -120,12 +120,13 @@ def _outward_test(study: Study, one: Comparison, result: Result, carrier: Surfac
 
 
 def _write_subjects(path: Path, study: Study, result: Result) -> None:
-    """Write each subject's label, and its place along the discriminant of every two groups."""
+    """Write each subject's label, and its place along each discriminant as a root mean square [mm]."""
     lines = [one for one in study.comparisons if one.discriminant is not None]
     places: list[dict[int, float]] = []
     for one in lines:
         assert one.discriminant is not None
-        places.append(dict(zip(one.subjects.tolist(), one.discriminant.scores.tolist(), strict=True)))
+        rms = one.discriminant.scores / np.sqrt(len(one.mean))
+        places.append(dict(zip(one.subjects.tolist(), rms.tolist(), strict=True)))
     taking_part = set(study.overall.subjects.tolist())
     write_table(
         path,

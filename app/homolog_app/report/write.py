@@ -109,13 +109,16 @@ def _model_section(page: Page, model: ShapeModel, figures: Sequence[ReportFigure
     for one in figures:
         if one not in small:
             page.figures([one])
-    rows = [
-        (str(mode + 1), f"{deviation:.2f}", f"{100 * share:.1f}", f"{100 * total:.1f}")
-        for mode, (deviation, share, total) in enumerate(
-            zip(model.standard_deviations, model.explained, model.explained.cumsum(), strict=True)
-        )
-    ]
-    page.table(["mode", "standard deviation (mm)", "share (%)", "cumulated (%)"], rows, summary="All modes")
+    deviations = model.standard_deviations / len(model.mean) ** 0.5
+    shares = zip(deviations, model.explained, model.explained.cumsum(), strict=True)
+    page.table(
+        ["mode", "standard deviation (mm rms)", "share (%)", "cumulated (%)"],
+        (
+            (str(mode), f"{deviation:.2f}", f"{100 * share:.1f}", f"{100 * total:.1f}")
+            for mode, (deviation, share, total) in enumerate(shares, start=1)
+        ),
+        summary="All modes",
+    )
 
 
 def _study_section(page: Page, study: Study, figures: Sequence[ReportFigure]) -> None:
@@ -187,17 +190,12 @@ def _closing(
         summary="All subjects",
     )
     page.heading("Files")
-    page.paragraph("Figures as vector graphics, and tables with the subjects' names:")
+    vectors = [f"figures/{one.name}.{suffix}" for one in figures for suffix in ("svg", "pdf")]
+    page.links(vectors, f"Figures as vector graphics ({len(vectors)} files)")
     tables = [
         f"../{path.relative_to(project.folder).as_posix()}"
         for study in studies
         for path in sorted(study_folder(project, study.request).glob("*.csv"))
     ]
-    page.links(
-        [
-            *(f"figures/{one.name}.{suffix}" for one in figures for suffix in ("svg", "pdf")),
-            "../model/scores.csv",
-            "../model/eigenvalues.csv",
-            *tables,
-        ]
-    )
+    tables = ["../model/scores.csv", "../model/eigenvalues.csv", *tables]
+    page.links(tables, f"Tables with the subjects' names ({len(tables)} files)")
