@@ -42,6 +42,33 @@ def ellipsoids(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="session")
+def short_settings():
+    """Return settings of a run that takes a moment."""
+    from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+
+    return RunSettings(
+        groom=GroomSettings(alignment="center", mesh_edge=1.2),
+        optimize=OptimizeSettings(
+            particles=48, split_iterations=5, anneal_iterations=20, settle_iterations=20
+        ),
+        device="cpu",
+        workers=1,
+    )
+
+
+@pytest.fixture(scope="session")
+def finished_run(ellipsoids, short_settings):
+    """Return a project beside the ellipsoids, with a result of theirs; not to be written to."""
+    from homolog.cohort import read_cohort
+    from homolog.files.project import Project
+    from homolog.run import Run
+
+    project = Project(ellipsoids.parent / "project")
+    Run(project, read_cohort(ellipsoids), short_settings).execute()
+    return project
+
+
 def pytest_runtest_setup(item):
     """Skip window tests where no window can open; in continuous integration that is a fault."""
     reason = QT_FAULT or _display_fault()

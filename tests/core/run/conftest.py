@@ -5,28 +5,16 @@ import pytest
 from homolog.cohort import read_cohort
 from homolog.files.project import Project
 from homolog.run import Run
-from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 
 
-@pytest.fixture(scope="session")
-def settings():
-    """Return settings that are done in a moment."""
-    return RunSettings(
-        groom=GroomSettings(alignment="center"),
-        optimize=OptimizeSettings(
-            particles=48, split_iterations=5, anneal_iterations=20, settle_iterations=20
-        ),
-        device="cpu",
-        workers=1,
-    )
+@pytest.fixture
+def settings(short_settings):
+    return short_settings
 
 
-@pytest.fixture(scope="session")
-def finished(ellipsoids, settings):
-    """Return a project with a result of the ellipsoids; not to be written to."""
-    project = Project(ellipsoids.parent / "project")
-    Run(project, read_cohort(ellipsoids), settings).execute()
-    return project
+@pytest.fixture
+def finished(finished_run):
+    return finished_run
 
 
 @pytest.fixture
