@@ -34,8 +34,12 @@ def wait(qapp):
 
 
 @pytest.fixture
-def make_window(qapp, tmp_path, wait):
-    """Return a function that opens a window; all of them are closed and must leave nothing behind."""
+def make_window(qapp, tmp_path, wait, monkeypatch):
+    """Return a function that opens a window; all of them are closed and must leave nothing behind.
+
+    A question that a test doesn't answer fails it instead of waiting for ever.
+    """
+    monkeypatch.setattr("PySide6.QtWidgets.QMessageBox.exec", lambda box: pytest.fail(box.text()))
     from homolog_app.window.start import make_window
 
     windows = []

@@ -96,7 +96,13 @@ def test_an_exported_table_is_read_as_the_same_cohort(beans, tmp_path):
 
 
 @pytest.mark.window
-def test_a_project_that_was_moved_is_found_whole(explored, close, make_window, tmp_path, wait, errors):
+def test_a_project_that_was_moved_is_found_whole_and_its_files_are_located(
+    explored, close, make_window, ellipsoids, monkeypatch, tmp_path, wait, errors
+):
+    monkeypatch.setattr("homolog_app.window.library.ask", lambda *given: given[3][0])
+    monkeypatch.setattr(
+        "homolog_app.window.library.QFileDialog.getExistingDirectory", lambda *_: str(ellipsoids)
+    )
     session = explored.desk.session
     session.select(["d"])
     explored.commands["edit.include"].trigger()
@@ -111,6 +117,7 @@ def test_a_project_that_was_moved_is_found_whole(explored, close, make_window, t
     assert [one.included for one in window.desk.session.study.members] == [True, True, True, False]
     assert window.desk.session.selection == ("d",)
     assert window.views.stage.scene.layout_count == 1
+    assert all(one.subject.path.parent == ellipsoids for one in window.desk.session.study.members)
     assert not errors
 
 
@@ -208,3 +215,36 @@ def test_none_keeps_its_references_while_the_window_is_painted(window, qapp):
         window.views.stage.scene._plot.repaint()
         qapp.processEvents()
     assert sys.getrefcount(None) > before - 100
+
+
+@pytest.mark.window
+def test_closing_asks_about_unsaved_edits_and_obeys(beans, close, monkeypatch, tmp_path):
+    answers, asked = iter(["Cancel", "Save"]), []
+    monkeypatch.setattr(
+        "homolog_app.window.library.ask", lambda *given: asked.append(given[1]) or next(answers)
+    )
+    monkeypatch.setattr(
+        "homolog_app.window.library.QFileDialog.getSaveFileName", lambda *_: (str(tmp_path / "kept"), "")
+    )
+    beans.desk.preferences.ask_on_close = True
+    beans.close()
+    assert beans.isVisible()
+    close(beans)
+    assert asked == ["Save Unsaved study?"] * 2
+    assert (tmp_path / "kept" / "project.json").is_file()
+
+
+@pytest.mark.window
+def test_closing_in_mid_run_asks_first(groomed, monkeypatch, wait):
+    asked = []
+    monkeypatch.setattr(
+        "homolog_app.window.library.ask", lambda *given: asked.append(given[1]) or given[3][-1]
+    )
+    groomed.desk.preferences.ask_on_close = True
+    groomed.commands["run.start"].trigger()
+    wait(lambda: groomed.desk.work.run_job is not None)
+    groomed.close()
+    assert asked == ["The work is not finished"]
+    assert groomed.isVisible()
+    assert groomed.desk.work.is_busy
+    groomed.desk.preferences.ask_on_close = False

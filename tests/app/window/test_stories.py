@@ -1,5 +1,7 @@
 """What a user does, on the real window."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -89,13 +91,14 @@ def test_bad_files_are_listed_with_their_reason_and_the_good_ones_load(window, e
 
 
 def test_the_bean_tour_leads_from_the_sample_to_a_result(
-    window, monkeypatch, errors, wait, ellipsoids, quick
+    window, monkeypatch, errors, wait, ellipsoids, groomed_cache, quick
 ):
     monkeypatch.setattr("homolog_app.window.work.make_sample", lambda folder, tick: ellipsoids)
     window.commands["file.sample"].trigger()
     wait(lambda: window.tour.card.isVisible())
     session, card = window.desk.session, window.tour.card
     wait(lambda: len(session.surveys) == 4 and card.go_on.isEnabled())
+    shutil.copytree(groomed_cache, window.desk.project.groomed)
     window.desk.edit_settings("optimize", "particles", quick(16))
     for step in ("groom", "correspond"):
         card.go_on.click()

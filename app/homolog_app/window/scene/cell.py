@@ -107,14 +107,19 @@ class Cell:
         self._ball_data.Modified()
         self._ball_mapper.SetScaleFactor(radius)
 
-    def show_words(self, size: int) -> None:
-        """Write the subject's name and the letters, so many pixels high."""
+    def show_words(self, size: int, *, small: bool) -> None:
+        """Write the subject's name and the letters, so many pixels high.
+
+        Small views leave out the letter at the top, where the name is; its opposite is at the bottom.
+        """
         content = self.content
         if content is not None:
             self._caption.SetInput(content.name + (f"\n{content.note}" if content.note else ""))
         for actor in (self._caption, *self._letters):
             actor.SetVisibility(content is not None)
             actor.GetTextProperty().SetFontSize(size)
+        if small:
+            self._letters[-1].SetVisibility(False)
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""

@@ -200,7 +200,7 @@ class Scene(QWidget):
         self._fitted = True
         for cell in self._cells[: 1 if self._linked else None]:
             cell.renderer.ResetCamera(bounds)
-            cell.renderer.GetActiveCamera().Zoom(1.25)
+            cell.renderer.GetActiveCamera().Zoom(1.15)
         self._plot.update()
 
     def paint(self, colours: Colours) -> None:
@@ -256,7 +256,7 @@ class Scene(QWidget):
         """Write names and letters, as large on every screen and in every picture."""
         size = {1: 16, 4: 15, 9: 13}.get(self._count, 12) * scale * self.devicePixelRatioF()
         for cell in self._cells[: self._count]:
-            cell.show_words(round(size))
+            cell.show_words(round(size), small=self._count > 4)
 
     def _refresh_some(self) -> None:
         """Move the particles of a few views, and draw only these: as many as are drawn fast enough.
