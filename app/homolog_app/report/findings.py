@@ -2,7 +2,10 @@
 
 from dataclasses import dataclass
 
+from scipy import stats
+
 from homolog.analysis.comparison import Comparison
+from homolog.analysis.null_simulation import FalseAlarms
 from homolog.analysis.outliers import outlying
 from homolog.files.results import Result
 from homolog_app.report.study import Study
@@ -79,9 +82,15 @@ def cautions(study: Study) -> list[str]:
         f"relabellings, more than the {100 * LEVEL:g} % that it claims."
         for one in study.comparisons
         for test in one.false_alarms
-        if "not corrected" not in test.test and test.low > LEVEL
+        if "not corrected" not in test.test and _too_many(test)
     ]
     return thin + loose
+
+
+def _too_many(test: FalseAlarms) -> bool:
+    """Whether false alarms are more than chance gives a test that holds its level, once in a thousand."""
+    found = stats.binomtest(test.alarms, test.repeats, LEVEL, alternative="greater")
+    return bool(found.pvalue < 0.001)
 
 
 def _verdict(study: Study, one: Comparison) -> str:

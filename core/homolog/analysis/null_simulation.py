@@ -55,7 +55,7 @@ def null_simulation(
     *,
     modes: int,
     repeats: int = 1000,
-    permutations: int = 2000,
+    permutations: int = 10_000,
     alpha: float = 0.05,
     seed: int = 0,
     tick: Tick = no_tick,
