@@ -48,7 +48,7 @@ def short_settings():
     from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 
     return RunSettings(
-        groom=GroomSettings(alignment="center", mesh_edge=1.2),
+        groom=GroomSettings(alignment="center", mesh_edge=2.0),
         optimize=OptimizeSettings(
             particles=48, split_iterations=5, anneal_iterations=20, settle_iterations=20
         ),

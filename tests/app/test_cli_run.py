@@ -166,7 +166,7 @@ def test_each_bad_file_gets_a_line_with_its_name_and_nothing_is_written(mixed, t
 
 
 def test_bad_files_can_be_left_out_and_what_grooming_changed_is_told(mixed, project, capsys):
-    grooming = ["--alignment", "center", "--mesh-edge", "1.2", "--device", "cpu"]
+    grooming = ["--alignment", "center", "--mesh-edge", "2", "--device", "cpu"]
     words = ["--particles", "16", "--split-iterations", "5", "--anneal-iterations", "5", *grooming, *QUIET]
     assert main(["run", str(mixed), "--out", str(project.folder), *words, "--skip-bad"]) == 0
     left_out = [line for line in capsys.readouterr().err.splitlines() if "left out" in line]
