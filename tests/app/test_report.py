@@ -121,6 +121,13 @@ def test_regression_and_pairs_are_analyzed(project, capsys):
     assert "pair 't0' has two subjects that are 'A'" in capsys.readouterr().err
 
 
+def test_a_subject_that_lies_far_from_all_others_is_named_first(project, capsys):
+    broken = 60.0 * np.random.default_rng(3).normal(size=(60, 3))
+    write_particles(particle_file(project, "s3", "world"), broken)
+    assert _analyze(project, "--size", "with") == 0
+    assert capsys.readouterr().out.startswith("Caution: subject 3: lies far from all other shapes.")
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
