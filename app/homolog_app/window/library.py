@@ -70,15 +70,16 @@ class Library(Part):
         """Open a project and read its result."""
         project = Project(folder)
         opened = open_project(project)
+        elsewhere = self._asked_where(opened.study)
         self._desk.work.forget()
         self._desk.journal.clear()
-        self._desk.session.open(opened.study, folder)
+        study = opened.study if elsewhere is None else opened.study.relocated(elsewhere)
+        self._desk.session.open(study, folder)
+        if elsewhere is not None:
+            self._desk.session.undo.resetClean()
         self._desk.session.select(opened.view.selection or [one.name for one in opened.study.members[:1]])
         self._desk.preferences.remember(folder)
         self.show_recent()
-        missing = [one.name for one in opened.study.members if not one.subject.path.exists()]
-        if missing:
-            self._relocate(missing)
         self._window.commands[f"view.grid{opened.view.layout}"].trigger()
         self._window.show_step("cohort")
         if opened.has_result:
@@ -269,16 +270,19 @@ class Library(Part):
         session = self._desk.session
         session.edit("Remove subjects", session.study.without(session.selection))
 
-    def _relocate(self, missing: Sequence[str]) -> None:
-        """Offer to look for moved input files in another folder."""
+    def _asked_where(self, study: Study) -> Path | None:
+        """Ask where input files are that have moved; None if none has, or nobody knows."""
+        missing = [one.name for one in study.members if not one.subject.path.exists()]
+        if not missing:
+            return None
         words = f"{len(missing)} input files are not where they were, such as that of {missing[0]}."
         if (
             ask(self._window, "Files have moved", words, ("Locate folder…", "Go on without"))
-            == "Locate folder…"
+            != "Locate folder…"
         ):
-            path = QFileDialog.getExistingDirectory(self._window, "Folder that holds the files now")
-            if path:
-                self._desk.session.relocate(Path(path))
+            return None
+        path = QFileDialog.getExistingDirectory(self._window, "Folder that holds the files now")
+        return Path(path) if path else None
 
     def _view(self) -> ViewRecord:
         views = self._window.views

@@ -113,15 +113,6 @@ class Session(QObject):
             lambda one: replace(one, included=included),
         )
 
-    def relocate(self, folder: Path) -> None:
-        """Look for files that are gone in another folder, by their names."""
-        changed = {
-            one.name: replace(one, subject=replace(one.subject, path=folder / one.subject.path.name))
-            for one in self.study.members
-            if not one.subject.path.exists() and (folder / one.subject.path.name).exists()
-        }
-        self.edit("Locate files", self.study.with_members(changed))
-
     def _edit_selected(self, text: str, change: Callable[[Member], Member]) -> None:
         changed = {one.name: change(one) for one in self.study.members if one.name in self.selection}
         self.edit(text, self.study.with_members(changed))

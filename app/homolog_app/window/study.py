@@ -79,6 +79,15 @@ class Study:
             added.append(Member(replace(one, name=name)))
         return replace(self, members=(*self.members, *added))
 
+    def relocated(self, folder: Path) -> "Study":
+        """Return the study with the files that are gone looked for, by name, in another folder."""
+        found = {
+            one.name: replace(one, subject=replace(one.subject, path=folder / one.subject.path.name))
+            for one in self.members
+            if not one.subject.path.exists() and (folder / one.subject.path.name).exists()
+        }
+        return self.with_members(found)
+
     def without(self, names: Iterable[str]) -> "Study":
         """Return the study without some members."""
         gone = set(names)

@@ -221,10 +221,12 @@ class Work(QObject):
             if one.subject.name in members and members[one.subject.name].subject.path == one.subject.path
         ]
         self._session.surveys |= {one.subject.name: one for one in current}
+        result = self._session.result
+        seen = result.result.names if result is not None else ()  # a result is shown also without its files
         bad = {
             one.subject.name: replace(members[one.subject.name], included=False)
             for one in current
-            if one.problem and members[one.subject.name].included
+            if one.problem and members[one.subject.name].included and one.subject.name not in seen
         }
         for one in current:
             if one.problem:

@@ -114,6 +114,7 @@ def test_a_project_that_was_moved_is_found_whole_and_its_files_are_located(
     window = make_window()
     window.library.take([tmp_path / "elsewhere" / "moved"])
     wait(lambda: window.desk.session.result is not None)
+    assert not errors
     assert [one.included for one in window.desk.session.study.members] == [True, True, True, False]
     assert window.desk.session.selection == ("d",)
     assert window.views.stage.scene.layout_count == 1

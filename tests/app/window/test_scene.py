@@ -97,10 +97,11 @@ class TestViews:
         for cell in scene._cells[:4]:
             cell.renderer.AddObserver("StartEvent", lambda *_, cell=cell: drawn.append(cell))
         scene.show_particles(last, live=True)
-        scene._plot.repaint()
+        scene._refine.stop()
+        wait(lambda: drawn)
         assert len(set(drawn)) == 1
-        scene._plot.repaint()
-        assert len(set(drawn)) == 4
+        scene._plot.update()
+        wait(lambda: len(set(drawn)) == 4)
 
     def test_the_scheme_changes_the_background_of_the_views(self, beans):
         before = pixels(beans.views.stage.scene.picture())[40, 40, :3].mean()
