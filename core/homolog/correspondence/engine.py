@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from homolog.arrays import DeviceArray, Float32Array, FloatArray, IntArray
-from homolog.correspondence import kernels
+from homolog.correspondence import kernels, sampling_kernels
 from homolog.correspondence.coupling import coupling
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.surfaces import Level, nearest_faces
@@ -21,7 +21,7 @@ ROW = 64  # neighbours that a row holds; an even layout needs 20
 NEWTON_STEPS = 2
 SKIN = 1.08  # neighbour lists reach this much farther than forces, and last this many iterations:
 LIST_LIFE = 5
-REACH = kernels.CUTOFF * kernels.WIDEST * SKIN
+REACH = sampling_kernels.CUTOFF * sampling_kernels.WIDEST * SKIN
 """Longest distance that a neighbour list needs, in even Parzen widths."""
 
 
@@ -234,14 +234,14 @@ class Engine:
     def _relink(self) -> None:
         apart = 2.4 * self.level.extent + 2.0 * self.layout.reach
         wp.launch(
-            kernels.spread,
+            sampling_kernels.spread,
             dim=self.total,
             inputs=[self.count, apart, self.positions, self.spread],
             device=self.launch.device,
         )
         self.grid.build(self.spread, min(self.layout.reach, 2.0 * self.level.extent))
         self.launch(
-            kernels.link_neighbors,
+            sampling_kernels.link_neighbors,
             self.total,
             [
                 self.layout,
@@ -256,7 +256,7 @@ class Engine:
 
     def _repel(self) -> None:
         self.launch(
-            kernels.repel,
+            sampling_kernels.repel,
             self.total,
             [
                 self.layout,
@@ -275,7 +275,7 @@ class Engine:
             ],
         )
         self.launch(
-            kernels.yield_back,
+            sampling_kernels.yield_back,
             self.total,
             [
                 self.layout,

@@ -68,36 +68,66 @@ def base_node(index: float, size: int) -> int:
     return wp.clamp(int(wp.floor(index)), 1, size - 3)
 
 
+@wp.struct
+class Stencil:
+    """The 64 spline coefficients around a point, and their one-dimensional weights and slopes."""
+
+    i: int
+    j: int
+    k: int
+    t: wp.vec3  # where in the cell
+    wx: wp.vec4
+    wy: wp.vec4
+    wz: wp.vec4
+    dx: wp.vec4
+    dy: wp.vec4
+    dz: wp.vec4
+
+
+@wp.func
+def stencil_at(field: FieldData, position: wp.vec3) -> Stencil:
+    """Find the stencil of a position."""
+    index = field.to_index * position + field.origin_index
+    s = Stencil()
+    s.i = base_node(index[0], field.coefficients.shape[0])
+    s.j = base_node(index[1], field.coefficients.shape[1])
+    s.k = base_node(index[2], field.coefficients.shape[2])
+    s.t = wp.vec3(index[0] - float(s.i), index[1] - float(s.j), index[2] - float(s.k))
+    s.wx = spline_weights(s.t[0])
+    s.wy = spline_weights(s.t[1])
+    s.wz = spline_weights(s.t[2])
+    s.dx = spline_slopes(s.t[0])
+    s.dy = spline_slopes(s.t[1])
+    s.dz = spline_slopes(s.t[2])
+    return s
+
+
+@wp.func
+def coefficient_line(field: FieldData, i: int, j: int, k: int) -> wp.vec4:
+    """Return four coefficients along the third axis."""
+    return wp.vec4(
+        field.coefficients[i, j, k - 1],
+        field.coefficients[i, j, k],
+        field.coefficients[i, j, k + 1],
+        field.coefficients[i, j, k + 2],
+    )
+
+
 @wp.func
 def field_point(field: FieldData, position: wp.vec3) -> FieldPoint:
     """Value and gradient at a position (the Hessian is left zero)."""
-    index = field.to_index * position + field.origin_index
-    i = base_node(index[0], field.coefficients.shape[0])
-    j = base_node(index[1], field.coefficients.shape[1])
-    k = base_node(index[2], field.coefficients.shape[2])
-    tx = index[0] - float(i)
-    ty = index[1] - float(j)
-    tz = index[2] - float(k)
-    wx = spline_weights(tx)
-    wy = spline_weights(ty)
-    wz = spline_weights(tz)
-    dx = spline_slopes(tx)
-    dy = spline_slopes(ty)
-    dz = spline_slopes(tz)
+    s = stencil_at(field, position)
     value = float(0.0)
     gradient = wp.vec3(0.0, 0.0, 0.0)
     for a in range(4):
         for b in range(4):
-            line = wp.vec4(
-                field.coefficients[i + a - 1, j + b - 1, k - 1],
-                field.coefficients[i + a - 1, j + b - 1, k],
-                field.coefficients[i + a - 1, j + b - 1, k + 1],
-                field.coefficients[i + a - 1, j + b - 1, k + 2],
-            )
-            along = wp.dot(wz, line)
-            value += wx[a] * wy[b] * along
+            line = coefficient_line(field, s.i + a - 1, s.j + b - 1, s.k)
+            along = wp.dot(s.wz, line)
+            value += s.wx[a] * s.wy[b] * along
             gradient += wp.vec3(
-                dx[a] * wy[b] * along, wx[a] * dy[b] * along, wx[a] * wy[b] * wp.dot(dz, line)
+                s.dx[a] * s.wy[b] * along,
+                s.wx[a] * s.dy[b] * along,
+                s.wx[a] * s.wy[b] * wp.dot(s.dz, line),
             )
     result = FieldPoint()
     result.value = value * field.scale
@@ -108,42 +138,24 @@ def field_point(field: FieldData, position: wp.vec3) -> FieldPoint:
 @wp.func
 def field_curvature(field: FieldData, position: wp.vec3) -> FieldPoint:
     """Value, gradient and Hessian at a position."""
-    index = field.to_index * position + field.origin_index
-    i = base_node(index[0], field.coefficients.shape[0])
-    j = base_node(index[1], field.coefficients.shape[1])
-    k = base_node(index[2], field.coefficients.shape[2])
-    tx = index[0] - float(i)
-    ty = index[1] - float(j)
-    tz = index[2] - float(k)
-    wx = spline_weights(tx)
-    wy = spline_weights(ty)
-    wz = spline_weights(tz)
-    dx = spline_slopes(tx)
-    dy = spline_slopes(ty)
-    dz = spline_slopes(tz)
-    ex = spline_bends(tx)
-    ey = spline_bends(ty)
-    ez = spline_bends(tz)
+    s = stencil_at(field, position)
+    ex = spline_bends(s.t[0])
+    ey = spline_bends(s.t[1])
+    ez = spline_bends(s.t[2])
     value = float(0.0)
     gradient = wp.vec3(0.0, 0.0, 0.0)
     straight = wp.vec3(0.0, 0.0, 0.0)
     mixed = wp.vec3(0.0, 0.0, 0.0)  # xy, yz, zx
     for a in range(4):
         for b in range(4):
-            line = wp.vec4(
-                field.coefficients[i + a - 1, j + b - 1, k - 1],
-                field.coefficients[i + a - 1, j + b - 1, k],
-                field.coefficients[i + a - 1, j + b - 1, k + 1],
-                field.coefficients[i + a - 1, j + b - 1, k + 2],
-            )
-            along = wp.dot(wz, line)
-            slope = wp.dot(dz, line)
-            value += wx[a] * wy[b] * along
-            gradient += wp.vec3(dx[a] * wy[b] * along, wx[a] * dy[b] * along, wx[a] * wy[b] * slope)
-            straight += wp.vec3(
-                ex[a] * wy[b] * along, wx[a] * ey[b] * along, wx[a] * wy[b] * wp.dot(ez, line)
-            )
-            mixed += wp.vec3(dx[a] * dy[b] * along, wx[a] * dy[b] * slope, dx[a] * wy[b] * slope)
+            line = coefficient_line(field, s.i + a - 1, s.j + b - 1, s.k)
+            along = wp.dot(s.wz, line)
+            slope = wp.dot(s.dz, line)
+            both = s.wx[a] * s.wy[b]
+            value += both * along
+            gradient += wp.vec3(s.dx[a] * s.wy[b] * along, s.wx[a] * s.dy[b] * along, both * slope)
+            straight += wp.vec3(ex[a] * s.wy[b] * along, s.wx[a] * ey[b] * along, both * wp.dot(ez, line))
+            mixed += wp.vec3(s.dx[a] * s.dy[b] * along, s.wx[a] * s.dy[b] * slope, s.dx[a] * s.wy[b] * slope)
     hessian = wp.mat33(
         straight[0],
         mixed[0],

@@ -1,12 +1,13 @@
 """Launch kernels on every core of the CPU or on one CUDA device."""
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any
 
 import warp as wp
+
+from homolog.device import cores
 
 __all__ = ["Launcher"]
 
@@ -20,10 +21,9 @@ class Launcher:
     range is dealt to one Python thread a core. Results do not depend on how it is dealt.
     """
 
-    def __init__(self, device: str, cores: int | None = None) -> None:
+    def __init__(self, device: str, threads: int | None = None) -> None:
         self.device = device
-        available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        self.cores = 1 if device != "cpu" else cores or available
+        self.cores = 1 if device != "cpu" else threads or cores()
         self._pool = ThreadPoolExecutor(self.cores) if self.cores > 1 else None
 
     def __call__(self, kernel: Any, count: int, inputs: Sequence[Any]) -> None:  # noqa: ANN401 - Warp has no types

@@ -59,7 +59,7 @@ def test_entropy_per_particle_does_not_depend_on_how_often_each_particle_is_coun
 
 
 def test_the_device_coupling_computes_what_the_host_coupling_does(rows):
-    launcher = Launcher("cpu", cores=1)
+    launcher = Launcher("cpu", threads=1)
     knobs = np.zeros(1, dtype=Knobs.numpy_dtype())
     knobs["step"], knobs["ensemble_weight"] = 2.0, 0.3
     knobs["regularization"], knobs["normals_regularization"] = 0.4, 0.1

@@ -11,7 +11,7 @@ from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.surfaces import Placement, build_level, face_neighbors, field_array
 from homolog.settings import OptimizeSettings
 
-LAUNCHER = Launcher("cpu", cores=1)
+LAUNCHER = Launcher("cpu", threads=1)
 
 
 def vectors(values):
