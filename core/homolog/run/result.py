@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 
@@ -187,7 +188,7 @@ def _write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
 
 
 def _write_surfaces(new: Project, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:
-    write_mesh(mean_file(new), TriangleMesh(surface.vertices, surface.faces))
+    _write_surface(mean_file(new), TriangleMesh(surface.vertices, surface.faces))
     enough = int(np.searchsorted(np.cumsum(model.explained), _SHOWN_SHARE)) + 1
     shown = min(max(enough, _LEAST_SHOWN), _MOST_SHOWN, len(model.variances))
     for mode in range(shown):
@@ -196,7 +197,13 @@ def _write_surfaces(new: Project, model: ShapeModel, surface: MeanSurface, tick:
             deviations = np.zeros(mode + 1)
             deviations[mode] = sign * MODE_DEVIATIONS
             vertices = surface.moved(model.shape(deviations))
-            write_mesh(mode_file(new, mode, side), TriangleMesh(vertices, surface.faces))
+            _write_surface(mode_file(new, mode, side), TriangleMesh(vertices, surface.faces))
+
+
+def _write_surface(path: Path, mesh: TriangleMesh) -> None:
+    """Write a surface twice: VTP for this program and Slicer, PLY beside it for everything else."""
+    write_mesh(path, mesh)
+    write_mesh(path.with_suffix(".ply"), mesh)
 
 
 def _record(outcome: Outcome, stems: Sequence[str], folded: int) -> ResultRecord:

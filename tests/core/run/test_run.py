@@ -6,6 +6,7 @@ import pytest
 
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError, NumericalError
+from homolog.files.meshes import read_mesh
 from homolog.files.results import read_modes, read_result, read_surfaces
 from homolog.run import FinishReason, Phase
 from homolog.settings import Method
@@ -72,6 +73,12 @@ def test_scores_and_modes_on_disk_give_back_the_particles(finished):
     moves = read_modes(finished, result.mean_surface)
     assert moves.shape[1:] == result.mean_surface.vertices.shape
     assert 0.2 < np.linalg.norm(moves[0], axis=1).max() < 3.0
+
+
+def test_the_mean_surface_is_there_for_other_programs_too(finished):
+    one, other = (read_mesh(finished.model / f"mean.{kind}") for kind in ("vtp", "ply"))
+    np.testing.assert_array_equal(one.faces, other.faces)
+    np.testing.assert_allclose(one.vertices, other.vertices, rtol=1e-5, atol=1e-4)
 
 
 def test_the_same_seed_gives_the_same_bits(start, finished, groomed):
