@@ -64,6 +64,7 @@ class Views(QObject):
         self._session, self._work = window.desk.session, window.desk.work
         self._frame: Frame | None = None
         self._shown: list[object] = []
+        self._result: Loaded | None = None
         self._look = QTimer(self, interval=_LOOK_MS)
         self._look.timeout.connect(self._take_frame)
         self._player = QTimer(self, interval=_PLAY_MS)
@@ -114,17 +115,18 @@ class Views(QObject):
             groomed, survey = session.groomed.get(one.name), session.surveys.get(one.name)
             key += [groomed, survey.surface if survey else None]
         if len(key) != len(self._shown) or any(a is not b for a, b in zip(key, self._shown, strict=True)):
-            new_result = session.result is not None and session.result not in self._shown
+            new_result = session.result is not self._result
+            self._result = session.result
             had_smooth = any(isinstance(one, Groomed | Loaded) for one in self._shown)
             if (session.groomed or session.result) and not had_smooth:
                 self._window.commands["view.raw"].setChecked(False)
                 stage.scene.switch(raw=False)
             self._shown = key
             stage.scene.set_contents(contents_of(session))
-            if self._work.run_job is None:
+            if self._work.run_job is None and new_result:
                 stage.scene.show_particles(session.result.particles if session.result else {})
                 stage.footer.show_frames(len(session.result.frames) if session.result else 0)
-            if new_result:
+            if new_result and session.result is not None:
                 stage.scene.fit()
         if not session.study.members:
             stage.show_hint(
