@@ -103,7 +103,8 @@ def bean_row(title, runs):
     lowest = min(figures.linear_in_truth for figures, _ in runs)
     print(
         f"| {title} | {100 * median['leak']:.2f} | {100 * median['linear_in_truth']:.2f} "
-        f"| {100 * lowest:.2f} | {median['r2_position']:.4f} | {median['r2_width']:.4f} | {median['var_per_particle']:.1f} "
+        f"| {100 * lowest:.2f} | {median['r2_position']:.4f} | {median['r2_width']:.4f} "
+        f"| {median['var_per_particle']:.1f} "
         f"| {median['slot_fill']:.2f} | {100 * median['normals_over_90_pairs']:.3f} "
         f"| {100 * median['wall_swap']:.3f} | {median['distance_mean']:.3f} / {median['distance_p95']:.3f} "
         f"| {median['nn_cv']:.3f} | {np.median([seconds for _, seconds in runs]):.1f} |",

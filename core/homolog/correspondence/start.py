@@ -7,6 +7,8 @@ the entropies take over from there.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -22,6 +24,41 @@ CONTROL = 400  # points of the reference that drive its deformation
 ROUNDS = 12
 STIFF, SOFT = 1e3, 10.0  # smoothing of the thin-plate map in the first and in the last round
 NORMAL_LENGTH = 20.0  # length, in the optimizer's unit, that a turn of the normal by one radian counts
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothingMap:
+    """Smoothing thin-plate maps (kernel r in 3-D; Wahba 1990) from control points to any of their targets.
+
+    One eigendecomposition serves every smoothing and every target: with the kernel's part that no affine
+    map sees, B diag(v) B', the map takes the points to ``bending @ (B' targets / (v + smoothing))`` plus
+    ``affine @ targets``.
+    """
+
+    bending: FloatArray  # (points, control - 4)
+    values: FloatArray  # (control - 4,)
+    basis: FloatArray  # (control, control - 4)
+    affine: FloatArray  # (points, control)
+
+    @classmethod
+    def between(cls, control: FloatArray, points: FloatArray) -> Self:
+        """Prepare the maps that move `points` (V, 3) as the control points (n, 3) are moved."""
+        kernel = -cdist(control, control)
+        orthogonal, triangle = np.linalg.qr(
+            np.column_stack([np.ones(len(control)), control]), mode="complete"
+        )
+        seen, unseen = orthogonal[:, :4], orthogonal[:, 4:]
+        values, turned = np.linalg.eigh(unseen.T @ kernel @ unseen)
+        basis = unseen @ turned
+        affine = np.column_stack([np.ones(len(points)), points]) @ np.linalg.solve(triangle[:4], seen.T)
+        bending = -cdist(points, control) @ basis - affine @ (kernel @ basis)
+        return cls(bending, np.maximum(values, 0.0), basis, affine)
+
+    def moved(self, targets: FloatArray, smoothing: float) -> FloatArray:
+        """Return where the points go, (V, 3), as the control points go near their targets (n, 3)."""
+        weights = (self.basis.T @ targets) / (self.values + smoothing)[:, None]
+        result: FloatArray = self.bending @ weights + self.affine @ targets
+        return result
 
 
 def first_particles(
@@ -51,15 +88,14 @@ def first_particles(
     control = spread_indices(source.vertices, min(CONTROL, len(source.vertices)))
     begin = int(np.random.default_rng(seed).integers(len(source.vertices)))
     chosen = spread_indices(source.vertices, count, begin)
-    softening = np.geomspace(STIFF, SOFT, ROUNDS)
-    operators = [smoothing_operator(source.vertices[control], source.vertices, soft) for soft in softening]
+    maps = SmoothingMap.between(source.vertices[control], source.vertices)
     result = np.empty((len(meshes), count, 3))
     for index, (mesh, own) in enumerate(zip(meshes, normals, strict=True)):
         tick(index / len(meshes), "first particles")
         if index == reference:
             result[index] = source.vertices[chosen]
             continue
-        deformed = register(source, control, mesh, own, operators)
+        deformed = register(source, control, mesh, own, maps)
         moved = features(deformed.vertices, vertex_normals(deformed))[chosen]
         result[index] = mesh.vertices[cKDTree(features(mesh.vertices, own)).query(moved)[1]]
     return result
@@ -70,35 +106,21 @@ def register(
     control: IntArray,
     target: TriangleMesh,
     normals: FloatArray,
-    operators: Sequence[FloatArray],
+    maps: SmoothingMap,
 ) -> TriangleMesh:
     """Return the source mesh deformed onto the target, by closest points under softening thin plates."""
     deformed = source
     tree = cKDTree(features(target.vertices, normals))
-    for operator in operators:
+    for smoothing in np.geomspace(STIFF, SOFT, ROUNDS):
         moving = features(deformed.vertices, vertex_normals(deformed))
         matched = target.vertices[tree.query(moving[control])[1]]
-        deformed = TriangleMesh(operator @ matched, source.faces)
+        deformed = TriangleMesh(maps.moved(matched, float(smoothing)), source.faces)
     return deformed
 
 
 def features(vertices: FloatArray, normals: FloatArray) -> FloatArray:
     """Return what closest points are sought by: position and normal, shape (V, 6)."""
     return np.hstack([vertices, NORMAL_LENGTH * normals])
-
-
-def smoothing_operator(control: FloatArray, points: FloatArray, smoothing: float) -> FloatArray:
-    """Return the (points, control) matrix of a smoothing thin-plate map (kernel r in 3-D; Wahba 1990).
-
-    Applied to the control points' targets, it gives where the map takes the points.
-    """
-    n = len(control)
-    kernel = -cdist(control, control) + smoothing * np.eye(n)
-    affine = np.hstack([np.ones((n, 1)), control])
-    system = np.block([[kernel, affine], [affine.T, np.zeros((4, 4))]])
-    rows = np.hstack([-cdist(points, control), np.ones((len(points), 1)), points])
-    operator: FloatArray = np.linalg.solve(system.T, rows.T).T[:, :n]
-    return operator
 
 
 def vertex_normals(mesh: TriangleMesh) -> FloatArray:

@@ -3,9 +3,9 @@
 import numpy as np
 
 from homolog.correspondence.start import (
+    SmoothingMap,
     first_particles,
     medoid,
-    smoothing_operator,
     spread_indices,
     vertex_normals,
 )
@@ -16,13 +16,25 @@ def test_a_smoothing_map_keeps_affine_maps_however_stiff_it_is():
     random = np.random.default_rng(0)
     control, points = random.normal(size=(30, 3)), random.normal(size=(50, 3))
     affine, shift = random.normal(size=(3, 3)), random.normal(size=3)
-    operator = smoothing_operator(control, points, 100.0)
-    np.testing.assert_allclose(operator @ (control @ affine.T + shift), points @ affine.T + shift, atol=1e-8)
+    moved = SmoothingMap.between(control, points).moved(control @ affine.T + shift, 100.0)
+    np.testing.assert_allclose(moved, points @ affine.T + shift, atol=1e-8)
 
 
 def test_a_map_without_smoothing_interpolates():
-    control = np.random.default_rng(0).normal(size=(30, 3))
-    np.testing.assert_allclose(smoothing_operator(control, control, 0.0), np.eye(30), atol=1e-8)
+    control, targets = np.random.default_rng(0).normal(size=(2, 30, 3))
+    moved = SmoothingMap.between(control, control).moved(targets, 0.0)
+    np.testing.assert_allclose(moved, targets, atol=1e-7)
+
+
+def test_a_smoothing_map_solves_the_thin_plate_system():
+    control, targets = np.random.default_rng(1).normal(size=(2, 20, 3))
+    kernel = -np.linalg.norm(control[:, None] - control[None], axis=-1) + 0.7 * np.eye(20)
+    affine = np.column_stack([np.ones(20), control])
+    system = np.block([[kernel, affine], [affine.T, np.zeros((4, 4))]])
+    solution = np.linalg.solve(system, np.vstack([targets, np.zeros((4, 3))]))
+    expected = targets - 0.7 * solution[:20]
+    moved = SmoothingMap.between(control, control).moved(targets, 0.7)
+    np.testing.assert_allclose(moved, expected, atol=1e-8)
 
 
 def test_vertex_normals_of_a_sphere_point_outward(ball):
