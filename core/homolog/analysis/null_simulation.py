@@ -15,7 +15,10 @@ from homolog.analysis.wilks import wilks_p
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, no_tick
 
-__all__ = ["FalseAlarms", "null_simulation"]
+__all__ = ["WHOLE_SHAPE_F", "WHOLE_SHAPE_PERMUTATION", "FalseAlarms", "null_simulation"]
+
+WHOLE_SHAPE_F = "whole shape, F distribution"
+WHOLE_SHAPE_PERMUTATION = "whole shape, permutation"
 
 _CHUNK = 100
 
@@ -96,8 +99,8 @@ def null_simulation(
         reference_p[rows], reference_largest[rows] = whole.log_p(some), local.explained(some).max(axis=1)
         done = rows.stop
     names = (
-        "whole shape, F distribution",
-        "whole shape, permutation",
+        WHOLE_SHAPE_F,
+        WHOLE_SHAPE_PERMUTATION,
         "any particle, family-wise correction",
         "any particle, false discovery rate",
         "any particle, not corrected",
