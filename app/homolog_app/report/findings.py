@@ -78,7 +78,7 @@ def cautions(study: Study) -> list[str]:
     """Return what a reader should be careful about."""
     thin = [f"{one.title}: {warning}" for one in study.comparisons for warning in one.test.warnings]
     loose = [
-        f"{one.title}: on this cohort the F distribution raises false alarms in {100 * excess:.1f} % more of the "
+        f"{one.title}: the F distribution raises false alarms in {100 * excess:.1f} % more of the "
         "relabellings than the permutation test; trust the latter."
         for one in study.comparisons
         if (excess := _excess(one)) > _LOOSE
