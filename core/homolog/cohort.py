@@ -100,7 +100,7 @@ def read_cohort(path: Path) -> Cohort:
             f"{path}: is one file; give the folder that holds the cohort's files, or a cohort.csv"
         )
     else:
-        raise InputError(f"{path}: there is no such folder or file")
+        raise InputError(f"{path}: there is no such folder or file; correct the path")
     repeated = [name for name, count in Counter(one.name for one in cohort.subjects).items() if count > 1]
     if repeated:
         raise InputError(f"{path}: several subjects are called {', '.join(repeated)}; give each its own name")
@@ -128,14 +128,14 @@ def _read_manifest(path: Path) -> Cohort:
             reader.fieldnames = columns
             rows = [{key: (value or "").strip() for key, value in row.items() if key} for row in reader]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: can't be read as a table: {error}") from error
+        raise InputError(f"{path}: can't be read as a table; save it as CSV in UTF-8 ({error})") from error
     missing = [name for name in ("name", "path") if name not in columns]
     if missing:
         raise InputError(
             f"{path}: lacks the column {' and '.join(missing)}; the first line must be name,path,group"
         )
     if not rows:
-        raise InputError(f"{path}: lists no subject")
+        raise InputError(f"{path}: lists no subject; add a line for each: name,path,group")
     subjects = [_subject(row, path, line) for line, row in enumerate(rows, start=2)]
     return Cohort(tuple(subjects), path.parent)
 

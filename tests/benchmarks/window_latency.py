@@ -64,7 +64,8 @@ def measure(options: argparse.Namespace, folder: Path) -> None:
     print("| views | shapes x particles | median late ms | p99 | most | frames/s | draw ms | cancel s |")
     print(
         f"| {options.views} | {options.shapes} x {options.particles} | {p50:.0f} | {p99:.0f} "
-        f"| {max(late):.0f} | {frames / options.seconds:.1f} | {window.views.stage.scene.draw_ms:.0f} | {idle:.2f} |"
+        f"| {max(late):.0f} | {frames / options.seconds:.1f} | {window.views.stage.scene.draw_ms:.0f} "
+        f"| {idle:.2f} |"
     )
     window.close()
 

@@ -87,6 +87,7 @@ class Engine:
     energies: DeviceArray
     iteration: DeviceArray
     counts: DeviceArray
+    feet: DeviceArray
     normals: DeviceArray
 
     def __init__(
@@ -213,9 +214,12 @@ class Engine:
         """
         return np.array([float(self.energies.numpy().mean()), *self.coupling.entropies()])
 
-    def crowded(self) -> bool:
-        """Whether some particle has more neighbours in reach than its row holds."""
-        return bool(self.counts.numpy().max() > ROW)
+    def gaps(self) -> FloatArray:
+        """Return how far the farthest particle of each shape is from its mesh, (M,), in optimizer lengths."""
+        self._locate()
+        away = self.positions.numpy() - self.feet.numpy()["position"]
+        longest: FloatArray = np.linalg.norm(away, axis=1).reshape(self.shapes, -1).max(axis=1)
+        return longest
 
     def _project(self, newton_steps: int = NEWTON_STEPS) -> None:
         self.launch(

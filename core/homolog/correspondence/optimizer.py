@@ -23,6 +23,7 @@ __all__ = ["optimize"]
 RECORD = 20  # iterations between two rows of the energy table
 KEEP_S = 30.0  # seconds between two checkpoints
 FRAME_S = 0.05  # seconds between two frames
+LOST = 5.0  # optimizer lengths from the mesh, of a particle that is not on the surface any more
 SPLIT_OFFSET = 0.25  # of the Parzen width
 
 Keep = Callable[[Checkpoint], None]
@@ -115,6 +116,7 @@ class _Journey:
             if plan.count != self.engine.count:
                 self._split(plan)
             reason = self._stage(index, done)
+            self._check_particles()
             done = 0
         return reason
 
@@ -161,18 +163,19 @@ class _Journey:
     def _record(self, plan: Plan) -> float:
         parts = self.engine.energy() * [1.0, plan.weight, plan.normals_weight]
         if not np.isfinite(parts).all():
-            particles = self.engine.host_positions()
-            names = [
-                name
-                for name, own in zip(self.domain.names, particles, strict=True)
-                if not np.isfinite(own).all()
-            ]
-            raise NumericalError(
-                f"{', '.join(names) or 'all subjects'}: particles were lost at iteration {self.iteration}; "
-                "look at the groomed surface, or run with another seed"
-            )
+            self._check_particles()
         self.energies.append([float(self.iteration), *parts.tolist()])
         return float(parts.sum())
+
+    def _check_particles(self) -> None:
+        """Refuse to go on with particles that are not on their surfaces."""
+        gaps = self.engine.gaps()
+        names = [name for name, gap in zip(self.domain.names, gaps, strict=True) if not gap < LOST]
+        if names:
+            raise NumericalError(
+                f"{', '.join(names)}: particles left the surface by iteration {self.iteration}; look at the "
+                "groomed surface, or run with another seed"
+            )
 
     def _report(self, index: int, done: int) -> None:
         """Frame, checkpoint and tick, when they are due."""

@@ -120,7 +120,7 @@ def _read_polydata(path: Path) -> tuple[Any, str]:
     path = Path(path)
     reader = _piece(path, "Reader")
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file")
+        raise InputError(f"{path}: there is no such file; correct the path or leave it out")
     if path.suffix.lower() == ".ply":
         check_ply(path)
     complaints: list[str] = []
@@ -130,7 +130,7 @@ def _read_polydata(path: Path) -> tuple[Any, str]:
     reader.Update()
     polydata = reader.GetOutput()
     if complaints or reader.GetErrorCode() or polydata is None or polydata.GetNumberOfPoints() == 0:
-        raise InputError(f"{path}: can't be read as a mesh; it may be cut short or of another kind")
+        raise InputError(f"{path}: can't be read as a mesh (cut short, or of another kind?); export it again")
     return polydata, "RAS" if "SPACE=RAS" in _header(reader, polydata, path) else "LPS"
 
 

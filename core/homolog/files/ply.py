@@ -39,11 +39,13 @@ def check_ply(path: Path) -> None:
         else:
             whole = len(body) >= _length(elements, body, "<" if form == "binary_little_endian" else ">")
     except (StopIteration, IndexError, KeyError, ValueError) as error:
-        raise InputError(f"{path}: can't be read as a mesh; its header is damaged") from error
+        raise InputError(
+            f"{path}: can't be read as a mesh, its header is damaged; export it again"
+        ) from error
     except struct.error:
         whole = False
     if not whole:
-        raise InputError(f"{path}: can't be read as a mesh; it is cut short")
+        raise InputError(f"{path}: can't be read as a mesh, it is cut short; copy or export it again")
 
 
 def write_ply(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array], comment: str) -> None:

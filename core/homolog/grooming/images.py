@@ -68,13 +68,13 @@ def read_segmentation(path: Path, label: int | None) -> Segmentation:
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file")
+        raise InputError(f"{path}: there is no such file; correct the path or leave it out")
     reader = _checked_header(path)
     _check_length(path, reader)
     try:
         image = reader.Execute()
     except (RuntimeError, MemoryError) as error:
-        raise InputError(f"{path}: can't be read; it may be cut short: {_reason(error)}") from error
+        raise InputError(f"{path}: may be cut short; copy or export it again ({_reason(error)})") from error
     return _segmentation(path, image, label)
 
 
@@ -87,7 +87,9 @@ def _checked_header(path: Path) -> Any:  # noqa: ANN401 - SimpleITK is untyped
     try:
         reader.ReadImageInformation()
     except RuntimeError as error:
-        raise InputError(f"{path}: can't be read as an image: {_reason(error)}") from error
+        raise InputError(
+            f"{path}: is no readable image; export it again, or leave it out ({_reason(error)})"
+        ) from error
     size = reader.GetSize()
     shape = " x ".join(map(str, size))
     if len(size) != 3 or min(size) < 2:
@@ -111,9 +113,9 @@ def _check_length(path: Path, reader: Any) -> None:  # noqa: ANN401 - SimpleITK 
             while block := stream.read(2**20):
                 length += len(block)
     except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{path}: can't be read; it is cut short or damaged: {error}") from error
+        raise InputError(f"{path}: is cut short or damaged; copy or export it again ({error})") from error
     if length < needed:
-        raise InputError(f"{path}: can't be read; it is cut short: {length} of {needed:.0f} bytes")
+        raise InputError(f"{path}: is cut short, {length} of {needed:.0f} bytes; copy or export it again")
 
 
 def _segmentation(path: Path, image: Any, label: int | None) -> Segmentation:  # noqa: ANN401

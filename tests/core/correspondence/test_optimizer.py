@@ -8,7 +8,7 @@ import pytest
 from homolog.correspondence import Reason, Shape, optimize
 from homolog.correspondence.schedule import particle_counts, plan_stages
 from homolog.correspondence.splitting import split
-from homolog.errors import Cancelled, InputError
+from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.settings import Method, OptimizeSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
@@ -189,6 +189,13 @@ def test_an_alignment_brings_turned_shapes_to_the_same_model(found, ellipsoid_sh
     assert spread_of(result.world) == pytest.approx(spread_of(found.world), rel=0.15)
     back = result.local[1] @ swap[:3, :3].T
     np.testing.assert_allclose(back, result.world[1], atol=1e-3)
+
+
+def test_a_shape_whose_field_and_mesh_disagree_is_named(ellipsoid_shapes, make_shape):
+    wrong = make_shape("wrong", (12.0, 9.0, 6.0), centre=(9.0, 0.0, 0.0))
+    mixed = dataclasses.replace(wrong, field=ellipsoid_shapes[0].field)
+    with pytest.raises(NumericalError, match="wrong: particles left the surface"):
+        optimize([*ellipsoid_shapes[:2], mixed], QUICK)
 
 
 def test_fewer_than_two_shapes_are_refused(ellipsoid_shapes):

@@ -66,14 +66,14 @@ def test_a_file_cut_short_is_refused(save, suffix):
     path = save(noise, f"a{suffix}")
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) * 2 // 3])
-    with pytest.raises(InputError, match="can't be read"):
+    with pytest.raises(InputError, match=r"cut short|no readable image"):
         read_segmentation(path, None)
 
 
 def test_something_else_under_an_image_name_is_refused(tmp_path):
     path = tmp_path / "a.nii.gz"
     path.write_text("not an image")
-    with pytest.raises(InputError, match=r"a\.nii\.gz: can't be read"):
+    with pytest.raises(InputError, match=r"a\.nii\.gz: is no readable image"):
         read_segmentation(path, None)
 
 
