@@ -97,8 +97,8 @@ class Task:
             self._wishes.notify_all()
 
     def _tick(self, fraction: float, message: str) -> None:
-        self._status = TaskStatus(fraction=fraction, message=message, paused=self._paused)
         with self._wishes:
+            self._status = TaskStatus(fraction=fraction, message=message, paused=self._paused)
             self._wishes.wait_for(lambda: self._cancelled or not self._paused)
         if self._cancelled:
             raise Cancelled("cancelled")

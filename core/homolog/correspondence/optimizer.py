@@ -144,6 +144,7 @@ class _Journey:
     def _stage(self, index: int, done: int) -> Reason:
         plan = self.stages[index]
         self.engine.start_stage([plan.weights(i) for i in range(plan.iterations)], done)
+        self._next_frame = 0.0  # a stage is seen however short it is
         if done == 0:
             self._checkpoint(index, done)
         before = math.inf

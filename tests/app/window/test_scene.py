@@ -69,8 +69,9 @@ class TestViews:
         assert alpha.min() == 0
         assert alpha.max() == 255
 
-    def test_the_surface_is_seen_and_can_be_hidden(self, beans):
+    def test_the_surface_is_seen_and_can_be_hidden(self, beans, wait):
         scene = beans.views.stage.scene
+        wait(lambda: len(scene.shown) == 4 and all(one.raw is not None for one in scene.shown))
         before = pixels(scene.picture())
         beans.commands["view.raw"].trigger()
         after = pixels(scene.picture())
