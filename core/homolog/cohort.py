@@ -45,14 +45,13 @@ class Subject:
         """Whether the file is a surface mesh rather than a segmentation."""
         return _suffix(self.path) in MESH_SUFFIXES
 
-    def __getstate__(self) -> tuple[object, ...]:
-        """Hand over what another process needs (a read-only mapping can't be pickled)."""
-        return self.name, self.path, self.group, dict(self.columns)
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle the columns as a plain dict; `__getstate__` is not honoured by Python 3.11.2's slots."""
+        return _subject_of, (self.name, self.path, self.group, dict(self.columns))
 
-    def __setstate__(self, state: tuple[object, ...]) -> None:
-        """Take over what `__getstate__` handed out."""
-        for slot, value in zip(("name", "path", "group", "columns"), state, strict=True):
-            object.__setattr__(self, slot, value)
+
+def _subject_of(name: str, path: Path, group: str | None, columns: dict[str, str]) -> Subject:
+    return Subject(name, path, group, MappingProxyType(columns))
 
 
 @dataclass(frozen=True, slots=True)
