@@ -216,7 +216,7 @@ class Scene(QWidget):
         self._show_words(scale)
         self._backdrop.SetDraw(not transparent)
         self._plot.ren_win.SetMultiSamples(SMOOTH)
-        self._plot.repaint()
+        self._plot.grabFramebuffer()  # draws now; repaint() waits if the last drawing was under a frame ago
         pixels = np.ascontiguousarray(
             self._plot.screenshot(return_img=True, scale=scale, transparent_background=transparent)
         )
