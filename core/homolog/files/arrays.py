@@ -1,6 +1,5 @@
 """Named arrays in one compressed file (npz), never pickled."""
 
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ import numpy as np
 from homolog.arrays import Array, frozen
 from homolog.errors import InputError
 from homolog.files.atomic import replacing
+from homolog.memory import check_fits
 
 __all__ = ["read_arrays", "write_arrays"]
 
@@ -32,14 +32,19 @@ def read_arrays(path: Path) -> dict[str, Array]:
     Raises
     ------
     InputError
-        If the file is missing, damaged or holds anything but plain arrays.
+        If the file is missing or damaged, holds anything but plain arrays, or unpacks to more than memory
+        holds.
     """
     try:
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            unpacked = sum(one.file_size for one in stored.zip.infolist())
+            check_fits(path, unpacked, "delete it and run again")
             return {
                 name: frozen(stored[name]) if stored[name].ndim else stored[name] for name in stored.files
             }
+    except InputError:
+        raise
     except FileNotFoundError as error:
         raise InputError(f"{path}: there is no such file") from error
-    except (OSError, ValueError, TypeError, EOFError, KeyError, zipfile.BadZipFile, MemoryError) as error:
+    except Exception as error:  # what zip, zlib and npy readers raise on damaged files is no short list
         raise InputError(f"{path}: is damaged: {error}; delete it and run again") from error

@@ -11,11 +11,12 @@ import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.errors import InputError
+from homolog.memory import check_fits
 
-__all__ = ["MAX_VOXELS", "Segmentation", "read_segmentation"]
+__all__ = ["Segmentation", "read_segmentation"]
 
-MAX_VOXELS = 2**31
-"""Images beyond this are refused before their voxels are read: the header is wrong or memory would not do."""
+_MASKS = 2
+"""Bytes that each voxel takes beside its value while the label is picked."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +65,7 @@ def read_segmentation(path: Path, label: int | None) -> Segmentation:
     Raises
     ------
     InputError
-        If the file is missing, cut short, not a 3-D label map, implausibly large, or does not hold the label.
+        If the file is missing, cut short, not a 3-D label map, larger than memory, or does not hold the label.
     """
     path = Path(path)
     if not path.is_file():
@@ -96,8 +97,9 @@ def _checked_header(path: Path) -> Any:  # noqa: ANN401 - SimpleITK is untyped
         raise InputError(f"{path}: is not a 3-D volume but {shape}; export one label map per subject")
     if reader.GetNumberOfComponents() != 1:
         raise InputError(f"{path}: has {reader.GetNumberOfComponents()} values per voxel; export a label map")
-    if np.prod(size, dtype=np.float64) > MAX_VOXELS:
-        raise InputError(f"{path}: claims {shape} voxels; crop it, or mend the header")
+    voxel = SimpleITK.GetArrayViewFromImage(SimpleITK.Image([1, 1, 1], reader.GetPixelID())).itemsize
+    needed = float(np.prod(size, dtype=np.float64)) * (voxel + _MASKS)
+    check_fits(f"{path} ({shape} voxels)", needed, "crop it or make it coarser, or mend its header")
     return reader
 
 
@@ -110,7 +112,7 @@ def _check_length(path: Path, reader: Any) -> None:  # noqa: ANN401 - SimpleITK 
     length = 0
     try:
         with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
-            while block := stream.read(2**20):
+            while length < needed and (block := stream.read(2**20)):
                 length += len(block)
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"{path}: is cut short or damaged; copy or export it again ({error})") from error
