@@ -32,5 +32,9 @@ def check_fits(what: object, needed: float, remedy: str) -> None:
     free = free_memory()
     if needed > free:
         raise InputError(
-            f"{what}: needs {needed / 1e9:.4g} GB of memory, of which {free / 1e9:.3g} GB are free; {remedy}"
+            f"{what}: needs {_gigabytes(needed)} of memory, of which {_gigabytes(free)} are free; {remedy}"
         )
+
+
+def _gigabytes(count: float) -> str:
+    return f"{count / 1e9:,.0f} GB" if count > 1e11 else f"{count / 1e9:.3g} GB"

@@ -65,7 +65,8 @@ def read_segmentation(path: Path, label: int | None) -> Segmentation:
     Raises
     ------
     InputError
-        If the file is missing, cut short, not a 3-D label map, larger than memory, or does not hold the label.
+        If the file is missing, cut short, not a 3-D label map, does not fit into memory, or does not hold
+        the label.
     """
     path = Path(path)
     if not path.is_file():
