@@ -15,7 +15,6 @@ from homolog_app.pictures import (
     VIEWS,
     ModeSurfaces,
     correspondence_colours,
-    draw_comparison,
     draw_differences,
     draw_modes,
     draw_particles,
@@ -25,8 +24,9 @@ from homolog_app.pictures import (
     write_picture,
 )
 from homolog_app.pictures.colours import diverging_colours, diverging_table
-from homolog_app.pictures.modes import common_limit
-from homolog_app.pictures.render import balls, render, surface, vertex_normals
+from homolog_app.pictures.displacement import common_limit
+from homolog_app.pictures.render import Renderer, render
+from homolog_app.pictures.solids import balls, surface
 from homolog_app.pictures.views import View, frame_around
 
 GREY = np.array([0.8, 0.8, 0.8])
@@ -46,7 +46,7 @@ def ball():
 @pytest.fixture(scope="module")
 def model(ball):
     """Mode 1 blows the ball up, mode 2 shifts it."""
-    normals = vertex_normals(ball)
+    normals = ball.vertex_normals
     shift = np.broadcast_to([0.0, 0.0, 0.5], normals.shape)
     return ModeSurfaces(ball, np.stack([normals, shift]), np.array([0.8, 0.2]))
 
@@ -148,13 +148,35 @@ def test_colours_by_correspondence_tell_particles_apart_and_follow_them():
     np.testing.assert_allclose(correspondence_colours(particles[order]), colours[order])
 
 
+def test_what_was_moved_looks_like_what_was_made_there(ball):
+    frame = frame_around([ball.vertices * 1.2], VIEWS["left"])
+    moved = surface(TriangleMesh(ball.vertices * [1.0, 0.6, 1.1], ball.faces), np.array([0.9, 0.3, 0.1]))
+    renderer = Renderer([surface(ball, GREY)])
+    before = renderer.draw(frame, 90)
+    renderer.move(moved.vertices, moved.normals, moved.colours)
+    np.testing.assert_allclose(renderer.draw(frame, 90), render([moved], frame, 90), atol=1e-6)
+    assert np.abs(renderer.draw(frame, 90) - before).max() > 0.5
+
+
+def test_edges_are_smooth_and_a_fold_in_front_of_its_own_surface_too(ball):
+    far = TriangleMesh(ball.vertices * 2.0 - [0.0, 60.0, 0.0], ball.faces)
+    solids = [surface(ball, np.zeros(3)), surface(far, np.ones(3))]
+    image = render(solids, frame_around([far.vertices, ball.vertices], VIEWS["posterior"]), 150)
+    rim = image[..., 3]
+    assert np.count_nonzero((rim > 0.1) & (rim < 0.9)) > 200
+    inner = image[40:110, 40:110, 0]
+    assert np.count_nonzero((inner > 0.15) & (inner < 0.4)) > 60
+
+
 def _pixels(figure):
     figure.canvas.draw()
     return np.asarray(figure.canvas.buffer_rgba())[..., :3] / 255.0
 
 
 def test_every_text_lies_on_the_page_and_none_on_another(model):
-    figure = draw_comparison({"original method": model, "proposed method": model}, title="Both", width=260)
+    figure = draw_modes(
+        {"original method": model, "proposed method": model}, modes=[0, 1], title="Both", width=260
+    )
     _pixels(figure)
     page = figure.bbox
     words = [text for text in figure.findobj(lambda one: hasattr(one, "get_text")) if text.get_text().strip()]
@@ -167,7 +189,7 @@ def test_every_text_lies_on_the_page_and_none_on_another(model):
 
 
 def test_a_growing_mode_is_blue_at_its_upper_end_and_yellow_at_its_lower(model):
-    page = _pixels(draw_modes(model, modes=1, width=240))
+    page = _pixels(draw_modes({"": model}, modes=[0], width=240))
     blueness = page[..., 2] - page[..., 0]
     third = page.shape[1] // 4
     assert np.percentile(blueness[:, :third], 1.0) < -0.3
@@ -175,7 +197,7 @@ def test_a_growing_mode_is_blue_at_its_upper_end_and_yellow_at_its_lower(model):
 
 
 def test_modes_tell_their_share_and_the_scale_is_symmetric(model):
-    figure = draw_modes(model, width=200)
+    figure = draw_modes({"": model}, modes=[0, 1], width=200)
     _pixels(figure)
     words = {text.get_text() for text in figure.findobj(lambda one: hasattr(one, "get_text"))}
     assert {"−2 SD", "+2 SD", "mean (mode 1: 80.0 %)", "mean (mode 2: 20.0 %)", "mode 1", "mode 2"} <= words
@@ -199,7 +221,7 @@ def test_the_dark_theme_has_a_dark_page_and_light_words(ball):
 
 
 def test_differences_use_one_scale_for_all_rows_and_views(ball):
-    moves = {"weak": (ball, 0.1 * vertex_normals(ball)), "strong": (ball, vertex_normals(ball))}
+    moves = {"weak": (ball, 0.1 * ball.vertex_normals), "strong": (ball, ball.vertex_normals)}
     page = _pixels(draw_differences(moves, views=[VIEWS["left"]], width=200))
     blueness = (page[..., 2] - page[..., 0])[:, : page.shape[1] // 2]
     half = page.shape[0] // 2
@@ -214,6 +236,8 @@ def test_pictures_are_written_as_raster_and_as_vectors(ball, tmp_path, suffix):
     assert path.stat().st_size > 5000
     if suffix == ".png":
         assert imread(path).shape[2] == 4
+    write_picture(draw_particles(ball, ball.vertices[::9], width=100), tmp_path / f"again{suffix}")
+    assert (tmp_path / f"again{suffix}").read_bytes() == path.read_bytes()
 
 
 def test_a_folder_that_is_not_there_is_an_input_error(ball, tmp_path):

@@ -112,7 +112,7 @@ def _draw(out: Path, projects: dict[str, "Project"], tick: Tick) -> None:
     from homolog.files.atomic import replacing
     from homolog.files.results import read_modes, read_result
     from homolog_app.cli.figures import draw_figures
-    from homolog_app.pictures import ModeSurfaces, draw_comparison, write_picture
+    from homolog_app.pictures import ModeSurfaces, draw_modes, write_picture
 
     models: dict[str, ModeSurfaces] = {}
     reference = None
@@ -129,4 +129,4 @@ def _draw(out: Path, projects: dict[str, "Project"], tick: Tick) -> None:
         )
     tick(0.8, "drawing the comparison")
     with replacing(out / "comparison.png") as part:
-        write_picture(draw_comparison(models, modes=range(_MODES)), part)
+        write_picture(draw_modes(models, modes=range(_MODES), width=320), part)

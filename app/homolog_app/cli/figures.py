@@ -39,7 +39,11 @@ def draw_figures(project: Project, tick: Tick = no_tick) -> None:
     shares = fit_shape_model(result.world).explained[: len(moves)]
     if len(moves):  # identical shapes have no modes
         modes = ModeSurfaces(result.mean_surface, moves, shares)
-        _write(project, "modes.png", draw_modes(modes, modes=_MODES, title="Modes of variation"))
+        _write(
+            project,
+            "modes.png",
+            draw_modes({"": modes}, modes=range(min(_MODES, len(moves))), title="Modes of variation"),
+        )
     surfaces = read_surfaces(project)
     tick(0.4, "pictures of the subjects")
     for page, figure in enumerate(draw_subjects(result.names, surfaces, result.world), start=1):

@@ -6,9 +6,10 @@ Surfaces are drawn by casting rays with Warp, because VTK ends the whole process
 """
 
 from homolog_app.pictures.colours import DARK, LIGHT, Theme, correspondence_colours
-from homolog_app.pictures.comparison import draw_comparison, draw_differences
+from homolog_app.pictures.differences import draw_differences
+from homolog_app.pictures.displacement import common_limit, outward_displacement
 from homolog_app.pictures.layout import write_picture
-from homolog_app.pictures.modes import ModeSurfaces, draw_modes, outward_displacement
+from homolog_app.pictures.modes import ModeSurfaces, draw_modes
 from homolog_app.pictures.particles import draw_particles, draw_subjects
 from homolog_app.pictures.views import VIEWS, View, three_quarter_view
 
@@ -19,8 +20,8 @@ __all__ = [
     "ModeSurfaces",
     "Theme",
     "View",
+    "common_limit",
     "correspondence_colours",
-    "draw_comparison",
     "draw_differences",
     "draw_modes",
     "draw_particles",

@@ -6,10 +6,36 @@ import homolog.device  # noqa: F401 - starts Warp
 
 wp.set_module_options({"enable_backward": False})
 
-__all__ = ["cast", "occlude"]
+__all__ = ["cast", "occlude", "smooth_edges"]
 
-SAMPLES = wp.constant(4)  # rays a pixel, on a rotated grid: all in different rows and columns
+SAMPLES = wp.constant(4)  # rays of an edge's pixel, on a rotated grid: all in different rows and columns
 FAR = wp.constant(1.0e6)
+CREASE = wp.constant(0.95)  # cosine between the normals of neighbouring pixels
+JUMP = wp.constant(2.0)  # depth between neighbouring pixels beyond the slope's, in pixels
+
+
+@wp.struct
+class Scene:
+    """Triangles with their colours, and the picture's plane: upper left corner, axes, size of a pixel."""
+
+    mesh: wp.uint64
+    faces: wp.array(dtype=wp.vec3i)
+    normals: wp.array(dtype=wp.vec3)
+    colours: wp.array(dtype=wp.vec3)
+    corner: wp.vec3
+    right: wp.vec3
+    up: wp.vec3
+    step: float
+
+
+@wp.struct
+class Sight:
+    """What a ray meets: opaque or nothing, its colour, normal and depth."""
+
+    opacity: float
+    colour: wp.vec3
+    normal: wp.vec3
+    depth: float
 
 
 @wp.func
@@ -28,35 +54,88 @@ def shade(colour: wp.vec3, normal: wp.vec3, right: wp.vec3, up: wp.vec3, back: w
     return wp.vec3(wp.min(lit[0], 1.0), wp.min(lit[1], 1.0), wp.min(lit[2], 1.0))
 
 
+@wp.func
+def look(scene: Scene, column: float, row: float) -> Sight:
+    """Follow one ray through a place in the picture [pixels]."""
+    seen = Sight()
+    back = wp.cross(scene.right, scene.up)
+    start = scene.corner + column * scene.step * scene.right - row * scene.step * scene.up
+    hit = wp.mesh_query_ray(scene.mesh, start, -back, FAR)
+    if hit.result:
+        indices = scene.faces[hit.face]
+        seen.opacity = 1.0
+        seen.normal = wp.normalize(corner_mix(scene.normals, indices, hit.u, hit.v))
+        colour = corner_mix(scene.colours, indices, hit.u, hit.v)
+        seen.colour = shade(colour, seen.normal, scene.right, scene.up, back)
+        seen.depth = hit.t
+    return seen
+
+
 @wp.kernel
 def cast(
-    mesh: wp.uint64,
-    faces: wp.array(dtype=wp.vec3i),
-    normals: wp.array(dtype=wp.vec3),
-    colours: wp.array(dtype=wp.vec3),
-    corner: wp.vec3,
-    right: wp.vec3,
-    up: wp.vec3,
+    scene: Scene,
+    first_row: int,
+    row_stride: int,
+    image: wp.array2d(dtype=wp.vec4),
+    relief: wp.array2d(dtype=wp.vec4),
+):
+    """Draw each pixel by one ray through its middle; note normal and depth there."""
+    index, column = wp.tid()
+    row = first_row + index * row_stride
+    seen = look(scene, float(column) + 0.5, float(row) + 0.5)
+    image[row, column] = wp.vec4(seen.colour[0], seen.colour[1], seen.colour[2], seen.opacity)
+    relief[row, column] = wp.vec4(seen.normal[0], seen.normal[1], seen.normal[2], seen.depth)
+
+
+@wp.func
+def breaks(
+    relief: wp.array2d(dtype=wp.vec4),
+    row: int,
+    column: int,
+    to_row: int,
+    to_column: int,
+    back: wp.vec3,
     step: float,
+) -> bool:
+    """Whether an edge or a crease runs between a pixel and its neighbour."""
+    if to_row < 0 or to_column < 0 or to_row >= relief.shape[0] or to_column >= relief.shape[1]:
+        return False
+    here, there = relief[row, column], relief[to_row, to_column]
+    normal = wp.vec3(here[0], here[1], here[2])
+    other = wp.vec3(there[0], there[1], there[2])
+    if (here[3] == 0.0) and (there[3] == 0.0):
+        return False
+    if wp.dot(normal, other) < CREASE:  # also where only one of the two shows a surface
+        return True
+    return wp.abs(here[3] - there[3]) * wp.abs(wp.dot(normal, back)) > JUMP * step
+
+
+@wp.kernel
+def smooth_edges(
+    scene: Scene,
+    relief: wp.array2d(dtype=wp.vec4),
     first_row: int,
     row_stride: int,
     image: wp.array2d(dtype=wp.vec4),
 ):
-    """Draw one pixel: mean colour of the rays that hit (premultiplied), and their share as alpha."""
+    """Draw edges and creases again: mean colour of the rays that hit (premultiplied), and their share."""
     index, column = wp.tid()
     row = first_row + index * row_stride
-    back = wp.cross(right, up)
-    total = wp.vec4()
-    for ray in range(SAMPLES):
-        x = (float(column) + float(2 * ray + 1) / 8.0) * step
-        y = (float(row) + float((5 + 4 * ray + 2 * (ray // 2)) % 8) / 8.0) * step
-        hit = wp.mesh_query_ray(mesh, corner + x * right - y * up, -back, FAR)
-        if hit.result:
-            indices = faces[hit.face]
-            normal = wp.normalize(corner_mix(normals, indices, hit.u, hit.v))
-            colour = shade(corner_mix(colours, indices, hit.u, hit.v), normal, right, up, back)
-            total += wp.vec4(colour[0], colour[1], colour[2], 1.0)
-    image[row, column] = total / float(SAMPLES)
+    back = wp.cross(scene.right, scene.up)
+    edge = breaks(relief, row, column, row - 1, column, back, scene.step)
+    edge = edge or breaks(relief, row, column, row + 1, column, back, scene.step)
+    edge = edge or breaks(relief, row, column, row, column - 1, back, scene.step)
+    edge = edge or breaks(relief, row, column, row, column + 1, back, scene.step)
+    if edge:
+        total = wp.vec4()
+        for ray in range(SAMPLES):
+            seen = look(
+                scene,
+                float(column) + float(2 * ray + 1) / 8.0,
+                float(row) + float((5 + 4 * ray + 2 * (ray // 2)) % 8) / 8.0,
+            )
+            total += wp.vec4(seen.colour[0], seen.colour[1], seen.colour[2], seen.opacity)
+        image[row, column] = total / float(SAMPLES)
 
 
 @wp.kernel

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
@@ -19,6 +20,7 @@ from homolog_app.pictures.colours import LIGHT, Theme, diverging_table
 __all__ = ["Panel", "arrange", "write_picture"]
 
 _DPI = 200
+_UNDATED = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 _FONT_PT = 8.5
 _TITLE_PT = 10.5
 # Lengths on the page [inches].
@@ -147,7 +149,7 @@ def _draw_bar(place: Axes, limit: float, theme: Theme) -> None:
 
 
 def write_picture(figure: Figure, path: Path) -> None:
-    """Store a picture as PNG, PDF or SVG, by the path's suffix.
+    """Store a picture as PNG, PDF or SVG, by the path's suffix; the same picture gives the same bytes.
 
     Raises
     ------
@@ -155,6 +157,9 @@ def write_picture(figure: Figure, path: Path) -> None:
         If the file can't be written.
     """
     try:
-        figure.savefig(path, dpi=_DPI, facecolor=figure.get_facecolor())
+        with rc_context({"svg.hashsalt": "homolog"}):
+            figure.savefig(
+                path, dpi=_DPI, facecolor=figure.get_facecolor(), metadata=_UNDATED.get(path.suffix)
+            )
     except OSError as error:
         raise InputError(f"{path}: can't be written: {error.strerror}") from error

@@ -1,6 +1,6 @@
 """Pictures of modes of variation: the mean surface and what it becomes along each mode."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,22 +9,13 @@ from matplotlib.figure import Figure
 from homolog.arrays import FloatArray
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures.colours import LIGHT, Theme, diverging_colours
+from homolog_app.pictures.displacement import common_limit, outward_displacement
 from homolog_app.pictures.layout import Panel, arrange
-from homolog_app.pictures.render import render, surface, vertex_normals
+from homolog_app.pictures.render import render
+from homolog_app.pictures.solids import surface
 from homolog_app.pictures.views import Frame, View, frame_around, three_quarter_view
 
-__all__ = [
-    "ModeSurfaces",
-    "common_limit",
-    "draw_modes",
-    "mode_frames",
-    "mode_panels",
-    "mode_view",
-    "outward_displacement",
-]
-
-
-_STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+__all__ = ["ModeSurfaces", "draw_modes"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,27 +41,65 @@ class ModeSurfaces:
         return TriangleMesh(self.mean.vertices + deviations * self.displacements[mode], self.mean.faces)
 
 
-def outward_displacement(mesh: TriangleMesh, displacement: FloatArray) -> FloatArray:
-    """Return the part of a displacement (V, 3) along the outward normals [mm], shape (V,)."""
-    return np.asarray((displacement * vertex_normals(mesh)).sum(axis=1))
+def draw_modes(
+    models: Mapping[str, ModeSurfaces],
+    *,
+    modes: Sequence[int],
+    deviations: float = 2.0,
+    title: str = "",
+    view: View | None = None,
+    theme: Theme = LIGHT,
+    width: int = 440,
+) -> Figure:
+    """Draw a row for each mode: the mean surface and both ends, coloured by outward displacement.
+
+    Parameters
+    ----------
+    models : mapping of str to ModeSurfaces
+        Models by name, in one world frame; several, such as the two methods of the paper's figure 3, stand
+        side by side below their names.
+    modes : sequence of int
+        Which modes to draw, counted from 0.
+    deviations : float
+        How far to go along each mode, in standard deviations.
+    title : str
+        Heading.
+    view : View, optional
+        Direction of sight; a three-quarter view from the side that moves most if not given.
+    theme : Theme
+        Background, text and surface colours.
+    width : int
+        Pixels of a panel's width.
+    """
+    all_models = list(models.values())
+    frames = _frames(all_models, modes, deviations, view or _view(all_models[0]))
+    limit = common_limit(
+        [
+            deviations * outward_displacement(model.mean, model.displacements[mode])
+            for model in all_models
+            for mode in modes
+        ]
+    )
+    rows = []
+    for mode, frame in zip(modes, frames, strict=True):
+        strips = [_panels(model, mode, deviations, frame, limit, theme, width) for model in all_models]
+        rows.append([panel for strip in strips for panel in strip])
+    return arrange(
+        rows,
+        title=title,
+        row_labels=[f"mode {mode + 1}" for mode in modes],
+        headings=list(models) if len(models) > 1 else [],
+        limit=limit,
+        theme=theme,
+    )
 
 
-def common_limit(values: Sequence[FloatArray]) -> float:
-    """Return a round value [mm] that 99 % of all the given values stay below."""
-    reach = float(np.percentile(np.abs(np.concatenate(values)), 99.0))
-    if reach <= 0.0:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(reach))
-    return float(next(step for step in _STEPS if step * power >= 0.99 * reach) * power)
-
-
-def mode_view(models: Sequence[ModeSurfaces]) -> View:
+def _view(model: ModeSurfaces) -> View:
     """Return a three-quarter view from the side where the modes move most."""
-    model = models[0]
     return three_quarter_view(model.mean.vertices, (model.displacements**2).sum(axis=(0, 2)))
 
 
-def mode_frames(
+def _frames(
     models: Sequence[ModeSurfaces], modes: Sequence[int], deviations: float, view: View
 ) -> list[Frame]:
     """Return a frame for each mode, all of one scale, that holds its ends in all the models."""
@@ -82,7 +111,7 @@ def mode_frames(
     return [frame_around(shapes, view, width=width) for shapes in ends]
 
 
-def mode_panels(
+def _panels(
     model: ModeSurfaces, mode: int, deviations: float, frame: Frame, limit: float, theme: Theme, width: int
 ) -> list[Panel]:
     """Return three panels of a mode: below the mean, the mean, above it."""
@@ -95,46 +124,3 @@ def mode_panels(
         image = render([surface(model.at(mode, amount), colours)], frame, width)
         panels.append(Panel(image, caption))
     return panels
-
-
-def draw_modes(
-    model: ModeSurfaces,
-    *,
-    modes: int = 3,
-    deviations: float = 2.0,
-    title: str = "",
-    view: View | None = None,
-    theme: Theme = LIGHT,
-    width: int = 440,
-) -> Figure:
-    """Draw a row for each mode: the mean surface and both ends, coloured by outward displacement.
-
-    Parameters
-    ----------
-    model : ModeSurfaces
-        Mean surface and modes.
-    modes : int
-        How many of the modes to draw.
-    deviations : float
-        How far to go along each mode, in standard deviations.
-    title : str
-        Heading.
-    view : View, optional
-        Direction of sight; a three-quarter view from the side that moves most if not given.
-    theme : Theme
-        Background, text and surface colours.
-    width : int
-        Pixels of a panel's width.
-    """
-    chosen = range(min(modes, len(model.displacements)))
-    frames = mode_frames([model], chosen, deviations, view or mode_view([model]))
-    limit = common_limit(
-        [deviations * outward_displacement(model.mean, model.displacements[m]) for m in chosen]
-    )
-    return arrange(
-        [mode_panels(model, m, deviations, frames[m], limit, theme, width) for m in chosen],
-        title=title,
-        row_labels=[f"mode {mode + 1}" for mode in chosen],
-        limit=limit,
-        theme=theme,
-    )

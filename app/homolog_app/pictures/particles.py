@@ -9,7 +9,8 @@ from homolog.arrays import FloatArray
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures.colours import LIGHT, Theme, correspondence_colours
 from homolog_app.pictures.layout import Panel, arrange
-from homolog_app.pictures.render import balls, render, surface
+from homolog_app.pictures.render import render
+from homolog_app.pictures.solids import balls, surface
 from homolog_app.pictures.views import View, frame_around, three_quarter_view
 
 __all__ = ["ball_radius", "draw_particles", "draw_subjects"]

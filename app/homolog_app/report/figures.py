@@ -58,7 +58,7 @@ def model_figures(
     moves = carrier.moved(model.modes[:shown] * model.standard_deviations[:shown, None, None])
     yield ReportFigure(
         "modes",
-        draw_modes(ModeSurfaces(carrier.mesh, moves, model.explained[:shown]), modes=shown),
+        draw_modes({"": ModeSurfaces(carrier.mesh, moves, model.explained[:shown])}, modes=range(shown)),
         "The first modes at ±2 standard deviations. Blue is outward of the mean, yellow inward.",
     )
     if len(result.world) > 2:

@@ -11,7 +11,6 @@ from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.files.results import Result
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures import outward_displacement
-from homolog_app.pictures.render import vertex_normals
 
 __all__ = ["SurfaceCarrier"]
 
@@ -73,5 +72,5 @@ class SurfaceCarrier:
         """Return the outward part of displacements of the particles (..., N, 3) [mm], shape (..., N)."""
         mesh = self.mean_of(comparison)
         vertex = np.asarray(KDTree(mesh.vertices).query(comparison.mean)[1], dtype=np.int64)
-        outward: FloatArray = (displacement * vertex_normals(mesh)[vertex]).sum(axis=-1)
+        outward: FloatArray = (displacement * mesh.vertex_normals[vertex]).sum(axis=-1)
         return outward

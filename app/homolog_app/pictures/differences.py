@@ -1,4 +1,4 @@
-"""Methods and groups side by side, like the paper's figures 3 and 4."""
+"""Maps of displacement, like the paper's figure 4."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,72 +8,13 @@ from matplotlib.figure import Figure
 from homolog.arrays import FloatArray
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures.colours import LIGHT, Theme, diverging_colours
+from homolog_app.pictures.displacement import common_limit, outward_displacement
 from homolog_app.pictures.layout import Panel, arrange
-from homolog_app.pictures.modes import (
-    ModeSurfaces,
-    common_limit,
-    mode_frames,
-    mode_panels,
-    mode_view,
-    outward_displacement,
-)
-from homolog_app.pictures.render import render, surface
+from homolog_app.pictures.render import render
+from homolog_app.pictures.solids import surface
 from homolog_app.pictures.views import View, frame_around, three_quarter_view
 
-__all__ = ["draw_comparison", "draw_differences"]
-
-
-def draw_comparison(
-    models: Mapping[str, ModeSurfaces],
-    *,
-    modes: Sequence[int] = (0, 1),
-    deviations: float = 2.0,
-    title: str = "",
-    view: View | None = None,
-    theme: Theme = LIGHT,
-    width: int = 320,
-) -> Figure:
-    """Draw the same modes of several models side by side (the paper's figure 3).
-
-    Parameters
-    ----------
-    models : mapping of str to ModeSurfaces
-        Models by name, such as the two methods of the paper, in one world frame.
-    modes : sequence of int
-        Which modes to draw, counted from 0.
-    deviations : float
-        How far to go along each mode, in standard deviations.
-    title : str
-        Heading.
-    view : View, optional
-        Direction of sight; a three-quarter view from the side that moves most if not given.
-    theme : Theme
-        Background, text and surface colours.
-    width : int
-        Pixels of a panel's width.
-    """
-    frames = mode_frames(list(models.values()), modes, deviations, view or mode_view(list(models.values())))
-    limit = common_limit(
-        [
-            deviations * outward_displacement(model.mean, model.displacements[mode])
-            for model in models.values()
-            for mode in modes
-        ]
-    )
-    rows = []
-    for mode, frame in zip(modes, frames, strict=True):
-        strips = [
-            mode_panels(model, mode, deviations, frame, limit, theme, width) for model in models.values()
-        ]
-        rows.append([panel for strip in strips for panel in strip])
-    return arrange(
-        rows,
-        title=title,
-        row_labels=[f"mode {mode + 1}" for mode in modes],
-        headings=list(models),
-        limit=limit,
-        theme=theme,
-    )
+__all__ = ["draw_differences"]
 
 
 def draw_differences(
