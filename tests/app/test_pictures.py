@@ -165,7 +165,7 @@ def test_edges_are_smooth_and_a_fold_in_front_of_its_own_surface_too(ball):
     rim = image[..., 3]
     assert np.count_nonzero((rim > 0.1) & (rim < 0.9)) > 200
     inner = image[40:110, 40:110, 0]
-    assert np.count_nonzero((inner > 0.15) & (inner < 0.4)) > 60
+    assert np.count_nonzero((inner > 0.15) & (inner < 0.7)) > 60
 
 
 def _pixels(figure):
