@@ -91,17 +91,19 @@ def lower(
     old = scratch.u[v]
     new = update(scratch, v, fan, corners, element)
     scratch.seen[v] = clock
-    gain = float(0.0)
-    near = float(0.0)
+    # Counted in integers: the largest of floats is not reduced by vector instructions.
+    gained = int(0)
+    near = int(0)
     limit = reach.stored + reach.slack
     for lane in range(LANES):
-        gain = wp.max(gain, old[lane] - new[lane])
-        near = wp.max(near, wp.where(new[lane] <= limit, old[lane] - new[lane], 0.0))
+        fell = wp.where(old[lane] - new[lane] > reach.changed, 1, 0)
+        gained += fell
+        near += wp.where(new[lane] <= limit, fell, 0)
         new[lane] = wp.min(new[lane], old[lane])
-    if near > reach.changed:
+    if near > 0:
         for k in range(fan[v], fan[v + 1]):
             scratch.dirty[corners[k].a] = 1
-    if gain > reach.changed:
+    if gained > 0:
         scratch.u[v] = new
         scratch.changed[v] = clock + 1
         return 1

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+import warp as wp
 from scipy.sparse import csr_array
 
-from homolog.arrays import Array
-from homolog.geodesics.lookup import MISSING, TableData
+from homolog.geodesics.csr_kernels import count_blocks, count_dense, fill_blocks, fill_dense
+from homolog.geodesics.lookup import LANES, TableData
 
 __all__ = ["GeodesicTable"]
 
@@ -70,29 +71,19 @@ class GeodesicTable:
 
     def to_csr(self) -> csr_array:
         """Return the distances [mm], (V, V) float32, columns sorted; the zeros of the diagonal are stored."""
-        rows = self._dense_rows() if self.row is None else self._block_rows()
-        ends = np.concatenate([[0], np.cumsum([len(columns) for columns, _ in rows])])
+        codes = self.codes.to("cpu")
+        if self.row is None:
+            count, fill, rows, inputs = count_dense, fill_dense, self.n_vertices, [codes]
+        else:
+            row, start = self.row.to("cpu"), self.start.to("cpu")
+            vertex = np.full((len(start), LANES), -1, np.int32)
+            vertex.ravel()[self.slot.numpy()] = np.arange(self.n_vertices)
+            count, fill, rows, inputs = count_blocks, fill_blocks, len(start), [codes, row, start, vertex]
+        ends = np.zeros(self.n_vertices + 1, np.int64)
+        wp.launch(count, rows, inputs=[*inputs, ends[1:]], device="cpu")
+        np.cumsum(ends, out=ends)
+        columns, distances = np.empty(ends[-1], np.int32), np.empty(ends[-1], np.float32)
+        wp.launch(fill, rows, inputs=[*inputs, self.unit, ends[:-1].copy(), columns, distances], device="cpu")
         index = np.int32 if ends[-1] < 2**31 else np.int64
-        columns = np.concatenate([columns for columns, _ in rows], dtype=index)
-        distances = np.concatenate([codes for _, codes in rows]) * np.float32(self.unit)
-        return csr_array((distances, columns, ends.astype(index)), shape=(self.n_vertices,) * 2)
-
-    def _dense_rows(self) -> list[tuple[Array, Array]]:
-        """Columns and codes of the entries of each row."""
-        rows = []
-        for codes in self.codes.numpy():
-            columns = np.flatnonzero(codes != MISSING).astype(np.int32)
-            rows.append((columns, codes[columns]))
-        return rows
-
-    def _block_rows(self) -> list[tuple[Array, Array]]:
-        """Columns and codes of the entries of each row."""
-        codes, row, start, slot = (a.numpy() for a in (self.codes, self.row, self.start, self.slot))
-        by_slot = []
-        for first, patch_row in zip(start, row, strict=True):
-            near = np.flatnonzero(patch_row != MISSING).astype(np.int32)
-            block = codes[int(first) : int(first) + len(near)][patch_row[near]].T
-            for lane in block:
-                present = np.flatnonzero(lane != MISSING)
-                by_slot.append((near[present], lane[present]))
-        return [by_slot[k] for k in slot]
+        parts = (distances, columns.astype(index, copy=False), ends.astype(index))
+        return csr_array(parts, shape=(self.n_vertices,) * 2)
