@@ -2,15 +2,18 @@
 
 import hashlib
 import json
-import zipfile
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 from homolog.arrays import Array
+from homolog.errors import InputError
+from homolog.files.arrays import read_arrays
 from homolog.files.atomic import replacing
 from homolog.files.meshes import write_mesh
+from homolog.files.names import file_stems
 from homolog.grooming.images import Segmentation
 from homolog.grooming.subject import GroomedSubject, GroomReport
 from homolog.settings import GroomSettings
@@ -26,7 +29,7 @@ _VERSION = "1"
 def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) -> str:
     """Return a hash of all that a groomed subject depends on."""
     digest = hashlib.sha256(_VERSION.encode())
-    digest.update(settings.model_dump_json(exclude={"alignment", "scaling", "label"}).encode())
+    digest.update(settings.model_dump_json(exclude={"alignment", "scaling", "label", "segment"}).encode())
     arrays: tuple[Array, ...]
     if isinstance(source, Segmentation):
         arrays = (source.mask, source.rotation, source.spacing, source.origin)
@@ -41,31 +44,41 @@ def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) ->
 def load_groomed(folder: Path, name: str, key: str) -> GroomedSubject | None:
     """Return a subject from the cache; None if it is not there, of other content, or damaged."""
     try:
-        with _archive(folder, name).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            if str(stored["key"]) != key:
-                return None
-            report = json.loads(str(stored["report"]))
-            return GroomedSubject(
-                name=name,
-                field=DistanceField(stored["values"], stored["index_to_world"]),
-                mesh=TriangleMesh(stored["vertices"], stored["faces"]),
-                coarse_mesh=TriangleMesh(stored["coarse_vertices"], stored["coarse_faces"]),
-                report=GroomReport(**{**report, "notes": tuple(report["notes"])}),
-            )
-    except (OSError, KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
+        stored = read_arrays(_file(folder, name, "npz"))
+        if str(stored["key"]) != key:
+            return None
+        report = json.loads(str(stored["report"]))
+        return GroomedSubject(
+            name=name,
+            field=DistanceField(stored["values"], stored["index_to_world"]),
+            mesh=_mesh(stored, ""),
+            coarse_mesh=_mesh(stored, "coarse_"),
+            report=GroomReport(**{**report, "notes": tuple(report["notes"])}),
+        )
+    except (InputError, KeyError, ValueError, TypeError, RecursionError):
         return None
 
 
+def _mesh(stored: Mapping[str, Array], prefix: str) -> TriangleMesh:
+    """Return a surface, refusing faces that would lead kernels out of its vertices."""
+    mesh = TriangleMesh(stored[f"{prefix}vertices"], stored[f"{prefix}faces"])
+    if mesh.vertices.shape[1:] != (3,) or mesh.faces.shape[1:] != (3,):
+        raise ValueError("no triangles in space")
+    if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
+        raise ValueError("faces without vertices")
+    return mesh
+
+
 def save_groomed(folder: Path, groomed: GroomedSubject, key: str) -> None:
-    """Write a subject to the cache, ``<name>.npz``, and its surface, ``<name>.vtp``.
+    """Write a subject to the cache and its surface, an ``.npz`` and a ``.vtp`` named after it.
 
     Raises
     ------
     InputError
         If the folder can't be written to.
     """
-    write_mesh(folder / f"{groomed.name}.vtp", groomed.mesh)
-    with replacing(_archive(folder, groomed.name)) as part, part.open("wb") as stream:
+    write_mesh(_file(folder, groomed.name, "vtp"), groomed.mesh)
+    with replacing(_file(folder, groomed.name, "npz")) as part, part.open("wb") as stream:
         np.savez(
             stream,
             key=key,
@@ -79,5 +92,6 @@ def save_groomed(folder: Path, groomed: GroomedSubject, key: str) -> None:
         )
 
 
-def _archive(folder: Path, name: str) -> Path:
-    return folder / f"{name}.npz"
+def _file(folder: Path, name: str, kind: str) -> Path:
+    """Return a file's path, within the folder whatever the name; who shares one grooms anew each time."""
+    return folder / f"{file_stems([name])[0]}.{kind}"
