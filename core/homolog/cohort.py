@@ -9,13 +9,23 @@ from types import MappingProxyType
 
 from homolog.errors import InputError
 
-__all__ = ["IMAGE_SUFFIXES", "MESH_SUFFIXES", "Cohort", "Subject", "read_cohort"]
+__all__ = [
+    "IMAGE_SUFFIXES",
+    "MESH_SUFFIXES",
+    "Cohort",
+    "Subject",
+    "dicom_files",
+    "is_dicom_seg",
+    "read_cohort",
+    "suffix_of",
+]
 
-IMAGE_SUFFIXES = (".nii.gz", ".nii", ".nrrd", ".nhdr", ".mha", ".mhd")
+IMAGE_SUFFIXES = (".nii.gz", ".nii", ".seg.nrrd", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm")
 MESH_SUFFIXES = (".vtp", ".vtk", ".ply", ".stl", ".obj")
 
 MANIFEST = "cohort.csv"
 _OWN_COLUMNS = ("name", "path", "group")
+_SEG_CLASS = b"1.2.840.10008.5.1.4.1.1.66.4"
 _BAD_IN_NAMES = set('/\\:*?"<>|') | {chr(code) for code in range(32)}
 
 
@@ -28,7 +38,7 @@ class Subject:
     name : str
         Unique within the cohort and fit for a file name.
     path : Path
-        Segmentation or closed surface mesh.
+        Segmentation (a file, or the folder of a DICOM series) or closed surface mesh.
     group : str or None
         Value of the manifest's ``group`` column, if any.
     columns : mapping of str to str
@@ -43,7 +53,7 @@ class Subject:
     @property
     def is_mesh(self) -> bool:
         """Whether the file is a surface mesh rather than a segmentation."""
-        return _suffix(self.path) in MESH_SUFFIXES
+        return suffix_of(self.path) in MESH_SUFFIXES
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle the columns as a plain dict; `__getstate__` is not honoured by Python 3.11.2's slots."""
@@ -106,17 +116,50 @@ def read_cohort(path: Path) -> Cohort:
     return cohort
 
 
-def _suffix(path: Path) -> str:
+def suffix_of(path: Path) -> str:
+    """Return the known suffix that a file ends in, in lower case (``".nii.gz"``); else its last one."""
     name = path.name.lower()
-    return ".nii.gz" if name.endswith(".nii.gz") else path.suffix.lower()
+    known = [one for one in IMAGE_SUFFIXES + MESH_SUFFIXES if name.endswith(one)]
+    return known[0] if known else path.suffix.lower()
+
+
+def dicom_files(folder: Path) -> list[Path]:
+    """Return the DICOM files of a folder, by their content; their names may end in anything."""
+    return [one for one in sorted(folder.iterdir()) if one.is_file() and _beginning(one)[128:132] == b"DICM"]
+
+
+def is_dicom_seg(path: Path) -> bool:
+    """Return whether a DICOM file is a segmentation object."""
+    return _SEG_CLASS in _beginning(path)
+
+
+def _beginning(path: Path) -> bytes:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(1024)
+    except OSError:
+        return b""
 
 
 def _read_folder(folder: Path) -> Cohort:
     known = IMAGE_SUFFIXES + MESH_SUFFIXES
-    files = sorted(one for one in folder.iterdir() if _suffix(one) in known and not one.name.startswith("."))
-    if not files:
-        raise InputError(f"{folder}: holds no segmentation or mesh; known files are {', '.join(known)}")
-    return Cohort(tuple(Subject(one.name[: -len(_suffix(one))], one) for one in files), folder)
+    entries = [one for one in sorted(folder.iterdir()) if not one.name.startswith(".")]
+    slices = [one for one in entries if suffix_of(one) == ".dcm" and one.is_file() and not is_dicom_seg(one)]
+    if slices:
+        raise InputError(
+            f"{folder}: holds the slices of a DICOM series; give the folder above it, which holds one folder "
+            "for each subject"
+        )
+    files = [one for one in entries if suffix_of(one) in known and one.is_file()]
+    series = [one for one in entries if one.is_dir() and dicom_files(one)]
+    if not files and not series:
+        raise InputError(
+            f"{folder}: holds no segmentation or mesh; known files are {', '.join(known)} and folders of "
+            "DICOM files"
+        )
+    subjects = [Subject(one.name[: -len(suffix_of(one))], one) for one in files]
+    subjects += [Subject(one.name, one) for one in series]
+    return Cohort(tuple(sorted(subjects, key=lambda one: one.path)), folder)
 
 
 def _read_manifest(path: Path) -> Cohort:

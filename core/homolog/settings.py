@@ -55,6 +55,14 @@ class GroomSettings(_Settings):
         int | None,
         Field(ge=1, le=2**31 - 1, description="Label value to keep; every value above 0 if not given."),
     ] = None
+    segment: Annotated[
+        str | None,
+        Field(
+            min_length=1,
+            max_length=200,
+            description="Name of the segment to keep, in files that name theirs (.seg.nrrd, DICOM SEG).",
+        ),
+    ] = None
     spacing: Annotated[
         float | None,
         Field(

@@ -1,88 +1,71 @@
-"""Reading segmentations: any orientation and spacing, one frame (LPS, mm), every fault named."""
+"""Reading segmentations: any format, orientation and spacing, one frame (LPS, mm), every fault named."""
 
-import gzip
 import os
-import zlib
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.errors import InputError
-from homolog.memory import check_fits
+from homolog.grooming.headers import check_data_files, segments_of
+from homolog.grooming.volumes import Segment, Segmentation, Volume, check_size
 
-__all__ = ["Segmentation", "read_segmentation"]
+__all__ = ["Segment", "Segmentation", "Volume", "read_segmentation", "read_volume"]
 
-_MASKS = 2
-"""Bytes that each voxel takes beside its value while the label is picked."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Segmentation:
-    """The voxels of one label.
-
-    Attributes
-    ----------
-    mask : (I, J, K) bool array
-        True inside, read-only.
-    rotation : (3, 3) float64 array
-        Proper rotation; its columns are the directions of the three grid axes in LPS.
-    spacing : (3,) float64 array
-        Distance of neighbouring voxel centres along the grid axes [mm].
-    origin : (3,) float64 array
-        Centre of voxel (0, 0, 0) [mm, LPS].
-    """
-
-    mask: BoolArray
-    rotation: FloatArray
-    spacing: FloatArray
-    origin: FloatArray
-
-    def __post_init__(self) -> None:
-        """Freeze the arrays."""
-        object.__setattr__(self, "mask", frozen(self.mask, np.bool_))
-        for name in ("rotation", "spacing", "origin"):
-            object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
-
-    @property
-    def volume(self) -> float:
-        """Volume of the voxels inside [mm³]."""
-        return float(np.count_nonzero(self.mask) * self.spacing.prod())
+_NO_FRAME = "its header does not say how the patient lay (no LPS or RAS space); LPS axes were assumed"
 
 
-def read_segmentation(path: Path, label: int | None) -> Segmentation:
-    """Read the voxels of a label from a NRRD, NIfTI or MetaImage volume.
+def read_segmentation(path: Path, label: int | None, segment: str | None = None) -> Segmentation:
+    """Read the voxels of a structure from a label map.
 
     Parameters
     ----------
     path : Path
-        The label map.
+        NRRD (also detached, also ``.seg.nrrd``), NIfTI, MetaImage, DICOM SEG, or the folder of
+        a DICOM series.
     label : int or None
-        The value to keep; every value above 0 if None.
+        The value to keep; every value above 0 if neither value nor name are given.
+    segment : str or None
+        The name to keep, in files that name their segments.
 
     Raises
     ------
     InputError
-        If the file is missing, cut short, not a 3-D label map, does not fit into memory, or does not hold
-        the label.
+        If the file is missing, cut short, not a 3-D label map, larger than memory, contradicts itself about
+        where it lies, or does not hold the structure.
     """
+    return read_volume(path).segmentation(label, segment)
+
+
+def read_volume(path: Path) -> Volume:
+    """Read a label map with all its structures; raises as `read_segmentation` does."""
     path = Path(path)
+    name = path.name.lower()
+    if path.is_dir() or name.endswith(".dcm"):
+        from homolog.grooming.dicom import read_dicom
+
+        if not path.exists():
+            raise _missing(path)
+        return read_dicom(path)
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file; correct the path or leave it out")
-    reader = _checked_header(path)
-    _check_length(path, reader)
-    try:
-        image = reader.Execute()
-    except (RuntimeError, MemoryError) as error:
-        raise InputError(f"{path}: may be cut short; copy or export it again ({_reason(error)})") from error
-    return _segmentation(path, image, label)
+        raise _missing(path)
+    if name.endswith(".particles"):
+        raise InputError(f"{path}: holds particles without a surface; analyze them, they can't be groomed")
+    if name.endswith((".nii", ".nii.gz")):
+        from homolog.grooming.nifti import read_nifti
+
+        return read_nifti(path)
+    return _read_itk(path)
 
 
-def _checked_header(path: Path) -> Any:  # noqa: ANN401 - SimpleITK is untyped
+def _missing(path: Path) -> InputError:
+    return InputError(f"{path}: there is no such file; correct the path or leave it out")
+
+
+def _read_itk(path: Path) -> Volume:
+    """Read a NRRD or MetaImage file."""
     import SimpleITK
 
+    check_data_files(path)
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     reader = SimpleITK.ImageFileReader()
     reader.SetFileName(os.fspath(path))
@@ -92,68 +75,29 @@ def _checked_header(path: Path) -> Any:  # noqa: ANN401 - SimpleITK is untyped
         raise InputError(
             f"{path}: is no readable image; export it again, or leave it out ({_reason(error)})"
         ) from error
-    size = reader.GetSize()
-    shape = " x ".join(map(str, size))
-    if len(size) != 3 or min(size) < 2:
-        raise InputError(f"{path}: is not a 3-D volume but {shape}; export one label map per subject")
-    if reader.GetNumberOfComponents() != 1:
-        raise InputError(f"{path}: has {reader.GetNumberOfComponents()} values per voxel; export a label map")
+    header = {key: reader.GetMetaData(key) for key in reader.GetMetaDataKeys()}
+    named, count = segments_of(path, header), reader.GetNumberOfComponents()
+    if count != 1 and not named:
+        raise InputError(f"{path}: has {count} values per voxel; export a label map")
+    if any(not 0 <= one.layer < count for one in named):
+        raise InputError(f"{path}: names segments in layers that it does not hold; save it again")
     voxel = SimpleITK.GetArrayViewFromImage(SimpleITK.Image([1, 1, 1], reader.GetPixelID())).itemsize
-    needed = float(np.prod(size, dtype=np.float64)) * (voxel + _MASKS)
-    check_fits(f"{path} ({shape} voxels)", needed, "crop it or make it coarser, or mend its header")
-    return reader
-
-
-def _check_length(path: Path, reader: Any) -> None:  # noqa: ANN401 - SimpleITK is untyped
-    """Refuse a NIfTI file that is cut short: its reader takes what is missing for zeros."""
-    if not reader.HasMetaDataKey("vox_offset"):
-        return
-    bits = int(reader.GetMetaData("bitpix")) * int(np.prod(reader.GetSize()))
-    needed = float(reader.GetMetaData("vox_offset")) + bits / 8
-    length = 0
+    check_size(path, reader.GetSize(), voxel * count)
     try:
-        with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
-            while length < needed and (block := stream.read(2**20)):
-                length += len(block)
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{path}: is cut short or damaged; copy or export it again ({error})") from error
-    if length < needed:
-        raise InputError(f"{path}: is cut short, {length} of {needed:.0f} bytes; copy or export it again")
+        image = reader.Execute()
+    except (RuntimeError, MemoryError) as error:
+        raise InputError(f"{path}: may be cut short; copy or export it again ({_reason(error)})") from error
+    values = np.moveaxis(SimpleITK.GetArrayFromImage(image), (2, 1, 0), (0, 1, 2))
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.reshape(image.GetDirection(), (3, 3)) * image.GetSpacing()
+    matrix[:3, 3] = image.GetOrigin()
+    layers = [values[..., layer] for layer in range(count)] if count > 1 else [values]
+    return Volume(path, layers, matrix, named, _notes(path, header))
 
 
-def _segmentation(path: Path, image: Any, label: int | None) -> Segmentation:  # noqa: ANN401
-    import SimpleITK
-
-    values: Array = SimpleITK.GetArrayViewFromImage(image).T
-    rotation = np.array(image.GetDirection()).reshape(3, 3)
-    spacing = np.array(image.GetSpacing())
-    origin = np.array(image.GetOrigin())
-    if not np.isfinite([*origin, *spacing]).all() or spacing.min() <= 0.0:
-        raise InputError(f"{path}: has the spacing {spacing} and origin {origin}; mend the header")
-    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3):
-        raise InputError(f"{path}: its axes are not at right angles; resample it to an orthogonal grid")
-    mask = _mask(path, values, label)
-    if np.linalg.det(rotation) < 0.0:
-        mask = mask[::-1]
-        origin = origin + rotation[:, 0] * spacing[0] * (len(mask) - 1)
-        rotation = rotation * [-1.0, 1.0, 1.0]
-    return Segmentation(mask, rotation, spacing, origin)
-
-
-def _mask(path: Path, values: Array, label: int | None) -> BoolArray:
-    if np.issubdtype(values.dtype, np.floating):
-        if not np.isfinite(values).all():
-            raise InputError(f"{path}: holds values that are not numbers; export the label map again")
-        if (values != np.rint(values)).any():
-            raise InputError(f"{path}: holds fractions, so it is no label map; threshold it first")
-    mask: BoolArray = values > 0 if label is None else values == label
-    if not mask.any():
-        present = np.unique(values[values > 0])
-        listed = ", ".join(f"{value:g}" for value in present[:10])
-        wanted = "has no voxel above 0" if label is None else f"has no voxel of label {label}"
-        remedy = f"it holds {listed}" if len(present) else "segment the structure or leave the subject out"
-        raise InputError(f"{path}: {wanted}; {remedy}")
-    return mask
+def _notes(path: Path, header: dict[str, str]) -> tuple[str, ...]:
+    is_nrrd = path.suffix.lower() in (".nrrd", ".nhdr")
+    return (_NO_FRAME,) if is_nrrd and header.get("NRRD_space") != "left-posterior-superior" else ()
 
 
 def _reason(error: BaseException) -> str:

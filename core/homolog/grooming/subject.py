@@ -109,7 +109,7 @@ def read_source(subject: Subject, settings: GroomSettings) -> Segmentation | Tri
         Naming the file, what is wrong and the remedy.
     """
     if not subject.is_mesh:
-        return read_segmentation(subject.path, settings.label)
+        return read_segmentation(subject.path, settings.label, settings.segment)
     mesh = read_mesh(subject.path)
     pieces = face_components(mesh.faces)
     check_mesh(_piece(mesh, pieces == 0), str(subject.path))
@@ -127,6 +127,7 @@ def groom(name: str, source: Segmentation | TriangleMesh, settings: GroomSetting
 def _groomed(name: str, source: Segmentation | TriangleMesh, settings: GroomSettings) -> GroomedSubject:
     notes: list[str] = []
     if isinstance(source, Segmentation):
+        notes += source.notes
         found = cleaned(source)
         dropped, filled, at_border = found.components_dropped, found.holes_filled, found.at_border
         level = level_of_voxels(found.segmentation, settings.spacing, settings.smoothing)
