@@ -1,13 +1,14 @@
 """Tables kept on disk under a name made of the mesh's content and the parameters."""
 
 import hashlib
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from homolog.errors import InputError
+from homolog.files.arrays import read_arrays
 from homolog.files.atomic import replacing
 from homolog.geodesics.lookup import MISSING
 from homolog.geodesics.plan import CHANGED, TablePlan, Task
@@ -51,8 +52,7 @@ def save_table(path: Path, table: GeodesicTable) -> None:
 def load_table(path: Path, device: str) -> GeodesicTable | None:
     """Return the table kept at a path; None if there is none that can be read."""
     try:
-        with path.open("rb") as stream, np.load(stream) as file:
-            arrays = dict(file)
+        arrays = read_arrays(path)
         n, d_max, unit = arrays.pop("facts").tolist()
         codes = arrays.pop("codes")
         if "present" in arrays:
@@ -60,7 +60,7 @@ def load_table(path: Path, device: str) -> GeodesicTable | None:
             dense = np.full((int(n), int(n)), MISSING, np.uint16)
             dense.reshape(-1)[present] = codes
             codes = dense
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
+    except (InputError, KeyError, ValueError, MemoryError):
         return None
 
     def there(array: np.ndarray[Any, Any]) -> Any:  # noqa: ANN401 - a wp.array has no type
