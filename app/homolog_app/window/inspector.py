@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QFrame, QStackedWidget, QVBoxLayout
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
 from homolog_app.window.desk import Desk
-from homolog_app.window.explore_panel import ExplorePanel
+from homolog_app.window.explore.panel import ExplorePanel
 from homolog_app.window.groom_panel import GroomPanel
 from homolog_app.window.jobs import Devices
 from homolog_app.window.rail import STEPS
@@ -28,7 +28,7 @@ class Inspector(QFrame):
         self.cohort = CohortPanel(desk.session, desk.theme, actions)
         self.groom = GroomPanel(desk.session, actions)
         self.correspond = RunPanel(desk.session, actions)
-        self.explore = ExplorePanel(desk.session, actions)
+        self.explore = ExplorePanel(desk, actions)
         self._pages = QStackedWidget()
         for panel in (self.cohort, self.groom, self.correspond, self.explore):
             self._pages.addWidget(panel)

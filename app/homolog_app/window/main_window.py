@@ -35,6 +35,7 @@ class MainWindow(QMainWindow):
     """Puts the parts together and lets each command find its handler."""
 
     views_ready = Signal()
+    step_changed = Signal()
 
     def __init__(self, desk: Desk) -> None:
         super().__init__()
@@ -80,6 +81,7 @@ class MainWindow(QMainWindow):
         self.step = step
         self.inspector.show_step(step)
         self.refresh()
+        self.step_changed.emit()
 
     @Slot()
     def refresh(self) -> None:

@@ -1,6 +1,7 @@
 """Between session and scene: which subjects are seen, particles of a run, playing, pictures."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -8,14 +9,16 @@ import numpy as np
 from PySide6.QtCore import QObject, QTimer, Slot
 from PySide6.QtWidgets import QApplication
 
+from homolog.arrays import FloatArray
 from homolog.correspondence.types import Frame
 from homolog_app.window.loaded import Loaded
-from homolog_app.window.scene.content import Content
+from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.scene import LAYOUTS, VIEWS
 from homolog_app.window.screenshot import save_picture
 from homolog_app.window.session import Groomed, Session
 
 if TYPE_CHECKING:
+    from homolog_app.window.explore.page import ExplorePage
     from homolog_app.window.main_window import MainWindow
     from homolog_app.window.stage import Stage
 
@@ -64,6 +67,9 @@ class Views(QObject):
         self._session, self._work = window.desk.session, window.desk.work
         self._frame: Frame | None = None
         self._shown: list[object] = []
+        self._subjects: list[Content] = []
+        self._run_particles: Mapping[str, FloatArray] = {}
+        self._explore = window.inspector.explore
         self._result: Loaded | None = None
         self._look = QTimer(self, interval=_LOOK_MS)
         self._look.timeout.connect(self._take_frame)
@@ -74,10 +80,13 @@ class Views(QObject):
         stage.scene.page_changed.connect(self._tell_page)
         for signal in (self._session.study_changed, self._session.facts_changed):
             signal.connect(self.refresh)
+        for signal in (self._explore.shown_changed, self._explore.page_changed, window.step_changed):
+            signal.connect(self._display)
         self._session.selection_changed.connect(self._follow_selection)
         self._work.changed.connect(self._watch_run)
         for name in ("link", "raw", "groomed", "particles", "grid4"):
             window.commands[f"view.{name}"].setChecked(True)
+        self._own_particles = False
         self.refresh()
 
     @property
@@ -122,10 +131,11 @@ class Views(QObject):
                 self._window.commands["view.raw"].setChecked(False)
                 stage.scene.switch(raw=False)
             self._shown = key
-            stage.scene.set_contents(contents_of(session))
+            self._subjects = contents_of(session)
             if self._work.run_job is None and new_result:
-                stage.scene.show_particles(session.result.particles if session.result else {})
+                self._run_particles = session.result.particles if session.result else {}
                 stage.footer.show_frames(len(session.result.frames) if session.result else 0)
+            self._display()
             if new_result and session.result is not None:
                 stage.scene.fit()
         if not session.study.members:
@@ -140,8 +150,26 @@ class Views(QObject):
         else:
             stage.show_views()
 
+    @property
+    def _page(self) -> "ExplorePage | None":
+        """The page of Explore that says what is shown."""
+        return self._explore.page if self._window.step == "explore" and self._session.result else None
+
+    @Slot()
+    def _display(self) -> None:
+        """Show the subjects, or what the open page of Explore makes of them."""
+        page = self._page
+        shown = page.shown(self._subjects) if page is not None else Shown(self._subjects)
+        if shown.particles is None:
+            shown = replace(shown, particles=self._run_particles)
+        self._own_particles = shown.particles is not self._run_particles
+        self.stage.scene.display(shown)
+        self._explore.fitted.draw_ms = self.stage.scene.draw_ms
+
     def play_or_stop(self) -> None:
-        """Play the run from its first moment, or hold."""
+        """Play the run from its first moment or what the open page of Explore plays, or hold."""
+        if self._page is not None and self._page.play_or_stop():
+            return
         if self._player.isActive():
             self._stop_playing()
         else:
@@ -155,11 +183,13 @@ class Views(QObject):
         """Stop playing while nobody sees it."""
         if minimized:
             self._stop_playing()
+            self._explore.page.stop()
 
     def close(self) -> None:
         """Stop the timers and let go of the graphics."""
         self._look.stop()
         self._player.stop()
+        self._explore.page.stop()
         self.stage.scene.close_scene()
 
     @Slot()
@@ -173,7 +203,7 @@ class Views(QObject):
         elif not running and self._look.isActive():
             self._look.stop()
             result = self._session.result
-            self.stage.scene.show_particles(result.particles if result else {})
+            self._show_run(result.particles if result else {})
             self.stage.footer.show_frames(len(result.frames) if result else 0)
 
     @Slot()
@@ -183,9 +213,14 @@ class Views(QObject):
         frame = job.frame if job is not None else None
         if job is not None and frame is not None and frame is not self._frame:
             self._frame = frame
-            self.stage.scene.show_particles(dict(zip(job.names, frame.world, strict=True)), live=True)
+            self._show_run(dict(zip(job.names, frame.world, strict=True)), live=True)
             self._window.docks.curves.show_rows(list(job.recorder.energies))
         self._look.setInterval(max(_LOOK_MS, round(_DRAWING_SHARE * self.stage.scene.draw_ms)))
+
+    def _show_run(self, particles: Mapping[str, FloatArray], *, live: bool = False) -> None:
+        self._run_particles = particles
+        if not self._own_particles:
+            self.stage.scene.show_particles(particles, live=live)
 
     @Slot()
     def _step_on(self) -> None:
@@ -208,7 +243,7 @@ class Views(QObject):
         frame = result.frames[index]
         last = index == len(result.frames) - 1
         particles = result.particles if last else dict(zip(result.result.names, frame.particles, strict=True))
-        self.stage.scene.show_particles(particles, live=not last)
+        self._show_run(particles, live=not last)
         count = len(next(iter(particles.values())))
         self.stage.footer.moment.setText(f"iteration {frame.iteration} · {count} particles")
 
@@ -232,6 +267,6 @@ class Views(QObject):
     def _tell_page(self) -> None:
         scene = self.stage.scene
         first = scene.page * scene.layout_count
-        total = len(self._session.study.included)
+        total = len(self._session.study.included) if scene.pages > 1 or not scene.columns else 0
         self.stage.footer.show_page(first + 1, min(first + scene.layout_count, total), total)
         self._window.refresh()

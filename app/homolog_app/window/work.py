@@ -5,12 +5,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from PySide6.QtCore import QObject, Signal, Slot
 
 from homolog.cohort import Cohort
 from homolog.files.project import Project
+from homolog.progress import Tick
 from homolog_app.window.jobs import Devices, RunJob, groom, make_sample, prepare, read_files
 from homolog_app.window.loaded import Loaded, load_result
 from homolog_app.window.runner import Ended, Job, Runner, Status, Task
@@ -23,7 +24,8 @@ __all__ = ["Work"]
 
 _log = logging.getLogger(__name__)
 _BACKGROUND = ("read", "prepare")
-_Then = Callable[[Ended], None]
+_Then = Callable[[Ended], object]
+_T = TypeVar("_T")
 
 
 class Work(QObject):
@@ -124,6 +126,27 @@ class Work(QObject):
         job = self.cancelled_run
         if job is not None:
             self._order("keep", Task(job.keep, "keeping the particles"), self._take_result)
+
+    def compute(
+        self, kind: str, function: Callable[[Tick], _T], words: str, take: Callable[[_T], object]
+    ) -> None:
+        """Call a function in the computing thread with progress and cancel, then hand over what it returns.
+
+        Does nothing if the user waits for something else already (`is_busy`). The result is dropped if
+        another study has been opened meanwhile; errors and cancelling are told as with any job.
+
+        Parameters
+        ----------
+        kind : str
+            Names the work: `kind` and the log say it.
+        function : callable
+            Takes a tick; knows no Qt. Imports what is heavy by itself.
+        words : str
+            What is being done.
+        take : callable
+            Is called in the window's thread.
+        """
+        self._order(kind, Task(function, words), lambda ended: take(ended.result))
 
     def open_result(self, project: Project, then: Callable[[], None]) -> None:
         """Read the result of a project, then do something."""

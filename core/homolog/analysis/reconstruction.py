@@ -16,7 +16,9 @@ from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.errors import NumericalError
 from homolog.progress import Tick, no_tick
 
-__all__ = ["MeanSurface", "mean_surface", "medoid", "spread_centres", "thin_plate_operator"]
+__all__ = [
+    "MeanSurface", "mean_surface", "medoid", "spread_centres", "thin_plate_moved", "thin_plate_operator",
+]  # fmt: skip
 
 MOST_CENTRES = 2048
 """Above this count the spline takes evenly spread particles only: the others add cost, not shape."""
@@ -144,6 +146,33 @@ def thin_plate_operator(
     """
     weights = _solve(centres, np.eye(len(centres)), smoothing)
     return _evaluate(centres, points, weights)
+
+
+def thin_plate_moved(centres: FloatArray, points: FloatArray, displacements: FloatArray) -> FloatArray:
+    """Return how points move with the centres, for a few displacements, without the whole operator.
+
+    Parameters
+    ----------
+    centres : (N, 3) array
+        The particles before they move [mm]; not all in one plane.
+    points : (V, 3) array
+        The vertices before they move [mm].
+    displacements : (K, N, 3) array
+        K displacements of the centres, such as modes [mm].
+
+    Returns
+    -------
+    (K, V, 3) array
+        What `thin_plate_operator` gives for each of them.
+
+    Raises
+    ------
+    NumericalError
+        If two centres coincide or all lie in one plane.
+    """
+    columns = displacements.transpose(1, 0, 2).reshape(len(centres), -1)
+    moved = _evaluate(centres, points, _solve(centres, columns, 0.0))
+    return moved.reshape(len(points), -1, 3).transpose(1, 0, 2)
 
 
 def medoid(particles: FloatArray, mean: FloatArray) -> int:

@@ -3,17 +3,24 @@
 from typing import Any
 
 import numpy as np
-from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonCore import vtkPoints
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-from vtkmodules.vtkFiltersCore import vtkPolyDataNormals
-from vtkmodules.vtkRenderingCore import vtkActor, vtkLight, vtkPolyDataMapper, vtkTextActor
+from vtkmodules.vtkCommonDataModel import vtkPolyData
+from vtkmodules.vtkRenderingCore import vtkActor, vtkLight, vtkTextActor
 from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLPointGaussianMapper
 
 from homolog.arrays import Array, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.letters import edge_letters
+from homolog_app.window.scene.surface import (
+    ArrowActor,
+    LineActor,
+    move_surface,
+    paint_surface,
+    surface_actor,
+    surface_data,
+)
 from homolog_app.window.theme import Colours, rgb
 
 __all__ = ["Cell"]
@@ -36,8 +43,9 @@ class Cell:
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
         self.renderer = renderer
         self.content: Content | None = None
-        self._surfaces = {name: _surface_actor() for name in ("raw", "groomed")}
+        self._surfaces = {name: surface_actor() for name in ("raw", "groomed")}
         self._meshes: dict[str, Any] = {}
+        self._arrows, self._lines = ArrowActor(), LineActor()
         self._balls = vtkActor()
         self._ball_mapper = vtkOpenGLPointGaussianMapper()
         self._ball_data = vtkPolyData()
@@ -52,7 +60,7 @@ class Cell:
             actor.GetTextProperty().SetJustification(across)
             actor.GetTextProperty().SetVerticalJustification(along)
         self._caption.GetTextProperty().SetVerticalJustificationToTop()
-        for actor in (*self._surfaces.values(), self._balls):
+        for actor in (*self._surfaces.values(), self._arrows.actor, self._lines.actor, self._balls):
             renderer.AddActor(actor)
         for actor in (self._caption, *self._letters):
             renderer.AddViewProp(actor)
@@ -68,30 +76,50 @@ class Cell:
         self.renderer.SetInteractive(viewport is not None)
 
     def fill(self, content: Content | None) -> None:
-        """Show a subject, or nothing."""
+        """Show a content, or nothing; surfaces that only moved are moved in place."""
         if content is self.content:
             return
-        self.content = content
-        self._meshes = {}
-        if content is not None:
-            for name, mesh in (
-                ("raw", content.raw),
-                ("groomed", content.groomed),
-                ("coarse", content.coarse),
-            ):
-                if mesh is not None:
-                    self._meshes[name] = _polydata(mesh, content.alignment)
-        self.show_particles(None, None, 1.0)
+        before, self.content = self.content, content
+        self._meshes = self._take_meshes(content, before) if content is not None else {}
+        if content is not None and content.groomed is not None:
+            paint_surface(self._meshes["groomed"], content.colours)
+        self._arrows.show(content.arrows if content is not None else None)
+        self._lines.show(content.lines if content is not None else None)
+        if before is None or content is None or before.name != content.name:
+            self.show_particles(None, None, 1.0)
+
+    def _take_meshes(self, content: Content, before: Content | None) -> dict[str, Any]:
+        taken = {}
+        for name in ("raw", "groomed", "coarse"):
+            mesh: TriangleMesh | None = getattr(content, name)
+            earlier: TriangleMesh | None = getattr(before, name, None)
+            normals = content.normals if name == "groomed" else None
+            if mesh is None:
+                continue
+            if before is None or earlier is None or not _same_faces(earlier, mesh):
+                taken[name] = surface_data(mesh, content.alignment, normals)
+                continue
+            taken[name] = self._meshes[name]
+            if earlier is not mesh or before.alignment is not content.alignment:
+                move_surface(taken[name], mesh, content.alignment, normals)
+        return taken
 
     def show(self, raw: bool, groomed: bool, quick: bool, opacity: float) -> None:
-        """Switch the surfaces; the raw one is drawn as a shell where both are shown."""
+        """Switch the surfaces; the raw one is drawn as a shell where both are shown.
+
+        Quick drawing takes the light surface, but where colours belong to the vertices of the full one.
+        """
         both = raw and groomed and "groomed" in self._meshes
+        coloured = self.content is not None and self.content.colours is not None
+        light = quick and not coloured and "coarse" in self._meshes
         for name, wanted in (("raw", raw), ("groomed", groomed)):
-            source = "coarse" if name == "groomed" and quick and "coarse" in self._meshes else name
+            source = "coarse" if name == "groomed" and light else name
             actor = self._surfaces[name]
             actor.SetVisibility(wanted and source in self._meshes)
-            if actor.GetVisibility() and actor.GetMapper().GetInput() is not self._meshes[source]:
-                actor.GetMapper().SetInputData(self._meshes[source])
+            mapper = actor.GetMapper()
+            if actor.GetVisibility() and mapper.GetInput() is not self._meshes[source]:
+                mapper.SetInputData(self._meshes[source])
+            mapper.SetScalarVisibility(name == "groomed" and coloured)
             actor.GetProperty().SetOpacity(0.35 * opacity if name == "raw" and both else opacity)
 
     def show_particles(self, points: FloatArray | None, colours: Array | None, radius: float) -> None:
@@ -126,6 +154,8 @@ class Cell:
         self.renderer.SetBackground(*rgb(colours.scene))
         self._surfaces["groomed"].GetProperty().SetColor(*rgb(colours.bone))
         self._surfaces["raw"].GetProperty().SetColor(*rgb(colours.raw))
+        for actor in (self._arrows.actor, self._lines.actor):
+            actor.GetProperty().SetColor(*rgb(colours.text))
         self._caption.GetTextProperty().SetColor(*rgb(colours.text))
         for actor in self._letters:
             actor.GetTextProperty().SetColor(*rgb(colours.accent))
@@ -164,20 +194,6 @@ class Cell:
         self._balls.GetProperty().SetDiffuse(0.0)
 
 
-def _surface_actor() -> Any:  # noqa: ANN401
-    mapper = vtkPolyDataMapper()
-    mapper.ScalarVisibilityOff()
-    actor = vtkActor()
-    actor.SetMapper(mapper)
-    actor.SetVisibility(False)
-    look = actor.GetProperty()
-    look.SetAmbient(0.22)
-    look.SetDiffuse(0.78)
-    look.SetSpecular(0.08)
-    look.SetSpecularPower(20)
-    return actor
-
-
 def _text(size: int) -> Any:  # noqa: ANN401
     actor = vtkTextActor()
     actor.GetPositionCoordinate().SetCoordinateSystemToNormalizedViewport()
@@ -187,19 +203,6 @@ def _text(size: int) -> Any:  # noqa: ANN401
     return actor
 
 
-def _polydata(mesh: TriangleMesh, alignment: FloatArray) -> Any:  # noqa: ANN401
-    placed = mesh.vertices @ alignment[:3, :3].T + alignment[:3, 3]
-    points = vtkPoints()
-    points.SetData(numpy_to_vtk(placed.astype(np.float32), deep=True))
-    faces = np.column_stack([np.full(len(mesh.faces), 3), mesh.faces]).astype(np.int64).ravel()
-    cells = vtkCellArray()
-    cells.ImportLegacyFormat(numpy_to_vtkIdTypeArray(faces, deep=True))
-    data = vtkPolyData()
-    data.SetPoints(points)
-    data.SetPolys(cells)
-    normals = vtkPolyDataNormals()
-    normals.SetInputData(data)
-    normals.SplittingOff()
-    normals.ConsistencyOff()
-    normals.Update()
-    return normals.GetOutput()
+def _same_faces(one: TriangleMesh, other: TriangleMesh) -> bool:
+    alike = one.faces.shape == other.faces.shape and one.vertices.shape == other.vertices.shape
+    return alike and np.may_share_memory(one.faces, other.faces)

@@ -1,18 +1,37 @@
-"""What a view can show of a subject."""
+"""What a view can show: a subject's surfaces or a shape of the model, with colours, arrows and lines."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.arrays import FloatArray
+from homolog.arrays import Array, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.window.scene.colour_scale import ColourScale
 
-__all__ = ["Content"]
+__all__ = ["Arrows", "Content", "Shown"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Arrows:
+    """Arrows, in the coordinates that are shown.
+
+    Attributes
+    ----------
+    points, vectors : (A, 3) arrays
+        Where each begins, and its way to the tip [mm].
+    """
+
+    points: FloatArray
+    vectors: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Content:
-    """One subject's surfaces.
+    """One view: a subject's surfaces, or a shape of the model as its `groomed` surface.
+
+    A content whose surface has the faces of the one shown before is moved in place, which is quick: so a
+    shape is animated by handing over one content after the other.
 
     Attributes
     ----------
@@ -25,6 +44,13 @@ class Content:
         From those coordinates to the common ones that are shown.
     note : str
         Second line of the caption.
+    colours : (V, 3) uint8 array, optional
+        Red, green and blue of each vertex of `groomed`, such as a `ColourScale` gives them.
+    normals : (V, 3) array, optional
+        Unit normals of `groomed` where they are known already; computed if not given.
+    arrows : Arrows, optional
+    lines : (S, 2, 3) array, optional
+        Line segments [mm] in the coordinates that are shown, such as the border of a region.
     """
 
     name: str
@@ -33,9 +59,37 @@ class Content:
     coarse: TriangleMesh | None
     alignment: FloatArray
     note: str = ""
+    colours: Array | None = None
+    normals: Array | None = None
+    arrows: Arrows | None = None
+    lines: FloatArray | None = None
 
     @property
     def patient_axes(self) -> FloatArray:
         """Directions of the patient's left, back and head as shown: the columns of a rotation."""
         left, _, right = np.linalg.svd(self.alignment[:3, :3])
         return np.asarray(left @ right)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """Everything that the views show at a time.
+
+    Attributes
+    ----------
+    contents : sequence of Content
+    columns : int or None
+        All contents in rows of so many views; None pages through them in the layout that the user chose.
+    scale : ColourScale or None
+        What the colours mean; drawn below the views.
+    particles : mapping of str to (N, 3) array, or None
+        Particles [mm] of each content by name, in the coordinates that are shown; None are those of the run.
+    tints : (N, 3) uint8 array or None
+        Colours of the particles; None gives each its colour by place.
+    """
+
+    contents: Sequence[Content]
+    columns: int | None = None
+    scale: ColourScale | None = None
+    particles: Mapping[str, FloatArray] | None = None
+    tints: Array | None = None

@@ -11,8 +11,9 @@ from vtkmodules.vtkRenderingCore import vtkRenderer
 
 from homolog.arrays import Array, FloatArray
 from homolog_app.window.scene.cell import Cell
+from homolog_app.window.scene.colour_bar import ColourBar
 from homolog_app.window.scene.colours import colours_by_place
-from homolog_app.window.scene.content import Content
+from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.interactor import SMOOTH, Interactor
 from homolog_app.window.theme import Colours, rgb
 
@@ -38,7 +39,11 @@ _GAP = 0.0015
 
 
 class Scene(QWidget):
-    """Shows a page of subjects, one a view, all turned together unless unlinked."""
+    """Shows a page of contents, one a view, all turned together unless unlinked.
+
+    Subjects are paged through in the user's layout; shapes of the model come in a grid of their own. Below
+    the views stands what colours mean.
+    """
 
     page_changed = Signal()
 
@@ -47,7 +52,10 @@ class Scene(QWidget):
         self._plot = Interactor(self)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(self._plot)
+        layout.setSpacing(0)
+        self.bar = ColourBar(self)
+        layout.addWidget(self._plot, 1)
+        layout.addWidget(self.bar)
         window: Any = self._plot.ren_win
         self._backdrop = vtkRenderer()
         self._backdrop.InteractiveOff()
@@ -65,7 +73,9 @@ class Scene(QWidget):
         self._particles: Mapping[str, FloatArray] = {}
         self._tints: Array | None = None
         self._radius = 1.0
-        self._count, self._page, self._linked = 1, 0, True
+        self._layout, self._columns = 1, 0
+        self._page, self._linked = 0, True
+        self._told = (-1, 0, 0)
         self._raw, self._groomed, self._balls, self._opacity = True, True, True, 1.0
         self._quick = False
         self._share, self._turn, self._partial = _MOST_CELLS, 0, False
@@ -96,43 +106,72 @@ class Scene(QWidget):
         return max(1, -(-len(self._contents) // self._count))
 
     @property
+    def columns(self) -> int:
+        """Columns of a grid of the contents' own; 0 in the user's layout."""
+        return self._columns
+
+    @property
+    def _grid(self) -> tuple[int, int]:
+        """Rows and columns of views."""
+        if self._columns:
+            return max(1, -(-len(self._contents) // self._columns)), self._columns
+        side = round(self._layout**0.5)
+        return side, side
+
+    @property
+    def _count(self) -> int:
+        rows, columns = self._grid
+        return rows * columns
+
+    @property
     def shown(self) -> Sequence[Content]:
         """The subjects of the page."""
         return self._contents[self._page * self._count : (self._page + 1) * self._count]
 
     @property
     def layout_count(self) -> int:
-        """Number of views."""
-        return self._count
+        """Number of views in the user's layout."""
+        return self._layout
 
     def set_layout(self, count: int) -> None:
-        """Show 1, 4, 9 or 16 views; the first subject stays in sight."""
-        first = self._page * self._count
-        side = round(count**0.5)
-        for index, cell in enumerate(self._cells):
-            row, column = divmod(index, side)
-            left, bottom = column / side, 1.0 - (row + 1) / side
-            box = (left + _GAP, bottom + _GAP, left + 1.0 / side - _GAP, bottom + 1.0 / side - _GAP)
-            cell.place(box if index < count else None)
-        self._count = count
-        self.show_page(first // count)
+        """Show 1, 4, 9 or 16 views of subjects; the first one stays in sight."""
+        first = self._page * self._layout
+        self._layout = count
+        if not self._columns:
+            self._place_cells()
+            self.show_page(first // count)
 
-    def set_contents(self, contents: Sequence[Content]) -> None:
-        """Show other subjects."""
-        had = self._contents
-        self._contents = contents
+    def display(self, shown: Shown) -> None:
+        """Show other contents.
+
+        Parameters
+        ----------
+        shown : Shown
+            At most sixteen contents if it has columns.
+        """
+        had, grid = self._contents, self._grid
+        self._contents, self._columns = shown.contents, shown.columns or 0
+        if shown.particles is not None:
+            self._take_particles(shown.particles, shown.tints)
+        self.bar.show_scale(shown.scale)
+        if self._grid != grid:
+            self._place_cells()
         self.show_page(min(self._page, self.pages - 1))
-        if contents and (not had or not self._fitted):
+        if shown.contents and (not had or not self._fitted):
             self.look("corner")
+        elif self._grid != grid:
+            self.fit()
 
     def show_page(self, page: int) -> None:
-        """Show a page of subjects."""
+        """Show a page of the contents."""
         self._page = max(0, min(page, self.pages - 1))
         shown = self.shown
         for index, cell in enumerate(self._cells):
             cell.fill(shown[index] if index < min(len(shown), self._count) else None)
         self._refresh()
-        self.page_changed.emit()
+        if (self._page, self.pages, self._columns) != self._told:
+            self._told = (self._page, self.pages, self._columns)
+            self.page_changed.emit()
 
     def show_name(self, name: str) -> None:
         """Turn to the page with a subject."""
@@ -158,17 +197,19 @@ class Scene(QWidget):
         may be drawn on lighter surfaces.
         """
         count = len(next(iter(particles.values()))) if particles else 0
-        if particles and (self._tints is None or len(self._tints) != count or not live):
-            mean = np.mean([np.asarray(one) for one in particles.values()], axis=0)
-            self._tints = colours_by_place(mean)
-        self._particles = particles
-        self._radius = self._ball_radius(count)
+        known = live and self._tints is not None and len(self._tints) == count
+        self._take_particles(particles, self._tints if known else None)
         if live:
             self._draw_quick()
             self._refine.start()
             self._refresh_some()
         else:
             self._refresh()
+
+    def _take_particles(self, particles: Mapping[str, FloatArray], tints: Array | None) -> None:
+        if particles and tints is None:
+            tints = colours_by_place(np.mean([np.asarray(one) for one in particles.values()], axis=0))
+        self._particles, self._tints = particles, tints
 
     def set_linked(self, linked: bool) -> None:
         """Turn all views together, or each alone."""
@@ -200,7 +241,7 @@ class Scene(QWidget):
         self._fitted = True
         for cell in self._cells[: 1 if self._linked else None]:
             cell.renderer.ResetCamera(bounds)
-            cell.renderer.GetActiveCamera().Zoom(1.15)
+            cell.renderer.GetActiveCamera().Zoom(1.15 * min(1.0, self._cell_shape))
         self._plot.update()
 
     def paint(self, colours: Colours) -> None:
@@ -208,6 +249,7 @@ class Scene(QWidget):
         self._backdrop.SetBackground(*rgb(colours.line))
         for cell in self._cells:
             cell.paint(colours)
+        self.bar.paint(colours)
         self._plot.update()
 
     def picture(self, scale: int = 1, *, transparent: bool = False) -> QImage:
@@ -226,7 +268,7 @@ class Scene(QWidget):
         kind = QImage.Format.Format_RGBA8888 if pixels.shape[2] == 4 else QImage.Format.Format_RGB888
         image = QImage(pixels.tobytes(), pixels.shape[1], pixels.shape[0], pixels.strides[0], kind).copy()
         self._plot.update()
-        return image
+        return self.bar.below(image, scale * self.devicePixelRatioF())
 
     def close_scene(self) -> None:
         """Let go of everything of VTK; the last thing before the window closes."""
@@ -238,6 +280,20 @@ class Scene(QWidget):
         self._cells = []
         self._plot.close()
 
+    @property
+    def _cell_shape(self) -> float:
+        """Width of a view by its height."""
+        rows, columns = self._grid
+        return float(self._plot.width() * rows / max(1, self._plot.height() * columns))
+
+    def _place_cells(self) -> None:
+        rows, columns = self._grid
+        for index, cell in enumerate(self._cells):
+            row, column = divmod(index, columns)
+            left, bottom = column / columns, 1.0 - (row + 1) / rows
+            box = (left + _GAP, bottom + _GAP, left + 1.0 / columns - _GAP, bottom + 1.0 / rows - _GAP)
+            cell.place(box if index < self._count else None)
+
     def _cameras(self) -> list[Any]:
         cells = self._cells[:1] if self._linked else self._cells
         return [cell.renderer.GetActiveCamera() for cell in cells]
@@ -245,6 +301,7 @@ class Scene(QWidget):
     def _refresh(self) -> None:
         self._after_drawing()
         self._show_words()
+        self._radius = self._ball_radius(len(self._tints) if self._tints is not None else 0)
         for cell in self._cells[: self._count]:
             content = cell.content
             cell.show(self._raw, self._groomed, self._quick, self._opacity)

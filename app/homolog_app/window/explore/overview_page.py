@@ -1,20 +1,25 @@
-"""The fourth step: the result."""
+"""The result at a glance, and the run played again."""
 
 from PySide6.QtCore import Qt
 
 from homolog_app.window.actions import Actions
-from homolog_app.window.session import Session
-from homolog_app.window.widgets import GRID, Panel, button, label
+from homolog_app.window.desk import Desk
+from homolog_app.window.explore.fitted import Fitted
+from homolog_app.window.explore.page import ExplorePage
+from homolog_app.window.widgets import GRID, button, label
 
-__all__ = ["ExplorePanel"]
+__all__ = ["OverviewPage"]
 
 
-class ExplorePanel(Panel):
+class OverviewPage(ExplorePage):
     """What the run came to, and how to look at it."""
 
-    def __init__(self, session: Session, actions: Actions) -> None:
-        super().__init__("Explore", "Equal colours mark corresponding places. Turn, page and play.")
-        self._session = session
+    title = "Overview"
+    hint = "Equal colours mark corresponding places. Turn, page and play."
+
+    def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
+        super().__init__(desk, actions, fitted)
+        session = self._session = desk.session
         self.summary = label("", wrap=True)
         self.summary.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.files = label("", "Hint", wrap=True)

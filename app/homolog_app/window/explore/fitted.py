@@ -1,0 +1,63 @@
+"""The shape model of the result, computed once and shared by the pages that show shapes of it."""
+
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject, Signal, Slot
+
+from homolog.progress import Tick
+from homolog_app.window.desk import Desk
+from homolog_app.window.loaded import Loaded
+
+if TYPE_CHECKING:
+    from homolog_app.window.explore.model_shape import ModelShape
+
+__all__ = ["Fitted"]
+
+
+class Fitted(QObject):
+    """Fits the model of the session's result when a page first wants it, in the computing thread."""
+
+    changed = Signal()
+
+    def __init__(self, desk: Desk, parent: QObject) -> None:
+        super().__init__(parent)
+        self._desk = desk
+        self._wanted = False
+        self._asked: Loaded | None = None
+        self._of: Loaded | None = None
+        self._shape: ModelShape | None = None
+        self.draw_ms = 0.0
+        """How long the views take to draw [ms]; what plays rests accordingly."""
+        desk.session.facts_changed.connect(self._look)
+        desk.work.changed.connect(self._look)
+
+    @property
+    def shape(self) -> "ModelShape | None":
+        """The model of the result that is open; None until it is fitted."""
+        return self._shape if self._of is self._desk.session.result else None
+
+    def want(self) -> None:
+        """Fit the model unless that was done; `changed` follows. Asks again if it was cancelled before."""
+        self._wanted, self._asked = True, None
+        self._look()
+
+    @Slot()
+    def _look(self) -> None:
+        result, work = self._desk.session.result, self._desk.work
+        if self._of is not None and self._of is not result:
+            self._of = self._shape = None
+            self.changed.emit()
+        if not self._wanted or result is None or result in (self._of, self._asked) or work.is_busy:
+            return
+        self._asked = result
+
+        def fit(tick: Tick) -> "ModelShape":
+            from homolog_app.window.explore.model_shape import fit_model_shape
+
+            return fit_model_shape(result.result, tick)
+
+        def take(shape: "ModelShape") -> None:
+            self._of, self._shape = result, shape
+            self.changed.emit()
+
+        work.compute("model", fit, "fitting the shape model", take)

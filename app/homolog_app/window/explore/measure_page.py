@@ -1,0 +1,16 @@
+"""Measure."""
+
+from homolog_app.window.explore.page import ExplorePage
+
+__all__ = ["MeasurePage"]
+
+
+class MeasurePage(ExplorePage):
+    """Distance, volume and area along a mode and for each subject."""
+
+    title = "Measure"
+    hint = "Distance, volume and area along a mode and for each subject."
+
+    def enter(self) -> None:
+        """Fit the model."""
+        self.fitted.want()

@@ -1,0 +1,58 @@
+"""What every page of Explore is."""
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QWidget
+
+from homolog_app.window.actions import Actions
+from homolog_app.window.desk import Desk
+from homolog_app.window.explore.fitted import Fitted
+from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.widgets import Panel
+
+__all__ = ["ExplorePage"]
+
+
+class ExplorePage(Panel):
+    """A page of the inspector that also says what the views show while it is open.
+
+    To change what is shown, emit `shown_changed`: the views then ask `shown`. Long work goes through
+    `desk.work.compute`.
+
+    Attributes
+    ----------
+    title : str
+        On the page's tab.
+    plots : QWidget or None
+        What the dock below the views shows while the page is open.
+    """
+
+    title = ""
+    hint = ""
+    shown_changed = Signal()
+
+    def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
+        super().__init__(self.title, self.hint)
+        self.desk, self.actions_, self.fitted = desk, actions, fitted
+        self.plots: QWidget | None = None
+
+    def shown(self, subjects: Sequence[Content]) -> Shown:
+        """Return what the views show.
+
+        Parameters
+        ----------
+        subjects : sequence of Content
+            The subjects as they are shown anyway; `dataclasses.replace` gives them colours, arrows, lines.
+        """
+        return Shown(subjects)
+
+    def enter(self) -> None:
+        """Do what is to be done when the page is opened."""
+
+    def play_or_stop(self) -> bool:
+        """Play what the page can play, or hold; return whether it can."""
+        return False
+
+    def stop(self) -> None:
+        """Stop playing: the page is left or the window rests."""

@@ -1,0 +1,77 @@
+"""The fourth step: a strip of tabs, and a page below it."""
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QStackedWidget, QTabBar, QVBoxLayout, QWidget
+
+from homolog_app.window.actions import Actions
+from homolog_app.window.desk import Desk
+from homolog_app.window.explore.fitted import Fitted
+from homolog_app.window.explore.groups_page import GroupsPage
+from homolog_app.window.explore.measure_page import MeasurePage
+from homolog_app.window.explore.modes_page import ModesPage
+from homolog_app.window.explore.overview_page import OverviewPage
+from homolog_app.window.explore.page import ExplorePage
+from homolog_app.window.widgets import GRID
+
+__all__ = ["PAGES", "ExplorePanel"]
+
+PAGES: tuple[type[ExplorePage], ...] = (
+    OverviewPage,
+    ModesPage,
+    GroupsPage,
+    MeasurePage,
+)
+"""The pages in the order of their tabs."""
+
+
+class ExplorePanel(QWidget):
+    """Turns pages. `page_changed` and `shown_changed` tell the views and the dock to ask the open page."""
+
+    page_changed = Signal()
+    shown_changed = Signal()
+
+    def __init__(self, desk: Desk, actions: Actions) -> None:
+        super().__init__()
+        self.setAccessibleName("Explore")
+        self.fitted = Fitted(desk, self)
+        self.tabs = QTabBar()
+        self.tabs.setExpanding(False)
+        self.tabs.setDrawBase(False)
+        self.tabs.setAccessibleName("Pages of Explore")
+        self._stack = QStackedWidget()
+        self.pages = [kind(desk, actions, self.fitted) for kind in PAGES]
+        for page in self.pages:
+            self.tabs.addTab(page.title)
+            self._stack.addWidget(page)
+            page.shown_changed.connect(lambda page=page: self._tell(page))
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, GRID // 2, 0, 0)
+        layout.setSpacing(0)
+        layout.addWidget(self.tabs)
+        layout.addWidget(self._stack, 1)
+        self.tabs.currentChanged.connect(self._turn)
+
+    @property
+    def page(self) -> ExplorePage:
+        """The open page."""
+        return self.pages[self.tabs.currentIndex()]
+
+    def page_called(self, title: str) -> ExplorePage:
+        """Return a page by the title on its tab."""
+        return next(page for page in self.pages if page.title == title)
+
+    def open_page(self, title: str) -> None:
+        """Turn to a page."""
+        self.tabs.setCurrentIndex(self.pages.index(self.page_called(title)))
+
+    def _turn(self, index: int) -> None:
+        before = self._stack.currentWidget()
+        if isinstance(before, ExplorePage):
+            before.stop()
+        self._stack.setCurrentIndex(index)
+        self.page.enter()
+        self.page_changed.emit()
+
+    def _tell(self, page: ExplorePage) -> None:
+        if page is self.page:
+            self.shown_changed.emit()

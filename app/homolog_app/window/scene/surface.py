@@ -1,0 +1,148 @@
+"""Surfaces, arrows and lines as VTK draws them; a surface that moves is moved in place."""
+
+from typing import Any
+
+import numpy as np
+from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+from vtkmodules.vtkCommonCore import vtkPoints
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+from vtkmodules.vtkFiltersCore import vtkGlyph3D, vtkPolyDataNormals
+from vtkmodules.vtkFiltersSources import vtkArrowSource
+from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+
+from homolog.arrays import Array, FloatArray
+from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.window.scene.content import Arrows
+
+__all__ = ["ArrowActor", "LineActor", "move_surface", "paint_surface", "surface_actor", "surface_data"]
+
+Vtk = Any  # VTK is untyped
+
+
+def surface_actor() -> Vtk:
+    """Return an actor for surfaces, not yet visible."""
+    mapper = vtkPolyDataMapper()
+    mapper.ScalarVisibilityOff()
+    mapper.SetColorModeToDirectScalars()
+    actor = vtkActor()
+    actor.SetMapper(mapper)
+    actor.SetVisibility(False)
+    look = actor.GetProperty()
+    look.SetAmbient(0.22)
+    look.SetDiffuse(0.78)
+    look.SetSpecular(0.08)
+    look.SetSpecularPower(20)
+    return actor
+
+
+def surface_data(mesh: TriangleMesh, alignment: FloatArray, normals: Array | None) -> Vtk:
+    """Return a mesh for VTK, moved by a (4, 4) alignment; normals (V, 3) are computed if not given."""
+    faces = np.column_stack([np.full(len(mesh.faces), 3), mesh.faces]).astype(np.int64).ravel()
+    cells = vtkCellArray()
+    cells.ImportLegacyFormat(numpy_to_vtkIdTypeArray(faces, deep=True))
+    data = vtkPolyData()
+    data.SetPoints(vtkPoints())
+    data.SetPolys(cells)
+    move_surface(data, mesh, alignment, normals)
+    return data
+
+
+def move_surface(data: Vtk, mesh: TriangleMesh, alignment: FloatArray, normals: Array | None) -> None:
+    """Give VTK's surface the vertices of a mesh with the same faces."""
+    placed = mesh.vertices @ alignment[:3, :3].T + alignment[:3, 3]
+    data.GetPoints().SetData(_array(placed))
+    data.GetPoints().Modified()
+    if normals is None:
+        data.GetPointData().SetNormals(_normals(data))
+    else:
+        turned = normals @ alignment[:3, :3].T / np.cbrt(np.linalg.det(alignment[:3, :3]))
+        data.GetPointData().SetNormals(_array(turned))
+    data.Modified()
+
+
+def paint_surface(data: Vtk, colours: Array | None) -> None:
+    """Give the vertices their colours (V, 3) uint8, or none."""
+    scalars = None if colours is None else numpy_to_vtk(np.ascontiguousarray(colours, np.uint8), deep=True)
+    data.GetPointData().SetScalars(scalars)
+    data.Modified()
+
+
+class ArrowActor:
+    """Many arrows of one colour."""
+
+    def __init__(self) -> None:
+        self._data = vtkPolyData()
+        source, glyphs = _arrow(), vtkGlyph3D()
+        glyphs.SetSourceConnection(source.GetOutputPort())
+        glyphs.SetInputData(self._data)
+        glyphs.SetVectorModeToUseVector()
+        glyphs.SetScaleModeToScaleByVector()
+        self.actor = _plain_actor()
+        self.actor.GetMapper().SetInputConnection(glyphs.GetOutputPort())
+
+    def show(self, arrows: Arrows | None) -> None:
+        """Show arrows, or none."""
+        self.actor.SetVisibility(arrows is not None and len(arrows.points) > 0)
+        if arrows is not None:
+            points = vtkPoints()
+            points.SetData(_array(arrows.points))
+            self._data.SetPoints(points)
+            self._data.GetPointData().SetVectors(_array(arrows.vectors))
+            self._data.Modified()
+
+
+class LineActor:
+    """Line segments of one colour."""
+
+    def __init__(self) -> None:
+        self._data = vtkPolyData()
+        self.actor = _plain_actor()
+        self.actor.GetMapper().SetInputData(self._data)
+        self.actor.GetProperty().SetLineWidth(2.0)
+        self.actor.GetProperty().LightingOff()
+
+    def show(self, lines: FloatArray | None) -> None:
+        """Show segments (S, 2, 3), or none."""
+        self.actor.SetVisibility(lines is not None and len(lines) > 0)
+        if lines is not None:
+            points = vtkPoints()
+            points.SetData(_array(np.reshape(lines, (-1, 3))))
+            ends = np.arange(2 * len(lines)).reshape(-1, 2)
+            legacy = np.column_stack([np.full(len(lines), 2), ends]).astype(np.int64).ravel()
+            cells = vtkCellArray()
+            cells.ImportLegacyFormat(numpy_to_vtkIdTypeArray(legacy, deep=True))
+            self._data.SetPoints(points)
+            self._data.SetLines(cells)
+            self._data.Modified()
+
+
+def _arrow() -> Vtk:
+    source = vtkArrowSource()
+    source.SetTipResolution(10)
+    source.SetShaftResolution(6)
+    source.SetShaftRadius(0.045)
+    source.SetTipRadius(0.14)
+    source.SetTipLength(0.36)
+    return source
+
+
+def _plain_actor() -> Vtk:
+    mapper = vtkPolyDataMapper()
+    mapper.ScalarVisibilityOff()
+    actor = vtkActor()
+    actor.SetMapper(mapper)
+    actor.SetVisibility(False)
+    return actor
+
+
+def _normals(data: Vtk) -> Vtk:
+    normals = vtkPolyDataNormals()
+    normals.SetInputData(data)
+    normals.SplittingOff()
+    normals.ConsistencyOff()
+    normals.Update()
+    return normals.GetOutput().GetPointData().GetNormals()
+
+
+def _array(values: Array) -> Vtk:
+    return numpy_to_vtk(np.ascontiguousarray(values, dtype=np.float32), deep=True)
