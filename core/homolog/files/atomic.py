@@ -7,7 +7,9 @@ from pathlib import Path
 
 from homolog.errors import InputError
 
-__all__ = ["replacing", "write_text", "writing"]
+__all__ = ["is_left_over", "replacing", "write_text", "writing"]
+
+_PART = ".part-"
 
 
 @contextmanager
@@ -42,10 +44,11 @@ def replacing(path: Path) -> Iterator[Path]:
         If the folder can't be written to or the disk is full; `path` is then as it was.
     """
     path = Path(path)
-    part = path.with_name(f".part-{os.getpid()}-{path.name}")
+    part = path.with_name(f"{_PART}{os.getpid()}-{path.name}")
     with writing(path):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
+            part.unlink(missing_ok=True)  # what has that name is never written through
             yield part
             with part.open("rb+") as stream:
                 os.fsync(stream.fileno())
@@ -58,3 +61,8 @@ def write_text(path: Path, text: str) -> None:
     """Write a UTF-8 text file whole or not at all; raises as `replacing` does."""
     with replacing(path) as part:
         part.write_text(text, encoding="utf-8", newline="")
+
+
+def is_left_over(name: str) -> bool:
+    """Return whether a file of this name was begun by another process, to be renamed when it is whole."""
+    return name.startswith(_PART) and not name.startswith(f"{_PART}{os.getpid()}-")

@@ -27,7 +27,7 @@ from pydantic import ValidationError
 
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
-from homolog.files.atomic import write_text, writing
+from homolog.files.atomic import is_left_over, write_text, writing
 from homolog.files.records import FORMAT_VERSION, ProjectRecord, SubjectRecord
 
 __all__ = ["Project"]
@@ -35,6 +35,8 @@ __all__ = ["Project"]
 _RECORD = "project.json"
 _NEXT = ".next"
 _COMPLETE = "complete"
+_WRITTEN = ("groomed", "particles", "model", "figures", "analysis", "report", _NEXT)
+"""Folders that programs write into."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,26 +140,46 @@ class Project:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep other programs from writing to the project; makes the folder and finishes a broken-off swap.
+        """Keep other programs from writing to the project; makes the folder and tidies up after a crash.
+
+        The lock ends with its process, however that ends. A program may take it again while it has it, in any
+        thread, so that a window can hold what it has open.
 
         Raises
         ------
         InputError
-            If another program has the project open, or the folder can't be made or written to.
+            If another program has the project open, the folder can't be made or written to, or a link in it
+            leads elsewhere.
         """
-        lock = FileLock(self.folder / ".lock", timeout=0)
         with writing(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
+            path = self.folder.resolve() / ".lock"
+            lock = FileLock(path, timeout=0, is_singleton=True, thread_local=False)
             try:
                 lock.acquire()
             except Timeout as error:
                 message = f"{self.folder}: is in use by another Homolog; close that one or wait"
                 raise InputError(message) from error
         try:
-            self._swap()
+            if lock.lock_counter == 1:
+                self._tidy()
+                self._swap()
             yield
         finally:
             lock.release()
+
+    def _tidy(self) -> None:
+        """Refuse links to other folders, and remove what writers that were killed left half done."""
+        for place, below, files in os.walk(self.folder):
+            folder = Path(place)
+            if folder == self.folder:
+                below[:] = [name for name in below if name in _WRITTEN]
+            for name in below:
+                link = folder / name
+                if link.is_symlink():
+                    raise InputError(f"{link}: is a link that may lead elsewhere; put a folder in its place")
+            for name in filter(is_left_over, files):
+                (folder / name).unlink(missing_ok=True)
 
     def recover(self) -> None:
         """Finish the swap of a result that a crash broke off; does nothing otherwise."""

@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+import threading
 from contextlib import suppress
 from pathlib import Path
 
@@ -214,3 +215,53 @@ def test_an_incomplete_new_result_is_thrown_away_by_the_next_program(tmp_path):
     with project.locked():
         pass
     assert contents(tmp_path) == {"particles/a_world.particles": "old", "energies.csv": "old"}
+
+
+def test_a_program_may_take_its_own_lock_again_in_any_thread(tmp_path):
+    project, seen = Project(tmp_path), []
+
+    def take():
+        with Project(tmp_path / "." / "").locked():
+            seen.append(True)
+
+    with project.locked():
+        worker = threading.Thread(target=take)
+        worker.start()
+        worker.join(10.0)
+    assert seen == [True]
+
+
+def test_a_lock_taken_again_leaves_a_result_that_is_being_written_alone(tmp_path):
+    project = Project(tmp_path)
+    with project.locked(), project.replacing_result() as new:
+        with project.locked():
+            pass
+        finished(new, "new")
+    assert contents(tmp_path) == {"particles/a_world.particles": "new", "energies.csv": "new"}
+
+
+@pytest.mark.parametrize("name", ["groomed", "particles", "figures", ".next", "report/figures"])
+def test_a_link_out_of_the_project_is_refused(tmp_path, name):
+    project = tmp_path / "project"
+    (tmp_path / "elsewhere").mkdir()
+    (project / name).parent.mkdir(parents=True)
+    (project / name).symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="link that may lead elsewhere"), Project(project).locked():
+        pass
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
+def test_links_that_are_the_users_own_are_left_alone(tmp_path):
+    (tmp_path / "scans").symlink_to(tmp_path)
+    with Project(tmp_path).locked():
+        assert (tmp_path / "scans").is_symlink()
+
+
+def test_what_a_killed_writer_left_is_removed(tmp_path):
+    (tmp_path / "groomed").mkdir()
+    for place in (tmp_path, tmp_path / "groomed"):
+        (place / ".part-1-a.vtp").write_text("half")
+        (place / "a.vtp").write_text("whole")
+    with Project(tmp_path).locked():
+        pass
+    assert contents(tmp_path) == {"a.vtp": "whole", "groomed/a.vtp": "whole"}
