@@ -1,6 +1,7 @@
 """Particles and the entropies that place them (the paper's Eq. 1-6)."""
 
 from homolog.correspondence.optimizer import optimize
+from homolog.correspondence.repair import fitting_start, repair
 from homolog.correspondence.types import (
     Checkpoint,
     Correspondence,
@@ -9,6 +10,19 @@ from homolog.correspondence.types import (
     Reason,
     Shape,
     Stage,
+    Start,
 )
 
-__all__ = ["Checkpoint", "Correspondence", "Frame", "Observe", "Reason", "Shape", "Stage", "optimize"]
+__all__ = [
+    "Checkpoint",
+    "Correspondence",
+    "Frame",
+    "Observe",
+    "Reason",
+    "Shape",
+    "Stage",
+    "Start",
+    "fitting_start",
+    "optimize",
+    "repair",
+]

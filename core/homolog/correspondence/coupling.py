@@ -18,8 +18,9 @@ class Coupling(ABC):
 
     stiffness: DeviceArray
 
-    def __init__(self, shapes: int, count: int, launcher: Launcher) -> None:
-        self.shapes, self.count, self.launch = shapes, count, launcher
+    def __init__(self, layout: kernels.Layout, movable: DeviceArray, held: bool, launcher: Launcher) -> None:
+        self.layout, self.movable, self.held, self.launch = layout, movable, held, launcher
+        self.shapes, self.count = int(layout.shapes), int(layout.per_shape)
         self.stiffness = wp.zeros(1, dtype=float, device=launcher.device)
 
     @abstractmethod
@@ -34,9 +35,24 @@ class Coupling(ABC):
     ) -> None:
         """Write the gradients of H(Z) by positions and of H(V) by Logs."""
 
-    @abstractmethod
-    def damp(self, steps: DeviceArray, damped: DeviceArray) -> None:
+    def damp(
+        self, stage: DeviceArray, iteration: DeviceArray, steps: DeviceArray, damped: DeviceArray
+    ) -> None:
         """Apply the implicit part of the step."""
+        if not self.held:
+            self._damp_all(steps, damped)
+            return
+        total = self.shapes * self.count
+        inputs = [self.layout, stage, iteration, self.movable, *self._step_matrices(), steps, damped]
+        self.launch(kernels.damp_held, total, inputs)
+
+    @abstractmethod
+    def _damp_all(self, steps: DeviceArray, damped: DeviceArray) -> None:
+        """Apply it where no particle is held."""
+
+    @abstractmethod
+    def _step_matrices(self) -> tuple[DeviceArray, DeviceArray]:
+        """Return W0 = (C + aI)^-1 and (I + pW0)^-1, (M, M) each."""
 
     @abstractmethod
     def entropies(self) -> FloatArray:
@@ -67,9 +83,14 @@ class HostCoupling(Coupling):
         np.matmul(self._duals.gradient, self._rows(centred), out=self._rows(ensemble))
         np.matmul(self._duals.normals, self._rows(logs), out=self._rows(normals))
 
-    def damp(self, steps: DeviceArray, damped: DeviceArray) -> None:
-        """Apply the implicit part of the step."""
+    def _damp_all(self, steps: DeviceArray, damped: DeviceArray) -> None:
         np.matmul(self._duals.damping, self._rows(steps), out=self._rows(damped))
+
+    def _step_matrices(self) -> tuple[DeviceArray, DeviceArray]:
+        return tuple(
+            wp.array(matrix, dtype=float, device="cpu", copy=False)
+            for matrix in (self._duals.gradient, self._duals.damping)
+        )
 
     def entropies(self) -> FloatArray:
         """Return H(Z) and H(V) per particle and shape, (2,)."""
@@ -83,8 +104,9 @@ class HostCoupling(Coupling):
 class DeviceCoupling(Coupling):
     """Kernels only, so that an iteration can be captured as a CUDA graph."""
 
-    def __init__(self, shapes: int, count: int, launcher: Launcher) -> None:
-        super().__init__(shapes, count, launcher)
+    def __init__(self, layout: kernels.Layout, movable: DeviceArray, held: bool, launcher: Launcher) -> None:
+        super().__init__(layout, movable, held, launcher)
+        shapes = self.shapes
         make = {"device": launcher.device}
         self._covariances = [wp.zeros((shapes, shapes), dtype=wp.float64, **make) for _ in range(2)]
         size = (int(dual_kernels.MATRICES), shapes, shapes)
@@ -136,9 +158,11 @@ class DeviceCoupling(Coupling):
         self._mix(self._small[0], centred, ensemble)
         self._mix(self._small[2], logs, normals)
 
-    def damp(self, steps: DeviceArray, damped: DeviceArray) -> None:
-        """Apply the implicit part of the step."""
+    def _damp_all(self, steps: DeviceArray, damped: DeviceArray) -> None:
         self._mix(self._small[1], steps, damped)
+
+    def _step_matrices(self) -> tuple[DeviceArray, DeviceArray]:
+        return self._small[0], self._small[1]
 
     def entropies(self) -> FloatArray:
         """Return H(Z) and H(V) per particle and shape, (2,)."""
@@ -150,6 +174,7 @@ class DeviceCoupling(Coupling):
         self.launch(kernels.mix, total, [self.count, self.shapes, matrix, source, target])
 
 
-def coupling(shapes: int, count: int, launcher: Launcher) -> Coupling:
-    """Return the coupling for the launcher's device."""
-    return (HostCoupling if launcher.device == "cpu" else DeviceCoupling)(shapes, count, launcher)
+def coupling(layout: kernels.Layout, movable: DeviceArray, held: bool, launcher: Launcher) -> Coupling:
+    """Return the coupling for the launcher's device; `held` says whether any particle is not movable."""
+    kind = HostCoupling if launcher.device == "cpu" else DeviceCoupling
+    return kind(layout, movable, held, launcher)

@@ -1,17 +1,21 @@
 """A cohort made ready for the optimizer: surfaces and geodesic tables on the device."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from homolog.arrays import BoolArray
 from homolog.correspondence.engine import REACH
+from homolog.correspondence.schedule import particle_counts
 from homolog.correspondence.surfaces import Level, Placement, build_level, field_array, length_unit, ordered
 from homolog.correspondence.types import Shape
-from homolog.geodesics import solve_tables
+from homolog.geodesics import GeodesicTable, solve_tables
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
+from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["AREA", "Domain", "prepare"]
 
@@ -34,8 +38,8 @@ class Domain:
     placements : tuple of Placement
         Local millimetres to optimizer's coordinates.
     fields : wp.array of FieldData
-    coarse, fine : Level
-        For fewer than `FINE_FROM` particles, and for more; None if there will not be more.
+    coarse, fine : Level or None
+        For fewer than `FINE_FROM` particles, and for more; None if there will never be so many.
     geodesic : bool
         Whether the levels carry tables.
     device : str
@@ -46,55 +50,77 @@ class Domain:
     unit: float
     placements: tuple[Placement, ...]
     fields: Any
-    coarse: Level
+    coarse: Level | None
     fine: Level | None
     geodesic: bool
     device: str
 
     def level(self, count: int) -> Level:
         """Return the level on which so many particles measure their distances."""
-        return self.coarse if self.fine is None or count < FINE_FROM else self.fine
+        level = self.coarse if count < FINE_FROM else self.fine
+        if level is None:
+            raise ValueError(f"the shapes were not prepared for {count} particles")
+        return level
 
 
 def prepare(
-    shapes: Sequence[Shape], settings: OptimizeSettings, *, device: str, tick: Tick = no_tick
+    shapes: Sequence[Shape],
+    settings: OptimizeSettings,
+    *,
+    device: str,
+    counts: Sequence[int] | None = None,
+    moving: BoolArray | None = None,
+    tick: Tick = no_tick,
 ) -> Domain:
-    """Compute the geodesic tables and bring all shapes to the device."""
+    """Compute the geodesic tables and bring all shapes to the device.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+    settings : OptimizeSettings
+    device : str
+        Warp alias.
+    counts : sequence of int, optional
+        Numbers of particles that there will be; by default those of an optimization from its beginning.
+    moving : (M,) bool array, optional
+        Shapes on which particles may move. The others get no tables: nobody asks for distances on them.
+    tick : Tick
+        Progress and cancelling.
+    """
     unit = length_unit(shapes)
     placements = tuple(Placement(s.alignment[:3, :3] / unit, s.alignment[:3, 3] / unit) for s in shapes)
+    counts = particle_counts(settings.particles) if counts is None else counts
+    free = np.full(len(shapes), True) if moving is None else moving
     geodesic = settings.method.uses_geodesics
-    names = [shape.name for shape in shapes]
-    fine_meshes = [ordered(shape.mesh) for shape in shapes]
-    coarse_meshes = [ordered(shape.coarse_mesh) for shape in shapes]
-    wanted = settings.particles >= FINE_FROM
-    empty: Sequence[Any] = [None] * len(shapes)
-    reach = REACH * float(np.sqrt(AREA / (np.pi * FINE_FROM)))
-    coarse_tables = fine_tables = empty
-    if geodesic:
-        between = 0.3 if wanted else 1.0
-        coarse_tables = solve_tables(
-            coarse_meshes,
-            np.inf,
-            device=device,
-            names=names,
-            tick=part_of(tick, 0.0, between),
-        )
-        if wanted:
-            fine_tables = solve_tables(
-                fine_meshes,
-                [1.05 * reach / f.scale for f in placements],
+    few, many = [n for n in counts if n < FINE_FROM], [n for n in counts if n >= FINE_FROM]
+    between = 1.0 if not many else 0.3 if few else 0.0
+
+    def level(originals: Sequence[TriangleMesh], limits: Sequence[float], tick: Tick) -> Level:
+        meshes = [ordered(mesh) for mesh in originals]
+        tables: list[GeodesicTable | None] = [None] * len(shapes)
+        if geodesic:
+            chosen = [k for k, one in enumerate(free) if one]
+            solved = solve_tables(
+                [meshes[k] for k in chosen],
+                [limits[k] for k in chosen],
                 device=device,
-                names=names,
-                tick=part_of(tick, between, 1.0),
+                names=[shapes[k].name for k in chosen],
+                tick=tick,
             )
-    fine = build_level(fine_meshes, fine_tables, placements, device) if wanted else None
+            for k, table in zip(chosen, solved, strict=True):
+                tables[k] = table
+        return build_level(meshes, tables, placements, device, free)
+
+    complete = [np.inf] * len(shapes)
+    reach = REACH * math.sqrt(AREA / (math.pi * min(many))) if many else 0.0
+    enough = [reach / f.scale + 2.0 * s.mesh.mean_edge for s, f in zip(shapes, placements, strict=True)]
     return Domain(
-        names=tuple(names),
+        names=tuple(shape.name for shape in shapes),
         unit=unit,
         placements=placements,
         fields=field_array(shapes, placements, device),
-        coarse=build_level(coarse_meshes, coarse_tables, placements, device),
-        fine=fine,
+        coarse=level([s.coarse_mesh for s in shapes], complete, part_of(tick, 0.0, between)) if few else None,
+        fine=level([s.mesh for s in shapes], enough, part_of(tick, between, 1.0)) if many else None,
         geodesic=geodesic,
         device=device,
     )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from homolog.arrays import DeviceArray, Float32Array, FloatArray, IntArray
+from homolog.arrays import BoolArray, DeviceArray, Float32Array, FloatArray, IntArray
 from homolog.correspondence import kernels, sampling_kernels
 from homolog.correspondence.coupling import coupling
 from homolog.correspondence.launcher import Launcher
@@ -78,6 +78,8 @@ class Engine:
         Mean surface area in squared optimizer lengths.
     launcher : Launcher
         The device.
+    movable : (M, n) bool array, optional
+        Particles that may move; all if not given. The others' positions are taken as they are.
     """
 
     positions: DeviceArray
@@ -99,6 +101,7 @@ class Engine:
         geodesic: bool,
         area: float,
         launcher: Launcher,
+        movable: BoolArray | None = None,
     ) -> None:
         saved = particles if isinstance(particles, Particles) else None
         positions = particles.positions if isinstance(particles, Particles) else particles
@@ -115,7 +118,9 @@ class Engine:
         self.layout.expected_width = self.width
         self.layout.reach = REACH * self.width
         self._allocate(positions)
-        self.coupling = coupling(self.shapes, self.count, launcher)
+        free = np.ones(self.total) if movable is None else movable.ravel()
+        self.movable = wp.array(free, dtype=int, device=launcher.device)
+        self.coupling = coupling(self.layout, self.movable, movable is not None, launcher)
         self._project(0 if saved is not None else NEWTON_STEPS)
         if saved is not None:
             self._restore(saved)
@@ -128,7 +133,7 @@ class Engine:
         self.bends = wp.zeros(total, dtype=wp.mat33, **make)
         self.feet = wp.zeros(total, dtype=SurfacePoint, **make)
         self.widths = wp.full(total, self.width, dtype=float, **make)
-        self.next_widths = wp.zeros(total, dtype=float, **make)
+        self.next_widths = wp.full(total, self.width, dtype=float, **make)
         self.masses = wp.zeros(total, dtype=float, **make)
         self.energies = wp.zeros(total, dtype=float, **make)
         self.neighbors = wp.zeros((total, ROW), dtype=int, **make)
@@ -210,9 +215,10 @@ class Engine:
     def energy(self) -> FloatArray:
         """Return H(P), H(Z) and H(V) of the last iteration, per particle and shape, (3,).
 
-        H(P) counts as -(mean log density): the objective adds the three with their weights.
+        H(P) counts as -(mean log density): the objective adds the three with their weights. Shapes on which
+        no particle may move add nothing to it.
         """
-        return np.array([float(self.energies.numpy().mean()), *self.coupling.entropies()])
+        return np.array([float(self.energies.numpy().mean(dtype=np.float64)), *self.coupling.entropies()])
 
     def gaps(self) -> FloatArray:
         """Return how far the farthest particle of each shape is from its mesh, (M,), in optimizer lengths."""
@@ -225,7 +231,7 @@ class Engine:
         self.launch(
             kernels.project,
             self.total,
-            [self.count, newton_steps, self.fields, self.positions, self.normals, self.bends],
+            [self.count, newton_steps, self.movable, self.fields, self.positions, self.normals, self.bends],
         )
 
     def _locate(self) -> None:
@@ -311,6 +317,7 @@ class Engine:
             [
                 layout,
                 *knobs,
+                self.movable,
                 self.coupling.stiffness,
                 self.normals,
                 self.means,
@@ -321,7 +328,7 @@ class Engine:
                 self.steps,
             ],
         )
-        self.coupling.damp(self.steps, self.ensemble_part)
+        self.coupling.damp(*knobs, self.steps, self.ensemble_part)
         self.launch(
             kernels.move,
             self.total,

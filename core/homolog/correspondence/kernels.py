@@ -25,6 +25,7 @@ __all__ = [
     "Surface",
     "advance",
     "combine",
+    "damp_held",
     "locate",
     "mean_normals",
     "mix",
@@ -41,6 +42,7 @@ class Surface:
     faces: wp.array(dtype=wp.vec3i)
     face_neighbors: wp.array(dtype=wp.vec3i)  # across the edges opposite to each corner
     table: TableData
+    held: int  # 1: none of its particles may move, so that nothing is computed for it
 
 
 @wp.struct
@@ -71,6 +73,7 @@ def project(
     first: int,
     per_shape: int,
     newton_steps: int,
+    movable: wp.array(dtype=int),
     fields: wp.array(dtype=FieldData),
     positions: wp.array(dtype=wp.vec3),
     normals: wp.array(dtype=wp.vec3),
@@ -81,7 +84,7 @@ def project(
     field = fields[p // per_shape]
     x = positions[p]
     limit = 1.5 / wp.length(wp.vec3(field.to_index[0, 0], field.to_index[1, 0], field.to_index[2, 0]))
-    for _step in range(newton_steps):
+    for _step in range(newton_steps * movable[p]):
         here = field_point(field, x)
         steep = wp.max(wp.length_sq(here.gradient), 1.0e-6)
         move = -here.value / steep * here.gradient
@@ -201,6 +204,7 @@ def combine(
     c: Layout,
     stage: wp.array(dtype=Knobs),
     iteration: wp.array(dtype=int),
+    movable: wp.array(dtype=int),
     stiffness: wp.array(dtype=float),
     normals: wp.array(dtype=wp.vec3),
     means: wp.array(dtype=wp.vec3),
@@ -210,7 +214,7 @@ def combine(
     log_gradients: wp.array(dtype=wp.vec3),
     steps: wp.array(dtype=wp.vec3),
 ):
-    """Sum of the three descent directions times tau, in the tangent plane.
+    """Sum of the three descent directions times tau, in the tangent plane; zero where held.
 
     The normals' part is divided by 1 + its own stiffness, else it overshoots at sharp rims.
     """
@@ -222,7 +226,7 @@ def combine(
     knobs = stage[iteration[0]]
     damping = 1.0 + knobs.step * knobs.normals_weight * size * stiffness[0]
     total = forces[p] - knobs.ensemble_weight * ensemble[p] - knobs.normals_weight / damping * turned
-    steps[p] = knobs.step * tangent(total, n)
+    steps[p] = float(movable[p]) * knobs.step * tangent(total, n)
 
 
 @wp.kernel
@@ -242,6 +246,41 @@ def mix(
     for other in range(shapes):
         total += matrix[k, other] * source[other * per_shape + i]
     target[p] = total
+
+
+@wp.kernel
+def damp_held(
+    first: int,
+    c: Layout,
+    stage: wp.array(dtype=Knobs),
+    iteration: wp.array(dtype=int),
+    movable: wp.array(dtype=int),
+    gradient: wp.array(dtype=float, ndim=2),
+    damping: wp.array(dtype=float, ndim=2),
+    steps: wp.array(dtype=wp.vec3),
+    damped: wp.array(dtype=wp.vec3),
+):
+    """Apply the implicit part of the step where some particles are held.
+
+    (I + pW)^-1 across the shapes where a particle may move on all of them; else, on each alone, 1 / (1 + p r)
+    with r the sum of |W| over the shapes on which it may move (Gershgorin's bound, exact for one shape).
+    """
+    p = first + wp.tid()
+    i = p % c.per_shape
+    k = p // c.per_shape
+    together = wp.vec3(0.0, 0.0, 0.0)
+    bound = float(0.0)
+    free = int(0)
+    for other in range(c.shapes):
+        q = other * c.per_shape + i
+        together += damping[k, other] * steps[q]
+        bound += wp.abs(gradient[k, other]) * float(movable[q])
+        free += movable[q]
+    if free == c.shapes:
+        damped[p] = together
+    else:
+        knobs = stage[iteration[0]]
+        damped[p] = steps[p] / (1.0 + knobs.step * knobs.ensemble_weight * bound)
 
 
 @wp.kernel

@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from homolog.arrays import FloatArray
+from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.domain import AREA, Domain, prepare
 from homolog.correspondence.engine import LIST_LIFE, Engine, Particles
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.schedule import Plan, plan_stages
 from homolog.correspondence.splitting import split
 from homolog.correspondence.start import first_particles
-from homolog.correspondence.types import Checkpoint, Correspondence, Frame, Observe, Reason, Shape
+from homolog.correspondence.types import Checkpoint, Correspondence, Frame, Observe, Reason, Shape, Start
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
@@ -37,6 +37,7 @@ def optimize(
     tick: Tick = no_tick,
     observe: Observe | None = None,
     checkpoint: Keep | None = None,
+    start: Start | None = None,
     resume: Checkpoint | None = None,
 ) -> Correspondence:
     """Place corresponding particles on all shapes (the paper's Eq. 5).
@@ -55,27 +56,57 @@ def optimize(
         Takes the newest `Frame`, at most 20 times a second.
     checkpoint : callable, optional
         Takes a `Checkpoint` at every split and every 30 s.
+    start : Start, optional
+        Particles of an earlier result: as many as wanted, or fewer, which are then split; where some of
+        them may not move there must be as many as wanted. By default first particles are found by
+        registration.
     resume : Checkpoint, optional
-        Where a broken-off run of the same shapes and settings goes on; on the CPU it ends bit-identical
-        to one that was not broken off.
+        Where a broken-off run of the same shapes, settings and start goes on; on the CPU it ends
+        bit-identical to one that was not broken off.
 
     Raises
     ------
     InputError
-        If there are fewer than two shapes, or the checkpoint does not fit.
+        If there are fewer than two shapes, or start or checkpoint do not fit.
     NumericalError
         If a particle is lost (a position that is no number).
     """
     if len(shapes) < 2:
         raise InputError("correspondence needs at least two shapes")
+    if start is not None:
+        _check_start(start, len(shapes), settings.particles)
+    moving: BoolArray | None = None
+    if start is not None and start.movable is not None:
+        moving = np.any(start.movable, axis=1)
+    stages = plan_stages(settings, start.local.shape[1] if start is not None else None)
     geometry = 0.3 if settings.method.uses_geodesics else 0.02
-    domain = prepare(shapes, settings, device=device, tick=part_of(tick, 0.0, geometry))
-    journey = _Journey(domain, settings, part_of(tick, geometry, 1.0), observe, checkpoint)
+    domain = prepare(
+        shapes,
+        settings,
+        device=device,
+        counts=[plan.count for plan in stages],
+        moving=moving,
+        tick=part_of(tick, 0.0, geometry),
+    )
+    journey = _Journey(domain, settings, stages, start, part_of(tick, geometry, 1.0), observe, checkpoint)
     try:
         reason = journey.run(resume)
     finally:
         journey.launcher.close()
     return journey.result(shapes, reason)
+
+
+def _check_start(start: Start, shapes: int, particles: int) -> None:
+    given = start.local.shape
+    if given[0] != shapes or given[1] > particles:
+        raise InputError(
+            f"the particles to start with are {given[1]} on {given[0]} shapes; asked for are {particles} on "
+            f"{shapes}; leave out no shape and ask for at least as many particles"
+        )
+    if start.movable is not None and (given[1] != particles or start.movable.shape != given[:2]):
+        raise InputError("where some particles may not move, all particles must be given; ask for no others")
+    if start.movable is not None and not start.movable.any():
+        raise InputError("no particle may move, so there is nothing to optimize; free some")
 
 
 class _Journey:
@@ -85,14 +116,18 @@ class _Journey:
         self,
         domain: Domain,
         settings: OptimizeSettings,
+        stages: Sequence[Plan],
+        start: Start | None,
         tick: Tick,
         observe: Observe | None,
         keep: Keep | None,
     ) -> None:
         self.domain, self.settings, self.observe, self.keep = domain, settings, observe, keep
+        self.start, self.stages = start, stages
         self.start_tick, self.tick = part_of(tick, 0.0, 0.05), part_of(tick, 0.05, 1.0)
         self.launcher = Launcher(domain.device)
-        self.stages = plan_stages(settings)
+        free = 1.0 if start is None or start.movable is None else float(start.movable.mean())
+        self.tolerance = settings.tolerance * free  # the objective is per particle, of all
         self.energies: list[list[float]] = []
         self.iteration = 0
         self._next_frame = self._next_checkpoint = 0.0
@@ -100,18 +135,16 @@ class _Journey:
 
     def run(self, resume: Checkpoint | None) -> Reason:
         """Go through the stages, the first or the rest of them."""
-        start, done = 0, 0
+        begin, done = 0, 0
         if resume is None:
-            first = first_particles(
-                self.domain.coarse.meshes, self.stages[0].count, self.settings.seed, self.start_tick
-            )
-            self.engine = self._engine(self.stages[0], first)
+            first = self._first()
+            self.engine = self._engine(self.stages[0].count, first)
         else:
-            start, done = resume.stage, resume.done
+            begin, done = self._stage_of(resume), resume.done
             self.iteration, self.energies = resume.iteration, resume.energies.tolist()
-            self.engine = self._engine(self._checked(resume), _particles(resume))
+            self.engine = self._engine(self.stages[begin].count, _particles(resume))
         reason = Reason.ITERATIONS
-        for index in range(start, len(self.stages)):
+        for index in range(begin, len(self.stages)):
             plan = self.stages[index]
             if plan.count != self.engine.count:
                 self._split(plan)
@@ -120,17 +153,30 @@ class _Journey:
             done = 0
         return reason
 
-    def _checked(self, resume: Checkpoint) -> Plan:
-        plan = self.stages[min(resume.stage, len(self.stages) - 1)]
-        if resume.positions.shape[:2] != (len(self.domain.names), plan.count):
-            raise InputError("the checkpoint belongs to another cohort or other settings; start the run anew")
-        return plan
+    def _first(self) -> FloatArray:
+        """Return the particles to begin with, in the optimizer's coordinates."""
+        if self.start is None:
+            level, count = self.domain.level(self.stages[0].count), self.stages[0].count
+            return first_particles(level.meshes, count, self.settings.seed, self.start_tick)
+        pairs = zip(self.domain.placements, self.start.local, strict=True)
+        return np.stack([place.apply(one) for place, one in pairs])
 
-    def _engine(self, plan: Plan, particles: Particles | FloatArray) -> Engine:
-        level = self.domain.level(plan.count)
-        geodesic = self.domain.geodesic
+    def _stage_of(self, resume: Checkpoint) -> int:
+        index = len(self.stages) - 1 - resume.left
+        expected = (len(self.domain.names), self.stages[max(index, 0)].count)
+        if index < 0 or resume.positions.shape[:2] != expected:
+            raise InputError("the checkpoint belongs to another cohort or other settings; start the run anew")
+        return index
+
+    def _engine(self, count: int, particles: Particles | FloatArray) -> Engine:
         return Engine(
-            self.domain.fields, level, particles, geodesic=geodesic, area=AREA, launcher=self.launcher
+            self.domain.fields,
+            self.domain.level(count),
+            particles,
+            geodesic=self.domain.geodesic,
+            area=AREA,
+            launcher=self.launcher,
+            movable=None if self.start is None else self.start.movable,
         )
 
     def _split(self, plan: Plan) -> None:
@@ -138,7 +184,7 @@ class _Journey:
         random = np.random.default_rng([self.settings.seed, plan.count])
         offset = SPLIT_OFFSET * old.width
         self.engine = self._engine(
-            plan, split(old.host_positions(), old.host_normals(), plan.count, offset, random)
+            plan.count, split(old.host_positions(), old.host_normals(), plan.count, offset, random)
         )
 
     def _stage(self, index: int, done: int) -> Reason:
@@ -155,7 +201,7 @@ class _Journey:
             self.iteration += times
             if done % RECORD == 0 or done == plan.iterations:
                 objective = self._record(plan)
-                if plan.until_converged and abs(before - objective) < self.settings.tolerance:
+                if plan.until_converged and abs(before - objective) < self.tolerance:
                     return Reason.CONVERGED
                 before = objective
             self._report(index, done)
@@ -205,19 +251,32 @@ class _Journey:
         now = self.engine.particles()
         energies = np.array(self.energies).reshape(-1, 4)
         self.keep(
-            Checkpoint(index, done, self.iteration, now.positions, now.widths, now.means, now.faces, energies)
+            Checkpoint(
+                left=len(self.stages) - 1 - index,
+                done=done,
+                iteration=self.iteration,
+                positions=now.positions,
+                widths=now.widths,
+                means=now.means,
+                faces=now.faces,
+                energies=energies,
+            )
         )
 
     def result(self, shapes: Sequence[Shape], reason: Reason) -> Correspondence:
         """Return the particles in millimetres."""
         positions = self.engine.host_positions().astype(np.float64)
-        local = [place.invert(one) for place, one in zip(self.domain.placements, positions, strict=True)]
+        local = np.stack([p.invert(one) for p, one in zip(self.domain.placements, positions, strict=True)])
+        if self.start is not None and self.start.movable is not None:
+            local = np.where(self.start.movable[..., None], local, self.start.local)
+        alignments = np.stack([shape.alignment for shape in shapes])
+        turned = [one @ matrix[:3, :3].T for one, matrix in zip(local, alignments, strict=True)]
         return Correspondence(
-            world=positions * self.domain.unit,
-            local=np.stack(local),
+            world=np.stack(turned) + alignments[:, None, :3, 3],
+            local=local,
             normals=self.engine.host_normals().astype(np.float64),
             energies=np.array(self.energies).reshape(-1, 4),
-            alignments=np.stack([shape.alignment for shape in shapes]),
+            alignments=alignments,
             iterations=self.iteration,
             reason=reason,
         )

@@ -48,6 +48,8 @@ def link_neighbors(
     """
     p = first + wp.tid()
     shape = p // c.per_shape
+    if surfaces[shape].held == 1:
+        return
     table = surfaces[shape].table  # once: a copy of this struct costs more than a lookup
     x = spread_positions[p]
     foot = feet[p]
@@ -92,6 +94,8 @@ def repel(
     """
     p = first + wp.tid()
     shape = p // c.per_shape
+    if surfaces[shape].held == 1:
+        return
     x = positions[p]
     n = normals[p]
     foot = feet[p]

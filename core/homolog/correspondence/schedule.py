@@ -57,23 +57,30 @@ class Plan:
         )
 
 
-def particle_counts(particles: int) -> list[int]:
-    """Return the numbers of particles: halved, rounded up, down to at most `FIRST`; ascending."""
+def particle_counts(particles: int, fewest: int = FIRST) -> list[int]:
+    """Return the numbers of particles: halved, rounded up, down to at most `fewest`; ascending."""
     counts = [particles]
-    while counts[-1] > FIRST:
+    while counts[-1] > fewest:
         counts.append((counts[-1] + 1) // 2)
     return counts[::-1]
 
 
-def plan_stages(settings: OptimizeSettings) -> list[Plan]:
-    """Return the stages of an optimization, from the first particles to all."""
+def plan_stages(settings: OptimizeSettings, present: int | None = None) -> list[Plan]:
+    """Return the stages of an optimization, from the first particles, or those `present`, to all.
+
+    Plans for the same number of particles end alike, wherever they begin.
+    """
     normals = settings.normals_weight if settings.method.uses_normals else 0.0
     weight, split = settings.ensemble_weight, settings.split_iterations
-    first, *more = particle_counts(settings.particles)
-    stages = [Plan(Stage.SPLITTING, first, split, MEAN_PULL * HUGE, normals, (HUGE, HUGE), (0.3, 0.3))]
+    stages = []
+    if present is None:
+        counts = particle_counts(settings.particles)
+        whole = (MEAN_PULL * HUGE, normals, (HUGE, HUGE), (0.3, 0.3))
+        stages.append(Plan(Stage.SPLITTING, counts[0], split, *whole))
+    else:
+        counts = particle_counts(settings.particles, present)[1:]
     stages += [
-        Plan(Stage.SPLITTING, count, split, weight, normals, (10.0, 0.2), (0.3, 0.03))
-        for count in (first, *more)
+        Plan(Stage.SPLITTING, count, split, weight, normals, (10.0, 0.2), (0.3, 0.03)) for count in counts
     ]
     begin, end = settings.regularization_start, settings.regularization_end
     rest = (settings.particles, settings.anneal_iterations, weight, normals)

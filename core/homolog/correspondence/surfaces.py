@@ -12,7 +12,7 @@ import warp as wp
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from homolog.arrays import DeviceArray, FloatArray, IntArray
+from homolog.arrays import BoolArray, DeviceArray, FloatArray, IntArray
 from homolog.correspondence.functions import FieldData
 from homolog.correspondence.kernels import Surface
 from homolog.correspondence.types import Shape
@@ -95,19 +95,28 @@ def build_level(
     tables: Sequence[GeodesicTable | None],
     placements: Sequence[Placement],
     device: str,
+    moving: BoolArray | None = None,
 ) -> Level:
-    """Bring meshes and tables of all shapes to the device (tables stay empty for straight distances)."""
+    """Bring meshes and tables of all shapes to the device.
+
+    Tables stay empty for straight distances, and for shapes on which no particle is `moving`.
+    """
     placed = [TriangleMesh(f.apply(m.vertices), m.faces) for m, f in zip(meshes, placements, strict=True)]
     keep = [
-        _surface(mesh, table, placement, device)
-        for mesh, table, placement in zip(placed, tables, placements, strict=True)
+        _surface(mesh, table, placement, device, free)
+        for mesh, table, placement, free in zip(
+            placed, tables, placements, [True] * len(placed) if moving is None else moving, strict=True
+        )
     ]
     extent = max(float(np.abs(mesh.vertices).max()) for mesh in placed)
     return Level(wp.array(keep, dtype=Surface, device=device), placed, extent, keep)
 
 
-def _surface(mesh: TriangleMesh, table: GeodesicTable | None, placement: Placement, device: str) -> Surface:
+def _surface(
+    mesh: TriangleMesh, table: GeodesicTable | None, placement: Placement, device: str, moving: bool
+) -> Surface:
     surface = Surface()
+    surface.held = int(not moving)
     surface.vertices = wp.array(mesh.vertices.astype(np.float32), dtype=wp.vec3, device=device)
     surface.faces = wp.array(mesh.faces, dtype=wp.vec3i, device=device)
     surface.face_neighbors = wp.array(face_neighbors(mesh.faces), dtype=wp.vec3i, device=device)

@@ -6,11 +6,11 @@ from enum import StrEnum
 
 import numpy as np
 
-from homolog.arrays import Float32Array, FloatArray, IntArray, frozen
+from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray, frozen
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Checkpoint", "Correspondence", "Frame", "Observe", "Reason", "Shape", "Stage"]
+__all__ = ["Checkpoint", "Correspondence", "Frame", "Observe", "Reason", "Shape", "Stage", "Start"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +39,28 @@ class Shape:
     def __post_init__(self) -> None:
         """Freeze the alignment."""
         object.__setattr__(self, "alignment", frozen(self.alignment, np.float64))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """Particles to begin with, in place of first ones.
+
+    Attributes
+    ----------
+    local : (M, n, 3) float64 array
+        In file coordinates [mm], on the surfaces or near them.
+    movable : (M, n) bool array, optional
+        Which of them may move; all if not given. The others stay as they are, to the bit, and act on these.
+    """
+
+    local: FloatArray
+    movable: BoolArray | None = None
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "local", frozen(self.local, np.float64))
+        if self.movable is not None:
+            object.__setattr__(self, "movable", frozen(self.movable, np.bool_))
 
 
 class Stage(StrEnum):
@@ -82,10 +104,10 @@ class Checkpoint:
 
     Attributes
     ----------
-    stage : int
-        Index in the plan.
+    left : int
+        Stages that follow the present one.
     done : int
-        Iterations of that stage that are behind it.
+        Iterations of the present stage that are behind it.
     iteration : int
         Iterations in all.
     positions : (M, n, 3) float32 array
@@ -100,7 +122,7 @@ class Checkpoint:
         As recorded so far.
     """
 
-    stage: int
+    left: int
     done: int
     iteration: int
     positions: Float32Array

@@ -6,7 +6,7 @@ import warp as wp
 
 from homolog.correspondence.coupling import DeviceCoupling, HostCoupling
 from homolog.correspondence.dual import covariance, entropy, inverse_dual, solve_duals
-from homolog.correspondence.kernels import Knobs
+from homolog.correspondence.kernels import Knobs, Layout
 from homolog.correspondence.launcher import Launcher
 
 SHAPES, PARTICLES = 6, 40
@@ -58,7 +58,8 @@ def test_entropy_per_particle_does_not_depend_on_how_often_each_particle_is_coun
     assert energy(twice, 0.3) == pytest.approx(energy(rows, 0.3), rel=1e-12)
 
 
-def test_the_device_coupling_computes_what_the_host_coupling_does(rows):
+@pytest.mark.parametrize("held", [False, True])
+def test_the_device_coupling_computes_what_the_host_coupling_does(rows, held):
     launcher = Launcher("cpu", threads=1)
     knobs = np.zeros(1, dtype=Knobs.numpy_dtype())
     knobs["step"], knobs["ensemble_weight"] = 2.0, 0.3
@@ -69,13 +70,45 @@ def test_the_device_coupling_computes_what_the_host_coupling_does(rows):
         wp.array(values.reshape(-1, 3).astype(np.float32), dtype=wp.vec3, device="cpu")
         for values in (rows, 0.1 * rows[::-1])
     )
+    layout = Layout()
+    layout.shapes, layout.per_shape = SHAPES, PARTICLES
+    free = np.random.default_rng(1).random(SHAPES * PARTICLES) < 0.7
+    movable = wp.array(free if held else np.ones_like(free), dtype=int, device="cpu")
     results = []
     for kind in (HostCoupling, DeviceCoupling):
-        coupling = kind(SHAPES, PARTICLES, launcher)
+        coupling = kind(layout, movable, held, launcher)
         out = [wp.zeros(SHAPES * PARTICLES, dtype=wp.vec3, device="cpu") for _ in range(3)]
         coupling.solve(stage, iteration, centred, logs)
         coupling.directions(centred, logs, out[0], out[1])
-        coupling.damp(centred, out[2])
+        coupling.damp(stage, iteration, centred, out[2])
         results.append([*(array.numpy() for array in out), coupling.stiffness.numpy(), coupling.entropies()])
     for host, device in zip(*results, strict=True):
         np.testing.assert_allclose(host, device, rtol=1e-4, atol=1e-5)
+
+
+def test_where_all_shapes_may_move_holding_others_changes_nothing(rows):
+    """The kernel for held particles is the plain one where none of a column is held, and safe elsewhere."""
+    launcher = Launcher("cpu", threads=1)
+    knobs = np.zeros(1, dtype=Knobs.numpy_dtype())
+    knobs["step"], knobs["ensemble_weight"] = 2.0, 0.3
+    knobs["regularization"], knobs["normals_regularization"] = 0.4, 0.1
+    stage = wp.array(knobs, dtype=Knobs, device="cpu")
+    iteration = wp.zeros(1, dtype=int, device="cpu")
+    layout = Layout()
+    layout.shapes, layout.per_shape = SHAPES, PARTICLES
+    free = np.ones((SHAPES, PARTICLES), dtype=np.int32)
+    free[:-1, 0] = 0
+    movable = wp.array(free.ravel(), dtype=int, device="cpu")
+    steps = rows.reshape(SHAPES, PARTICLES, 3) * free[..., None]
+    given = wp.array(steps.reshape(-1, 3).astype(np.float32), dtype=wp.vec3, device="cpu")
+    results = []
+    for held in (False, True):
+        coupling = HostCoupling(layout, movable, held, launcher)
+        coupling.solve(stage, iteration, given, given)
+        out = wp.zeros(SHAPES * PARTICLES, dtype=wp.vec3, device="cpu")
+        coupling.damp(stage, iteration, given, out)
+        results.append(out.numpy().reshape(SHAPES, PARTICLES, 3))
+    plain, held = results
+    np.testing.assert_allclose(held[:, 1:], plain[:, 1:], rtol=1e-4, atol=1e-5)
+    np.testing.assert_array_equal(held[:-1, 0], 0.0)
+    assert (np.abs(held[-1, 0]) < np.abs(steps[-1, 0])).all()

@@ -28,7 +28,8 @@ def projected(shape, placement, points):
     positions = vectors(placement.apply(points))
     normals = wp.zeros(len(points), dtype=wp.vec3, device="cpu")
     bends = wp.zeros(len(points), dtype=wp.mat33, device="cpu")
-    LAUNCHER(kernels.project, len(points), [len(points), 3, fields, positions, normals, bends])
+    free = wp.full(len(points), 1, dtype=int, device="cpu")
+    LAUNCHER(kernels.project, len(points), [len(points), 3, free, fields, positions, normals, bends])
     return positions.numpy(), normals.numpy(), bends.numpy()
 
 
@@ -145,6 +146,7 @@ def pulled_back(means, normals, gradients):
             layout,
             wp.array(knobs, dtype=kernels.Knobs, device="cpu"),
             wp.zeros(1, dtype=int, device="cpu"),
+            wp.full(count, 1, dtype=int, device="cpu"),
             wp.zeros(1, dtype=float, device="cpu"),
             vectors(normals),
             vectors(means),

@@ -1,0 +1,217 @@
+"""Optimizing only some of a result's particles: a patch put right, new subjects fitted to a frozen model.
+
+Particles that are to move first go where the other subjects' correspondence predicts them, so that the
+optimizer has to find the place but not the neighbourhood.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.interpolate import RBFInterpolator
+from scipy.spatial import cKDTree
+
+from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.correspondence.optimizer import optimize
+from homolog.correspondence.start import SmoothingMap, features, register, spread_indices, vertex_normals
+from homolog.correspondence.surfaces import Placement, length_unit
+from homolog.correspondence.types import Correspondence, Observe, Shape, Start
+from homolog.errors import InputError
+from homolog.progress import Tick, no_tick
+from homolog.settings import OptimizeSettings
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["fitting_start", "predicted", "repair"]
+
+CONTROL = 400  # points that drive a thin-plate map
+NEAR, FAR = 300, 100  # particles around a patch that tell its place, and more all over the shape
+TIGHT = 1e-6  # smoothing of a thin-plate map that passes through its targets
+ANNEAL, SETTLE = 100, 200  # iterations of a repair, at most
+LOOSE = 0.2  # regularisation at its start
+
+
+def repair(
+    shapes: Sequence[Shape],
+    settings: OptimizeSettings,
+    local: FloatArray,
+    movable: BoolArray,
+    *,
+    misplaced: BoolArray | None = None,
+    device: str = "cpu",
+    tick: Tick = no_tick,
+    observe: Observe | None = None,
+) -> Correspondence:
+    """Put some particles of a result right; the others stay as they are, to the bit.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        M of them, aligned as they were in the end.
+    settings : OptimizeSettings
+        Of the run that made the result.
+    local : (M, N, 3) array
+        All particles in file coordinates [mm].
+    movable : (M, N) bool array
+        Those that may move: a patch on one subject, or on several.
+    misplaced : (M, N) bool array, optional
+        Those that are not trusted at all: they begin where the other subjects predict them. By default
+        all that are movable.
+    device : str
+        Warp alias of the device.
+    tick, observe
+        As in `optimize`.
+
+    Returns
+    -------
+    Correspondence
+        Of all subjects.
+
+    Raises
+    ------
+    InputError
+        If the arrays do not fit the shapes, or nothing is movable.
+    """
+    wrong = movable if misplaced is None else misplaced
+    if local.shape[:2] != (len(shapes), *movable.shape[1:]) or wrong.shape != movable.shape:
+        raise InputError("the particles and the choice of those that may move are not of the same cohort")
+    settings = settings.model_copy(
+        update={
+            "particles": local.shape[1],
+            "anneal_iterations": ANNEAL,
+            "settle_iterations": SETTLE,
+            "regularization_start": max(LOOSE, settings.regularization_end),
+        }
+    )
+    start = Start(_placed(shapes, local, wrong), movable)
+    return optimize(shapes, settings, device=device, tick=tick, observe=observe, start=start)
+
+
+def predicted(world: FloatArray, misplaced: BoolArray) -> FloatArray:
+    """Return particles of which the misplaced ones are where the other subjects have them.
+
+    Parameters
+    ----------
+    world : (M, N, 3) array
+        Aligned particles.
+    misplaced : (M, N) bool array
+        Those to be moved.
+
+    Returns
+    -------
+    (M, N, 3) array
+        For each subject the mean of the others is carried to it by a thin-plate map through the particles
+        that are in place, most of them around the misplaced ones.
+
+    Raises
+    ------
+    InputError
+        If on some subject none is in place.
+    """
+    result = world.copy()
+    for k in np.flatnonzero(misplaced.any(axis=1)).tolist():
+        trusted = ~misplaced
+        trusted[k] = False
+        trusted[:, ~trusted.any(axis=0)] = True  # misplaced on all others: better they than none
+        trusted[k] = False
+        weights = trusted / trusted.sum(axis=0)
+        others = np.einsum("mn,mnd->nd", weights, world)
+        if misplaced[k].all():
+            raise InputError("no particle of one subject is in place; fit the subject to the others instead")
+        sought, known = np.flatnonzero(misplaced[k]), np.flatnonzero(~misplaced[k])
+        near = np.argsort(cKDTree(others[sought]).query(others[known])[0])[:NEAR]
+        far = spread_indices(others[known], min(FAR, len(known)))
+        guides = known[np.union1d(near, far)]
+        carry = RBFInterpolator(others[guides], world[k, guides], kernel="linear", degree=1)
+        result[k, sought] = carry(others[sought])
+    return result
+
+
+def fitting_start(shapes: Sequence[Shape], local: FloatArray, known: BoolArray) -> Start:
+    """Return where to begin fitting new subjects to a frozen model.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        M of them, the known ones aligned as the model has them.
+    local : (K, N, 3) array
+        Particles of the known shapes, in their order, in file coordinates [mm].
+    known : (M,) bool array
+        Which K of the shapes they are.
+
+    Returns
+    -------
+    Start
+        On each new shape the particles of the known one that is nearest to it, carried by the registration
+        that also places first particles; only those may move.
+    """
+    placements = _placements(shapes)
+    start = np.empty((len(shapes), *local.shape[1:]))
+    start[known] = local
+    coarse = [_moved(s.coarse_mesh, p) for s, p in zip(shapes, placements, strict=True)]
+    points = [mesh.vertices[:: max(1, len(mesh.vertices) // CONTROL)] for mesh in coarse]
+    for k in np.flatnonzero(~known).tolist():
+        tree = cKDTree(coarse[k].vertices)
+        costs = [float(np.mean(tree.query(points[j])[0])) for j in np.flatnonzero(known)]
+        nearest = int(np.flatnonzero(known)[int(np.argmin(costs))])
+        fine = _moved(shapes[nearest].mesh, placements[nearest])
+        particles = placements[nearest].apply(start[nearest])
+        moved, normals = _carried(coarse[nearest], coarse[k], particles, _normals_at(fine, particles))
+        snapped = _snapped(moved, normals, _moved(shapes[k].mesh, placements[k]))
+        start[k] = placements[k].invert(snapped)
+    return Start(start, np.repeat(~known[:, None], local.shape[1], axis=1))
+
+
+def _placed(shapes: Sequence[Shape], local: FloatArray, misplaced: BoolArray) -> FloatArray:
+    """Return the local particles, the misplaced ones predicted and snapped to their surface."""
+    placements = _placements(shapes)
+    world = np.stack([p.apply(one) for p, one in zip(placements, local, strict=True)])
+    goals = predicted(world, misplaced)
+    result = local.copy()
+    for k in np.flatnonzero(misplaced.any(axis=1)).tolist():
+        columns = misplaced[k]
+        normals = np.zeros((int(columns.sum()), 3))
+        for j, shape in enumerate(shapes):
+            if j != k:
+                normals += _normals_at(_moved(shape.mesh, placements[j]), world[j, columns])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        snapped = _snapped(goals[k, columns], normals, _moved(shapes[k].mesh, placements[k]))
+        result[k, columns] = placements[k].invert(snapped)
+    return result
+
+
+def _placements(shapes: Sequence[Shape]) -> list[Placement]:
+    unit = length_unit(shapes)
+    return [Placement(s.alignment[:3, :3] / unit, s.alignment[:3, 3] / unit) for s in shapes]
+
+
+def _moved(mesh: TriangleMesh, placement: Placement) -> TriangleMesh:
+    return TriangleMesh(placement.apply(mesh.vertices), mesh.faces)
+
+
+def _normals_at(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
+    """Return the mesh's normals at points on it, (n, 3)."""
+    nearest: IntArray = np.asarray(cKDTree(mesh.vertices).query(points)[1])
+    normals: FloatArray = vertex_normals(mesh)[nearest]
+    return normals
+
+
+def _carried(
+    source: TriangleMesh, target: TriangleMesh, points: FloatArray, normals: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return points and normals on one coarse mesh carried towards another, (n, 3) each."""
+    control = spread_indices(source.vertices, min(CONTROL, len(source.vertices)))
+    maps = SmoothingMap.between(source.vertices[control], source.vertices)
+    deformed = register(source, control, target, vertex_normals(target), maps)
+    through = SmoothingMap.between(source.vertices[control], points)
+    near = cKDTree(features(source.vertices, vertex_normals(source))).query(features(points, normals))[1]
+    return through.moved(deformed.vertices[control], TIGHT), vertex_normals(deformed)[near]
+
+
+def _snapped(points: FloatArray, normals: FloatArray, mesh: TriangleMesh) -> FloatArray:
+    """Return points on a mesh near the given ones, on the side that faces as the normals do, (n, 3)."""
+    nearest = cKDTree(features(mesh.vertices, vertex_normals(mesh))).query(features(points, normals))[1]
+    feet, upward = mesh.vertices[nearest], vertex_normals(mesh)[nearest]
+    aside = points - feet
+    aside -= upward * np.einsum("nd,nd->n", aside, upward)[:, None]
+    length = np.linalg.norm(aside, axis=1, keepdims=True)
+    snapped: FloatArray = feet + aside * np.minimum(1.0, mesh.mean_edge / np.maximum(length, 1e-12))
+    return snapped
