@@ -4,6 +4,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from homolog.arrays import Array
 from homolog.correspondence import Checkpoint
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
@@ -43,7 +46,27 @@ def read_checkpoint(path: Path, fingerprint: str) -> Checkpoint | None:
         raise InputError(
             f"{path}: the settings or surfaces are not those of the broken-off run; run without --resume"
         )
+    if not _fits_together(stored):
+        raise InputError(f"{path}: is damaged: its arrays do not fit together; run without --resume")
     values: dict[str, Any] = {
         name: stored[name] if stored[name].ndim else stored[name].item() for name in names
     }
     return Checkpoint(**values)
+
+
+def _fits_together(stored: dict[str, Array]) -> bool:
+    """Return whether kernels can be trusted with a checkpoint's arrays."""
+    counts = [stored[name] for name in ("stage", "done", "iteration")]
+    shape = stored["positions"].shape
+    return (
+        all(one.ndim == 0 and one.dtype.kind == "i" and one >= 0 for one in counts)
+        and len(shape) == 3
+        and shape[2] == 3
+        and stored["widths"].shape == stored["faces"].shape == shape[:2]
+        and stored["means"].shape == shape[1:]
+        and stored["energies"].shape[1:] == (4,)
+        and stored["faces"].dtype == np.int32
+        and all(stored[name].dtype == np.float32 for name in ("positions", "widths", "means"))
+        and stored["energies"].dtype == np.float64
+        and all(np.isfinite(one).all() for one in stored.values() if one.dtype.kind == "f")
+    )
