@@ -3,12 +3,14 @@
 import ctypes.util
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import warp as wp
 
 from homolog.errors import InputError
 
-__all__ = ["choose_device", "cores", "describe_device"]
+__all__ = ["choose_device", "cores", "describe_device", "device_faults"]
 
 
 def _start_warp() -> None:
@@ -62,6 +64,38 @@ def describe_device(alias: str) -> str:
         return f"cpu ({cores()} cores)"
     device = wp.get_device(alias)
     return f"{alias} ({device.name}, {device.total_memory / 2**30:.0f} GB)"
+
+
+@contextmanager
+def device_faults(alias: str) -> Iterator[None]:
+    """Turn what Warp raises when a GPU is lost or memory is full into an error with a remedy.
+
+    Nothing goes on elsewhere by itself: another device gives other last digits, and takes other time.
+
+    Raises
+    ------
+    InputError
+        Naming the device, what happened and how to go on from the state that was saved.
+    """
+    try:
+        yield
+    except (RuntimeError, MemoryError) as error:
+        full = isinstance(error, MemoryError) or any(words in str(error) for words in _FULL)
+        from_warp = type(error) is RuntimeError and (full or alias != "cpu")
+        if not from_warp and not isinstance(error, MemoryError):
+            raise
+        what = "has too little memory" if full else "failed"
+        remedy = (
+            "free memory, or use fewer particles or coarser meshes" if full else "resume when it works again"
+        )
+        elsewhere = "" if alias == "cpu" else "; the run can also be resumed on the device cpu"
+        raise InputError(
+            f"{alias}: {what} ({error}); the last checkpoint is kept: {remedy}{elsewhere}"
+        ) from error
+
+
+_FULL = ("Failed to allocate", "out of memory")
+"""What Warp and CUDA say when memory is full."""
 
 
 def cores() -> int:

@@ -6,7 +6,7 @@ import numpy as np
 
 from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Correspondence, Frame, Shape, optimize
-from homolog.device import choose_device, cores
+from homolog.device import choose_device, cores, device_faults
 from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import writing
 from homolog.files.project import Project
@@ -232,12 +232,13 @@ class Run:
             self._energies = checkpoint.energies
             write_checkpoint(path, checkpoint, study.fingerprint)
 
-        return optimize(
-            study.shapes,
-            study.settings.optimize,
-            device=study.device,
-            tick=self._control.tick,
-            observe=observe,
-            checkpoint=save,
-            resume=read_checkpoint(path, study.fingerprint) if self._resume else None,
-        )
+        with device_faults(study.device):
+            return optimize(
+                study.shapes,
+                study.settings.optimize,
+                device=study.device,
+                tick=self._control.tick,
+                observe=observe,
+                checkpoint=save,
+                resume=read_checkpoint(path, study.fingerprint) if self._resume else None,
+            )
