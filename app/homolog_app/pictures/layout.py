@@ -17,7 +17,7 @@ from homolog.arrays import Array
 from homolog.errors import InputError
 from homolog_app.pictures.colours import LIGHT, Theme, diverging_table
 
-__all__ = ["Panel", "arrange", "write_picture"]
+__all__ = ["Panel", "arrange", "draw_displacement_bar", "write_picture"]
 
 _DPI = 200
 _UNDATED = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
@@ -127,25 +127,25 @@ def arrange(
     if limit:
         length = min(bottom - top - 4.5 * _LINE, _BAR_LENGTH)
         x = right + _EDGE + (_BAR_AREA - _BAR_WIDTH) / 2.0
-        _draw_bar(page.axes(x, (top + bottom - length) / 2.0, _BAR_WIDTH, length), limit, theme)
+        draw_displacement_bar(page.axes(x, (top + bottom - length) / 2.0, _BAR_WIDTH, length), limit, theme)
     return page.figure
 
 
-def _draw_bar(place: Axes, limit: float, theme: Theme) -> None:
+def draw_displacement_bar(place: Axes, limit: float, theme: Theme, font_pt: float = _FONT_PT) -> None:
     """Draw the displacement colours with their scale and what the sides mean."""
     colours = ScalarMappable(Normalize(-limit, limit), ListedColormap(diverging_table().tolist()))
     ticks = np.linspace(-limit, limit, 5)
     bar = place.figure.colorbar(colours, cax=place, ticks=ticks)
     bar.ax.set_yticklabels([f"{tick:+.3g}".replace("-", "−") if tick else "0" for tick in ticks])
-    bar.ax.tick_params(labelsize=_FONT_PT, colors=theme.text, length=2.5)
+    bar.ax.tick_params(labelsize=font_pt, colors=theme.text, length=2.5)
     bar.outline.set_edgecolor(theme.text)
     bar.outline.set_linewidth(0.5)
     style: dict[str, Any] = {
         "xycoords": "axes fraction", "textcoords": "offset points", "ha": "center",
-        "color": theme.text, "fontsize": _FONT_PT,
+        "color": theme.text, "fontsize": font_pt,
     }  # fmt: skip
-    place.annotate("expansion\n(outward, mm)", (0.5, 1.0), (0.0, 6.0), va="bottom", **style)
-    place.annotate("contraction\n(inward, mm)", (0.5, 0.0), (0.0, -6.0), va="top", **style)
+    place.annotate("expansion\n(outward, mm)", (0.5, 1.0), (0.0, 0.7 * font_pt), va="bottom", **style)
+    place.annotate("contraction\n(inward, mm)", (0.5, 0.0), (0.0, -0.7 * font_pt), va="top", **style)
 
 
 def write_picture(figure: Figure, path: Path) -> None:

@@ -1,13 +1,14 @@
 """Files appear whole or not at all: written beside their place, flushed, then renamed."""
 
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from homolog.errors import InputError
 
-__all__ = ["is_left_over", "replacing", "write_text", "writing"]
+__all__ = ["is_left_over", "replacing", "replacing_folder", "write_text", "writing"]
 
 _PART = ".part-"
 
@@ -55,6 +56,30 @@ def replacing(path: Path) -> Iterator[Path]:
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
+
+
+@contextmanager
+def replacing_folder(path: Path) -> Iterator[Path]:
+    """Give a folder to write to; it becomes `path` when the block ends well, and vanishes otherwise.
+
+    Raises
+    ------
+    InputError
+        If `path` is a file or a folder that holds anything, or the place can't be written to.
+    """
+    path = Path(path)
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise InputError(f"{path}: is there already; choose a new name or an empty folder")
+    part = path.with_name(f"{_PART}{os.getpid()}-{path.name}")
+    with writing(path):
+        try:
+            part.mkdir(parents=True)
+            yield part
+            if path.is_dir():
+                path.rmdir()
+            part.replace(path)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
 
 
 def write_text(path: Path, text: str) -> None:

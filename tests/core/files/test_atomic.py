@@ -1,7 +1,7 @@
 import pytest
 
 from homolog.errors import InputError
-from homolog.files.atomic import replacing, write_text
+from homolog.files.atomic import replacing, replacing_folder, write_text
 
 
 def _write_half(path):
@@ -37,3 +37,18 @@ def test_a_file_where_the_folder_should_be_is_an_input_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="can't be written"):
         write_text(tmp_path / "file" / "a.txt", "text")
+
+
+def test_a_folder_appears_whole_and_one_that_holds_anything_is_not_touched(tmp_path):
+    path = tmp_path / "a" / "series"
+    for _ in range(2):  # the second time the folder is there, and empty
+        with replacing_folder(path) as part:
+            (part / "1.txt").write_text("one")
+            assert not path.exists() or not any(path.iterdir())
+        assert [one.name for one in path.iterdir()] == ["1.txt"]
+        with pytest.raises(InputError, match="is there already"), replacing_folder(path):
+            pass
+        (path / "1.txt").unlink()
+    with pytest.raises(ZeroDivisionError), replacing_folder(path) as part:
+        _write_half(part / "half.txt")
+    assert [one.name for one in path.parent.iterdir()] == ["series"]

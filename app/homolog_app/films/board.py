@@ -1,0 +1,113 @@
+"""A page of so many pixels: what stands still is drawn once, captions and images anew in each frame."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.text import Text
+from numpy.typing import NDArray
+
+from homolog.arrays import Array
+from homolog_app.pictures.colours import Theme
+from homolog_app.pictures.layout import draw_displacement_bar
+
+__all__ = ["Board", "Box"]
+
+_DPI = 100.0
+_LEAST_TEXT = 8.0
+_LENGTHS = (1.0, 2.0, 5.0, 10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A rectangle of pixels; `x`, `y` is its upper left corner."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+class Board:
+    """The page and its texts. Sizes are pixels; `em` is the size of the captions' letters."""
+
+    def __init__(self, width: int, height: int, theme: Theme, *, transparent: bool = False) -> None:
+        self.width, self.height = width, height
+        self.em = float(np.clip(0.032 * min(height, 0.75 * width), 12.0, 80.0))
+        self._theme = theme
+        paper = "none" if transparent else theme.background
+        self._figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI, facecolor=paper)
+        self._canvas = FigureCanvasAgg(self._figure)
+        self._changing: list[Text] = []
+        self._still: object | None = None
+
+    def text(self, x: float, y: float, words: str, *, room: float, size: float = 1.0) -> Text:
+        """Add a line centred on (x, y), size in em; letters shrink until the line fits into the room."""
+        points = size * self.em * 72.0 / _DPI
+        text = self._figure.text(
+            x / self.width, 1.0 - y / self.height, words, ha="center", va="center", color=self._theme.text,
+            fontsize=points, parse_math=False,
+        )  # fmt: skip
+        taken = text.get_window_extent().width
+        text.set_fontsize(max(points * min(room / taken, 1.0), _LEAST_TEXT * 72.0 / _DPI))
+        return text
+
+    def changing_text(self, x: float, y: float, words: str, *, room: float) -> Text:
+        """Add a line that is drawn anew in each frame; `words` are its longest."""
+        text = self.text(x, y, words, room=room)
+        text.set_animated(True)
+        self._changing.append(text)
+        return text
+
+    def scale_bar(self, x: float, y: float, most: float, millimetres_a_pixel: float) -> None:
+        """Draw a bar of a round length, at most so many pixels long, from (x, y) to the right."""
+        most *= millimetres_a_pixel
+        power = 10.0 ** np.floor(np.log10(most))
+        length = power * max(one for one in _LENGTHS if one * power <= most)
+        pixels = length / millimetres_a_pixel
+        thick = max(round(0.15 * self.em), 2)
+        bar = Rectangle(
+            (x / self.width, 1.0 - (y + thick) / self.height), pixels / self.width, thick / self.height,
+            color=self._theme.text, linewidth=0.0,
+        )  # fmt: skip
+        self._figure.add_artist(bar)
+        label = self.text(x + pixels / 2.0, y - 0.6 * self.em, f"{length:g} mm", room=8.0 * self.em, size=0.8)
+        label.set_x(max(label.get_position()[0], (x + 2.0 * self.em) / self.width))
+
+    def colour_bar(self, box: Box, limit: float) -> None:
+        """Draw the scale of the displacement colours from -limit to limit [mm]."""
+        place = self._figure.add_axes(
+            (
+                box.x / self.width,
+                1.0 - (box.y + box.height) / self.height,
+                box.width / self.width,
+                box.height / self.height,
+            )
+        )
+        draw_displacement_bar(place, limit, self._theme, 0.7 * self.em * 72.0 / _DPI)
+
+    def compose(self, images: Sequence[tuple[Box, Array]]) -> NDArray[np.uint8]:
+        """Return the page with images (red, green, blue, opacity in [0, 1]) laid upon it, (H, W, 4)."""
+        if self._still is None:
+            self._canvas.draw()  # type: ignore[no-untyped-call]
+            self._still = self._canvas.copy_from_bbox(self._figure.bbox)  # type: ignore[no-untyped-call]
+        self._canvas.restore_region(self._still)  # type: ignore[no-untyped-call]
+        for text in self._changing:
+            self._figure.draw_artist(text)
+        page = np.array(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        for box, image in images:
+            part = page[box.y : box.y + box.height, box.x : box.x + box.width]
+            part[:] = _over(image, part)
+        return np.asarray(page, dtype=np.uint8)
+
+
+def _over(image: Array, page: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Lay an image over a part of the page, both with straight (not premultiplied) opacity."""
+    front, behind = image[..., 3:], page[..., 3:].astype(np.float32) / 255.0
+    share = front + behind * (1.0 - front)
+    colour = image[..., :3] * front + page[..., :3].astype(np.float32) / 255.0 * behind * (1.0 - front)
+    mixed = np.concatenate([colour / np.maximum(share, 1e-6), share], axis=-1)
+    return np.asarray(np.rint(255.0 * np.clip(mixed, 0.0, 1.0)), dtype=np.uint8)

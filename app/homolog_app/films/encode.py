@@ -1,0 +1,134 @@
+"""Films and stills as files: MP4, GIF, a folder of PNG pictures, one PNG; whole or not at all."""
+
+import io
+import subprocess
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from homolog.errors import InputError, NumericalError
+from homolog.files.atomic import replacing, replacing_folder
+from homolog.progress import Tick, no_tick
+
+__all__ = ["FILM_SUFFIXES", "write_film", "write_still"]
+
+FILM_SUFFIXES = (".mp4", ".gif", "")
+"""A name without suffix is a folder of numbered pictures."""
+
+_PALETTE_FRAMES = 8
+_H264 = [
+    "-c:v",
+    "libx264",
+    "-preset",
+    "medium",
+    "-crf",
+    "18",
+    "-pix_fmt",
+    "yuv420p",
+    "-movflags",
+    "+faststart",
+]
+_UNDATED = ["-map_metadata", "-1", "-fflags", "+bitexact", "-flags:v", "+bitexact"]
+_Picture = NDArray[np.uint8]
+
+
+def write_film(
+    path: Path, draw: Callable[[int], _Picture], frames: int, fps: int, tick: Tick = no_tick
+) -> None:
+    """Write a film: H.264 that every player shows, GIF that loops for ever, or numbered pictures.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in .mp4 or .gif, or is a folder to make. A folder that holds anything is refused.
+    draw : function of the frame's index
+        Returns the frame, (height, width, 4) in 0 ... 255; all of one even size.
+    frames : int
+        How many.
+    fps : int
+        Frames a second.
+    tick : Tick
+        Progress and cancelling; nothing is left if it raises.
+
+    Raises
+    ------
+    InputError
+        If the suffix is unknown, the folder is in use, or the disk is full.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in FILM_SUFFIXES:
+        raise InputError(
+            f"{path}: films are .mp4 or .gif, or a name without suffix for a folder of pictures; choose one"
+        )
+
+    def told() -> Iterable[bytes]:
+        for index in range(frames):
+            tick(index / frames, f"frame {index + 1} of {frames}")
+            yield _rgb(draw(index))
+
+    if not suffix:
+        with replacing_folder(path) as folder:
+            for index in range(frames):
+                tick(index / frames, f"frame {index + 1} of {frames}")
+                _save(draw(index), folder / f"{index + 1:0{len(str(frames))}d}.png")
+        return
+    height, width = draw(0).shape[:2]
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
+    with replacing(path) as part:
+        if suffix == ".mp4":
+            _encode([*source, *_H264, *_UNDATED], told(), part)
+            return
+        colours = part.with_suffix(".png")
+        try:
+            some = np.linspace(0, frames - 1, min(frames, _PALETTE_FRAMES)).astype(int)
+            _encode([*source, "-vf", "palettegen"], (_rgb(draw(int(index))) for index in some), colours)
+            mapped = ["-lavfi", "[0:v][1:v]paletteuse=dither=sierra2_4a", "-loop", "0"]
+            _encode([*source, "-i", str(colours), *mapped, *_UNDATED], told(), part)
+        finally:
+            colours.unlink(missing_ok=True)
+
+
+def write_still(path: Path, picture: _Picture) -> None:
+    """Write one picture as PNG, whole or not at all; raises InputError if it can't be written."""
+    if path.suffix.lower() != ".png":
+        raise InputError(f"{path}: pictures are written as .png; choose such a name")
+    with replacing(path) as part:
+        _save(picture, part)
+
+
+def _save(picture: _Picture, path: Path) -> None:
+    opaque = bool((picture[..., 3] == 255).all())
+    stream = io.BytesIO()
+    Image.fromarray(picture[..., :3] if opaque else picture).save(stream, "PNG")
+    path.write_bytes(stream.getvalue())
+
+
+def _rgb(picture: _Picture) -> bytes:
+    return picture[..., :3].tobytes()
+
+
+def _encode(arguments: list[str], frames: Iterable[bytes], path: Path) -> None:
+    """Pipe frames through FFmpeg; it ends with this function, however that ends."""
+    from imageio_ffmpeg import get_ffmpeg_exe
+
+    command = [get_ffmpeg_exe(), "-loglevel", "error", "-y", *arguments, str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
+        assert encoder.stdin is not None
+        assert encoder.stderr is not None
+        try:
+            for frame in frames:
+                encoder.stdin.write(frame)
+            encoder.stdin.close()
+        except BrokenPipeError:
+            pass  # it has ended early and says why below
+        except BaseException:
+            encoder.kill()
+            raise
+        words = encoder.stderr.read().decode(errors="replace").strip()
+    if encoder.returncode:
+        if "No space left" in words:
+            raise OSError(28, "No space left on device")
+        raise NumericalError(f"{path.name}: encoding failed: {words or encoder.returncode}")

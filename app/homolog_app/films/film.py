@@ -1,0 +1,179 @@
+"""Frames: motions, seen from some sides, with captions and scales."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from homolog.arrays import FloatArray
+from homolog.errors import InputError
+from homolog_app.films.board import Board
+from homolog_app.films.motion import Motion
+from homolog_app.films.plan import make_plan, turned
+from homolog_app.films.settings import Colouring, FilmSettings, PictureSettings
+from homolog_app.pictures import VIEWS, View, common_limit, outward_displacement, three_quarter_view
+from homolog_app.pictures.colours import Theme, diverging_colours
+from homolog_app.pictures.render import Renderer
+from homolog_app.pictures.solids import hollows, surface
+
+__all__ = ["OBLIQUE", "SIGHTS", "Film"]
+
+OBLIQUE, OPPOSITE = "oblique", "opposite"
+SIGHTS = (OBLIQUE, OPPOSITE, *VIEWS)
+"""From where to look: from the oblique at the side that moves most, its opposite, or along a patient axis."""
+
+
+class Film:
+    """Draws motions at any moment; all share one scale, one view direction each column, one colour scale.
+
+    Parameters
+    ----------
+    motions : sequence of Motion
+        At least one.
+    sights : sequence of str
+        Of `SIGHTS`, at least one.
+    settings : PictureSettings
+        Size, colours, captions.
+    turntable : bool
+        Whether the views turn.
+    transparent : bool
+        Whether there is no background.
+
+    Raises
+    ------
+    InputError
+        If the page is too small for so many pictures.
+    """
+
+    def __init__(
+        self,
+        motions: Sequence[Motion],
+        sights: Sequence[str],
+        settings: PictureSettings,
+        *,
+        turntable: bool = False,
+        transparent: bool = False,
+    ) -> None:
+        theme = settings.background.theme
+        coloured = settings.colours is Colouring.DISPLACEMENT and any(one.moves for one in motions)
+        limit = _limit(motions) if coloured else None
+        self._actors = [_Actor(motion, theme, limit) for motion in motions]
+        self._board = Board(settings.width, settings.height, theme, transparent=transparent)
+        one_line = settings.caption and len(motions) == 1
+        plan = make_plan(
+            motions,
+            _views(motions, sights),
+            (settings.width, settings.height),
+            self._board.em,
+            turntable=turntable,
+            strip=settings.scale_bar or one_line,
+            caption=settings.caption,
+            bar=coloured,
+        )
+        if not np.isfinite(plan.millimetres):
+            raise InputError(
+                f"{settings.width} x {settings.height} pixels are too few for {len(plan.cells)} pictures; "
+                "choose a larger size, fewer modes or fewer views"
+            )
+        self._cells = plan.cells
+        self._captions = [
+            self._board.changing_text(x, y, motion.words(motion.low), room=room)
+            for motion, (x, y, room) in zip(motions, plan.captions, strict=True)
+            if settings.caption
+        ]
+        for x, y, room, name in plan.names:
+            self._board.text(x, y, name, room=room, size=0.8)
+        if settings.scale_bar:
+            em = self._board.em
+            most = 0.16 * settings.width
+            self._board.scale_bar(0.8 * em, settings.height - 0.9 * em, most, plan.millimetres)
+        if plan.bar is not None and limit is not None:
+            self._board.colour_bar(plan.bar, limit)
+
+    def draw(self, share: float, turn: float = 0.0) -> NDArray[np.uint8]:
+        """Return the page at a moment, shape (height, width, 4).
+
+        Parameters
+        ----------
+        share : float
+            Way from the low end of each motion, 0, to its high end, 1.
+        turn : float
+            Of the views around the upright axis [radians].
+        """
+        for actor in self._actors:
+            actor.go(share)
+        for text, actor in zip(self._captions, self._actors, strict=False):
+            text.set_text(actor.motion.words(actor.amount(share)))
+        return self._board.compose(
+            [
+                (
+                    cell.box,
+                    self._actors[cell.motion].renderer.draw(turned(cell.frame, turn), cell.box.width),
+                )
+                for cell in self._cells
+            ]
+        )
+
+    def moment(self, index: int, settings: FilmSettings) -> NDArray[np.uint8]:
+        """Return a frame of a film: going smoothly up and, in a loop, down again."""
+        whole = settings.frames if settings.loop else settings.frames - 1
+        way = 2.0 * np.pi * index / whole if settings.loop else np.pi * index / whole
+        turn = 2.0 * np.pi * index / settings.frames if settings.turntable else 0.0
+        return self.draw(float(0.5 - 0.5 * np.cos(way)), turn)
+
+
+class _Actor:
+    """A motion with its renderer."""
+
+    def __init__(self, motion: Motion, theme: Theme, limit: float | None) -> None:
+        self.motion = motion
+        self._limit = limit
+        self._plain = np.array(theme.surface)
+        self._outward = outward_displacement(motion.start, motion.displacement)
+        self._amounts = np.unique([motion.low, (motion.low + motion.high) / 2.0, motion.high])
+        self._shadows = np.stack([hollows(motion.at(float(one))) for one in self._amounts])
+        self.renderer = Renderer([surface(motion.start, self._plain, self._shadows[0])])
+
+    def amount(self, share: float) -> float:
+        """Return how far it has moved after a share of its way."""
+        return self.motion.low + share * (self.motion.high - self.motion.low)
+
+    def go(self, share: float) -> None:
+        """Move there."""
+        amount = self.amount(share)
+        colours = self._plain if self._limit is None else self._colours(amount, self._limit)
+        solid = surface(self.motion.at(amount), colours, self._shadow(amount))
+        self.renderer.move(solid.vertices, solid.normals, solid.colours)
+
+    def _colours(self, amount: float, limit: float) -> FloatArray:
+        return diverging_colours(amount * self._outward, limit)
+
+    def _shadow(self, amount: float) -> FloatArray:
+        """Interpolate the hollows' shadows between the ends: casting them takes longer than drawing."""
+        last = len(self._amounts) - 1
+        place = float(np.interp(amount, self._amounts, np.arange(last + 1.0)))
+        before = min(int(place), max(last - 1, 0))
+        after = min(before + 1, last)
+        return np.asarray(
+            (before + 1.0 - place) * self._shadows[before] + (place - before) * self._shadows[after]
+        )
+
+
+def _limit(motions: Sequence[Motion]) -> float:
+    return common_limit(
+        [
+            max(-one.low, one.high) * outward_displacement(one.start, one.displacement)
+            for one in motions
+            if one.moves
+        ]
+    )
+
+
+def _views(motions: Sequence[Motion], sights: Sequence[str]) -> list[View]:
+    """Return the views; the oblique one is the same for all motions."""
+    effort = np.sum([(one.displacement**2).sum(axis=1) for one in motions], axis=0)
+    own = three_quarter_view(motions[0].start.vertices, effort if effort.any() else None)
+    oblique = View(own.toward, own.up, OBLIQUE)
+    other = own.opposite
+    known = {OBLIQUE: oblique, OPPOSITE: View(other.toward, other.up, OPPOSITE), **VIEWS}
+    return [known[sight] for sight in sights]

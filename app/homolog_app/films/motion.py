@@ -1,0 +1,123 @@
+"""What moves: the mean surface along a mode, or from one group's mean to another's."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from homolog.analysis.shape_model import ShapeModel, fit_shape_model
+from homolog.arrays import FloatArray
+from homolog.errors import InputError
+from homolog.files.results import Result
+from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.report.study import column_of, levels
+from homolog_app.report.surface_maps import SurfaceCarrier
+
+__all__ = ["Motion", "group_means", "group_motion", "mode_motions", "standing"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """A surface that moves on straight lines.
+
+    Attributes
+    ----------
+    start : TriangleMesh
+        Where nothing has moved.
+    displacement : (V, 3) array
+        How its vertices move for an amount of 1 [mm].
+    low, high : float
+        Amounts at the ends.
+    words : function of the amount
+        The caption: what is shown, and how far it has moved.
+    """
+
+    start: TriangleMesh
+    displacement: FloatArray
+    low: float
+    high: float
+    words: Callable[[float], str]
+
+    @property
+    def moves(self) -> bool:
+        """Whether it moves at all."""
+        return self.high > self.low
+
+    def at(self, amount: float) -> TriangleMesh:
+        """Return the surface moved by an amount."""
+        return TriangleMesh(self.start.vertices + amount * self.displacement, self.start.faces)
+
+
+def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> list[Motion]:
+    """Return the mean surface moving along each of some modes.
+
+    Parameters
+    ----------
+    result : Result
+    modes : sequence of int
+        Counted from 1.
+    deviations : float
+        How far to either side, in standard deviations.
+
+    Raises
+    ------
+    InputError
+        If there is no such mode.
+    """
+    model = fit_shape_model(result.world, names=result.names)
+    count = len(model.variances)
+    for mode in modes:
+        if not 1 <= mode <= count:
+            raise InputError(f"mode {mode}: the result has {count} modes; choose one from 1 to {count}")
+    carrier = SurfaceCarrier.of(result)
+    return [_mode_motion(model, carrier, mode - 1, deviations) for mode in modes]
+
+
+def _mode_motion(model: ShapeModel, carrier: SurfaceCarrier, mode: int, deviations: float) -> Motion:
+    share = 100.0 * model.explained[mode]
+
+    def words(amount: float) -> str:
+        return f"Mode {mode + 1} ({share:.1f} % of variance)   {_signed(amount)} SD"
+
+    displacement = carrier.moved(model.modes[mode] * model.standard_deviations[mode])
+    return Motion(carrier.mesh, displacement, -deviations, deviations, words)
+
+
+def group_means(result: Result, column: str, groups: Sequence[str]) -> list[FloatArray]:
+    """Return the mean particles of some groups of a column, (N, 3) each [mm].
+
+    Raises
+    ------
+    InputError
+        If there is no such column or nobody is in one of the groups.
+    """
+    labels = np.array(column_of(result, column))
+    for group in groups:
+        if group not in labels:
+            there = ", ".join(levels(labels.tolist()))
+            raise InputError(f"column {column!r}: no subject is in {group!r}; there are: {there}")
+    return [result.world[labels == group].mean(axis=0) for group in groups]
+
+
+def group_motion(result: Result, column: str, first: str, second: str) -> Motion:
+    """Return the surface that goes from one group's mean to another's; raises as `group_means` does."""
+    start, end = group_means(result, column, [first, second])
+    carrier = SurfaceCarrier.of(result)
+
+    def words(amount: float) -> str:
+        percent = f"{100.0 * amount:.0f}".rjust(3, "\u2007")  # as wide as a digit: the line stands still
+        return f"{column}: {first} → {second}   {percent} %"
+
+    surface = TriangleMesh(carrier.moved(start), carrier.mesh.faces)
+    return Motion(surface, carrier.moved(end - start), 0.0, 1.0, words)
+
+
+def standing(result: Result) -> Motion:
+    """Return the mean surface at rest."""
+    surface = result.mean_surface
+    return Motion(surface, np.zeros_like(surface.vertices), 0.0, 0.0, lambda _: "Mean shape")
+
+
+def _signed(amount: float) -> str:
+    words = f"{amount:+.1f}".replace("-", "−")
+    return "±0.0" if words[1:] == "0.0" else words

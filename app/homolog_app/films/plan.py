@@ -1,0 +1,193 @@
+"""Where a frame's pictures, captions and scales go."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from homolog.arrays import FloatArray
+from homolog_app.films.board import Box
+from homolog_app.films.motion import Motion
+from homolog_app.pictures.views import Frame, View, frame_around
+
+__all__ = ["Cell", "Plan", "make_plan", "turned"]
+
+_STRIP = 2.0  # caption and scale bar of the page [em]
+_BAR_STRIP = 7.0  # colour bar and its words [em]
+_LINE = 1.5  # captions of cells [em]
+_MARGIN = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One picture: which motion, seen how, where on the page."""
+
+    motion: int
+    frame: Frame
+    box: Box
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A page.
+
+    Attributes
+    ----------
+    cells : tuple of Cell
+        The pictures, all of one scale.
+    captions : tuple of (float, float, float)
+        Middle and room of each motion's line [pixels].
+    names : tuple of (float, float, float, str)
+        Middle, room and words of the views' names, where there are several.
+    millimetres : float
+        Of a pixel.
+    bar : Box or None
+        The colour bar.
+    """
+
+    cells: tuple[Cell, ...]
+    captions: tuple[tuple[float, float, float], ...]
+    names: tuple[tuple[float, float, float, str], ...]
+    millimetres: float
+    bar: Box | None
+
+
+def make_plan(
+    motions: Sequence[Motion],
+    views: Sequence[View],
+    size: tuple[int, int],
+    em: float,
+    *,
+    turntable: bool = False,
+    strip: bool = True,
+    caption: bool = True,
+    bar: bool = False,
+) -> Plan:
+    """Lay a page out: a row for each motion and a column for each view, or whatever grid shows them largest.
+
+    Parameters
+    ----------
+    motions : sequence of Motion
+    views : sequence of View
+    size : (int, int)
+        Width and height of the page [pixels].
+    em : float
+        Size of the captions' letters [pixels].
+    turntable : bool
+        Whether the views turn once around.
+    strip : bool
+        Whether room for a line is left at the lower edge.
+    caption : bool
+        Whether there are captions.
+    bar : bool
+        Whether there is a colour bar.
+    """
+    edge = max(round(0.6 * em), 6)
+    width, height = size
+    area = Box(
+        edge,
+        edge,
+        width - 2 * edge - (round(_BAR_STRIP * em) if bar else 0),
+        height - 2 * edge - (round(_STRIP * em) if strip else 0),
+    )
+    needs = [[_extent(motion, view, turntable) for view in views] for motion in motions]
+    above = round(_LINE * em) if len(views) > 1 and caption else 0
+    below = round(_LINE * em) if len(motions) > 1 and caption else 0
+    grids = [
+        _Grid(columns, -(-len(motions) * len(views) // columns), area, above, below)
+        for columns in _columns(len(motions), len(views))
+    ]
+    flat = [one for row in needs for one in row]
+    millimetres, _, grid = min((grid.scale(flat), index, grid) for index, grid in enumerate(grids))
+    boxes = list(grid.boxes(len(flat)))
+    cells = tuple(
+        Cell(index // len(views), _sized(frame, box, millimetres), box)
+        for index, (frame, box) in enumerate(zip(flat, boxes, strict=True))
+    )
+    middle = area.x + area.width / 2.0
+    if len(motions) == 1:
+        captions = [(middle, height - edge - 0.6 * em, 0.62 * area.width)]
+    else:
+        captions = [_below(boxes[at : at + len(views)], em) for at in range(0, len(boxes), len(views))]
+    names = [
+        (box.x + box.width / 2.0, box.y - 0.6 * em, float(box.width), views[index % len(views)].name)
+        for index, box in enumerate(boxes)
+        if above
+    ]
+    place = _bar(area, width, edge, em) if bar else None
+    return Plan(cells, tuple(captions), tuple(names), millimetres, place)
+
+
+def turned(frame: Frame, angle: float) -> Frame:
+    """Return a frame seen from further around the picture's upright axis [radians]."""
+    right, up, back = frame.view.axes
+    toward = np.cos(angle) * back + np.sin(angle) * right
+    view = View(_triple(toward), _triple(up), frame.view.name)
+    return Frame(view, frame.centre, frame.width, frame.height, frame.depth)
+
+
+class _Grid:
+    """Equal cells, each with a line above and below its picture."""
+
+    def __init__(self, columns: int, rows: int, area: Box, above: int, below: int) -> None:
+        self.columns, self.rows, self.area, self.above, self.below = columns, rows, area, above, below
+        self.width = area.width // columns
+        self.height = area.height // rows - above - below
+
+    def scale(self, frames: Sequence[Frame]) -> float:
+        """Return the millimetres of a pixel with which all the frames fit into cells."""
+        if min(self.width, self.height) < 8:
+            return np.inf
+        return max(max(one.width / self.width, one.height / self.height) for one in frames)
+
+    def boxes(self, count: int) -> Iterator[Box]:
+        """Yield where the pictures go; a last row that is not full stands in the middle."""
+        for index in range(count):
+            row, column = divmod(index, self.columns)
+            missing = self.columns - min(self.columns, count - row * self.columns)
+            x = self.area.x + round((column + missing / 2.0) * self.area.width / self.columns)
+            y = self.area.y + row * (self.area.height // self.rows) + self.above
+            yield Box(x, y, self.width, self.height)
+
+
+def _columns(motions: int, views: int) -> Sequence[int]:
+    """Numbers of columns to try: a table of both keeps a column for each view."""
+    return [views] if min(motions, views) > 1 else range(1, motions * views + 1)
+
+
+def _extent(motion: Motion, view: View, turntable: bool) -> Frame:
+    """Return the smallest frame that holds a motion all the time."""
+    ends = [motion.at(amount).vertices for amount in sorted({motion.low, motion.high})]
+    if not turntable:
+        return frame_around(ends, view)
+    points = np.concatenate(ends)
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    upright = view.axes[1]
+    along = (points - middle) @ upright
+    radius = float(np.linalg.norm(points - middle - along[:, None] * upright, axis=1).max())
+    centre = middle + upright * (along.min() + along.max()) / 2.0
+    rim = 2.0 * _MARGIN * radius
+    return Frame(view, _triple(centre), 2.0 * radius + rim, float(np.ptp(along)) + rim, 2.0 * radius + rim)
+
+
+def _sized(frame: Frame, box: Box, millimetres: float) -> Frame:
+    return Frame(frame.view, frame.centre, box.width * millimetres, box.height * millimetres, frame.depth)
+
+
+def _below(boxes: Sequence[Box], em: float) -> tuple[float, float, float]:
+    """Return middle and room of the line below the pictures of one motion."""
+    left, right = boxes[0].x, boxes[-1].x + boxes[-1].width
+    bottom = boxes[-1].y + boxes[-1].height
+    return (left + right) / 2.0, bottom + 0.7 * em, 0.96 * (right - left)
+
+
+def _bar(area: Box, width: int, edge: int, em: float) -> Box:
+    length = round(min(0.6 * area.height, 14.0 * em))
+    middle = width - edge - _BAR_STRIP * em / 2.0
+    thick = max(round(0.8 * em), 6)
+    return Box(round(middle - em), round(area.y + (area.height - length) / 2.0), thick, length)
+
+
+def _triple(values: FloatArray) -> tuple[float, float, float]:
+    x, y, z = map(float, values)
+    return x, y, z
