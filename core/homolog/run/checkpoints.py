@@ -56,7 +56,7 @@ def read_checkpoint(path: Path, fingerprint: str) -> Checkpoint | None:
 
 def _fits_together(stored: dict[str, Array]) -> bool:
     """Return whether kernels can be trusted with a checkpoint's arrays."""
-    counts = [stored[name] for name in ("stage", "done", "iteration")]
+    counts = [stored[name] for name in ("left", "done", "iteration")]
     shape = stored["positions"].shape
     return (
         all(one.ndim == 0 and one.dtype.kind == "i" and one >= 0 for one in counts)
