@@ -1,0 +1,6 @@
+"""Models and landmarks to and from other programs: ShapeWorks, 3D Slicer."""
+
+from homolog.exchange.markups import Markups, read_markups, write_markups
+from homolog.exchange.shapeworks_export import write_shapeworks
+
+__all__ = ["Markups", "read_markups", "write_markups", "write_shapeworks"]

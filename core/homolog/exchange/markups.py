@@ -1,0 +1,139 @@
+"""Point lists of 3D Slicer (``.mrk.json``), in LPS millimetres."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from homolog.arrays import FloatArray, frozen
+from homolog.errors import InputError
+from homolog.exchange.json_files import read_json
+from homolog.files.atomic import write_text
+
+__all__ = ["Markups", "read_markups", "write_markups"]
+
+_SCHEMA = (
+    "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
+    "markups-schema-v1.0.3.json#"
+)
+_TO_LPS = {"LPS": (1.0, 1.0, 1.0), "1": (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0), "0": (-1.0, -1.0, 1.0)}
+_NOT_SET = ("undefined", "missing", "preview")
+_IDENTITY = [-1.0, -0.0, -0.0, -0.0, -1.0, -0.0, 0.0, 0.0, 1.0]  # of RAS axes, as Slicer writes them in LPS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Markups:
+    """Named points.
+
+    Attributes
+    ----------
+    names : tuple of str
+        L names, no two alike.
+    points : (L, 3) float64 array
+        Positions [mm, LPS], read-only.
+    """
+
+    names: tuple[str, ...]
+    points: FloatArray
+
+
+def write_markups(
+    path: Path, points: FloatArray, names: Sequence[str] | None = None, *, title: str = "particles"
+) -> None:
+    """Write points as a list that 3D Slicer opens.
+
+    Parameters
+    ----------
+    path : Path
+        By Slicer's custom ends in ``.mrk.json``. Replaced whole or not at all.
+    points : (N, 3) array
+        Positions [mm, LPS].
+    names : sequence of str, optional
+        Labels of the points; their numbers from 0, which are those of the correspondence, if not given.
+    title : str
+        Name of the list in Slicer.
+
+    Raises
+    ------
+    InputError
+        If the file can't be written.
+    """
+    table = np.asarray(points, dtype=np.float64)
+    labels = [str(number) for number in range(len(table))] if names is None else names
+    control = [
+        {
+            "id": str(number),
+            "label": label,
+            "position": position,
+            "orientation": _IDENTITY,
+            "selected": True,
+            "locked": False,
+            "visibility": True,
+            "positionStatus": "defined",
+        }
+        for number, (label, position) in enumerate(zip(labels, table.tolist(), strict=True), start=1)
+    ]
+    markup = {
+        "type": "Fiducial",
+        "coordinateSystem": "LPS",
+        "coordinateUnits": "mm",
+        "name": title,
+        "locked": True,
+        "labelFormat": "%N-%d",
+        "controlPoints": control,
+        "display": {"visibility": True, "pointLabelsVisibility": names is not None},
+    }
+    write_text(path, json.dumps({"@schema": _SCHEMA, "markups": [markup]}, indent=1) + "\n")
+
+
+def read_markups(path: Path) -> Markups:
+    """Read the points of a Slicer file; those that were never placed are left out.
+
+    Raises
+    ------
+    InputError
+        If the file can't be read, holds no point list or several, two points have one name, or a position,
+        unit or coordinate system makes no sense.
+    """
+    path = Path(path)
+    markups = read_json(path, "Slicer markups file").get("markups")
+    lists = [one for one in markups if isinstance(one, dict)] if isinstance(markups, list) else []
+    if len(lists) != 1:
+        raise InputError(f"{path}: holds {len(lists)} point lists, not one; save each to its own file")
+    turn = _TO_LPS.get(str(lists[0].get("coordinateSystem", "LPS")).upper())
+    if turn is None:
+        raise InputError(f"{path}: its coordinate system is neither LPS nor RAS; save it again from Slicer")
+    if lists[0].get("coordinateUnits", "mm") not in ("mm", ["mm", "UCUM", "millimeter"]):
+        raise InputError(f"{path}: its unit is not mm; save it again in millimetres")
+    control = lists[0].get("controlPoints")
+    placed = [_point(path, one) for one in control if _is_placed(one)] if isinstance(control, list) else []
+    if not placed:
+        raise InputError(
+            f"{path}: holds no point that was placed; place the points in Slicer and save it again"
+        )
+    names = tuple(name for name, _ in placed)
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"{path}: several points are called {', '.join(twice[:5])}; give each its own name")
+    return Markups(names, frozen(np.array([point for _, point in placed]) * turn))
+
+
+def _is_placed(one: object) -> bool:
+    return not (isinstance(one, Mapping) and one.get("positionStatus", "defined") in _NOT_SET)
+
+
+def _point(path: Path, one: Any) -> tuple[str, list[float]]:  # noqa: ANN401 - JSON
+    """Return a control point's name and position as they are in the file."""
+    name = str(one.get("label") or one.get("id") or "") if isinstance(one, Mapping) else ""
+    try:
+        position = [float(value) for value in one["position"]]
+        if len(position) == 3 and np.isfinite(position).all() and name:
+            return name, position
+    except (TypeError, KeyError, ValueError, OverflowError):
+        pass
+    raise InputError(
+        f"{path}: point {name or '?'} has no position of three numbers; place it again in Slicer"
+    )

@@ -1,0 +1,136 @@
+"""A Homolog project as a ShapeWorks project: ``NAME.swproj``, its particles and surfaces beside it."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from homolog.arrays import FloatArray
+from homolog.exchange.shapeworks_files import INPUTS, PREFIXES, Row
+from homolog.exchange.shapeworks_kept import kept, moved_paths
+from homolog.files.atomic import replacing, write_text
+from homolog.files.names import file_stems
+from homolog.files.particles import write_particles
+from homolog.files.project import Project
+from homolog.files.records import ResultRecord, ResultSubject
+from homolog.files.results import read_result, surface_file
+from homolog.progress import Tick, no_tick
+
+__all__ = ["write_shapeworks"]
+
+
+def write_shapeworks(project: Project, folder: Path, tick: Tick = no_tick) -> Path:
+    """Write a project's result so that ShapeWorks opens it.
+
+    Coordinates are written with all their digits. What an imported ShapeWorks project held beside (settings,
+    columns, other anatomies) is written again.
+
+    Parameters
+    ----------
+    project : Project
+        With a result.
+    folder : Path
+        Where to write ``NAME.swproj``, ``NAME_particles/`` and ``NAME_groomed/``, with the project's name;
+        made if need be.
+    tick : Tick
+
+    Returns
+    -------
+    Path
+        The ``.swproj`` file, written last.
+
+    Raises
+    ------
+    InputError
+        If there is no result or the folder can't be written to.
+    """
+    result = read_result(project)
+    record = project.read().result
+    assert record is not None, "a result that was read has a record"
+    source, domain = kept(project)
+    (name,) = file_stems([project.folder.resolve().name])
+    target = _Target(folder, name, domain)
+    before = {row.get("name", ""): row for row in source.rows}
+    rows = []
+    for index, subject in enumerate(record.subjects):
+        tick(index / len(record.subjects), f"writing {subject.name}")
+        row = moved_paths(before.get(subject.name, {}), project.folder, folder)
+        row |= _described(row, subject)
+        row |= target.write_particles(subject.file, result.local[index], result.world[index])
+        row |= target.write_transforms(subject)
+        row |= target.write_surface(row, surface_file(project, subject.file))
+        rows.append(row)
+    content = {"data": rows} | _settings(source.others, record, domain)
+    path = folder / f"{name}.swproj"
+    write_text(path, json.dumps(content, indent=4) + "\n")
+    return path
+
+
+@dataclass(frozen=True, slots=True)
+class _Target:
+    """Where a project is written; its methods write a subject's part and return its columns."""
+
+    folder: Path
+    name: str
+    domain: str
+
+    def write_particles(self, stem: str, local: FloatArray, world: FloatArray) -> Row:
+        columns = {}
+        for frame, points in (("local", local), ("world", world)):
+            place = f"{self.name}_particles/{stem}_{frame}.particles"
+            write_particles(self.folder / place, points)
+            columns[f"{frame}_particles_{self.domain}"] = place
+        return columns
+
+    def write_transforms(self, subject: ResultSubject) -> Row:
+        matrices = {"alignment": np.array(subject.alignment), "procrustes": np.eye(4)}
+        return {
+            f"{key}_{self.domain}": " ".join(map(repr, matrix.ravel().tolist()))
+            for key, matrix in matrices.items()
+        }
+
+    def write_surface(self, row: Row, surface: Path) -> Row:
+        if not surface.is_file():
+            return {}
+        place = f"{self.name}_groomed/{surface.name}"
+        with replacing(self.folder / place) as part:
+            part.write_bytes(surface.read_bytes())
+        has_input = any(f"{prefix}{self.domain}" in row for prefix in INPUTS)
+        return {f"groomed_{self.domain}": place} | ({} if has_input else {f"shape_{self.domain}": place})
+
+
+def _described(row: Row, subject: ResultSubject) -> Row:
+    """Return the columns of a subject's name, group and table data, under the names that its row has."""
+    columns = {"name": subject.name}
+    for key, value in subject.columns.items():
+        if f"group_{key}" in row:
+            columns[f"group_{key}"] = value
+        elif key not in ("name", "fixed", "excluded") and not key.startswith(PREFIXES):
+            columns[key] = value
+    if subject.group is not None:
+        groups = [key for key in row if key.startswith("group_")]
+        columns[groups[0] if groups else "group_group"] = subject.group
+    return columns
+
+
+def _settings(others: dict[str, Any], record: ResultRecord, domain: str) -> dict[str, Any]:
+    """Return the tables beside the rows: those that were imported, with what this result changes."""
+    method = record.settings.optimize.method
+    own = {
+        "number_of_particles": str(record.particles),
+        "use_geodesic_distance": str(record.metric == "geodesic").lower(),
+        "use_normals": str(method.uses_normals).lower(),
+    }
+    empty: dict[str, Any] = {
+        "groom": {domain: {}},
+        "studio": {},
+        "analysis": {},
+        "deepssm": {},
+        "landmarks": [],
+    }
+    tables = empty | {key: value for key, value in others.items() if value}
+    tables["optimize"] = (others.get("optimize") or own) | {"number_of_particles": str(record.particles)}
+    tables["project"] = {"version": "2"} | (others.get("project") or {})
+    return tables

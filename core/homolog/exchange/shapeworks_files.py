@@ -1,0 +1,163 @@
+"""ShapeWorks project files, ``.swproj`` (JSON) and ``.xlsx``: rows of texts, and whatever else is in them.
+
+The layout is that of ShapeWorks 6.4 to 6.7 (``Libs/Project`` of its sources): every value is a text, a row is
+a subject, columns of files and transforms end in the name of their domain (anatomy).
+"""
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from homolog.errors import InputError
+from homolog.exchange.json_files import read_json
+
+__all__ = ["INPUTS", "PATH_PREFIXES", "PREFIXES", "Row", "ShapeWorksProject", "read_shapeworks_file"]
+
+Row = dict[str, str]
+
+INPUTS = ("segmentation_", "shape_", "mesh_", "contour_")
+"""Beginnings of columns that hold the path of an input."""
+PATH_PREFIXES = (
+    *INPUTS, "groomed_", "local_particles_", "world_particles_", "landmarks_file_", "constraints_", "image_",
+    "feature_",
+)  # fmt: skip
+"""Beginnings of columns that hold paths, relative to the project's folder."""
+PREFIXES = (*PATH_PREFIXES, "alignment_", "procrustes_", "group_")
+"""Beginnings of all columns that mean something to ShapeWorks; others are table data."""
+
+_LARGEST_UNPACKED = 256 * 2**20
+_MOST_ROWS = 100_000
+
+
+@dataclass(frozen=True, slots=True)
+class ShapeWorksProject:
+    """A project file as it stands.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    rows : tuple of Row
+        Columns of each subject.
+    others : dict
+        Everything else, by key: ``groom``, ``optimize``, ``landmarks`` and whatever there is.
+    """
+
+    path: Path
+    rows: tuple[Row, ...]
+    others: dict[str, Any]
+
+    @property
+    def domains(self) -> list[str]:
+        """Names of the anatomies, in the order of their columns; a project of particles only has ``"1"``."""
+        keys = list(dict.fromkeys(key for row in self.rows for key in row))
+        for prefixes in (INPUTS, ("groomed_",), ("world_particles_", "local_particles_")):
+            found = [key.removeprefix(one) for key in keys for one in prefixes if key.startswith(one)]
+            if found:
+                return list(dict.fromkeys(found))
+        return ["1"]
+
+    def inputs(self, row: Row, domain: str) -> list[str]:
+        """Return the paths of a subject's groomed and original shape, as far as they are given."""
+        values = [row.get(f"{prefix}{domain}", "") for prefix in ("groomed_", *INPUTS)]
+        return [one for one in values if one]
+
+
+def read_shapeworks_file(path: Path) -> ShapeWorksProject:
+    """Read a project file.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in .swproj or .xlsx.
+
+    Raises
+    ------
+    InputError
+        If it can't be read, is implausibly large, or lists no subject.
+    """
+    path = Path(path)
+    rows, others = _from_xlsx(path) if path.suffix.lower() == ".xlsx" else _from_json(path)
+    if not rows:
+        raise InputError(f"{path}: lists no subject; choose another project")
+    return ShapeWorksProject(path, tuple(rows), others)
+
+
+def _from_json(path: Path) -> tuple[list[Row], dict[str, Any]]:
+    content = read_json(path, "ShapeWorks project")
+    data = content.pop("data", None)
+    if not isinstance(data, list) or not all(isinstance(row, dict) for row in data):
+        raise InputError(
+            f"{path}: is no ShapeWorks project (it has no list called data); choose another file"
+        )
+    return [{str(key): _text(value) for key, value in row.items()} for row in data], content
+
+
+def _from_xlsx(path: Path) -> tuple[list[Row], dict[str, Any]]:
+    import openpyxl
+
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file; correct the path")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if sum(one.file_size for one in archive.infolist()) > _LARGEST_UNPACKED:
+                raise InputError(
+                    f"{path}: unpacks to more than a ShapeWorks project holds; choose another file"
+                )
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+        sheets = {sheet.title: _table(path, sheet.iter_rows(values_only=True)) for sheet in book.worksheets}
+        book.close()
+    except InputError:
+        raise
+    except Exception as error:  # what zip, XML and openpyxl raise on damaged files is no short list
+        raise InputError(f"{path}: can't be read as a ShapeWorks project: {error}; save it again") from error
+    first = next(iter(sheets), "")
+    rows = sheets.pop("data" if "data" in sheets else first, [])
+    others: dict[str, Any] = {}
+    for title, table in sheets.items():
+        if title == "landmarks":
+            others[title] = table
+        elif title == "groom":
+            others[title] = _by_domain(table)
+        else:
+            others[title] = {row.get("key", ""): row.get("value", "") for row in table if row.get("key")}
+    return rows, others
+
+
+def _table(path: Path, lines: Any) -> list[Row]:  # noqa: ANN401 - openpyxl has no types
+    """Return a sheet's rows by the names in its first; blank ones are left out."""
+    heads: list[str] = []
+    rows: list[Row] = []
+    for number, line in enumerate(lines):
+        if number > _MOST_ROWS:
+            raise InputError(f"{path}: has more than {_MOST_ROWS} rows; choose another file")
+        texts = [_text(value) for value in line]
+        if not heads:
+            heads = texts
+        elif any(texts):
+            rows.append({head: text for head, text in zip(heads, texts, strict=False) if head})
+    return rows
+
+
+def _by_domain(table: Sequence[Row]) -> dict[str, Row]:
+    """Turn a sheet ``key | value_<domain> …`` into one table for each domain."""
+    heads = [head for head in (table[0] if table else {}) if head != "key"]
+    return {
+        head.removeprefix("value").removeprefix("_"): {
+            row["key"]: row[head] for row in table if row.get("key") and row.get(head)
+        }
+        for head in heads
+    }
+
+
+def _text(value: object) -> str:
+    """Return a value as ShapeWorks would write it."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        return str(int(value))
+    return str(value)

@@ -1,0 +1,61 @@
+"""What an imported ShapeWorks project held beside the model, kept in the project for its way back."""
+
+import json
+import os
+from pathlib import Path, PurePosixPath
+
+from homolog.exchange.json_files import read_json
+from homolog.exchange.shapeworks_files import PATH_PREFIXES, Row, ShapeWorksProject
+from homolog.files.atomic import write_text
+from homolog.files.project import Project
+
+__all__ = ["keep", "kept", "moved_paths"]
+
+_FILE = "shapeworks.json"
+
+
+def keep(project: Project, source: ShapeWorksProject, domain: str) -> None:
+    """Write a ShapeWorks project's rows and settings into a Homolog project; raises as `write_text` does."""
+    rows = [moved_paths(row, source.path.parent, project.folder) for row in source.rows]
+    content = {"file": source.path.name, "domain": domain, "data": rows, "others": source.others}
+    write_text(project.folder / _FILE, json.dumps(content, indent=1) + "\n")
+
+
+def kept(project: Project) -> tuple[ShapeWorksProject, str]:
+    """Return what was kept, and the domain that was imported; empty if the project was not imported.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    path = project.folder / _FILE
+    if not path.is_file():
+        return ShapeWorksProject(path, (), {}), "1"
+    content = read_json(path, "record of a ShapeWorks project")
+    rows, others = content.get("data"), content.get("others")
+    good = [row for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
+    return (
+        ShapeWorksProject(
+            path,
+            tuple({str(key): str(value) for key, value in row.items()} for row in good),
+            others if isinstance(others, dict) else {},
+        ),
+        str(content.get("domain", "1")),
+    )
+
+
+def moved_paths(row: Row, old: Path, new: Path) -> Row:
+    """Return a row whose paths start at another folder."""
+    return {
+        key: _moved(value, old, new) if value and key.startswith(PATH_PREFIXES) else value
+        for key, value in row.items()
+    }
+
+
+def _moved(value: str, old: Path, new: Path) -> str:
+    plain = PurePosixPath(value.replace("\\", "/"))
+    try:
+        return Path(os.path.relpath(old.resolve() / plain, new.resolve())).as_posix()
+    except ValueError:  # another drive
+        return (old.resolve() / plain).as_posix()
