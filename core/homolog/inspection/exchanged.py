@@ -1,0 +1,43 @@
+"""Pairs of particles that stand in each other's place."""
+
+import numpy as np
+
+from homolog.arrays import IntArray
+from homolog.inspection.neighbourhood import Neighbourhood
+from homolog.inspection.places import Places
+from homolog.inspection.signs import misfits, stretch_of
+
+__all__ = ["exchanged_pairs"]
+
+_BETTER = 0.5
+"""An exchange has to leave no more than this part of the misfit of either."""
+
+
+def exchanged_pairs(
+    subject: int, candidates: IntArray, places: Places, usual: Neighbourhood
+) -> list[IntArray]:
+    """Return pairs of a subject's particles that fit much better in each other's place, the clearest first.
+
+    Parameters
+    ----------
+    subject : int
+    candidates : (n,) int array
+        Particles that seem out of place; each is in one pair at most.
+    """
+    n = len(candidates)
+    if n < 2:
+        return []
+    standing, stands_for = (one.ravel() for one in np.meshgrid(candidates, candidates, indexing="ij"))
+    fit = misfits(stretch_of(standing, stands_for, subject, places, usual)).reshape(n, n)
+    now = fit.diagonal()
+    better = np.maximum(fit / now[None, :], fit.T / now[:, None])  # of the two the one that gains less
+    pairs = []
+    taken: set[int] = set()
+    for at in np.argsort(better, axis=None, kind="stable"):
+        i, j = divmod(int(at), n)
+        if better[i, j] > _BETTER:
+            break
+        if i < j and not taken & {i, j}:
+            taken |= {i, j}
+            pairs.append(candidates[[i, j]])
+    return pairs

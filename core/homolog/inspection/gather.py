@@ -1,0 +1,115 @@
+"""One subject's signs, put together to suspects that can be gone to."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.inspection import signs
+from homolog.inspection.exchanged import exchanged_pairs
+from homolog.inspection.neighbourhood import Neighbourhood
+from homolog.inspection.places import Places
+from homolog.inspection.types import Kind, Suspect
+
+__all__ = ["Gatherer"]
+
+_CANDIDATE = 0.6
+"""Severity of a sign from which its particles may be of an exchanged pair."""
+
+
+class Gatherer:
+    """Turns the severities of particles and triangles into suspects, neighbouring ones into one."""
+
+    def __init__(self, places: Places, usual: Neighbourhood) -> None:
+        self._places, self._usual = places, usual
+        self._angles = signs.normal_angles(places, usual)
+        self._misfits = signs.misfits(signs.stretches(places, usual))
+        distortions = signs.distortions(places, usual)
+        self._folded = distortions > signs.DISTORTION
+        self._normals = signs.severity(self._angles, signs.ANGLE)
+        self._neighbours = signs.severity(self._misfits, signs.STRETCH)
+        self._triangles = signs.severity(distortions, signs.DISTORTION)
+
+    def suspects(self, m: int) -> list[Suspect]:
+        """Return the suspects of a subject; an exchange accounts for all signs of its two particles."""
+        corners = self._usual.triangles
+        normals, neighbours, triangles = (
+            one[m].copy() for one in (self._normals, self._neighbours, self._triangles)
+        )
+        worst = np.maximum(normals, neighbours)
+        np.maximum.at(worst, corners.ravel(), np.repeat(triangles, 3))
+        found = []
+        for pair in exchanged_pairs(m, np.flatnonzero(worst > _CANDIDATE), self._places, self._usual):
+            touched = np.isin(corners, pair).any(axis=1)
+            own = np.concatenate([normals[pair], neighbours[pair], triangles[touched & (triangles >= 1.0)]])
+            words = f"particles {pair[0]} and {pair[1]} stand in each other's place"
+            found.append(self._suspect(Kind.EXCHANGED, m, pair, own, words))
+            normals[pair] = neighbours[pair] = triangles[touched] = 0.0
+        for kind, severities, words_of in (
+            (Kind.NORMALS, normals, self._outlier_words),
+            (Kind.NEIGHBOURS, neighbours, self._misfit_words),
+        ):
+            for patch in self._patches(severities >= 1.0):
+                particles = patch[np.argsort(-severities[patch], kind="stable")]
+                words = words_of(m, particles)
+                found.append(self._suspect(kind, m, particles, severities[particles], words))
+        return found + self._folds(m, triangles)
+
+    def _folds(self, m: int, severities: FloatArray) -> list[Suspect]:
+        """Return the patches of folded or extremely distorted triangles that touch each other."""
+        bad = np.flatnonzero(severities >= 1.0)
+        corners = self._usual.triangles[bad]
+        inside = np.zeros(len(self._usual.shape), dtype=bool)
+        inside[corners] = True
+        found = []
+        for patch in self._patches(inside):
+            own = np.isin(corners[:, 0], patch)
+            weight = np.bincount(corners[own].ravel(), np.repeat(severities[bad[own]], 3), len(inside))
+            folded = int(self._folded[m, bad[own]].sum())
+            count = int(own.sum())
+            words = f"{count} of the triangles around particle {weight.argmax()} " + (
+                f"{'are' if count > 1 else 'is'} distorted beyond measure, {folded} folded over"
+            )
+            particles = patch[np.argsort(-weight[patch], kind="stable")]
+            area = self._area(m, corners[own])
+            found.append(self._suspect(Kind.FOLDED, m, particles, severities[bad[own]], words, area))
+        return found
+
+    def _suspect(
+        self, kind: Kind, m: int, particles: IntArray, severities: FloatArray, words: str, area: float = 0.0
+    ) -> Suspect:
+        total = float(np.sqrt(np.square(severities).sum()))
+        return Suspect(kind, m, particles, total, self._places.world[m, particles[0]], area, words)
+
+    def _outlier_words(self, m: int, particles: IntArray) -> str:
+        angle = np.degrees(self._angles[:, particles[0]])
+        return (
+            f"{_named(particles)} normal {angle[m]:.0f}° from the mean of all subjects, "
+            f"usual {np.median(angle):.0f}°"
+        )
+
+    def _misfit_words(self, m: int, particles: IntArray) -> str:
+        factor = np.exp(self._misfits[:, particles[0]])
+        return (
+            f"{_named(particles)} distances to neighbours wrong by a factor of {factor[m]:.1f}, "
+            f"usual {np.median(factor):.1f}"
+        )
+
+    def _area(self, m: int, corners: IntArray) -> float:
+        a, b, c = (self._places.world[m, corners[:, k]] for k in range(3))
+        scale = self._places.scale[m]
+        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / (2.0 * scale**2))
+
+    def _patches(self, flagged: BoolArray) -> list[IntArray]:
+        """Return the flagged particles, those together that are corners of one triangle."""
+        corners = self._usual.triangles
+        sides = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+        sides = sides[flagged[sides].all(axis=1)]
+        graph = coo_array((np.ones(len(sides)), tuple(sides.T)), shape=(len(flagged),) * 2)
+        labels = connected_components(graph, directed=False)[1]
+        return [np.flatnonzero(flagged & (labels == label)) for label in np.unique(labels[flagged])]
+
+
+def _named(particles: IntArray) -> str:
+    others = len(particles) - 1
+    return f"particle {particles[0]}" + (f" and {others} beside it:" if others else ":")

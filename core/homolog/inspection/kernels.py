@@ -1,0 +1,52 @@
+"""Warp kernels of the inspection: normals of a mesh at points, distances between particles along it."""
+
+import warp as wp
+
+from homolog.correspondence.kernels import Surface
+from homolog.geodesics.lookup import SurfacePoint, geodesic
+
+wp.set_module_options({"enable_backward": False})
+
+__all__ = ["feet_on", "pair_distances"]
+
+LOOKUP_SQUARED = wp.constant(0)
+
+
+@wp.kernel
+def feet_on(
+    mesh: wp.uint64,
+    reach: float,
+    points: wp.array(dtype=wp.vec3),
+    vertex_normals: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=int),
+    away: wp.array(dtype=float),
+):
+    """Find the mesh's point nearest to each point: its unit normal (from the vertices), face and distance."""
+    p = wp.tid()
+    found = wp.mesh_query_point_no_sign(mesh, points[p], reach)
+    away[p] = reach
+    if found.result:
+        corners = wp.vec3i(
+            wp.mesh_get_index(mesh, 3 * found.face),
+            wp.mesh_get_index(mesh, 3 * found.face + 1),
+            wp.mesh_get_index(mesh, 3 * found.face + 2),
+        )
+        last = 1.0 - found.u - found.v
+        normal = found.u * vertex_normals[corners[0]] + found.v * vertex_normals[corners[1]]
+        normals[p] = wp.normalize(normal + last * vertex_normals[corners[2]])
+        faces[p] = found.face
+        away[p] = wp.length(wp.mesh_eval_position(mesh, found.face, found.u, found.v) - points[p])
+
+
+@wp.kernel
+def pair_distances(
+    surfaces: wp.array(dtype=Surface),
+    feet: wp.array(dtype=SurfacePoint),
+    pairs: wp.array(dtype=wp.vec2i),
+    distances: wp.array(dtype=float),
+):
+    """Geodesic distance between the two particles of each pair, negative beyond the table's reach."""
+    p = wp.tid()
+    pair = pairs[p]
+    distances[p] = geodesic(surfaces[0].table, feet[pair[0]], feet[pair[1]], LOOKUP_SQUARED)[3]

@@ -1,0 +1,147 @@
+"""Which particles are next to each other on most subjects, and how far each subject departs from that."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.spatial import Delaunay
+
+from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.errors import InputError
+from homolog.inspection.places import REACH, Places, mean_normals
+
+__all__ = ["NEIGHBOURS", "Neighbourhood", "flattened", "neighbourhood_of"]
+
+NEIGHBOURS = 12
+"""Consensus neighbours of a particle: the ring around it and most of the next."""
+_THINNEST = 0.01
+"""Twice the area of a triangle over the squares of two sides, below which it says nothing about folds."""
+_VOTES = 2
+"""Corners whose own triangulation has to have a triangle."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Neighbourhood:
+    """What is usual for the particles of a cohort; arrays are read-only.
+
+    Attributes
+    ----------
+    neighbours : (N, K) int array
+        Of each particle, those nearest to it in the median over subjects.
+    distances : (N, K) float64 array
+        The median distances to them, in spacings; inf where there are fewer than K.
+    shape : (N, 3) float64 array
+        Median positions [mm] in aligned coordinates: a mean that swapped particles do not shift.
+    normals : (N, 3) float64 array
+        Fréchet means of the normals.
+    triangles : (T, 3) int array
+        Local Delaunay triangles of the consensus, counter-clockwise seen from outside.
+    """
+
+    neighbours: IntArray
+    distances: FloatArray
+    shape: FloatArray
+    normals: FloatArray
+    triangles: IntArray
+
+    def ring(self, particles: IntArray) -> IntArray:
+        """Return the particles that share a triangle with some of these, and these themselves."""
+        near = self.triangles[np.isin(self.triangles, particles).any(axis=1)]
+        return np.union1d(near.ravel(), particles)
+
+
+def neighbourhood_of(places: Places) -> Neighbourhood:
+    """Return the consensus of all subjects."""
+    neighbours, usual = _nearest(places.distances)
+    shape = np.median(places.world, axis=0)
+    normals = mean_normals(places.normals)
+    triangles = _triangles(shape, normals, neighbours, usual)
+    return Neighbourhood(*map(frozen, (neighbours, usual, shape, normals, triangles)))
+
+
+def _nearest(distances: Sequence[csr_array]) -> tuple[IntArray, FloatArray]:
+    """Return each particle's nearest others by the median distance over subjects, and these medians."""
+    n = distances[0].shape[0]
+    keys = [_keys(one) for one in distances]
+    pairs, counts = np.unique(np.concatenate(keys), return_counts=True)
+    pairs = pairs[2 * counts > len(distances)]
+    if len(pairs) < n:
+        raise InputError("the subjects hardly agree on which particles are neighbours; run again")
+    found = np.full((len(distances), len(pairs)), np.inf)
+    for row, key, one in zip(found, keys, distances, strict=True):
+        at = np.searchsorted(pairs, key).clip(max=len(pairs) - 1)
+        there = pairs[at] == key
+        row[at[there]] = one.data[there]
+    median = np.median(found, axis=0)
+    order = np.lexsort([median, pairs // n])
+    particle, other, median = pairs[order] // n, pairs[order] % n, median[order]
+    rank = np.arange(len(particle)) - np.searchsorted(particle, particle)
+    near = (rank < NEIGHBOURS) & (median < REACH)
+    neighbours = np.tile(np.arange(n)[:, None], NEIGHBOURS)
+    usual = np.full((n, NEIGHBOURS), np.inf)
+    neighbours[particle[near], rank[near]] = other[near]
+    usual[particle[near], rank[near]] = median[near]
+    return neighbours, usual
+
+
+def _keys(distances: csr_array) -> IntArray:
+    """Return one number for each stored pair, ascending."""
+    n = distances.shape[0]
+    distances.sort_indices()
+    rows = np.repeat(np.arange(n), np.diff(distances.indptr))
+    keys: IntArray = rows * n + distances.indices
+    return keys
+
+
+def _triangles(shape: FloatArray, normals: FloatArray, neighbours: IntArray, usual: FloatArray) -> IntArray:
+    """Return the triangles that the local Delaunay triangulations around their corners agree on.
+
+    Around each particle its neighbours are laid out in the plane of the mean normal: in the direction in
+    which they are seen, as far as the surface says.
+    """
+    found = []
+    for i, (others, far) in enumerate(zip(neighbours, usual, strict=True)):
+        there = np.isfinite(far)
+        if there.sum() < 3:
+            continue
+        flat = plane_of(normals[i])
+        seen = (shape[others[there]] - shape[i]) @ flat.T
+        seen *= (far[there] / np.maximum(np.linalg.norm(seen, axis=1), 1e-12))[:, None]
+        corners = Delaunay(np.vstack([np.zeros(2), seen])).simplices  # counter-clockwise
+        found.append(np.concatenate([[i], others[there]])[corners[(corners == 0).any(axis=1)]])
+    triangles = np.concatenate(found)
+    first = triangles.argmin(axis=1)
+    turned = triangles[np.arange(len(triangles))[:, None], (first[:, None] + np.arange(3)) % 3]
+    unique, votes = np.unique(turned, axis=0, return_counts=True)
+    agreed = unique[votes >= _VOTES]
+    edges = flattened(shape[agreed], normals[agreed])
+    sound: IntArray = agreed[np.linalg.det(edges) > _THINNEST * np.square(edges).sum(axis=(1, 2))]
+    return sound
+
+
+def plane_of(normals: FloatArray) -> FloatArray:
+    """Return two unit vectors across each unit normal, right-handed with it: (..., 3) to (..., 2, 3)."""
+    least = np.eye(3)[np.abs(normals).argmin(axis=-1)]
+    first = np.cross(normals, least)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, np.cross(normals, first)], axis=-2)
+
+
+def flattened(points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return the edges from triangles' first corners to the others, in the plane of the surface.
+
+    Parameters
+    ----------
+    points, normals : (..., 3, 3) arrays
+        The corners and the surface's normals there.
+
+    Returns
+    -------
+    (..., 2, 2) array
+        The two edges as columns, in a plane right-handed with the sum of the normals.
+    """
+    total = normals.sum(axis=-2)
+    plane = plane_of(total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-12))
+    edges = points[..., 1:, :] - points[..., :1, :]
+    return np.asarray(np.einsum("...ki,...ei->...ke", plane, edges))

@@ -1,0 +1,177 @@
+"""Where corresponding particles are on their surfaces: normals there, and distances along the surfaces."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.correspondence.kernels import locate
+from homolog.correspondence.launcher import Launcher
+from homolog.correspondence.surfaces import Placement, build_level, nearest_faces, ordered
+from homolog.errors import InputError
+from homolog.geodesics import solve_table
+from homolog.geodesics.lookup import SurfacePoint
+from homolog.inspection import kernels
+from homolog.progress import Tick, no_tick, part_of
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.simplify import simplified
+from homolog.surfaces.topology import longest_edge
+
+__all__ = ["REACH", "Places", "feet_on", "find_places", "mean_normals"]
+
+REACH = 3.0
+"""How far neighbours are looked for, in mean spacings of the particles."""
+_VERTICES = 2.0
+"""Vertices of the mesh that distances are measured on, for each particle …"""
+_FEWEST_VERTICES = 1500
+"""… but no fewer than these."""
+_MEAN_ROUNDS = 20
+_LOST = 1.0
+"""Particles farther from their surface are not on it, in mean spacings."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Places:
+    """Particles of all subjects as seen along the surfaces; arrays are read-only.
+
+    Attributes
+    ----------
+    world : (M, N, 3) float64 array
+        Positions [mm] in aligned coordinates.
+    normals : (M, N, 3) float64 array
+        Outward unit normals in aligned coordinates.
+    feet : (M, N) int array
+        The face of the subject's mesh that each particle is on.
+    spacing : (M,) float64 array
+        Root of a subject's surface area per particle [mm of its file].
+    scale : (M,) float64 array
+        Aligned millimetres per millimetre of the file.
+    distances : tuple of (N, N) csr_array
+        Of each subject, the geodesic distances between its particles over its spacing, up to `REACH`;
+        symmetric, without the diagonal. Pairs that are not there are farther apart.
+    """
+
+    world: FloatArray
+    normals: FloatArray
+    feet: IntArray
+    spacing: FloatArray
+    scale: FloatArray
+    distances: tuple[csr_array, ...]
+
+
+def find_places(
+    local: FloatArray,
+    meshes: Sequence[TriangleMesh],
+    alignments: FloatArray,
+    *,
+    names: Sequence[str],
+    tick: Tick = no_tick,
+) -> Places:
+    """Find normals and distances of particles.
+
+    Parameters
+    ----------
+    local : (M, N, 3) array
+        Particles [mm] in the coordinates of the files.
+    meshes : sequence of TriangleMesh
+        The subjects' closed surfaces in the same coordinates.
+    alignments : (M, 4, 4) array
+        Similarities to aligned coordinates.
+    names : sequence of str
+        Subjects, for messages.
+    tick : Tick
+        Progress and cancelling.
+
+    Raises
+    ------
+    InputError
+        If particles are not on their subject's surface, or a surface is not closed.
+    """
+    count = local.shape[1]
+    world = np.einsum("mij,mnj->mni", alignments[:, :3, :3], local) + alignments[:, None, :3, 3]
+    spacing = np.sqrt([mesh.area / count for mesh in meshes])
+    normals, feet, distances = np.empty_like(world), np.empty(world.shape[:2], np.int64), []
+    for m, (points, mesh, name) in enumerate(zip(local, meshes, names, strict=True)):
+        part = part_of(tick, m / len(meshes), (m + 1) / len(meshes))
+        part(0.0, f"{name}: distances between particles")
+        own, feet[m], gaps = feet_on(mesh, points)
+        if not gaps.max() < _LOST * spacing[m]:
+            raise InputError(
+                f"{name}: {np.count_nonzero(gaps >= _LOST * spacing[m])} particles are not on the surface; "
+                "they belong to another surface, so run again"
+            )
+        normals[m] = own @ alignments[m, :3, :3].T
+        distances.append(_distances(points, own, mesh, float(spacing[m]), name, part))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    scale = np.cbrt(np.linalg.det(alignments[:, :3, :3]))
+    return Places(
+        frozen(world), frozen(normals), frozen(feet), frozen(spacing), frozen(scale), tuple(distances)
+    )
+
+
+def feet_on(mesh: TriangleMesh, points: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return a mesh's normals (n, 3) and faces (n,) next to points (n, 3), and its distances (n,) [mm]."""
+    middle = mesh.vertices.mean(axis=0)  # single precision: keep the numbers small
+    reach = float(np.ptp(np.concatenate([mesh.vertices, points]), axis=0).sum())
+    with wp.ScopedDevice("cpu"):
+        surface = wp.Mesh(
+            points=wp.array((mesh.vertices - middle).astype(np.float32), dtype=wp.vec3),
+            indices=wp.array(mesh.faces.ravel(), dtype=wp.int32),
+        )
+        own = wp.array(mesh.vertex_normals.astype(np.float32), dtype=wp.vec3)
+        places = wp.array((points - middle).astype(np.float32), dtype=wp.vec3)
+        normals = wp.zeros(len(points), dtype=wp.vec3)
+        faces, away = wp.zeros(len(points), dtype=int), wp.zeros(len(points), dtype=float)
+        wp.launch(kernels.feet_on, len(points), [surface.id, reach, places, own, normals, faces, away])
+    return normals.numpy().astype(np.float64), faces.numpy().astype(np.int64), away.numpy().astype(np.float64)
+
+
+def mean_normals(normals: FloatArray) -> FloatArray:
+    """Return the Fréchet mean of unit normals over subjects on the sphere, (M, N, 3) to (N, 3).
+
+    Fixed point of the mean of the logarithms (the paper's Eq. 6), begun at the normalized sum.
+    """
+    mean = normals.sum(axis=0)
+    opposed = np.linalg.norm(mean, axis=1) < 1e-6
+    mean[opposed] = normals[0][opposed]
+    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    for _ in range(_MEAN_ROUNDS):
+        cosine = np.clip(np.einsum("mni,ni->mn", normals, mean), -1.0 + 1e-9, 1.0)
+        factor = 1.0 / np.sinc(np.arccos(cosine) / np.pi)
+        logs = factor[:, :, None] * (normals - cosine[:, :, None] * mean)
+        step = logs.mean(axis=0)
+        angle = np.linalg.norm(step, axis=1, keepdims=True)
+        mean = np.cos(angle) * mean + np.sinc(angle / np.pi) * step
+        mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    return np.asarray(mean)
+
+
+def _distances(
+    points: FloatArray, normals: FloatArray, mesh: TriangleMesh, spacing: float, name: str, tick: Tick
+) -> csr_array:
+    """Geodesic distances between neighbouring particles over their spacing."""
+    reach = REACH * spacing
+    light = ordered(simplified(mesh, max(_FEWEST_VERTICES, round(_VERTICES * len(points)))))
+    table = solve_table(light, reach + 2.0 * longest_edge(light), name=name, tick=tick)
+    middle = light.vertices.mean(axis=0)
+    level = build_level([light], [table], [Placement(np.eye(3), -middle)], "cpu")
+    pairs: IntArray = cKDTree(points).query_pairs(reach, output_type="ndarray")  # straight ≤ geodesic
+    with wp.ScopedDevice("cpu"):
+        faces = wp.array(nearest_faces(level.meshes[0], points - middle, normals), dtype=int)
+        positions = wp.array((points - middle).astype(np.float32), dtype=wp.vec3)
+        feet = wp.zeros(len(points), dtype=SurfacePoint)
+        launch = Launcher("cpu", threads=1)
+        launch(locate, len(points), [len(points), level.surfaces, positions, faces, feet])
+        ends = wp.array(pairs.astype(np.int32), dtype=wp.vec2i)
+        lengths = wp.zeros(len(pairs), dtype=float)
+        wp.launch(kernels.pair_distances, len(pairs), [level.surfaces, feet, ends, lengths])
+    found = lengths.numpy().astype(np.float64)
+    near = (found >= 0.0) & (found <= reach)
+    (i, j), d = pairs[near].T, np.maximum(found[near] / spacing, 1e-3)
+    n = len(points)
+    rows, columns = np.concatenate([i, j]), np.concatenate([j, i])
+    return csr_array((np.concatenate([d, d]), (rows, columns)), shape=(n, n))

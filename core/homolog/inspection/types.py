@@ -1,0 +1,90 @@
+"""What an inspection finds."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
+from homolog.inspection.neighbourhood import Neighbourhood
+from homolog.inspection.places import Places
+
+__all__ = ["Inspection", "Kind", "Suspect"]
+
+
+class Kind(StrEnum):
+    """What is wrong, or seems so."""
+
+    EXCHANGED = "exchanged particles"
+    NORMALS = "normal outliers"
+    NEIGHBOURS = "swapped neighbourhood"
+    FOLDED = "folded triangles"
+    UNCOVERED = "uncovered region"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Suspect:
+    """A place of one subject where the correspondence may be wrong.
+
+    Attributes
+    ----------
+    kind : Kind
+    subject : int
+        Index of the subject.
+    particles : (k,) int array
+        The particles that are meant, the worst first; of an uncovered region those around it.
+    severity : float
+        1 is the least that is reported. Each sign counts the smaller of two ratios: how far beyond what is
+        usual at that particle, and how large; several signs add up as root of the sum of squares.
+    place : (3,) float64 array
+        Where to look [mm], in aligned coordinates.
+    area : float
+        Of the uncovered region or the folded triangles [mm² of the subject's file]; 0 of other kinds.
+    words : str
+        One sentence.
+    """
+
+    kind: Kind
+    subject: int
+    particles: IntArray
+    severity: float
+    place: FloatArray
+    area: float
+    words: str
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "particles", frozen(self.particles, np.int64))
+        object.__setattr__(self, "place", frozen(self.place, np.float64))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inspection:
+    """Everything that was looked at, and what seems wrong.
+
+    Attributes
+    ----------
+    suspects : tuple of Suspect
+        The most severe first.
+    places : Places
+        Normals and distances of every subject.
+    usual : Neighbourhood
+        What most subjects agree on.
+    """
+
+    suspects: tuple[Suspect, ...]
+    places: Places
+    usual: Neighbourhood
+
+    def movable(self, suspect: Suspect, rings: int = 2) -> BoolArray:
+        """Return which particles to optimize again so as to mend a suspect, (M, N).
+
+        Those of the suspect and so many rings of neighbours around them, on the suspect's subject only.
+        """
+        chosen = np.zeros(len(self.usual.shape), dtype=bool)
+        chosen[suspect.particles] = True
+        for _ in range(rings):
+            chosen[self.usual.ring(np.flatnonzero(chosen))] = True
+        result = np.zeros(self.places.world.shape[:2], dtype=bool)
+        result[suspect.subject] = chosen
+        return result
