@@ -20,25 +20,34 @@ from homolog.settings import GroomSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["content_key", "load_groomed", "save_groomed"]
+__all__ = ["content_key", "is_outdated", "load_groomed", "save_groomed"]
 
 _VERSION = "1"
 """To be raised whenever grooming gives other results: older archives are then made anew."""
 
 
 def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) -> str:
-    """Return a hash of all that a groomed subject depends on."""
-    digest = hashlib.sha256(_VERSION.encode())
-    digest.update(settings.model_dump_json(exclude={"alignment", "scaling", "label", "segment"}).encode())
+    """Return two hashes of all that a groomed subject depends on: the file's content, and the settings."""
+    content, rest = hashlib.sha256(), hashlib.sha256(_VERSION.encode())
+    rest.update(settings.model_dump_json(exclude={"alignment", "scaling", "label"}).encode())
     arrays: tuple[Array, ...]
     if isinstance(source, Segmentation):
         arrays = (source.mask, source.rotation, source.spacing, source.origin)
     else:
         arrays = (source.vertices, source.faces)
     for array in arrays:
-        digest.update(f"{array.dtype}{array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+        content.update(f"{array.dtype}{array.shape}".encode())
+        content.update(np.ascontiguousarray(array).tobytes())
+    return f"{content.hexdigest()} {rest.hexdigest()}"
+
+
+def is_outdated(folder: Path, name: str, key: str) -> bool:
+    """Return whether the cache holds what was made of other content of a subject's file."""
+    try:
+        stored = str(read_arrays(_file(folder, name, "npz"))["key"])
+    except (InputError, KeyError):
+        return False
+    return stored.partition(" ")[0] != key.partition(" ")[0]
 
 
 def load_groomed(folder: Path, name: str, key: str) -> GroomedSubject | None:

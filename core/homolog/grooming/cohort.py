@@ -1,21 +1,24 @@
 """All subjects of a cohort: checked before any work, groomed side by side, cached."""
 
+import logging
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from homolog.cohort import Cohort
+from homolog.cohort import Cohort, Subject
 from homolog.device import cores
 from homolog.errors import InputError, NumericalError
-from homolog.grooming.cache import content_key, load_groomed, save_groomed
-from homolog.grooming.subject import GroomedSubject, groom_subject, read_source
+from homolog.grooming.cache import content_key, is_outdated, load_groomed, save_groomed
+from homolog.grooming.subject import GroomedSubject, groom, read_source
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
 from homolog.workers import worker_processes
 
 __all__ = ["Problem", "check_cohort", "groom_cohort"]
+
+_log = logging.getLogger(__name__)
 
 _PATIENCE = 0.1  # s between looks at the tick while workers are busy
 
@@ -63,7 +66,8 @@ def groom_cohort(
     executor : Executor, optional
         Where subjects are groomed, on workers that see the files; processes of this machine if not given.
     cache : Path, optional
-        Folder with what was groomed earlier; only what changed is made anew and added.
+        Folder with what was groomed earlier; only what changed is made anew and added. A file that is not
+        what it was then gets a note and a line in the log.
     tick : Tick
         Called at least every 0.1 s.
 
@@ -75,7 +79,7 @@ def groom_cohort(
     Raises
     ------
     InputError, NumericalError
-        Of the first subject that fails, or if a worker process died.
+        Of the first subject that fails, if a file changes meanwhile, or if a worker process died.
     Cancelled
         From the tick; processes of our own end at once, those of a given executor finish what they began.
     """
@@ -83,11 +87,15 @@ def groom_cohort(
     missing = [subject for subject in cohort.subjects if subject.name not in found]
     if missing:
         with nullcontext(executor) if executor else worker_processes(min(len(missing), cores())) as used:
-            futures = {used.submit(groom_subject, subject, settings): subject.name for subject in missing}
-            for done in _as_they_finish(futures, part_of(tick, 0.1, 1.0)):
-                found[done.name] = done
+            futures = {used.submit(_groomed, subject, settings): subject for subject in missing}
+            for subject, (key, done) in _as_they_finish(futures, part_of(tick, 0.1, 1.0)):
+                if cache and key != keys[subject.name]:
+                    raise InputError(
+                        f"{subject.path}: was changed while it was read; run again when it is whole"
+                    )
+                found[subject.name] = _noted(cache, done, key) if cache else done
                 if cache:
-                    save_groomed(cache, done, keys[done.name])
+                    save_groomed(cache, done, key)
     return [found[subject.name] for subject in cohort.subjects]
 
 
@@ -106,17 +114,34 @@ def _from_cache(
     return found, keys
 
 
-def _as_they_finish(futures: dict[Future[GroomedSubject], str], tick: Tick) -> Iterator[GroomedSubject]:
+def _groomed(subject: Subject, settings: GroomSettings) -> tuple[str, GroomedSubject]:
+    """Groom a subject, in a worker, and tell what its file held."""
+    source = read_source(subject, settings)
+    return content_key(source, settings), groom(subject.name, source, settings)
+
+
+def _noted(cache: Path, done: GroomedSubject, key: str) -> GroomedSubject:
+    """Return a subject with a note if its file is not the one that was groomed before."""
+    if not is_outdated(cache, done.name, key):
+        return done
+    note = "its file has changed since it was groomed before; it was groomed again"
+    _log.warning("%s: %s", done.name, note)
+    return replace(done, report=replace(done.report, notes=(*done.report.notes, note)))
+
+
+def _as_they_finish(
+    futures: dict[Future[tuple[str, GroomedSubject]], Subject], tick: Tick
+) -> Iterator[tuple[Subject, tuple[str, GroomedSubject]]]:
     """Yield results as they come, ticking meanwhile; drop what waits when something goes wrong."""
     pending = set(futures)
     try:
         while pending:
-            busy = next(name for future, name in futures.items() if future in pending)
+            busy = next(one.name for future, one in futures.items() if future in pending)
             tick(1.0 - len(pending) / len(futures), f"grooming {busy}")
             done, pending = wait(pending, _PATIENCE, FIRST_COMPLETED)
             for future in futures:
                 if future in done:
-                    yield future.result()
+                    yield futures[future], future.result()
     except BrokenExecutor as error:
         raise NumericalError(
             "a grooming process died, most likely for lack of memory; "

@@ -1,11 +1,12 @@
 import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from homolog.cohort import read_cohort
+from homolog.cohort import Cohort, read_cohort
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.files.meshes import read_mesh
 from homolog.grooming import check_cohort, groom_cohort
@@ -78,6 +79,38 @@ def test_only_what_changed_is_groomed_again(cohort, tmp_path, sphere_volume):
     result = groom_cohort(cohort, SETTINGS, executor=again, cache=tmp_path / "groomed")
     assert again.names == ["b"]
     assert result[1].mesh.volume == pytest.approx(4 / 3 * np.pi * 5.0**3, rel=0.2)
+
+
+def test_a_file_that_changed_since_it_was_groomed_gets_a_note(cohort, tmp_path, sphere_volume, caplog):
+    groom_cohort(cohort, SETTINGS, executor=Here(), cache=tmp_path / "groomed")
+    sphere_volume("b.nrrd", 5.0)
+    result = groom_cohort(cohort, SETTINGS, executor=Here(), cache=tmp_path / "groomed")
+    assert ["has changed" in " ".join(one.report.notes) for one in result] == [False, True, False]
+    assert caplog.messages == [f"b: {result[1].report.notes[-1]}"]
+    other = SETTINGS.model_copy(update={"smoothing": 0.5})
+    result = groom_cohort(cohort, other, executor=Here(), cache=tmp_path / "groomed")
+    assert not any("has changed" in " ".join(one.report.notes) for one in result)
+
+
+def test_a_file_that_changes_while_it_is_read_stops_the_work(cohort, tmp_path, sphere_volume):
+    class Late(Here):
+        def submit(self, function, /, *arguments, **named):
+            if arguments[0].name == "b":
+                sphere_volume("b.nrrd", 5.0)
+            return super().submit(function, *arguments, **named)
+
+    with pytest.raises(InputError, match=r"b\.nrrd: was changed while it was read; run again"):
+        groom_cohort(cohort, SETTINGS, executor=Late(), cache=tmp_path / "groomed")
+    assert not (tmp_path / "groomed" / "b.npz").exists()
+
+
+def test_names_do_not_lead_out_of_the_cache(cohort, tmp_path):
+    evil = Cohort((replace(cohort.subjects[0], name="../../evil"),), cohort.folder)
+    for _ in range(2):
+        (groomed,) = groom_cohort(evil, SETTINGS, executor=Here(), cache=tmp_path / "deep" / "groomed")
+        assert groomed.name == "../../evil"
+    made = [one.parent.name for one in tmp_path.rglob("*evil*")]
+    assert made == ["groomed"] * 2
 
 
 def test_a_damaged_archive_is_made_anew(cohort, tmp_path):

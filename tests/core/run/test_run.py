@@ -88,7 +88,7 @@ def test_the_same_seed_gives_the_same_bits(start, finished, groomed):
 
 
 def test_a_project_runs_again_from_its_cached_surfaces(start, finished, again, monkeypatch):
-    monkeypatch.setattr("homolog.grooming.cohort.groom_subject", None)
+    monkeypatch.setattr("homolog.grooming.cohort.groom", None)
     start().execute()
     assert contents(again) == contents(finished)
 
