@@ -13,7 +13,7 @@ from homolog.cohort import Cohort, Subject
 from homolog.errors import Cancelled
 from homolog.files.project import Project
 from homolog.progress import Tick, part_of
-from homolog.settings import RunSettings
+from homolog.settings import GroomSettings, RunSettings
 from homolog_app.window.loaded import Loaded, Recorder, load_result
 
 if TYPE_CHECKING:
@@ -62,14 +62,14 @@ def _kernel_modules() -> list[object]:
 
 
 def read_files(
-    subjects: Sequence[Subject], label: int | None, arrived: "Callable[[Survey], None]", tick: Tick
+    subjects: Sequence[Subject], groom: GroomSettings, arrived: "Callable[[Survey], None]", tick: Tick
 ) -> None:
     """Look into each file and hand over what is found, one by one."""
     from homolog_app.window.survey import survey_subject
 
     for number, subject in enumerate(subjects):
         tick(number / len(subjects), f"reading {subject.name}")
-        arrived(survey_subject(subject, label))
+        arrived(survey_subject(subject, groom.label, groom.segment))
 
 
 def make_sample(folder: Path, tick: Tick) -> Path:

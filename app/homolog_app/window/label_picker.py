@@ -18,7 +18,7 @@ _PICTURE = 40
 
 
 class LabelPicker(QFrame):
-    """Shown where a file holds several labels: a list of them, each with a picture and its mean volume."""
+    """Shown where a file holds several labels: a list of them, each with name, picture and mean volume."""
 
     def __init__(self, session: Session, theme: Theme) -> None:
         super().__init__()
@@ -39,12 +39,13 @@ class LabelPicker(QFrame):
         self.hide()
 
     def _fill(self) -> None:
-        found: dict[int, list[tuple[float, Array]]] = {}
+        found: dict[int | str, list[tuple[float, Array]]] = {}
         for survey in self._session.surveys.values():
             for one in survey.labels:
-                found.setdefault(one.value, []).append((one.volume_ml, one.thumbnail))
+                found.setdefault(one.name or one.value, []).append((one.volume_ml, one.thumbnail))
         self.setVisible(len(found) > 1)
-        chosen = self._session.study.settings.groom.label
+        groom = self._session.study.settings.groom
+        chosen = groom.segment if groom.segment in found else groom.label
         count = len(self._session.study.members)
         state = (self._theme.colours, chosen, {value: len(seen) for value, seen in found.items()})
         if len(found) < 2 or state == self._shown:
@@ -52,15 +53,22 @@ class LabelPicker(QFrame):
         self._shown = state
         self.choice.clear()
         self.choice.addItem("All labels together", None)
-        for value, seen in sorted(found.items()):
+        for value, seen in sorted(found.items(), key=lambda one: (isinstance(one[0], int), one[0])):
             mean = sum(volume for volume, _ in seen) / len(seen)
-            text = f"Label {value} · {mean:.3g} ml · in {len(seen)} of {count} subjects"
+            name = f"Label {value}" if isinstance(value, int) else value
+            text = f"{name} · {mean:.3g} ml · in {len(seen)} of {count} subjects"
             self.choice.addItem(QIcon(thumbnail(seen[0][1], self._theme.colours.bone, _PICTURE)), text, value)
         self.choice.setCurrentIndex(max(0, self.choice.findData(chosen)))
 
     def _choose(self) -> None:
         settings = self._session.study.settings
-        groom = settings.groom.model_copy(update={"label": self.choice.currentData()})
+        chosen = self.choice.currentData()
+        picked = (
+            {"segment": chosen, "label": None}
+            if isinstance(chosen, str)
+            else {"label": chosen, "segment": None}
+        )
+        groom = settings.groom.model_copy(update=picked)
         self._session.edit(
             "Label", replace(self._session.study, settings=settings.model_copy(update={"groom": groom}))
         )

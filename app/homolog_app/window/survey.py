@@ -1,13 +1,13 @@
 """A first look at a subject's file: its labels, volume, a small picture and its surface as it is."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.cohort import Subject
 from homolog.errors import InputError
-from homolog.grooming.images import Segmentation, read_segmentation
+from homolog.grooming.images import Segmentation, Volume, read_volume
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["LabelFound", "Survey", "survey_subject"]
@@ -21,11 +21,12 @@ _LIGHT = np.array([-0.4, -0.8, 0.45])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelFound:
-    """One label of a file: its value, volume [ml] and a (64, 64) uint8 picture, 0 where nothing is."""
+    """One structure of a file: value, volume [ml], a (64, 64) uint8 picture, 0 where nothing is, and name."""
 
     value: int
     volume_ml: float
     thumbnail: Array
+    name: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +37,8 @@ class Survey:
     ----------
     subject : Subject
     label : int or None
-        The label that was looked at; all of them if None.
+    segment : str or None
+        The value and the name that were looked at; everything if both are None.
     problem : str
         Why the file can't be used, for people; empty if it can.
     volume_ml : float
@@ -61,51 +63,53 @@ class Survey:
     voxels: Segmentation | None = None
     surface: TriangleMesh | None = None
     every: int = 1
+    segment: str | None = None
+
+    @property
+    def awaits_choice(self) -> bool:
+        """Whether the file is good, but which of its overlapping structures is meant has not been said."""
+        return bool(self.problem and self.labels) and self.label is None and self.segment is None
 
 
-def survey_subject(subject: Subject, label: int | None) -> Survey:
-    """Look into a subject's file. Bad files make a survey with a problem, not an error."""
+def survey_subject(subject: Subject, label: int | None, segment: str | None = None) -> Survey:
+    """Look into a subject's file. Bad files make a survey with a problem, not an error.
+
+    A file whose structures can't be taken together, because they overlap, has a problem and its labels.
+    """
+    survey = Survey(subject, label, segment=segment)
     try:
-        return _survey_mesh(subject, label) if subject.is_mesh else _survey_image(subject, label)
+        if subject.is_mesh:
+            return _with_mesh(survey)
+        volume = read_volume(subject.path)
+        survey = replace(survey, labels=_labels(volume))
+        return _with_voxels(survey, volume)
     except InputError as error:
         message = str(error).removeprefix(f"{subject.path}: ")
-        return Survey(subject, label, problem=message[:1].upper() + message[1:])
+        return replace(survey, problem=message[:1].upper() + message[1:])
 
 
-def _survey_mesh(subject: Subject, label: int | None) -> Survey:
+def _with_mesh(survey: Survey) -> Survey:
     from homolog.files.meshes import read_mesh
 
-    mesh = read_mesh(subject.path)
-    return Survey(
-        subject, label, volume_ml=abs(mesh.volume) / 1000.0, thumbnail=_mesh_thumbnail(mesh), surface=mesh
-    )
+    mesh = read_mesh(survey.subject.path)
+    return replace(survey, volume_ml=abs(mesh.volume) / 1000.0, thumbnail=_mesh_thumbnail(mesh), surface=mesh)
 
 
-def _survey_image(subject: Subject, label: int | None) -> Survey:
-    everything = read_segmentation(subject.path, None)
-    labels = _labels(subject, everything)
-    chosen = everything if label is None else read_segmentation(subject.path, label)
+def _with_voxels(survey: Survey, volume: Volume) -> Survey:
+    chosen = volume.segmentation(survey.label, survey.segment)
     voxels = _cropped(chosen)
     surface, every = _surface(voxels)
-    return Survey(
-        subject, label, volume_ml=chosen.volume / 1000.0, thumbnail=_thumbnail(voxels), labels=labels,
-        voxels=voxels, surface=surface, every=every,
+    return replace(
+        survey, volume_ml=chosen.volume / 1000.0, thumbnail=_thumbnail(voxels), voxels=voxels,
+        surface=surface, every=every,
     )  # fmt: skip
 
 
-def _labels(subject: Subject, everything: Segmentation) -> tuple[LabelFound, ...]:
-    import SimpleITK
-
-    image = SimpleITK.ReadImage(str(subject.path))  # held as long as the view into it
-    values: Array = SimpleITK.GetArrayViewFromImage(image)
-    present = np.unique(values[values > 0])
-    if len(present) < 2:
-        whole = LabelFound(int(present[0]), everything.volume / 1000.0, _thumbnail(_cropped(everything)))
-        return (whole,)
+def _labels(volume: Volume) -> tuple[LabelFound, ...]:
     found = []
-    for value in present[:_MOST_LABELS]:
-        one = read_segmentation(subject.path, int(value))
-        found.append(LabelFound(int(value), one.volume / 1000.0, _thumbnail(_cropped(one))))
+    for one in volume.segments()[:_MOST_LABELS]:
+        part = volume.placed(one)
+        found.append(LabelFound(one.value, part.volume / 1000.0, _thumbnail(_cropped(part)), one.name))
     return tuple(found)
 
 

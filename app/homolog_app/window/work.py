@@ -70,16 +70,16 @@ class Work(QObject):
         """Do what waits in the background, if nothing else is done."""
         if self.runner.job is not None or self._next is not None:
             return
-        label = self._session.study.settings.groom.label
+        groom = self._session.study.settings.groom
         unread = [
             one.subject
             for one in self._session.study.members
             if (seen := self._session.surveys.get(one.name)) is None
             or seen.subject.path != one.subject.path
-            or seen.label != label
+            or (seen.label, seen.segment) != (groom.label, groom.segment)
         ]
         if unread:
-            work = Task(lambda tick: read_files(unread, label, self._arrived.put, tick), "reading files")
+            work = Task(lambda tick: read_files(unread, groom, self._arrived.put, tick), "reading files")
             self._start("read", work, self._read_ended)
         elif not self._prepared:
             self._start("prepare", Task(prepare, "preparing compute kernels"), self._prepare_ended)
@@ -249,7 +249,10 @@ class Work(QObject):
         bad = {
             one.subject.name: replace(members[one.subject.name], included=False)
             for one in current
-            if one.problem and members[one.subject.name].included and one.subject.name not in seen
+            if one.problem
+            and not one.awaits_choice
+            and members[one.subject.name].included
+            and one.subject.name not in seen
         }
         for one in current:
             if one.problem:

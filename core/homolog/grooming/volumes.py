@@ -171,6 +171,10 @@ class Volume:
             )
         return mask
 
+    def placed(self, segment: Segment) -> Segmentation:
+        """Return the voxels of one of `segments`."""
+        return self._placed(np.asarray(self.layers[segment.layer] == segment.value))
+
     def _placed(self, mask: BoolArray) -> Segmentation:
         """Put the mask in its place, on right-handed axes."""
         axes, origin = self.index_to_world[:3, :3], self.index_to_world[:3, 3]
