@@ -8,15 +8,16 @@ from scipy.sparse.csgraph import connected_components
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.geodesics import distances_from
+from homolog.inspection.places import Places
+from homolog.inspection.types import Kind, Suspect
 from homolog.progress import Tick, no_tick
-from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import edges
 
-__all__ = ["BEYOND", "FAR", "Gap", "gaps_of", "reach_of"]
+__all__ = ["uncovered"]
 
-FAR = 1.4
+_FAR = 1.4
 """Distance to the nearest particle, in spacings, from which a place is uncovered; an even layout has 0.6 …"""
-BEYOND = 3.0
+_BEYOND = 3.0
 """… and from so many times the median distance."""
 _AROUND = 6
 """Particles that are named for a region."""
@@ -25,7 +26,7 @@ _EDGE = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Gap:
+class _Gap:
     """A region of a surface that is far from every particle.
 
     Attributes
@@ -33,7 +34,7 @@ class Gap:
     centre : int
         Its vertex that is farthest from all particles.
     distance : float
-        How far that is [mm].
+        How far that is, in spacings.
     area : float
         Of what is more than a spacing away from every particle [mm²].
     around : (k,) int array
@@ -46,36 +47,39 @@ class Gap:
     around: IntArray
 
 
-def reach_of(
-    mesh: TriangleMesh, feet: IntArray, points: FloatArray, *, name: str = "mesh", tick: Tick = no_tick
-) -> FloatArray:
-    """Return the geodesic distance of every vertex from the nearest particle [mm], (V,).
+def uncovered(places: Places, tick: Tick = no_tick) -> list[Suspect]:
+    """Return the regions of all subjects that are farther from any particle than is usual."""
+    apart = [reach / s for reach, s in zip(places.reaches, places.spacing, strict=True)]
+    usual = float(np.median(np.concatenate(apart)))
+    limit = max(_BEYOND * usual, _FAR)
+    suspects = []
+    for m, alone in enumerate(apart):
+        tick(m / len(apart), "uncovered regions")
+        spacing = float(places.spacing[m])
+        for gap in _gaps(places, m, alone, limit) if alone.max() > limit else ():
+            wanting = max(1.0, gap.area / spacing**2)
+            linear, origin = places.alignments[m, :3, :3], places.alignments[m, :3, 3]
+            suspects.append(
+                Suspect(
+                    kind=Kind.UNCOVERED,
+                    subject=m,
+                    particles=gap.around,
+                    severity=gap.distance / limit * float(np.sqrt(wanting)),
+                    place=linear @ places.meshes[m].vertices[gap.centre] + origin,
+                    area=gap.area,
+                    words=f"{gap.area:.3g} mm² without particles, up to {gap.distance * spacing:.3g} mm from "
+                    f"the nearest; usual {usual * spacing:.2g} mm",
+                )
+            )
+    return suspects
 
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        A closed surface.
-    feet : (N,) int array
-        The face that each particle is on.
-    points : (N, 3) array
-        The particles [mm].
-    """
-    corners = mesh.faces[feet]
-    away = np.linalg.norm(mesh.vertices[corners] - points[:, None], axis=2)
-    sources, start = corners.ravel().tolist(), away.ravel().tolist()
-    return distances_from(mesh, sources, start, name=name, tick=tick).astype(np.float64)
 
-
-def gaps_of(
-    mesh: TriangleMesh, reach: FloatArray, feet: IntArray, points: FloatArray, limit: float
-) -> list[Gap]:
-    """Return the regions around the vertices that are farther than a limit [mm] from every particle."""
-    spacing = float(np.sqrt(mesh.area / len(points)))
-    if not (reach > limit).any():
-        return []
+def _gaps(places: Places, m: int, reach: FloatArray, limit: float) -> list[_Gap]:
+    """Return the regions around the vertices of a mesh that are farther than the limit, in spacings."""
+    mesh, points, corners = places.meshes[m], places.local[m], places.meshes[m].faces[places.feet[m]]
     shares = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3.0, 3), len(mesh.vertices))
     sides = edges(mesh.faces)
-    sides = sides[(reach[sides] > _EDGE * spacing).all(axis=1)]
+    sides = sides[(reach[sides] > _EDGE).all(axis=1)]
     graph = coo_array((np.ones(len(sides)), tuple(sides.T)), shape=(len(reach),) * 2)
     labels = connected_components(graph, directed=False)[1]
     gaps = []
@@ -83,8 +87,8 @@ def gaps_of(
         region = np.flatnonzero(labels == label)
         centre = int(region[reach[region].argmax()])
         from_centre = distances_from(mesh, [centre])
-        corners = mesh.faces[feet]
+        # straight only within the triangle that a particle is on
         away = np.linalg.norm(mesh.vertices[corners] - points[:, None], axis=2)
         order = (from_centre[corners] + away).min(axis=1).argsort(kind="stable")
-        gaps.append(Gap(centre, float(reach[centre]), float(shares[region].sum()), order[:_AROUND]))
+        gaps.append(_Gap(centre, float(reach[centre]), float(shares[region].sum()), order[:_AROUND]))
     return gaps

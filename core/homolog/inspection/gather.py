@@ -96,9 +96,8 @@ class Gatherer:
         )
 
     def _area(self, m: int, corners: IntArray) -> float:
-        a, b, c = (self._places.world[m, corners[:, k]] for k in range(3))
-        scale = self._places.scale[m]
-        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / (2.0 * scale**2))
+        a, b, c = (self._places.local[m, corners[:, k]] for k in range(3))
+        return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
     def _patches(self, flagged: BoolArray) -> list[IntArray]:
         """Return the flagged particles, those together that are corners of one triangle."""

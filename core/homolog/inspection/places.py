@@ -2,18 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import warp as wp
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.arrays import Array, FloatArray, IntArray, frozen
 from homolog.correspondence.kernels import locate
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.surfaces import Placement, build_level, nearest_faces, ordered
 from homolog.errors import InputError
-from homolog.geodesics import solve_table
+from homolog.geodesics import distances_from, solve_table
 from homolog.geodesics.lookup import SurfacePoint
 from homolog.inspection import kernels
 from homolog.progress import Tick, no_tick, part_of
@@ -29,6 +30,7 @@ _VERTICES = 2.0
 """Vertices of the mesh that distances are measured on, for each particle …"""
 _FEWEST_VERTICES = 1500
 """… but no fewer than these."""
+_T = TypeVar("_T")
 _MEAN_ROUNDS = 20
 _LOST = 1.0
 """Particles farther from their surface are not on it, in mean spacings."""
@@ -40,27 +42,58 @@ class Places:
 
     Attributes
     ----------
-    world : (M, N, 3) float64 array
-        Positions [mm] in aligned coordinates.
+    meshes : tuple of TriangleMesh
+        The subjects' surfaces in the coordinates of their files.
+    alignments : (M, 4, 4) float64 array
+        Similarities from there to aligned coordinates.
+    local, world : (M, N, 3) float64 arrays
+        Positions [mm] in the coordinates of the files, and aligned.
     normals : (M, N, 3) float64 array
         Outward unit normals in aligned coordinates.
     feet : (M, N) int array
         The face of the subject's mesh that each particle is on.
     spacing : (M,) float64 array
         Root of a subject's surface area per particle [mm of its file].
-    scale : (M,) float64 array
-        Aligned millimetres per millimetre of the file.
+    reaches : tuple of (V,) float64 arrays
+        Geodesic distance [mm] of every vertex of a mesh from the nearest particle.
     distances : tuple of (N, N) csr_array
         Of each subject, the geodesic distances between its particles over its spacing, up to `REACH`;
         symmetric, without the diagonal. Pairs that are not there are farther apart.
     """
 
+    meshes: tuple[TriangleMesh, ...]
+    alignments: FloatArray
+    local: FloatArray
     world: FloatArray
     normals: FloatArray
     feet: IntArray
     spacing: FloatArray
-    scale: FloatArray
+    reaches: tuple[FloatArray, ...]
     distances: tuple[csr_array, ...]
+
+    def with_subject(self, index: int, other: "Places") -> "Places":
+        """Return these places with those of one subject replaced by the only ones of another set."""
+
+        def put(name: str) -> Array:
+            changed: Array = getattr(self, name).copy()
+            changed[index] = getattr(other, name)[0]
+            return frozen(changed)
+
+        return Places(
+            meshes=_put(self.meshes, index, other.meshes),
+            alignments=put("alignments"),
+            local=put("local"),
+            world=put("world"),
+            normals=put("normals"),
+            feet=put("feet"),
+            spacing=put("spacing"),
+            reaches=_put(self.reaches, index, other.reaches),
+            distances=_put(self.distances, index, other.distances),
+        )
+
+
+def _put(whole: tuple[_T, ...], index: int, other: tuple[_T, ...]) -> tuple[_T, ...]:
+    return (*whole[:index], other[0], *whole[index + 1 :])
 
 
 def find_places(
@@ -94,22 +127,34 @@ def find_places(
     count = local.shape[1]
     world = np.einsum("mij,mnj->mni", alignments[:, :3, :3], local) + alignments[:, None, :3, 3]
     spacing = np.sqrt([mesh.area / count for mesh in meshes])
-    normals, feet, distances = np.empty_like(world), np.empty(world.shape[:2], np.int64), []
+    normals, feet = np.empty_like(world), np.empty(world.shape[:2], np.int64)
+    reaches, distances = [], []
     for m, (points, mesh, name) in enumerate(zip(local, meshes, names, strict=True)):
         part = part_of(tick, m / len(meshes), (m + 1) / len(meshes))
         part(0.0, f"{name}: distances between particles")
-        own, feet[m], gaps = feet_on(mesh, points)
-        if not gaps.max() < _LOST * spacing[m]:
+        own, feet[m], away = feet_on(mesh, points)
+        if not away.max() < _LOST * spacing[m]:
             raise InputError(
-                f"{name}: {np.count_nonzero(gaps >= _LOST * spacing[m])} particles are not on the surface; "
-                "they belong to another surface, so run again"
+                f"{name}: {np.count_nonzero(~(away < _LOST * spacing[m]))} particles are not on the surface, "
+                "which has changed since; run again"
             )
         normals[m] = own @ alignments[m, :3, :3].T
         distances.append(_distances(points, own, mesh, float(spacing[m]), name, part))
+        corners = mesh.faces[feet[m]]
+        start = np.linalg.norm(mesh.vertices[corners] - points[:, None], axis=2)
+        reach = distances_from(mesh, corners.ravel().tolist(), start.ravel().tolist(), name=name, tick=part)
+        reaches.append(frozen(reach, np.float64))
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-    scale = np.cbrt(np.linalg.det(alignments[:, :3, :3]))
     return Places(
-        frozen(world), frozen(normals), frozen(feet), frozen(spacing), frozen(scale), tuple(distances)
+        tuple(meshes),
+        frozen(alignments, np.float64),
+        frozen(local, np.float64),
+        frozen(world),
+        frozen(normals),
+        frozen(feet),
+        frozen(spacing),
+        tuple(reaches),
+        tuple(distances),
     )
 
 
