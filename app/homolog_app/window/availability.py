@@ -18,6 +18,7 @@ def available(
     page: int,
     pages: int,
     ready: bool,
+    plays: bool,
 ) -> Mapping[str, bool]:
     """Return whether each need of the command table is met.
 
@@ -34,6 +35,8 @@ def available(
         Of the views.
     ready : bool
         Whether the views are there.
+    plays : bool
+        Whether the open page of Explore plays something.
     """
     study = session.is_open and ready
     idle = not busy
@@ -60,7 +63,8 @@ def available(
         "cancelled": study and idle and kept,
         "result": study and session.result is not None,
         "particles": study and (running or session.result is not None),
-        "frames": study and idle and session.result is not None and len(session.result.frames) > 1,
+        "idle_result": study and idle and session.result is not None,
+        "frames": study and idle and session.result is not None and (plays or len(session.result.frames) > 1),
         "previous_page": study and page > 0,
         "next_page": study and page + 1 < pages,
     }

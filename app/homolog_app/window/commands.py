@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 __all__ = ["COMMANDS", "MENUS", "Command", "command"]
 
-MENUS = ("File", "Edit", "View", "Run", "Help")
+MENUS = ("File", "Edit", "View", "Run", "Explore", "Help")
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,8 +134,21 @@ COMMANDS = (
             "Run", "Ctrl+Shift+R", "next", "resumable", ends_section=True),
     Command("run.keep", "Keep particles", "Make the particles of the cancelled run the result.",
             "Run", "Ctrl+K", "done", "cancelled"),
-    Command("run.play", "Play", "Play the finished run from its stored frames.",
+    Command("run.play", "Play", "Play the finished run from its stored frames, or the open page's mode.",
             "Run", "Space", "play", "frames"),
+    Command("explore.modes", "Modes", "What varies: the shape along its modes of variation.",
+            "Explore", "F5", "", "result"),
+    Command("explore.groups", "Groups", "What differs between groups, with its tests.",
+            "Explore", "F6", "", "result"),
+    Command("explore.measure", "Measure", "Distance, volume and area along a mode and for each subject.",
+            "Explore", "F8", "", "result", ends_section=True),
+    Command("explore.mean", "Mean shape", "Put all modes to zero.", "Explore", "M", "", "result"),
+    Command("explore.test", "Compare groups", "Test the chosen groups for a difference.",
+            "Explore", "Ctrl+T", "", "idle_result"),
+    Command("explore.compare", "Compare with…", "Show the result of another project beside this one.",
+            "Explore", "Ctrl+B", "", "idle_result", ends_section=True),
+    Command("explore.table", "Export measures…", "Write distance, volume and area of each subject to CSV.",
+            "Explore", "", "export", "result"),
     Command("help.palette", "Find a command…", "Search every command by name.",
             "Help", "Ctrl+Shift+P", "search"),
     Command("help.shortcuts", "Keyboard shortcuts", "List every shortcut.", "Help", "Ctrl+/", "keyboard"),

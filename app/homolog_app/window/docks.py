@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Qt
-from PySide6.QtWidgets import QDockWidget, QWidget
+from PySide6.QtWidgets import QDockWidget, QStackedWidget, QWidget
 
 from homolog_app.window.curves import EnergyCurves
 from homolog_app.window.log_pane import LogPane
@@ -18,7 +18,7 @@ _INSPECTOR = 432
 
 
 class Docks(QObject):
-    """Rail left, inspector right, both full height; energies come up with a run, the log if wanted."""
+    """Rail left, inspector right, both full height; below energies or plots, and the log if wanted."""
 
     def __init__(self, window: "MainWindow") -> None:
         super().__init__(window)
@@ -33,7 +33,13 @@ class Docks(QObject):
             "Inspector", window.inspector, Qt.DockWidgetArea.RightDockWidgetArea
         )
         self._curves_dock = self._dock("Energies", self.curves, bottom)
+        self._plots = QStackedWidget()
+        self._plots_dock = self._dock("Plots", self._plots, bottom)
         self._log_dock = self._dock("Log", self.log, bottom)
+        for page in window.inspector.explore.pages:
+            if page.plots is not None:
+                self._plots.addWidget(page.plots)
+        window.tabifyDockWidget(self._curves_dock, self._plots_dock)
         window.tabifyDockWidget(self._curves_dock, self._log_dock)
         window.resizeDocks([self._inspector_dock], [_INSPECTOR], Qt.Orientation.Horizontal)
         self._log_dock.visibilityChanged.connect(lambda shown: window.commands["view.log"].setChecked(shown))
@@ -49,10 +55,14 @@ class Docks(QObject):
         self._log_dock.raise_()
 
     def show_for(self, open_: bool) -> None:
-        """Show the energies while there are some, in the steps that they belong to."""
-        work, session = self._window.desk.work, self._window.desk.session
+        """Show the plots of the open page of Explore, or energies in the steps that they belong to."""
+        work, session, step = self._window.desk.work, self._window.desk.session, self._window.step
         self._inspector_dock.setVisible(open_)
-        wanted = open_ and self._window.step in ("correspond", "explore")
+        plots = self._window.inspector.explore.page.plots if step == "explore" else None
+        if plots is not None:
+            self._plots.setCurrentWidget(plots)
+        self._plots_dock.setVisible(open_ and plots is not None)
+        wanted = open_ and plots is None and step in ("correspond", "explore")
         self._curves_dock.setVisible(wanted and (work.run_job is not None or session.result is not None))
 
     def _show_result(self) -> None:

@@ -10,6 +10,7 @@ from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.project import Project
 from homolog.files.results import Result, read_result
+from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Loaded", "RecordedFrame", "Recorder", "load_result"]
@@ -41,6 +42,8 @@ class Loaded:
         Moments of the run, oldest first; empty if none were kept.
     summary : str
         One line for people.
+    method : Method
+        That placed the particles.
     """
 
     result: Result
@@ -48,6 +51,7 @@ class Loaded:
     energies: FloatArray
     frames: tuple[RecordedFrame, ...]
     summary: str
+    method: Method
 
     @property
     def particles(self) -> dict[str, FloatArray]:
@@ -109,7 +113,8 @@ def load_result(project: Project) -> Loaded:
         f"{record.particles} particles on {len(record.subjects)} shapes, {record.metric} distances, "
         f"{record.iterations} iterations in {sum(record.seconds.values()):.0f} s on {record.device}"
     )
-    return Loaded(result, surfaces, _energies(project), _frames(project), summary)
+    method = record.settings.optimize.method
+    return Loaded(result, surfaces, _energies(project), _frames(project), summary, method)
 
 
 def _energies(project: Project) -> FloatArray:

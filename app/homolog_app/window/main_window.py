@@ -14,6 +14,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.availability import available
 from homolog_app.window.desk import Desk
 from homolog_app.window.docks import Docks
+from homolog_app.window.explore.orders import exploring
 from homolog_app.window.helping import Helping
 from homolog_app.window.inspector import Inspector
 from homolog_app.window.library import Library, dropped_paths
@@ -93,6 +94,7 @@ class MainWindow(QMainWindow):
                 desk.session, desk.project, busy=desk.work.is_busy, running=desk.work.run_job is not None,
                 kept=desk.work.cancelled_run is not None,
                 page=page, pages=pages, ready=views is not None,
+                plays=self.step == "explore" and self.inspector.explore.page.plays,
             )
         )  # fmt: skip
         steps = steps_of(desk.session, desk.work)
@@ -153,6 +155,7 @@ class MainWindow(QMainWindow):
         for signal in (
             desk.session.study_changed, desk.session.facts_changed, desk.session.selection_changed,
             desk.session.project_changed, desk.session.undo.indexChanged, desk.work.changed,
+            self.inspector.explore.page_changed,
         ):  # fmt: skip
             signal.connect(self.refresh)
         desk.work.failed.connect(self.helping.show_error)
@@ -164,7 +167,7 @@ class MainWindow(QMainWindow):
         own = {"file.quit": self.close, "edit.undo": undo.undo, "edit.redo": undo.redo}
         return {
             **steps, **own, **self.docks.handlers(), **self.library.handlers(), **self.helping.handlers(),
-            **self.desk.handlers(), **self.tour.handlers(),
+            **self.desk.handlers(), **self.tour.handlers(), **exploring(self),
         }  # fmt: skip
 
     def _name_window(self) -> None:

@@ -1,6 +1,10 @@
 """Numbers as people type and read them: both decimal signs are understood, a point is written."""
 
-__all__ = ["duration", "parse_number"]
+import math
+
+__all__ = ["duration", "parse_number", "short", "signed", "ticks"]
+
+_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 
 
 def parse_number(text: str) -> float:
@@ -17,3 +21,23 @@ def duration(seconds: float) -> str:
     if seconds < 5400:
         return f"about {round(seconds / 60)} min"
     return f"about {seconds / 3600:.1f} h"
+
+
+def signed(value: float, digits: int = 2) -> str:
+    """Return a number with its sign, a true minus and fixed digits: ``"+1.50"``, ``"0.00"``."""
+    text = f"{value:+.{digits}f}"
+    return text[1:] if float(text) == 0.0 else text.replace("-", "−")
+
+
+def short(value: float) -> str:
+    """Return a number with three digits at most and a true minus."""
+    return f"{value:.3g}".replace("-", "−") if abs(value) > 1e-12 else "0"
+
+
+def ticks(low: float, high: float, about: int = 5) -> list[float]:
+    """Return so many round values, or a few more or less, from low to high; 0 is one of them if between."""
+    rough = max((high - low) / about, 1e-300)
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(one * power for one in _STEPS if one * power >= 0.999 * rough)
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return [number * step for number in range(first, last + 1)]

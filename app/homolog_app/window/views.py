@@ -86,7 +86,7 @@ class Views(QObject):
         self._work.changed.connect(self._watch_run)
         for name in ("link", "raw", "groomed", "particles", "grid4"):
             window.commands[f"view.{name}"].setChecked(True)
-        self._own_particles = False
+        self._own_particles, self._balls = False, False
         self.refresh()
 
     @property
@@ -162,9 +162,20 @@ class Views(QObject):
         shown = page.shown(self._subjects) if page is not None else Shown(self._subjects)
         if shown.particles is None:
             shown = replace(shown, particles=self._run_particles)
-        self._own_particles = shown.particles is not self._run_particles
+        own = shown.particles is not self._run_particles
+        if own is not self._own_particles:
+            self._own_particles = own
+            self._swap_balls()
+            self.stage.footer.offer_frames(not own)
         self.stage.scene.display(shown)
         self._explore.fitted.draw_ms = self.stage.scene.draw_ms
+
+    def _swap_balls(self) -> None:
+        """Remember apart whether particles are seen on subjects and on shapes of the model."""
+        balls = self._window.commands["view.particles"]
+        self._balls, seen = balls.isChecked(), self._balls
+        balls.setChecked(seen)
+        self.stage.scene.switch(particles=seen)
 
     def play_or_stop(self) -> None:
         """Play the run from its first moment or what the open page of Explore plays, or hold."""

@@ -1,9 +1,12 @@
-"""The shape model of the result, computed once and shared by the pages that show shapes of it."""
+"""The shape model of the result, and of one compared with it: fitted once, shared by the pages."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Signal, Slot
 
+from homolog.errors import InputError
+from homolog.files.project import Project
 from homolog.progress import Tick
 from homolog_app.window.desk import Desk
 from homolog_app.window.loaded import Loaded
@@ -26,6 +29,7 @@ class Fitted(QObject):
         self._asked: Loaded | None = None
         self._of: Loaded | None = None
         self._shape: ModelShape | None = None
+        self._other: ModelShape | None = None
         self.draw_ms = 0.0
         """How long the views take to draw [ms]; what plays rests accordingly."""
         desk.session.facts_changed.connect(self._look)
@@ -36,25 +40,63 @@ class Fitted(QObject):
         """The model of the result that is open; None until it is fitted."""
         return self._shape if self._of is self._desk.session.result else None
 
+    @property
+    def other(self) -> "ModelShape | None":
+        """The model of another project that it is compared with."""
+        return self._other if self.shape is not None else None
+
+    @property
+    def both(self) -> "tuple[ModelShape, ...]":
+        """The models that are shown beside each other: none, the open one, or the other one after it."""
+        return tuple(one for one in (self.shape, self.other) if one is not None)
+
     def want(self) -> None:
         """Fit the model unless that was done; `changed` follows. Asks again if it was cancelled before."""
         self._wanted, self._asked = True, None
         self._look()
 
+    def compare_with(self, folder: Path) -> None:
+        """Read another project's result and fit its model; `changed` follows.
+
+        Raises
+        ------
+        InputError
+            If the folder is no project.
+        """
+        project = Project(folder)
+        if not project.exists:
+            raise InputError(f"{folder}: is no project; choose the folder of a project with a result")
+
+        def read(tick: Tick) -> "ModelShape":
+            from homolog_app.window.explore.model_shape import read_model_shape
+
+            return read_model_shape(folder.name, project, tick)
+
+        self._desk.work.compute("compare", read, f"reading {folder.name}", self._take_other)
+
+    def compare_no_more(self) -> None:
+        """Show the open result alone again."""
+        self._take_other(None)
+
+    def _take_other(self, shape: "ModelShape | None") -> None:
+        self._other = shape
+        self.changed.emit()
+
     @Slot()
     def _look(self) -> None:
         result, work = self._desk.session.result, self._desk.work
         if self._of is not None and self._of is not result:
-            self._of = self._shape = None
+            self._of = self._shape = self._other = None
             self.changed.emit()
         if not self._wanted or result is None or result in (self._of, self._asked) or work.is_busy:
             return
         self._asked = result
+        name = self._desk.session.title
 
         def fit(tick: Tick) -> "ModelShape":
             from homolog_app.window.explore.model_shape import fit_model_shape
 
-            return fit_model_shape(result.result, tick)
+            return fit_model_shape(name, result.method, result.result, tick)
 
         def take(shape: "ModelShape") -> None:
             self._of, self._shape = result, shape

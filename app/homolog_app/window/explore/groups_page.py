@@ -14,3 +14,6 @@ class GroupsPage(ExplorePage):
     def enter(self) -> None:
         """Fit the model."""
         self.fitted.want()
+
+    def test(self) -> None:
+        """Test."""

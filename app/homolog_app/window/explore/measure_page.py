@@ -14,3 +14,6 @@ class MeasurePage(ExplorePage):
     def enter(self) -> None:
         """Fit the model."""
         self.fitted.want()
+
+    def export(self) -> None:
+        """Export."""

@@ -12,12 +12,20 @@ from scipy import sparse
 from homolog.analysis.parallel import ParallelAnalysis, parallel_analysis
 from homolog.analysis.reconstruction import MOST_CENTRES, spread_centres, thin_plate_moved
 from homolog.analysis.shape_model import ShapeModel, fit_shape_model
-from homolog.arrays import Float32Array, FloatArray, IntArray, frozen
-from homolog.files.results import Result
+from homolog.arrays import Array, Float32Array, FloatArray, IntArray, frozen
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog.files.results import Result, read_result
 from homolog.progress import Tick, no_tick, part_of
+from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.pictures.displacement import common_limit
 
-__all__ = ["ModelShape", "fit_model_shape"]
+__all__ = ["ModelShape", "fit_model_shape", "placement", "read_model_shape"]
+
+_ARROWS = 240
+_LIMIT_AT = 2.0
+"""Standard deviations of the strongest mode that the colours reach to."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,57 +34,101 @@ class ModelShape:
 
     Attributes
     ----------
+    name : str
+        The project's.
+    method : Method
+        That placed the particles.
     result : Result
     model : ShapeModel
     parallel : ParallelAnalysis
         Which modes are above chance.
     mean : TriangleMesh
         The mean surface, V vertices.
+    mean_normals : (V, 3) float32 array
+        Its unit normals.
     moves : (K, 3 V) float32 array
         Displacement of the vertices for one standard deviation of each mode [mm].
     corners : (V, F) sparse float32 array
         One where a vertex is a corner of a face: sums face normals at vertices.
+    arrows_at : (A,) int array
+        Vertices where arrows are drawn, evenly spread.
+    limit : float
+        End of the colour scale of displacements [mm].
     """
 
+    name: str
+    method: Method
     result: Result
     model: ShapeModel
     parallel: ParallelAnalysis
     mean: TriangleMesh
+    mean_normals: Float32Array
     moves: Float32Array
     corners: "sparse.csr_array"
+    arrows_at: IntArray
+    limit: float
 
-    def vertices(self, deviations: FloatArray) -> Float32Array:
-        """Return the vertices (V, 3) [mm] at multiples (k,) of the first modes' standard deviations."""
-        flat = np.asarray(deviations, dtype=np.float32) @ self.moves[: len(deviations)]
-        moved: Float32Array = flat.reshape(-1, 3) + self.mean.vertices.astype(np.float32)
-        return moved
+    @property
+    def modes(self) -> int:
+        """Number of modes."""
+        return len(self.moves)
 
-    def normals(self, vertices: Float32Array) -> Float32Array:
-        """Return unit normals (V, 3) of the surface with these vertices (V, 3), outward."""
-        a, b, c = (vertices[self.mean.faces[:, corner]] for corner in range(3))
-        one, other = b - a, c - a
-        across = np.empty_like(a)
-        for axis, (left, right) in enumerate(((1, 2), (2, 0), (0, 1))):
-            across[:, axis] = one[:, left] * other[:, right] - one[:, right] * other[:, left]
-        sums: Float32Array = self.corners @ across
-        sums /= np.maximum(np.sqrt(np.einsum("ij,ij->i", sums, sums)), 1e-30)[:, None]
-        return sums
+    @property
+    def title(self) -> str:
+        """The project with its method, for captions."""
+        words = {Method.GEODESIC_NORMALS: "proposed", Method.EUCLIDEAN: "original"}
+        return f"{self.name} ({words.get(self.method, self.method.value)})"
+
+    def moved(self, deviations: FloatArray) -> Float32Array:
+        """Return displacements from the mean (V, 3) [mm] at multiples (k,) of the modes' deviations."""
+        flat: Float32Array = np.asarray(deviations, dtype=np.float32) @ self.moves[: len(deviations)]
+        return flat.reshape(-1, 3)
+
+    def outward(self, displacement: Array) -> Float32Array:
+        """Return the part of displacements (V, 3) along the mean's outward normals [mm], shape (V,)."""
+        part: Float32Array = np.einsum("vi,vi->v", displacement, self.mean_normals)
+        return part
+
+    def normals(self, vertices: Array) -> Float32Array:
+        """Return outward unit normals (V, 3) of the surface with these vertices (V, 3)."""
+        return _normals(vertices, self.mean.faces, self.corners)
 
     def carried(self, displacement: FloatArray) -> Float32Array:
         """Return displacements of the vertices (V, 3) for those of the particles (N, 3) [mm].
 
         Exact for what lies in the space of the subjects: differences of groups, discriminants, modes.
         """
-        scores = np.tensordot(self.model.modes, displacement, axes=2) / self.model.standard_deviations
-        carried: Float32Array = (scores.astype(np.float32) @ self.moves).reshape(-1, 3)
-        return carried
+        return self.moved(self.deviations(displacement))
+
+    def deviations(self, displacement: FloatArray) -> FloatArray:
+        """Return the multiples (K,) of the modes' deviations that a displacement (N, 3) [mm] is made of."""
+        scores = np.tensordot(self.model.modes, displacement, axes=2)
+        return np.asarray(scores / self.model.standard_deviations)
 
 
-def fit_model_shape(result: Result, tick: Tick = no_tick) -> ModelShape:
+def read_model_shape(folder_name: str, project: Project, tick: Tick) -> ModelShape:
+    """Read a project's result and fit its model.
+
+    Raises
+    ------
+    InputError
+        If the folder is no project or holds no result.
+    """
+    tick(0.0, f"reading {folder_name}")
+    record = project.read().result
+    if record is None:
+        raise InputError(f"{project.folder}: has no result yet; run it first")
+    result, method = read_result(project), record.settings.optimize.method
+    return fit_model_shape(folder_name, method, result, part_of(tick, 0.2, 1.0))
+
+
+def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_tick) -> ModelShape:
     """Fit the shape model of a result and carry its modes to the mean surface.
 
     Parameters
     ----------
+    name, method
+        See `ModelShape`.
     result : Result
     tick : Tick
         Progress and cancelling.
@@ -87,12 +139,52 @@ def fit_model_shape(result: Result, tick: Tick = no_tick) -> ModelShape:
     mesh = result.mean_surface
     centres = spread_centres(model.mean, MOST_CENTRES)
     targets = (model.modes * model.standard_deviations[:, None, None])[:, centres]
-    moves = thin_plate_moved(model.mean[centres], mesh.vertices, targets)
-    flat = frozen(moves.reshape(len(moves), -1), np.float32)
-    return ModelShape(result, model, parallel, mesh, flat, _corners(mesh.faces, len(mesh.vertices)))
+    moves = thin_plate_moved(model.mean[centres], mesh.vertices, targets).astype(np.float32)
+    tick(0.9, "normals of the mean surface")
+    corners = _corners(mesh.faces, len(mesh.vertices))
+    normals = _normals(mesh.vertices.astype(np.float32), mesh.faces, corners)
+    leading = _LIMIT_AT * np.einsum("kvi,vi->kv", moves[: max(1, parallel.kept)], normals)
+    return ModelShape(
+        name=name,
+        method=method,
+        result=result,
+        model=model,
+        parallel=parallel,
+        mean=mesh,
+        mean_normals=frozen(normals),
+        moves=frozen(moves.reshape(len(moves), -1)),
+        corners=corners,
+        arrows_at=spread_centres(mesh.vertices, _ARROWS),
+        limit=common_limit([max(leading, key=lambda one: float(np.abs(one).max()))]),
+    )
+
+
+def placement(of: ModelShape, beside: ModelShape) -> FloatArray:
+    """Return the rigid motion (4, 4) that puts a model beside another as their common subjects lie.
+
+    The identity if they have no subject in common.
+    """
+    for index, name in enumerate(of.result.names):
+        if name in beside.result.names:
+            there = beside.result.alignments[beside.result.names.index(name)]
+            motion = there @ np.linalg.inv(of.result.alignments[index])
+            motion[:3, :3] /= np.cbrt(np.linalg.det(motion[:3, :3]))
+            return np.asarray(motion)
+    return np.eye(4)
 
 
 def _corners(faces: IntArray, vertices: int) -> "sparse.csr_array":
     rows, columns = faces.ravel(), np.repeat(np.arange(len(faces)), 3)
     ones = np.ones(len(rows), dtype=np.float32)
     return sparse.csr_array((ones, (rows, columns)), shape=(vertices, len(faces)))
+
+
+def _normals(vertices: Array, faces: IntArray, corners: "sparse.csr_array") -> Float32Array:
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    one, other = b - a, c - a
+    across = np.empty_like(a)
+    for axis, (left, right) in enumerate(((1, 2), (2, 0), (0, 1))):
+        across[:, axis] = one[:, left] * other[:, right] - one[:, right] * other[:, left]
+    sums: Float32Array = corners @ across
+    sums /= np.maximum(np.sqrt(np.einsum("vi,vi->v", sums, sums)), 1e-30)[:, None]
+    return sums

@@ -1,16 +1,194 @@
-"""Modes."""
+"""What varies: shapes along the modes of variation."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel
+
+from homolog.arrays import FloatArray
+from homolog_app.window.actions import Actions
+from homolog_app.window.desk import Desk
+from homolog_app.window.explore.compare_box import CompareBox
+from homolog_app.window.explore.fitted import Fitted
+from homolog_app.window.explore.mode_plots_dock import ModePlots
+from homolog_app.window.explore.mode_sliders import ModeSliders
+from homolog_app.window.explore.mode_views import ModeScene, mode_scene
 from homolog_app.window.explore.page import ExplorePage
+from homolog_app.window.explore.player import Player
+from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.widgets import GRID, label
 
 __all__ = ["ModesPage"]
 
+_MODEL = "Mean and modes"
+_LAYOUTS = {"The shape": "shape", "− mean + of two modes": "strips"}
+
 
 class ModesPage(ExplorePage):
-    """What varies: move the mean shape along its modes of variation."""
+    """Sliders of the modes, playing, subjects and their reconstruction."""
 
     title = "Modes"
-    hint = "What varies: move the mean shape along its modes of variation."
+    hint = "What varies. Move the mean shape along its modes, alone or combined."
+    plays = True
+
+    def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
+        super().__init__(desk, actions, fitted)
+        self.sliders = ModeSliders()
+        self.player = Player(actions, lambda: fitted.draw_ms)
+        self.who, self.views = QComboBox(), QComboBox()
+        self.who.setAccessibleName("Shape that is shown")
+        self.views.setAccessibleName("Views")
+        for words, value in _LAYOUTS.items():
+            self.views.addItem(words, value)
+        self.colours = QCheckBox("Displacement colours")
+        self.colours.setChecked(True)
+        self.arrows = QCheckBox("Arrows")
+        self.state = label("", "Hint", wrap=True)
+        self.compare = CompareBox(actions, fitted)
+        self.plots = self.charts = ModePlots(desk.theme)
+        self.base.hide()
+        self._lay_out()
+        self._connect()
+        self._show_model()
+
+    def _lay_out(self) -> None:
+        self.body.addWidget(self.state)
+        self.body.addWidget(self.sliders)
+        self.body.addWidget(self.player)
+        self.body.addSpacing(GRID)
+        for words, box in (("Show", self.who), ("Views", self.views)):
+            row = QHBoxLayout()
+            name = QLabel(words)
+            name.setBuddy(box)
+            name.setFixedWidth(56)
+            row.addWidget(name)
+            row.addWidget(box, 1)
+            self.body.addLayout(row)
+        ticks = QHBoxLayout()
+        for tick in (self.colours, self.arrows):
+            ticks.addWidget(tick)
+        ticks.addStretch()
+        self.body.addLayout(ticks)
+        self.body.addSpacing(GRID)
+        self.body.addWidget(self.compare)
+        self.body.addStretch()
+
+    def _connect(self) -> None:
+        session = self.desk.session
+        self.fitted.changed.connect(self._show_model)
+        self.desk.work.changed.connect(self._tell_state)
+        self.sliders.moved.connect(self._follow_sliders)
+        self.player.swung.connect(lambda value: self.sliders.show_value(self.sliders.chosen, value))
+        self.who.activated.connect(lambda _: self._choose_subject(self.who.currentText()))
+        self.views.activated.connect(lambda _: self.shown_changed.emit())
+        for tick in (self.colours, self.arrows):
+            tick.toggled.connect(self.shown_changed)
+        self.charts.scree.mode_chosen.connect(self.sliders.choose)
+        self.charts.scatter.subject_chosen.connect(lambda name: session.select([name]))
+        self.charts.scatter.morphed.connect(self._morph)
+        self.charts.axes_changed.connect(self._show_scores)
+        session.selection_changed.connect(self._follow_selection)
+        session.study_changed.connect(self._show_scores)
 
     def enter(self) -> None:
-        """Fit the model."""
+        """Fit the model if it is not."""
         self.fitted.want()
+
+    def play_or_stop(self) -> bool:
+        """Play the chosen mode, or hold."""
+        if self.fitted.shape is not None:
+            self.player.play_or_stop()
+        return True
+
+    def stop(self) -> None:
+        """Hold."""
+        self.player.stop()
+
+    def shown(self, subjects: Sequence[Content]) -> Shown:
+        """Return the shape at the sliders, with what is chosen to be beside it."""
+        if self.fitted.shape is None:
+            return Shown(subjects)
+        own = next((one for one in subjects if one.name == self._subject), None)
+        return mode_scene(
+            ModeScene(
+                models=self.fitted.both,
+                deviations=self.sliders.values,
+                strips=self.charts.axes if self.views.currentData() == "strips" else (),
+                reach=float(self.player.reach.currentData()),
+                subject=replace(own, raw=None, note="own surface") if own is not None else None,
+                colours=self.colours.isChecked(),
+                arrows=self.arrows.isChecked(),
+            )
+        )
+
+    @property
+    def _subject(self) -> str:
+        return self.who.currentText() if self.who.currentIndex() > 0 else ""
+
+    def _show_model(self) -> None:
+        shape = self.fitted.shape
+        if shape is None or self.sliders.model is not shape:
+            self.player.stop()
+            self.sliders.show_model(shape)
+            self.charts.show_model(shape)
+            self.who.clear()
+            self.who.addItems([_MODEL, *(shape.result.names if shape else ())])
+            self._show_scores()
+        self._tell_state()
+        self.shown_changed.emit()
+
+    def _tell_state(self) -> None:
+        shape, work = self.fitted.shape, self.desk.work
+        for widget in (self.sliders, self.player, self.who, self.views, self.compare):
+            widget.setEnabled(shape is not None)
+        if shape is None:
+            busy = work.kind == "model" and work.status is not None
+            words = (
+                f"Fitting the shape model: {100 * work.status.fraction:.0f} %" if busy and work.status else ""
+            )
+            self.state.setText(words or "The shape model is not fitted; open this page again to fit it.")
+            return
+        kept = shape.parallel.kept
+        verb = "mode is" if kept == 1 else "modes are"
+        share = 100.0 * float(shape.model.explained[:kept].sum())
+        self.state.setText(f"{kept} {verb} above chance: {share:.1f} % of the variance (parallel analysis).")
+
+    def _follow_sliders(self) -> None:
+        first, second = self.charts.axes
+        values = self.sliders.values
+        at = [float(values[mode]) if mode < len(values) else 0.0 for mode in (first, second)]
+        self.charts.scatter.show_cursor(at[0], at[1])
+        self.shown_changed.emit()
+
+    def _morph(self, x: float, y: float) -> None:
+        self.player.stop()
+        first, second = self.charts.axes
+        self.sliders.show_value(first, x)
+        self.sliders.show_value(second, y)
+
+    def _choose_subject(self, name: str) -> None:
+        shape = self.fitted.shape
+        self.player.stop()
+        if shape is not None and self._subject:
+            self.desk.session.select([name])
+            self.sliders.show_values(self._scores()[shape.result.names.index(name)])
+        else:
+            self.sliders.show_values(())
+
+    def _follow_selection(self) -> None:
+        self.charts.scatter.show_selection(self.desk.session.selection)
+
+    def _scores(self) -> FloatArray:
+        shape = self.fitted.shape
+        assert shape is not None
+        return np.asarray(shape.model.scores / shape.model.standard_deviations)
+
+    def _show_scores(self) -> None:
+        shape = self.fitted.shape
+        if shape is None:
+            return
+        present = {one.name: one.subject.group or "" for one in self.desk.session.study.members}
+        groups = [present.get(name, "") for name in shape.result.names]
+        self.charts.show_scores(self._scores(), shape, groups)
+        self._follow_selection()

@@ -24,12 +24,15 @@ class ExplorePage(Panel):
     ----------
     title : str
         On the page's tab.
+    plays : bool
+        Whether the page plays something, so that the space bar does.
     plots : QWidget or None
         What the dock below the views shows while the page is open.
     """
 
     title = ""
     hint = ""
+    plays = False
     shown_changed = Signal()
 
     def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:

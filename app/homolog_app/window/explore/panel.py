@@ -1,5 +1,7 @@
 """The fourth step: a strip of tabs, and a page below it."""
 
+from typing import TypeVar
+
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
@@ -22,6 +24,9 @@ PAGES: tuple[type[ExplorePage], ...] = (
     MeasurePage,
 )
 """The pages in the order of their tabs."""
+
+
+_Kind = TypeVar("_Kind", bound=ExplorePage)
 
 
 class ExplorePanel(QWidget):
@@ -56,13 +61,13 @@ class ExplorePanel(QWidget):
         """The open page."""
         return self.pages[self.tabs.currentIndex()]
 
-    def page_called(self, title: str) -> ExplorePage:
-        """Return a page by the title on its tab."""
-        return next(page for page in self.pages if page.title == title)
+    def page_of(self, kind: type[_Kind]) -> _Kind:
+        """Return the page of a kind."""
+        return next(page for page in self.pages if isinstance(page, kind))
 
-    def open_page(self, title: str) -> None:
+    def open_page(self, page: ExplorePage) -> None:
         """Turn to a page."""
-        self.tabs.setCurrentIndex(self.pages.index(self.page_called(title)))
+        self.tabs.setCurrentIndex(self.pages.index(page))
 
     def _turn(self, index: int) -> None:
         before = self._stack.currentWidget()

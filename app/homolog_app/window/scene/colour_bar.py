@@ -4,6 +4,7 @@ from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QFont, QImage, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
+from homolog_app.window.quantities import short, ticks
 from homolog_app.window.scene.colour_scale import ColourScale
 from homolog_app.window.theme import LIGHT, Colours
 
@@ -36,8 +37,8 @@ class ColourBar(QWidget):
         self._scale = scale
         self.setVisible(scale is not None)
         if scale is not None:
-            words = (f"{scale.title} in {scale.unit}, from {number(scale.low)} {scale.low_words} "
-                     f"to {number(scale.high)} {scale.high_words}")  # fmt: skip
+            words = (f"{scale.title} in {scale.unit}, from {short(scale.low)} {scale.low_words} "
+                     f"to {short(scale.high)} {scale.high_words}")  # fmt: skip
             self.setAccessibleDescription(words)
             self.setToolTip(words)
         self.update()
@@ -107,14 +108,9 @@ class ColourBar(QWidget):
         painter.drawText(
             QRectF(bar.right() + 8, bar.top() - 3, _SIDE - 8, 18), left | middle, scale.high_words
         )
-        for value in scale.ticks:
+        for value in ticks(scale.low, scale.high):
             x = bar.left() + bar.width() * (value - scale.low) / (scale.high - scale.low)
             painter.drawLine(QPointF(x, bar.bottom()), QPointF(x, bar.bottom() + 4))
             painter.drawText(
-                QRectF(x - 40, bar.bottom() + 5, 80, 16), Qt.AlignmentFlag.AlignCenter, number(value)
+                QRectF(x - 40, bar.bottom() + 5, 80, 16), Qt.AlignmentFlag.AlignCenter, short(value)
             )
-
-
-def number(value: float) -> str:
-    """Return a number for a scale, with a true minus sign; ``+`` is left out."""
-    return f"{value:.3g}".replace("-", "−") if abs(value) > 1e-12 else "0"

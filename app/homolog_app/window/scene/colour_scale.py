@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.arrays import Array, BoolArray, FloatArray
+from homolog.arrays import Array, BoolArray
 
 __all__ = ["ColourScale", "displacement_scale"]
 
-_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 _FADED = np.array([150.0, 150.0, 150.0])
 _FADING = 0.85
 
@@ -40,7 +39,7 @@ class ColourScale:
     high_words: str = ""
     note: str = ""
 
-    def colours(self, values: FloatArray, faded: BoolArray | None = None) -> Array:
+    def colours(self, values: Array, faded: BoolArray | None = None) -> Array:
         """Return (V, 3) uint8 colours of values (V,); those marked in `faded` (V,) are greyed."""
         span = max(self.high - self.low, np.finfo(float).tiny)
         place = np.clip((values - self.low) * ((len(self.table) - 1) / span), 0, len(self.table) - 1)
@@ -49,16 +48,6 @@ class ColourScale:
             pale = (1.0 - _FADING) * chosen[faded] + _FADING * _FADED
             chosen[faded] = np.rint(pale)
         return chosen
-
-    @property
-    def ticks(self) -> list[float]:
-        """Round values from low to high, five or so; 0 is among them if it lies between."""
-        span = self.high - self.low
-        rough = span / 5.0
-        power = 10.0 ** np.floor(np.log10(max(rough, np.finfo(float).tiny)))
-        step = float(next(one * power for one in _STEPS if one * power >= 0.999 * rough))
-        first, last = np.ceil(self.low / step - 1e-9), np.floor(self.high / step + 1e-9)
-        return [float(number * step) for number in np.arange(first, last + 1)]
 
 
 def displacement_scale(limit: float, title: str = "Outward displacement", note: str = "") -> ColourScale:

@@ -1,0 +1,45 @@
+"""Choosing another project to show beside the open one."""
+
+from pathlib import Path
+
+from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QWidget
+
+from homolog_app.window.actions import Actions
+from homolog_app.window.explore.fitted import Fitted
+from homolog_app.window.widgets import GRID, button, label
+
+__all__ = ["CompareBox", "choose_other"]
+
+
+class CompareBox(QWidget):
+    """Says what is beside the open result, and offers to choose or leave it."""
+
+    def __init__(self, actions: Actions, fitted: Fitted) -> None:
+        super().__init__()
+        self._fitted = fitted
+        self.choose = button("Compare with…")
+        self.choose.setToolTip(actions["explore.compare"].toolTip())
+        self.choose.clicked.connect(actions["explore.compare"].trigger)
+        self.leave = button("Show alone", "flat")
+        self.leave.clicked.connect(fitted.compare_no_more)
+        self.words = label("", "Hint", wrap=True)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(GRID)
+        row.addWidget(self.choose)
+        row.addWidget(self.words, 1)
+        row.addWidget(self.leave)
+        fitted.changed.connect(self._show)
+        self._show()
+
+    def _show(self) -> None:
+        other = self._fitted.other
+        self.words.setText(f"Beside it: {other.title}" if other else "Another run or method, side by side.")
+        self.leave.setVisible(other is not None)
+
+
+def choose_other(parent: QWidget, fitted: Fitted) -> None:
+    """Ask for a project's folder and compare with it; raises InputError if it is none."""
+    folder = QFileDialog.getExistingDirectory(parent, "Compare with the result of a project")
+    if folder:
+        fitted.compare_with(Path(folder))

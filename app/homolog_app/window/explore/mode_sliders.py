@@ -1,0 +1,175 @@
+"""A slider for each mode, with its value, its variance and its share."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import (
+    QButtonGroup,
+    QGridLayout,
+    QHBoxLayout,
+    QPushButton,
+    QSlider,
+    QVBoxLayout,
+    QWidget,
+)
+
+from homolog.arrays import FloatArray
+from homolog_app.window.quantities import short, signed
+from homolog_app.window.widgets import GRID, button, label
+
+if TYPE_CHECKING:
+    from homolog_app.window.explore.model_shape import ModelShape
+
+__all__ = ["REACH", "ModeSliders"]
+
+REACH = 3.0
+"""Standard deviations that sliders go to on both sides."""
+
+_STEPS = 100
+_MORE = 3
+
+
+class ModeSliders(QWidget):
+    """As many sliders as modes are above chance, more on demand; they combine freely.
+
+    One mode is the chosen one: it plays, and the name of its row is pressed.
+    """
+
+    moved = Signal()
+    chosen_changed = Signal(int)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._rows: list[_Row] = []
+        self._shape: ModelShape | None = None
+        self._choice = QButtonGroup(self)
+        self._choice.idClicked.connect(self.chosen_changed)
+        self._column = QVBoxLayout()
+        self._column.setSpacing(GRID)
+        self.more = button("Show more modes", "flat")
+        self.more.clicked.connect(lambda: self._show_rows(len(self._rows) + _MORE))
+        self.reset = button("Mean shape", "flat")
+        self.reset.setToolTip("Put all sliders to zero (M)")
+        self.reset.clicked.connect(lambda: self.show_values(np.zeros(0)))
+        buttons = QHBoxLayout()
+        buttons.addWidget(self.more)
+        buttons.addStretch()
+        buttons.addWidget(self.reset)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(GRID)
+        layout.addLayout(self._column)
+        layout.addLayout(buttons)
+
+    @property
+    def values(self) -> FloatArray:
+        """What the sliders say [SD], shape (k,)."""
+        return np.array([row.value for row in self._rows])
+
+    @property
+    def model(self) -> "ModelShape | None":
+        """The model whose sliders are shown."""
+        return self._shape
+
+    @property
+    def chosen(self) -> int:
+        """The mode that plays, counted from 0."""
+        return max(0, self._choice.checkedId())
+
+    def show_model(self, shape: "ModelShape | None") -> None:
+        """Show the sliders of another model, all at zero."""
+        for row in self._rows:
+            self._choice.removeButton(row.name)
+            self._column.removeWidget(row)
+            row.deleteLater()
+        self._rows, self._shape = [], shape
+        if shape is not None:
+            self._show_rows(max(1, shape.parallel.kept))
+            self.choose(0)
+
+    def choose(self, mode: int) -> None:
+        """Choose a mode; its slider is shown if it was not."""
+        if self._shape is not None and mode < self._shape.modes:
+            self._show_rows(mode + 1)
+            self._rows[mode].name.setChecked(True)
+            self.chosen_changed.emit(mode)
+
+    def show_values(self, values: FloatArray | Sequence[float]) -> None:
+        """Set the sliders of the first modes [SD], the others to zero; `moved` follows once."""
+        for index, row in enumerate(self._rows):
+            row.show_value(float(values[index]) if index < len(values) else 0.0)
+        self.moved.emit()
+
+    def show_value(self, mode: int, value: float) -> None:
+        """Set one slider [SD]; `moved` follows."""
+        self._show_rows(mode + 1)
+        self._rows[mode].show_value(value)
+        self.moved.emit()
+
+    def _show_rows(self, count: int) -> None:
+        shape = self._shape
+        if shape is None:
+            return
+        for mode in range(len(self._rows), min(count, shape.modes)):
+            variance, share = float(shape.model.variances[mode]), float(shape.model.explained[mode])
+            row = _Row(mode, variance, share, above=mode < shape.parallel.kept)
+            row.slider.valueChanged.connect(lambda _, mode=mode: self._follow(mode))
+            self._choice.addButton(row.name, mode)
+            self._column.addWidget(row)
+            self._rows.append(row)
+        self.more.setVisible(len(self._rows) < shape.modes)
+
+    def _follow(self, mode: int) -> None:
+        if self._choice.checkedId() != mode:
+            self._rows[mode].name.setChecked(True)
+            self.chosen_changed.emit(mode)
+        self.moved.emit()
+
+
+class _Row(QWidget):
+    """One mode: its name, the slider, the value, and below them how much it varies."""
+
+    def __init__(self, mode: int, variance: float, share: float, *, above: bool) -> None:
+        super().__init__()
+        self.name: QPushButton = button(f"Mode {mode + 1}", "flat")
+        self.name.setCheckable(True)
+        self.name.setToolTip("Play this mode")
+        self.slider = QSlider(Qt.Orientation.Horizontal)
+        self.slider.setRange(round(-REACH * _STEPS), round(REACH * _STEPS))
+        self.slider.setSingleStep(_STEPS // 10)
+        self.slider.setPageStep(_STEPS // 2)
+        self.slider.setAccessibleName(f"Mode {mode + 1} in standard deviations")
+        self._value = label("")
+        self._value.setMinimumWidth(64)
+        self._value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        words = f"{100 * share:.1f} % · variance {short(variance)} mm²"
+        self._about = label(words if above else f"{words} · not above chance", "FieldHelp")
+        self.slider.setAccessibleDescription(self._about.text())
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setHorizontalSpacing(GRID)
+        grid.setVerticalSpacing(0)
+        grid.addWidget(self.name, 0, 0)
+        grid.addWidget(self.slider, 0, 1)
+        grid.addWidget(self._value, 0, 2)
+        grid.addWidget(self._about, 1, 1, 1, 2)
+        grid.setColumnStretch(1, 1)
+        self.slider.valueChanged.connect(self._tell)
+        self._tell()
+
+    @property
+    def value(self) -> float:
+        """Standard deviations."""
+        return self.slider.value() / _STEPS
+
+    def show_value(self, value: float) -> None:
+        """Move the slider without a signal."""
+        self.slider.blockSignals(True)
+        self.slider.setValue(round(value * _STEPS))
+        self.slider.blockSignals(False)
+        self._tell()
+
+    def _tell(self) -> None:
+        self._value.setText(f"{signed(self.value)} SD")

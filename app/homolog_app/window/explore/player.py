@@ -1,0 +1,86 @@
+"""Playing: a value that swings from one side of zero to the other."""
+
+import math
+import time
+from collections.abc import Callable
+
+from PySide6.QtCore import QTimer, Signal
+from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QWidget
+
+from homolog_app.window.actions import Actions
+from homolog_app.window.widgets import GRID, button
+
+__all__ = ["Player"]
+
+_PERIOD_S = 4.0
+_LEAST_MS = 33
+_DRAWING_SHARE = 1.5
+_SPEEDS = {"½ speed": 0.5, "1 × speed": 1.0, "2 × speed": 2.0}
+_RANGES = {"± 1 SD": 1.0, "± 2 SD": 2.0, "± 3 SD": 3.0}
+
+
+class Player(QWidget):
+    """A button, speed, range and loop. Between two values it rests longer than drawing takes.
+
+    Parameters
+    ----------
+    actions : Actions
+    draw_ms : callable
+        How long a drawing takes now [ms].
+    """
+
+    swung = Signal(float)
+
+    def __init__(self, actions: Actions, draw_ms: Callable[[], float]) -> None:
+        super().__init__()
+        self._draw_ms = draw_ms
+        self._timer = QTimer(self, interval=_LEAST_MS)
+        self._timer.timeout.connect(self._step)
+        self._phase = self._seen = 0.0
+        self.go = button("Play")
+        self.go.setToolTip("Play the chosen mode (Space)")
+        self.go.clicked.connect(actions["run.play"].trigger)
+        self.speed, self.reach = QComboBox(), QComboBox()
+        for box, choices, name in ((self.speed, _SPEEDS, "Speed"), (self.reach, _RANGES, "Range")):
+            for words, value in choices.items():
+                box.addItem(words, value)
+            box.setCurrentIndex(1)
+            box.setAccessibleName(name)
+        self.loop = QCheckBox("Loop")
+        self.loop.setChecked(True)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(GRID)
+        for one in (self.go, self.reach, self.speed, self.loop):
+            row.addWidget(one)
+        row.addStretch()
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether it swings."""
+        return self._timer.isActive()
+
+    def play_or_stop(self) -> None:
+        """Begin at zero, or hold."""
+        if self.is_playing:
+            self.stop()
+        else:
+            self._phase, self._seen = 0.0, time.perf_counter()
+            self._timer.start()
+            self.go.setText("Hold")
+
+    def stop(self) -> None:
+        """Hold."""
+        self._timer.stop()
+        self.go.setText("Play")
+
+    def _step(self) -> None:
+        now = time.perf_counter()
+        self._phase += (now - self._seen) * float(self.speed.currentData()) / _PERIOD_S
+        self._seen = now
+        if self._phase >= 1.0 and not self.loop.isChecked():
+            self.stop()
+            self.swung.emit(0.0)
+            return
+        self.swung.emit(float(self.reach.currentData()) * math.sin(2.0 * math.pi * self._phase))
+        self._timer.setInterval(max(_LEAST_MS, round(_DRAWING_SHARE * self._draw_ms())))

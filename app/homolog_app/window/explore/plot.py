@@ -1,0 +1,146 @@
+"""What the plots of Explore share: a frame with round ticks, and colours and markers of groups."""
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtGui import QColor, QFont, QPainter, QPainterPath, QPaintEvent, QPen, QPolygonF
+from PySide6.QtWidgets import QWidget
+
+from homolog_app.window.quantities import short, ticks
+from homolog_app.window.theme import Theme
+
+__all__ = ["MARKERS", "Plot", "group_colour", "marker"]
+
+# Okabe and Ito (2008), a little darker on light ground and lighter on dark ground for contrast.
+_ON_LIGHT = ("#0068a3", "#b84e00", "#00795a", "#a8487f", "#2f7fae", "#8a6400", "#5f5f5f")
+_ON_DARK = ("#56b4e9", "#f2864b", "#2fc79c", "#e08fc0", "#9ad2f2", "#f0c04a", "#b5b5b5")
+MARKERS = ("disc", "square", "triangle", "diamond", "triangle down", "plus", "cross")
+_LEFT, _TOP, _RIGHT, _BOTTOM = 56, 30, 16, 40
+
+
+def group_colour(index: int, theme: Theme) -> QColor:
+    """Return the colour of a group by its place in the order of groups."""
+    colours = _ON_DARK if theme.is_dark else _ON_LIGHT
+    return QColor(colours[index % len(colours)])
+
+
+def marker(index: int, at: QPointF, radius: float) -> QPainterPath:
+    """Return the marker of a group: each has a shape of its own."""
+    path = QPainterPath()
+    r = radius
+    shapes = {
+        "square": [(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)],
+        "triangle": [(0, -1.15), (1.1, 0.85), (-1.1, 0.85)],
+        "diamond": [(0, -1.3), (1.1, 0), (0, 1.3), (-1.1, 0)],
+        "triangle down": [(0, 1.15), (1.1, -0.85), (-1.1, -0.85)],
+        "plus": [(-0.4, -1.2), (0.4, -1.2), (0.4, -0.4), (1.2, -0.4), (1.2, 0.4), (0.4, 0.4), (0.4, 1.2),
+                 (-0.4, 1.2), (-0.4, 0.4), (-1.2, 0.4), (-1.2, -0.4), (-0.4, -0.4)],
+        "cross": [(0, -0.55), (0.7, -1.25), (1.25, -0.7), (0.55, 0), (1.25, 0.7), (0.7, 1.25), (0, 0.55),
+                  (-0.7, 1.25), (-1.25, 0.7), (-0.55, 0), (-1.25, -0.7), (-0.7, -1.25)],
+    }  # fmt: skip
+    name = MARKERS[index % len(MARKERS)]
+    if name == "disc":
+        path.addEllipse(at, r, r)
+    else:
+        path.addPolygon(QPolygonF([QPointF(at.x() + r * x, at.y() + r * y) for x, y in shapes[name]]))
+        path.closeSubpath()
+    return path
+
+
+class Plot(QWidget):
+    """A plot with two axes. A subclass sets the ranges and paints inside the frame."""
+
+    def __init__(self, theme: Theme, name: str, hint: str) -> None:
+        super().__init__()
+        self.theme = theme
+        self.title, self.x_label, self.y_label = name, "", ""
+        self.x_range, self.y_range = (0.0, 1.0), (0.0, 1.0)
+        self.x_ticks: Sequence[float] | None = None
+        self._hint = hint
+        self.setMinimumSize(220, 180)
+        self.setAccessibleName(name)
+        theme.changed.connect(self.update)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing to plot yet."""
+        return True
+
+    @property
+    def frame(self) -> QRectF:
+        """Where the data are."""
+        return QRectF(self.rect()).adjusted(_LEFT, _TOP, -_RIGHT, -_BOTTOM)
+
+    def place(self, x: float, y: float) -> QPointF:
+        """Return where a point of the data is painted."""
+        frame, (left, right), (low, high) = self.frame, self.x_range, self.y_range
+        return QPointF(
+            frame.left() + frame.width() * (x - left) / (right - left),
+            frame.bottom() - frame.height() * (y - low) / (high - low),
+        )
+
+    def value(self, at: QPointF) -> tuple[float, float]:
+        """Return the data's coordinates of a place."""
+        frame, (left, right), (low, high) = self.frame, self.x_range, self.y_range
+        return (
+            left + (right - left) * (at.x() - frame.left()) / frame.width(),
+            low + (high - low) * (frame.bottom() - at.y()) / frame.height(),
+        )
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Paint axes and data, or what will be here."""
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        font = QFont(self.font())
+        font.setPixelSize(12)
+        painter.setFont(font)
+        painter.fillRect(self.rect(), QColor(self.theme.colours.surface))
+        if self.is_empty:
+            painter.setPen(QColor(self.theme.colours.dim))
+            flags = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
+            painter.drawText(self.rect().adjusted(24, 0, -24, 0), flags, self._hint)
+        else:
+            self._paint_axes(painter)
+            self.paint_data(painter)
+        if self.hasFocus():
+            painter.setPen(QPen(QColor(self.theme.colours.accent), 2))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawRect(self.rect().adjusted(1, 1, -1, -1))
+        painter.end()
+
+    def paint_data(self, painter: QPainter) -> None:
+        """Paint what is inside the frame."""
+        raise NotImplementedError
+
+    def _paint_axes(self, painter: QPainter) -> None:
+        colours, frame = self.theme.colours, self.frame
+        painter.setPen(QColor(colours.text))
+        painter.drawText(QPointF(frame.left(), 18), self.title)
+        painter.setPen(QPen(QColor(colours.line), 1))
+        painter.drawLine(frame.bottomLeft(), frame.bottomRight())
+        painter.drawLine(frame.bottomLeft(), frame.topLeft())
+        painter.setPen(QColor(colours.dim))
+        for x in (
+            self.x_ticks if self.x_ticks is not None else ticks(*self.x_range, self._about(frame.width()))
+        ):
+            at = self.place(x, self.y_range[0])
+            painter.drawLine(at, at + QPointF(0, 4))
+            painter.drawText(QRectF(at.x() - 30, at.y() + 4, 60, 16), Qt.AlignmentFlag.AlignCenter, short(x))
+        right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+        for y in ticks(*self.y_range, max(2, int(frame.height() // 36))):
+            at = self.place(self.x_range[0], y)
+            painter.drawLine(at, at - QPointF(4, 0))
+            painter.drawText(QRectF(at.x() - 46, at.y() - 8, 38, 16), right, short(y))
+        below = QRectF(frame.left(), frame.bottom() + 20, frame.width(), 18)
+        painter.drawText(below, Qt.AlignmentFlag.AlignCenter, self.x_label)
+        if self.y_label:
+            painter.save()
+            painter.translate(11, frame.center().y())
+            painter.rotate(-90)
+            across = QRectF(-frame.height() / 2 - 30, -9, frame.height() + 60, 18)
+            painter.drawText(across, Qt.AlignmentFlag.AlignCenter, self.y_label)
+            painter.restore()
+
+    @staticmethod
+    def _about(width: float) -> int:
+        return max(3, int(width // 70))
