@@ -9,7 +9,7 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import InputError
-from homolog.files.atomic import replacing
+from homolog.files.atomic import replacing, write_text
 from homolog.files.ply import check_ply, write_ply
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -95,7 +95,12 @@ def write_mesh(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array] |
     if suffix == ".ply":
         write_ply(path, mesh, point_data or {}, _LPS_HEADER)
         return
+    if suffix == ".obj":
+        _write_obj(path, mesh)
+        return
     writer = _piece(path, "Writer")
+    for one in (writer, writer.GetExecutive()):
+        one.AddObserver("ErrorEvent", lambda *_: None)  # observed, so that nothing is printed
     writer.SetInputData(_as_polydata(mesh, point_data or {}))
     if suffix == ".vtk" or suffix == ".stl":
         writer.SetHeader(_LPS_HEADER)
@@ -103,7 +108,15 @@ def write_mesh(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array] |
     with replacing(path) as part:
         writer.SetFileName(os.fspath(part))
         if not writer.Write() or writer.GetErrorCode():
-            raise OSError("the writer failed")
+            raise OSError("the disk may be full")
+
+
+def _write_obj(path: Path, mesh: TriangleMesh) -> None:
+    """Write an OBJ file; VTK's writer keeps six digits and does not notice when the disk is full."""
+    points = (" ".join(map(repr, point)) for point in mesh.vertices.tolist())
+    corners = (" ".join(map(str, face)) for face in (mesh.faces + 1).tolist())
+    lines = [f"# {_LPS_HEADER}", *(f"v {point}" for point in points), *(f"f {face}" for face in corners)]
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _piece(path: Path, kind: str) -> Any:  # noqa: ANN401 - VTK has no common type for its readers

@@ -1,0 +1,127 @@
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from homolog.cohort import read_cohort
+from homolog.files.project import Project
+from homolog.run import Run
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def project(finished_run, ellipsoids, tmp_path):
+    """Return a copy of the finished project, beside a copy of the ellipsoids in ``scans``."""
+    shutil.copytree(ellipsoids, tmp_path / "scans")
+    shutil.copytree(finished_run.folder, tmp_path / "project")
+    return Project(tmp_path / "project")
+
+
+@pytest.fixture
+def run_of(short_settings):
+    """Return a function that makes a run of the scans beside a project."""
+
+    def make(project, **options):
+        return Run(project, read_cohort(project.folder.parent / "scans"), short_settings, **options)
+
+    return make
+
+
+@pytest.fixture
+def contents():
+    """Return a function that reads every file of a folder, but locks, by name."""
+
+    def read(folder):
+        return {
+            str(path.relative_to(folder)): path.read_bytes()
+            for path in sorted(folder.rglob("*"))
+            if path.is_file() and path.name != ".lock"
+        }
+
+    return read
+
+
+@pytest.fixture
+def results():
+    """Return a function that reads the files of a result by name; without the record and its time of day."""
+
+    def read(folder):
+        return {
+            str(path.relative_to(folder)): path.read_bytes()
+            for path in sorted(folder.rglob("*"))
+            if path.is_file() and (path.parent.name in ("particles", "model") or path.name == "energies.csv")
+        }
+
+    return read
+
+
+@pytest.fixture
+def files_up_to():
+    """Return a function after which the system lets no file of this process grow beyond some bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def limit(size):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (before[0] if size is None else size, before[1]))
+
+    yield limit
+    limit(None)
+
+
+@pytest.fixture
+def mounted(tmp_path):
+    """Return a function that mounts something on a new folder; skips where that is not allowed."""
+    places = []
+
+    def mount(*arguments):
+        place = tmp_path / f"mounted{len(places)}"
+        place.mkdir()
+        done = subprocess.run(["mount", *arguments, str(place)], capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            pytest.skip(f"file systems can't be mounted here: {done.stderr.strip()}")
+        places.append(place)
+        return place
+
+    yield mount
+    for place in places:
+        subprocess.run(["umount", "-l", str(place)], check=True)
+
+
+@pytest.fixture
+def read_only(mounted):
+    """Return a function that gives a folder as one that can't be written to; root heeds mounts only."""
+    changed = []
+
+    def make(folder):
+        if os.getuid() == 0:
+            return mounted("--bind", "-o", "ro", str(folder))
+        for path in (folder, *folder.rglob("*")):
+            changed.append((path, path.stat().st_mode))
+            path.chmod(0o555 if path.is_dir() else 0o444)
+        return folder
+
+    yield make
+    for path, mode in changed:
+        path.chmod(mode)
+
+
+@pytest.fixture
+def command():
+    """Return a function that runs a command line in a process of its own."""
+    search = os.pathsep.join(str(ROOT / part) for part in ("core", "app", "resources"))
+
+    def begin(*arguments, **options):
+        return subprocess.Popen(
+            [sys.executable, "-m", "homolog_app", *map(str, arguments)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"PYTHONPATH": search},
+            **options,
+        )
+
+    return begin
