@@ -1,0 +1,143 @@
+"""DICOM segmentation objects and label maps as series of slices."""
+
+import shutil
+import sys
+
+import numpy as np
+import pytest
+import SimpleITK
+
+from homolog.cohort import read_cohort
+from homolog.errors import InputError
+from homolog.grooming.images import read_segmentation, read_volume
+
+TURN = np.array(
+    [[0.8, 0.6, 0.0], [0.6, -0.8, 0.0], [0.0, 0.0, -1.0]]
+)  # columns: along x, y and z of the grid
+SPACING, ORIGIN = np.array([1.5, 2.0, 3.0]), np.array([5.0, -6.0, 7.0])
+
+
+def expected(blocks, value=None):
+    inside = np.argwhere(blocks > 0 if value is None else blocks == value)
+    found = inside * SPACING @ TURN.T + ORIGIN
+    return found[np.lexsort(np.round(found, 1).T)]
+
+
+@pytest.fixture
+def series(blocks, tmp_path):
+    """Return a folder with one DICOM file a slice, in an order that their names don't tell."""
+    folder = tmp_path / "cohort" / "patient"
+    folder.mkdir(parents=True)
+    write_series(folder, blocks, "1.2.3.4")
+    return folder
+
+
+def write_series(folder, blocks, uid):
+    writer = SimpleITK.ImageFileWriter()
+    writer.KeepOriginalImageUIDOn()
+    for k in range(blocks.shape[2]):
+        image = SimpleITK.GetImageFromArray(blocks[:, :, k].T[None])
+        image.SetSpacing(SPACING.tolist())
+        place = ORIGIN + TURN[:, 2] * SPACING[2] * k
+        tags = {
+            "0008|0060": "OT", "0020|000d": "1.2.3", "0020|000e": uid, "0008|0018": f"{uid}.{k + 1}",
+            "0020|0032": "\\".join(map(str, place)), "0020|0013": str(k),
+            "0020|0037": "\\".join(map(str, [*TURN[:, 0], *TURN[:, 1]])), "0010|0010": "Doe^Jane",
+        }  # fmt: skip
+        for key, value in tags.items():
+            image.SetMetaData(key, value)
+        writer.SetFileName(folder / f"{uid}_{(7 * k) % 11:02d}.dcm")
+        writer.Execute(image)
+
+
+@pytest.fixture
+def seg(series, blocks, tmp_path):
+    """Return a DICOM SEG of two overlapping segments over the series."""
+    import highdicom as hd
+    import pydicom
+    from pydicom.sr.codedict import codes
+
+    sources = [pydicom.dcmread(one) for one in sorted(series.iterdir())]
+    for one in sources:
+        one.FrameOfReferenceUID, one.PatientID, one.StudyID = "1.2.9", "p", "s"
+        for name in ("PatientBirthDate", "PatientSex", "StudyDate", "StudyTime", "AccessionNumber"):
+            setattr(one, name, "")
+        one.ReferringPhysicianName, one.SliceThickness = "", 3.0
+    sources.sort(key=lambda one: int(one.InstanceNumber))
+    masks = np.stack([blocks == 1, blocks > 0], axis=-1).astype(np.uint8).transpose(2, 1, 0, 3)
+    descriptions = [
+        hd.seg.SegmentDescription(
+            segment_number=number, segment_label=name, algorithm_type="MANUAL",
+            segmented_property_category=codes.SCT.Organ, segmented_property_type=codes.SCT.Liver,
+        )
+        for number, name in enumerate(("heart", "both"), start=1)
+    ]  # fmt: skip
+    made = hd.seg.Segmentation(
+        sources, masks, "BINARY", descriptions, "1.2.5", 1, "1.2.5.1", 1, "maker", "model", "1", "1"
+    )
+    path = tmp_path / "seg" / "a.dcm"
+    path.parent.mkdir()
+    made.save_as(path)
+    return path
+
+
+def test_a_series_is_stacked_by_where_its_slices_lie(series, blocks, points):
+    assert np.allclose(points(read_segmentation(series, None)), expected(blocks), atol=1e-4)
+    assert np.allclose(points(read_segmentation(series, 2)), expected(blocks, 2), atol=1e-4)
+
+
+def test_a_folder_of_series_is_a_cohort(series):
+    shutil.copytree(series, series.parent / "other")
+    assert [one.name for one in read_cohort(series.parent).subjects] == ["other", "patient"]
+    with pytest.raises(InputError, match="give the folder above it"):
+        read_cohort(series)
+
+
+def test_a_missing_slice_is_noticed(series):
+    sorted(series.iterdir())[5].unlink()  # not one at an end
+    with pytest.raises(InputError, match="its 10 slices are not parallel and 3 mm apart throughout"):
+        read_segmentation(series, None)
+
+
+def test_two_series_in_one_folder_are_refused(series, blocks):
+    write_series(series, blocks, "1.2.3.5")
+    with pytest.raises(InputError, match="holds 2 DICOM series; give each its own folder"):
+        read_segmentation(series, None)
+
+
+def test_one_slice_is_refused_with_the_remedy(series):
+    with pytest.raises(InputError, match="give the folder of its series"):
+        read_segmentation(sorted(series.iterdir())[0], None)
+
+
+def test_a_folder_without_images_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no readable DICOM series"):
+        read_segmentation(tmp_path, None)
+
+
+def test_segments_are_read_by_name_from_where_they_lie(seg, blocks, points):
+    assert [one.name for one in read_volume(seg).segments()] == ["heart", "both"]
+    assert np.allclose(points(read_segmentation(seg, None, "heart")), expected(blocks, 1), atol=1e-4)
+    assert np.allclose(points(read_segmentation(seg, None, "both")), expected(blocks), atol=1e-4)
+
+
+def test_overlapping_segments_are_not_taken_together(seg):
+    with pytest.raises(InputError, match="its segments overlap"):
+        read_segmentation(seg, None)
+
+
+def test_a_folder_that_holds_one_segmentation_object_is_read(seg, blocks):
+    assert read_segmentation(seg.parent, None, "both").mask.sum() == (blocks > 0).sum()
+    assert [one.name for one in read_cohort(seg.parent).subjects] == ["a"]
+
+
+def test_a_segmentation_object_cut_short_is_refused(seg):
+    seg.write_bytes(seg.read_bytes()[:2500])
+    with pytest.raises(InputError, match=r"a\.dcm: can't be read as DICOM SEG"):
+        read_segmentation(seg, None, "heart")
+
+
+def test_without_the_package_the_extra_is_named(seg, monkeypatch):
+    monkeypatch.setitem(sys.modules, "highdicom.seg", None)
+    with pytest.raises(InputError, match=r'pip install "homolog\[dicom\]"'):
+        read_segmentation(seg, None, "heart")

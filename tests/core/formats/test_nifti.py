@@ -1,0 +1,102 @@
+"""NIfTI 1 and 2, and what their two matrices say."""
+
+import nibabel
+import numpy as np
+import pytest
+
+from homolog.errors import InputError
+from homolog.grooming.images import read_segmentation
+
+RAS = np.array([[0.0, -2.0, 0.0, 10.0], [1.5, 0.0, 0.0, 20.0], [0.0, 0.0, 3.0, 30.0], [0.0, 0.0, 0.0, 1.0]])
+MOVED = RAS + np.array([[0, 0, 0, 4.0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]])
+LARGER = np.diag([1.2, 1.2, 1.2, 1.0]) @ RAS
+MIRRORED = np.diag([-1.0, 1.0, 1.0, 1.0]) @ RAS
+SHEARED = RAS + np.array([[0, 0, 1.0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]])
+
+
+@pytest.fixture
+def write(blocks, tmp_path):
+    def save(qform, sform, name="a.nii.gz", kind=nibabel.Nifti1Image, units="mm", values=blocks):
+        image = kind(values, None)
+        image.header.set_xyzt_units(units)
+        image.header["pixdim"][1:4] = (1.5, 2.0, 3.0)
+        image.set_qform(qform, 1 if qform is not None else 0)
+        image.set_sform(sform, 2 if sform is not None else 0)
+        nibabel.save(image, tmp_path / name)
+        return tmp_path / name
+
+    return save
+
+
+def expected(blocks, matrix=RAS):
+    ras = np.argwhere(blocks) @ matrix[:3, :3].T + matrix[:3, 3]
+    found = ras * [-1.0, -1.0, 1.0]
+    return found[np.lexsort(np.round(found, 1).T)]
+
+
+@pytest.mark.parametrize("kind", [nibabel.Nifti1Image, nibabel.Nifti2Image])
+@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz"])
+@pytest.mark.parametrize(("qform", "sform"), [(RAS, RAS), (RAS, None), (None, RAS)])
+def test_either_version_and_matrix_puts_the_voxels_at_the_same_places(
+    write, blocks, points, kind, name, qform, sform
+):
+    found = read_segmentation(write(qform, sform, name, kind), None)
+    assert np.allclose(points(found), expected(blocks), atol=1e-4)
+    assert not found.notes
+
+
+@pytest.mark.parametrize("other", [MOVED, LARGER, MIRRORED])
+def test_matrices_that_disagree_are_refused_with_how_far(write, other):
+    with pytest.raises(InputError, match=r"a\.nii\.gz: its qform and sform put voxels up to [\d.]+ mm apart"):
+        read_segmentation(write(RAS, other), None)
+
+
+def test_rounding_is_no_disagreement(write, blocks, points):
+    found = read_segmentation(write(RAS, RAS + 1e-4), None)
+    assert np.allclose(points(found), expected(blocks), atol=1e-2)
+
+
+def test_a_shear_is_refused(write):
+    with pytest.raises(InputError, match=r"contradict each other|not at right angles"):
+        read_segmentation(write(None, SHEARED), None)
+
+
+def test_voxel_sizes_that_contradict_the_sform_are_refused(write):
+    with pytest.raises(InputError, match="its sform and its voxel sizes"):
+        read_segmentation(write(None, LARGER), None)
+
+
+def test_a_file_that_does_not_say_how_the_patient_lay_is_read_with_a_note(write, blocks, points):
+    found = read_segmentation(write(None, None), None)
+    assert np.allclose(points(found), expected(blocks, np.diag([1.5, 2.0, 3.0, 1.0])), atol=1e-4)
+    assert "no qform or sform" in found.notes[0]
+
+
+@pytest.mark.parametrize(("units", "factor"), [("micron", 0.001), ("meter", 1000.0)])
+def test_other_units_become_millimetres(write, blocks, points, units, factor):
+    found = read_segmentation(write(RAS, RAS, units=units), None)
+    assert np.allclose(points(found, factor), expected(blocks), atol=1e-4)
+
+
+def test_scaled_values_are_read_scaled(write, tmp_path, blocks):
+    image = nibabel.load(write(RAS, None, "a.nii"))
+    image.header.set_slope_inter(2.0, 0.0)
+    scaled = nibabel.Nifti1Image(blocks.astype(np.int16), None, image.header)
+    scaled.to_filename(tmp_path / "b.nii")
+    raw = bytearray((tmp_path / "b.nii").read_bytes())
+    raw[112:116] = np.float32(2.0).tobytes()  # scl_slope
+    (tmp_path / "b.nii").write_bytes(raw)
+    assert np.array_equal(read_segmentation(tmp_path / "b.nii", 4).mask, blocks == 2)
+
+
+def test_a_fourth_axis_of_one_is_no_hindrance_and_of_two_is(write, blocks):
+    path = write(RAS, None, "four.nii", values=blocks[..., None])
+    assert np.array_equal(read_segmentation(path, None).mask.sum(), (blocks > 0).sum())
+    with pytest.raises(InputError, match="not a 3-D volume but 9 x 10 x 11 x 2"):
+        read_segmentation(write(RAS, None, "two.nii", values=np.stack([blocks, blocks], axis=-1)), None)
+
+
+def test_colours_are_refused(write):
+    colours = np.zeros((4, 4, 4), [("R", "u1"), ("G", "u1"), ("B", "u1")])
+    with pytest.raises(InputError, match="not single numbers"):
+        read_segmentation(write(RAS, None, "rgb.nii", values=colours), None)
