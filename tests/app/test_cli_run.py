@@ -177,3 +177,43 @@ def test_bad_files_can_be_left_out_and_what_grooming_changed_is_told(mixed, proj
     assert any("border:" in note for note in notes)
     assert any("pieces:" in note for note in notes)
     assert not any(f" {name}:" in note for note in notes for name in "abcd")
+
+
+def test_more_particles_are_added_to_the_result_and_said_to_be(project, capsys):
+    before = read_result(project)
+    assert main(["run", str(project.folder), "--particles", "80", *QUIET]) == 0
+    assert "adding 32 particles to the result's 48" in capsys.readouterr().err
+    assert read_result(project).world.shape == (4, 80, 3)
+    assert main(["run", str(project.folder), "--particles", "90", "--anew", *QUIET]) == 0
+    assert "adding" not in capsys.readouterr().err
+    assert read_result(project).world.shape == (4, 90, 3)
+    assert read_result(project).names == before.names
+
+
+def test_new_subjects_are_fitted_to_the_result(project, scans, tmp_path, capsys):
+    before = read_result(project)
+    shutil.move(scans / "b.nrrd", tmp_path / "e.nrrd")
+    shutil.copy(tmp_path / "e.nrrd", scans / "b.nrrd")
+    assert main(["run", str(project.folder), "--fit", str(tmp_path / "e.nrrd"), *QUIET]) == 0
+    after = read_result(project)
+    assert after.names == (*before.names, "e")
+    np.testing.assert_array_equal(after.local[:4], before.local)
+    assert "5 subjects x 48 particles" in capsys.readouterr().out
+    moved = np.linalg.norm(after.local[4] - before.local[1], axis=1)
+    assert np.median(moved) < 1.0  # the same segmentation: particles are 4 mm apart
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--fit", "nothing.nrrd"], "is no segmentation or mesh"),
+        (["--fit", "scans/a.nrrd"], "several subjects are called a"),
+        (["--fit", "scans/a.nrrd", "--resume"], "leave out --out and --resume"),
+    ],
+)
+def test_files_that_cannot_be_fitted_are_named(project, words, said, capsys, monkeypatch):
+    monkeypatch.chdir(project.folder.parent)
+    if "--resume" in words:
+        project.write(project.read().model_copy(update={"unfinished": True}))
+    assert main(["run", str(project.folder), *words, *QUIET]) == 2
+    assert said in capsys.readouterr().err

@@ -4,12 +4,13 @@ import argparse
 import json
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from homolog.cohort import Cohort, read_cohort
+from homolog.cohort import IMAGE_SUFFIXES, MESH_SUFFIXES, Cohort, Subject, read_cohort
 from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
@@ -29,11 +30,20 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         "run",
         help="place corresponding particles on a cohort and make a shape model",
         description="Place corresponding particles on a cohort's surfaces and make a shape model of them. "
-        "Ctrl-C stops at once; --resume goes on from there.",
+        "Ctrl-C stops at once; --resume goes on from there. A project whose result has fewer particles than "
+        "asked for is added to.",
     )
     parser.add_argument("cohort", type=Path, help="folder of segmentations or meshes, cohort.csv, or project")
     parser.add_argument("--out", type=Path, help="project folder to make; COHORT itself if that is a project")
     parser.add_argument("--resume", action="store_true", help="go on with a run that was cancelled or killed")
+    parser.add_argument(
+        "--fit", type=Path, nargs="+", metavar="FILE",
+        help="fit new subjects to the project's result, whose particles stay as they are: their files, or "
+        "folders or cohort.csv of them",
+    )  # fmt: skip
+    parser.add_argument(
+        "--anew", action="store_true", help="place all particles anew even if the result could be added to"
+    )
     parser.add_argument("--skip-bad", action="store_true", help="leave out files that can't be used")
     parser.add_argument("--no-figures", dest="figures", action="store_false", help="write no pictures")
     add_progress_option(parser)
@@ -44,10 +54,18 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 def run(arguments: argparse.Namespace) -> int:
     """Run the pipeline; returns the exit code."""
     project, cohort, settings = _what_to_run(arguments)
+    from_result = bool(arguments.fit) or _adds_particles(arguments, project, cohort, settings)
     from homolog.run import FinishReason, Run
     from homolog_app.cli import CANCELLED, OK
 
-    job = Run(project, cohort, settings, resume=arguments.resume, skip_bad=arguments.skip_bad)
+    job = Run(
+        project,
+        cohort,
+        settings,
+        resume=arguments.resume,
+        from_result=from_result,
+        skip_bad=arguments.skip_bad,
+    )
     with show_progress(arguments.progress) as progress, _interrupt_cancels(job.cancel):
         reason = job.execute(
             lambda status: progress.show(status.fraction, status.message, status.eta_s, status.phase)
@@ -98,6 +116,8 @@ def _what_to_run(arguments: argparse.Namespace) -> tuple[Project, Cohort, RunSet
             raise InputError(f"{source.folder}: its last run came to its end; there is nothing to resume")
     elif arguments.resume:
         raise InputError(f"{source.folder}: is no project, so there is nothing to resume")
+    elif arguments.fit:
+        raise InputError(f"{source.folder}: is no project, so there is no result to fit new subjects to")
     elif arguments.out is None:
         raise InputError(f"say where the results go: homolog run {arguments.cohort} --out PROJECT")
     else:
@@ -109,7 +129,48 @@ def _what_to_run(arguments: argparse.Namespace) -> tuple[Project, Cohort, RunSet
             "optimize": with_options(settings.optimize, arguments),
         }
     )
+    if arguments.fit:
+        if arguments.resume or project.folder != source.folder:
+            raise InputError("--fit adds to the project itself; leave out --out and --resume")
+        cohort = _with_new(cohort, arguments.fit)
     return project, cohort, settings
+
+
+def _with_new(cohort: Cohort, paths: Sequence[Path]) -> Cohort:
+    """Return the cohort with the subjects of further files, folders or tables at its end."""
+    new = [one for path in paths for one in _subjects_of(path)]
+    names = Counter(one.name for one in (*cohort.subjects, *new))
+    repeated = [name for name, count in names.items() if count > 1]
+    if repeated:
+        raise InputError(f"several subjects are called {', '.join(repeated)}; rename the new files")
+    return Cohort((*cohort.subjects, *new), cohort.folder)
+
+
+def _subjects_of(path: Path) -> tuple[Subject, ...]:
+    if path.is_dir() or path.suffix.lower() == ".csv":
+        return read_cohort(path).subjects
+    suffixes = [one for one in (*IMAGE_SUFFIXES, *MESH_SUFFIXES) if path.name.lower().endswith(one)]
+    if not path.is_file() or not suffixes:
+        raise InputError(f"{path}: is no segmentation or mesh; correct the path")
+    return (Subject(path.name[: -len(max(suffixes, key=len))], path.resolve()),)
+
+
+def _adds_particles(
+    arguments: argparse.Namespace, project: Project, cohort: Cohort, settings: RunSettings
+) -> bool:
+    """Whether the project's result is of the same cohort and settings but for fewer particles; says so."""
+    if arguments.anew or arguments.resume or not project.exists:
+        return False
+    from homolog.run import adds_particles
+
+    result = project.read().result
+    if result is None or not adds_particles(result, cohort, settings):
+        return False
+    more = settings.optimize.particles - result.particles
+    sys.stderr.write(
+        f"homolog: adding {more} particles to the result's {result.particles}; --anew places all anew\n"
+    )
+    return True
 
 
 @contextmanager

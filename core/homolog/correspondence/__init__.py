@@ -1,6 +1,7 @@
 """Particles and the entropies that place them (the paper's Eq. 1-6)."""
 
 from homolog.correspondence.optimizer import optimize
+from homolog.correspondence.poses import best_similarity
 from homolog.correspondence.repair import fitting_start, repair
 from homolog.correspondence.types import (
     Checkpoint,
@@ -22,6 +23,7 @@ __all__ = [
     "Shape",
     "Stage",
     "Start",
+    "best_similarity",
     "fitting_start",
     "optimize",
     "repair",

@@ -125,7 +125,9 @@ def predicted(world: FloatArray, misplaced: BoolArray) -> FloatArray:
     return result
 
 
-def fitting_start(shapes: Sequence[Shape], local: FloatArray, known: BoolArray) -> Start:
+def fitting_start(
+    shapes: Sequence[Shape], local: FloatArray, known: BoolArray, tick: Tick = no_tick
+) -> Start:
     """Return where to begin fitting new subjects to a frozen model.
 
     Parameters
@@ -136,6 +138,8 @@ def fitting_start(shapes: Sequence[Shape], local: FloatArray, known: BoolArray) 
         Particles of the known shapes, in their order, in file coordinates [mm].
     known : (M,) bool array
         Which K of the shapes they are.
+    tick : Tick
+        Progress and cancelling.
 
     Returns
     -------
@@ -148,7 +152,9 @@ def fitting_start(shapes: Sequence[Shape], local: FloatArray, known: BoolArray) 
     start[known] = local
     coarse = [_moved(s.coarse_mesh, p) for s, p in zip(shapes, placements, strict=True)]
     points = [mesh.vertices[:: max(1, len(mesh.vertices) // CONTROL)] for mesh in coarse]
-    for k in np.flatnonzero(~known).tolist():
+    unknown = np.flatnonzero(~known).tolist()
+    for number, k in enumerate(unknown):
+        tick(number / len(unknown), f"first particles of {shapes[k].name}")
         tree = cKDTree(coarse[k].vertices)
         costs = [float(np.mean(tree.query(points[j])[0])) for j in np.flatnonzero(known)]
         nearest = int(np.flatnonzero(known)[int(np.argmin(costs))])

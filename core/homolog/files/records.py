@@ -75,7 +75,7 @@ class ProjectRecord(_Record):
     """The whole of project.json.
 
     `subjects` and `settings` are those of the next run, `unfinished` says that a run was begun and did not
-    come to its end, `result` is the last that did.
+    come to its end, `from_result` that it started from the result, which is the last that did.
     """
 
     format: Literal["homolog-project"] = "homolog-project"
@@ -83,4 +83,5 @@ class ProjectRecord(_Record):
     subjects: list[SubjectRecord] = []
     settings: RunSettings = RunSettings()
     unfinished: bool = False
+    from_result: bool = False
     result: ResultRecord | None = None

@@ -1,6 +1,7 @@
 """The pipeline as a state machine; the command line and the window drive the same one."""
 
+from homolog.run.base import adds_particles
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus
 from homolog.run.run import Run
 
-__all__ = ["FinishReason", "Observer", "Phase", "Run", "RunStatus"]
+__all__ = ["FinishReason", "Observer", "Phase", "Run", "RunStatus", "adds_particles"]

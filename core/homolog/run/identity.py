@@ -15,13 +15,12 @@ _PACKAGES = ("numpy", "scipy", "scikit-image", "SimpleITK", "warp-lang")
 
 
 def content_of(shape: Shape) -> str:
-    """Return a hash of everything about a shape that the optimizer sees, but not its name."""
+    """Return a hash of the surface that the optimizer sees; name and alignment are not in it."""
     digest = hashlib.blake2b(digest_size=16)
     for array in (
         shape.field.values,
         shape.field.index_to_world,
         *(part for mesh in (shape.mesh, shape.coarse_mesh) for part in (mesh.vertices, mesh.faces)),
-        shape.alignment,
     ):
         digest.update(f"{array.shape}{array.dtype}".encode())
         digest.update(array.tobytes())
@@ -30,7 +29,8 @@ def content_of(shape: Shape) -> str:
 
 def fingerprint_of(settings: OptimizeSettings, shapes: Sequence[Shape]) -> str:
     """Return a hash of the settings and of the shapes in their order; the device is not in it."""
-    text = "\n".join([settings.model_dump_json(), *map(content_of, shapes)])
+    places = [repr(shape.alignment.tolist()) for shape in shapes]
+    text = "\n".join([settings.model_dump_json(), *map(content_of, shapes), *places])
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 

@@ -13,6 +13,7 @@ from homolog.files.project import Project
 from homolog.files.records import ProjectRecord
 from homolog.grooming import GroomedSubject, align, check_cohort, groom_cohort
 from homolog.progress import no_tick
+from homolog.run.base import Base, read_base
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.control import Control
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
@@ -47,6 +48,9 @@ class Run:
         How.
     resume : bool
         Go on from the state that a cancelled or killed run left.
+    from_result : bool
+        Start from the particles of the project's result: with more particles it is added to, new subjects
+        are fitted to it. A resumed run starts from what it started from.
     skip_bad : bool
         Leave out subjects whose files are bad, with a note, instead of stopping.
     """
@@ -58,12 +62,14 @@ class Run:
         settings: RunSettings,
         *,
         resume: bool = False,
+        from_result: bool = False,
         skip_bad: bool = False,
     ) -> None:
         self.project = project
         self._cohort = cohort
         self._settings = settings
         self._resume = resume
+        self._from_result = from_result
         self._skip_bad = skip_bad
         self._control = Control()
         self._frame: Frame | None = None
@@ -126,7 +132,8 @@ class Run:
         Returns
         -------
         bool
-            False if there are no particles yet, or too few to carry a surface.
+            False if there are no particles yet, or too few to carry a surface, or if the run started from a
+            result, which stays.
 
         Raises
         ------
@@ -134,7 +141,7 @@ class Run:
             If the project can't be written to.
         """
         study, frame = self._study, self._frame
-        if study is None or frame is None or frame.world.shape[1] < _FEWEST:
+        if study is None or frame is None or frame.world.shape[1] < _FEWEST or self._from_result:
             return False
         world = frame.world.astype(np.float64)
         alignments = np.stack([one.alignment for one in study.shapes])
@@ -151,12 +158,13 @@ class Run:
         device = choose_device(self._settings.device)
         cohort = self._checked()
         with self.project.locked():
+            base = self._base(cohort)
             self._claim(cohort)
             groomed = self._groomed(cohort)
-            shapes = self._aligned(groomed)
+            shapes = self._aligned(groomed, base)
             fingerprint = fingerprint_of(self._settings.optimize, shapes)
             self._study = Study(cohort, self._settings, groomed, shapes, fingerprint, device)
-            found = self._optimized(self._study)
+            found = self._optimized(self._study, base)
             self._control.enter(Phase.MODELING, "principal components")
             outcome = Outcome(
                 self._study, found.world, found.local, found.alignments, found.energies,
@@ -180,6 +188,15 @@ class Run:
             raise InputError("\n".join([*self._notes, message]))
         return cohort
 
+    def _base(self, cohort: Cohort) -> Base | None:
+        if self._resume and self.project.exists:
+            self._from_result = self.project.read().from_result
+        if not self._from_result:
+            return None
+        base = read_base(self.project)
+        base.check([one.name for one in cohort.subjects], self._settings)
+        return base
+
     def _claim(self, cohort: Cohort) -> None:
         """Write down what is about to be done, so that a killed run can be resumed from the folder alone."""
         before = self.project.read() if self.project.exists else ProjectRecord()
@@ -193,6 +210,7 @@ class Run:
                     "subjects": self.project.describe(cohort),
                     "settings": self._settings,
                     "unfinished": True,
+                    "from_result": self._from_result,
                 }
             )
         )
@@ -208,16 +226,17 @@ class Run:
                 tick=self._control.tick,
             )
 
-    def _aligned(self, groomed: Sequence[GroomedSubject]) -> list[Shape]:
+    def _aligned(self, groomed: Sequence[GroomedSubject], base: Base | None) -> list[Shape]:
         self._control.enter(Phase.ALIGNING, "aligning")
         alignments = align(groomed, self._settings.groom)
         self._control.tick(1.0, "aligned")
-        return [
+        shapes = [
             Shape(one.name, one.field, one.mesh, one.coarse_mesh, alignment)
             for one, alignment in zip(groomed, alignments, strict=True)
         ]
+        return shapes if base is None else base.shapes(shapes)
 
-    def _optimized(self, study: Study) -> Correspondence:
+    def _optimized(self, study: Study, base: Base | None) -> Correspondence:
         geodesic = study.settings.optimize.method.uses_geodesics
         first = Phase.GEODESICS if geodesic else Phase.SPLITTING
         self._control.enter(first, "distances on the surfaces", until=Phase.OPTIMIZING)
@@ -232,6 +251,7 @@ class Run:
             self._energies = checkpoint.energies
             write_checkpoint(path, checkpoint, study.fingerprint)
 
+        start = None if base is None else base.start(study.shapes, self._control.tick)
         with device_faults(study.device):
             return optimize(
                 study.shapes,
@@ -240,5 +260,6 @@ class Run:
                 tick=self._control.tick,
                 observe=observe,
                 checkpoint=save,
+                start=start,
                 resume=read_checkpoint(path, study.fingerprint) if self._resume else None,
             )

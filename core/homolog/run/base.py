@@ -1,0 +1,112 @@
+"""A finished result as what another run starts from: more particles, or new subjects fitted to it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from homolog.arrays import FloatArray
+from homolog.cohort import Cohort
+from homolog.correspondence import Shape, Start, best_similarity, fitting_start
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog.files.records import ResultRecord
+from homolog.files.results import read_result
+from homolog.progress import Tick
+from homolog.run.identity import content_of
+from homolog.run.result import CANCELLED
+from homolog.settings import RunSettings
+
+__all__ = ["Base", "adds_particles", "read_base"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Base:
+    """The particles of a result, by subject.
+
+    Attributes
+    ----------
+    record : ResultRecord
+    local : mapping of str to (N, 3) float64 array
+        In file coordinates [mm].
+    alignments : mapping of str to (4, 4) float64 array
+        Local to world, as the result has them.
+    """
+
+    record: ResultRecord
+    local: dict[str, FloatArray]
+    alignments: dict[str, FloatArray]
+
+    def check(self, names: Sequence[str], settings: RunSettings) -> None:
+        """Raise InputError if a run of these subjects and settings can't start from the result."""
+        gone = [name for name in self.local if name not in names]
+        if gone:
+            raise InputError(f"{', '.join(gone)}: is in the result but not in the cohort; run anew")
+        if settings.groom != self.record.settings.groom:
+            raise InputError("the result's surfaces were groomed with other settings; run anew")
+        fresh, more = len(names) > len(self.local), settings.optimize.particles - self.record.particles
+        if fresh and more:
+            raise InputError(
+                f"new subjects take the result's {self.record.particles} particles; fit them first, then ask "
+                "for more particles"
+            )
+        if more < 0 or not (fresh or more):
+            raise InputError(
+                f"the result has {self.record.particles} particles for every subject already; ask for more, "
+                "name new files to fit, or run anew"
+            )
+
+    def shapes(self, shapes: Sequence[Shape]) -> list[Shape]:
+        """Return the shapes in the result's world: known ones as it has them, new ones moved with them.
+
+        Raises
+        ------
+        InputError
+            If a known subject's surface is not the one that the particles lie on.
+        """
+        contents = {one.name: one.content for one in self.record.subjects}
+        changed = [one.name for one in shapes if contents.get(one.name, "") not in ("", content_of(one))]
+        if changed:
+            raise InputError(f"{', '.join(changed)}: the surface is not that of the result; run anew")
+        known = [one for one in shapes if one.name in self.local]
+        move = best_similarity(
+            np.concatenate([_moved(one.alignment, self.local[one.name]) for one in known]),
+            np.concatenate([_moved(self.alignments[one.name], self.local[one.name]) for one in known]),
+            scaling=True,
+        )
+        return [replace(s, alignment=self.alignments.get(s.name, move @ s.alignment)) for s in shapes]
+
+    def start(self, shapes: Sequence[Shape], tick: Tick) -> Start:
+        """Return the particles to begin with; those of known subjects are held if there are new ones."""
+        known = np.array([one.name in self.local for one in shapes])
+        local = np.stack([self.local[one.name] for one in shapes if one.name in self.local])
+        return Start(local) if known.all() else fitting_start(shapes, local, known, tick)
+
+
+def adds_particles(record: ResultRecord, cohort: Cohort, settings: RunSettings) -> bool:
+    """Return whether a result is what a run would make, but for having fewer particles."""
+    particles = settings.optimize.particles
+    same = settings.optimize.model_copy(update={"particles": record.particles}), settings.groom
+    return (
+        record.ended != CANCELLED
+        and record.particles < particles
+        and same == (record.settings.optimize, record.settings.groom)
+        and [one.name for one in cohort.subjects] == [one.name for one in record.subjects]
+    )
+
+
+def read_base(project: Project) -> Base:
+    """Read the result of a project as a base; raises InputError if there is none or it is damaged."""
+    result = read_result(project)
+    record = project.read().result
+    assert record is not None, "a result was read"
+    return Base(
+        record,
+        dict(zip(result.names, result.local, strict=True)),
+        dict(zip(result.names, result.alignments, strict=True)),
+    )
+
+
+def _moved(matrix: FloatArray, points: FloatArray) -> FloatArray:
+    moved: FloatArray = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved
