@@ -100,7 +100,8 @@ class Board:
         page = np.array(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
         for box, image in images:
             part = page[box.y : box.y + box.height, box.x : box.x + box.width]
-            part[:] = _over(image, part)
+            seen = image[..., 3] > 0.0
+            part[seen] = _over(image[seen], part[seen])
         return np.asarray(page, dtype=np.uint8)
 
 

@@ -10,17 +10,23 @@ from homolog.errors import InputError
 from homolog_app.films.board import Board
 from homolog_app.films.motion import Motion
 from homolog_app.films.plan import make_plan, turned
-from homolog_app.films.settings import Colouring, FilmSettings, PictureSettings
-from homolog_app.pictures import VIEWS, View, common_limit, outward_displacement, three_quarter_view
+from homolog_app.films.settings import Background, Colouring, FilmSettings, PictureSettings
+from homolog_app.pictures import (
+    DARK,
+    LIGHT,
+    VIEWS,
+    View,
+    common_limit,
+    outward_displacement,
+    three_quarter_view,
+)
 from homolog_app.pictures.colours import Theme, diverging_colours
 from homolog_app.pictures.render import Renderer
 from homolog_app.pictures.solids import hollows, surface
 
-__all__ = ["OBLIQUE", "SIGHTS", "Film"]
+__all__ = ["Film"]
 
-OBLIQUE, OPPOSITE = "oblique", "opposite"
-SIGHTS = (OBLIQUE, OPPOSITE, *VIEWS)
-"""From where to look: from the oblique at the side that moves most, its opposite, or along a patient axis."""
+_THEMES = {Background.LIGHT: LIGHT, Background.DARK: DARK}
 
 
 class Film:
@@ -31,7 +37,7 @@ class Film:
     motions : sequence of Motion
         At least one.
     sights : sequence of str
-        Of `SIGHTS`, at least one.
+        Of `settings.SIGHTS`, at least one.
     settings : PictureSettings
         Size, colours, captions.
     turntable : bool
@@ -54,7 +60,7 @@ class Film:
         turntable: bool = False,
         transparent: bool = False,
     ) -> None:
-        theme = settings.background.theme
+        theme = _THEMES[settings.background]
         coloured = settings.colours is Colouring.DISPLACEMENT and any(one.moves for one in motions)
         limit = _limit(motions) if coloured else None
         self._actors = [_Actor(motion, theme, limit) for motion in motions]
@@ -173,7 +179,7 @@ def _views(motions: Sequence[Motion], sights: Sequence[str]) -> list[View]:
     """Return the views; the oblique one is the same for all motions."""
     effort = np.sum([(one.displacement**2).sum(axis=1) for one in motions], axis=0)
     own = three_quarter_view(motions[0].start.vertices, effort if effort.any() else None)
-    oblique = View(own.toward, own.up, OBLIQUE)
     other = own.opposite
-    known = {OBLIQUE: oblique, OPPOSITE: View(other.toward, other.up, OPPOSITE), **VIEWS}
+    oblique, opposite = View(own.toward, own.up, "oblique"), View(other.toward, other.up, "opposite")
+    known = {"oblique": oblique, "opposite": opposite, **VIEWS}
     return [known[sight] for sight in sights]

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from homolog.analysis.reconstruction import MOST_CENTRES, spread_centres, thin_plate_moved
 from homolog.analysis.shape_model import ShapeModel, fit_shape_model
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.files.results import Result
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.report.study import column_of, levels
-from homolog_app.report.surface_maps import SurfaceCarrier
 
 __all__ = ["Motion", "group_means", "group_motion", "mode_motions", "standing"]
 
@@ -69,18 +69,17 @@ def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> lis
     for mode in modes:
         if not 1 <= mode <= count:
             raise InputError(f"mode {mode}: the result has {count} modes; choose one from 1 to {count}")
-    carrier = SurfaceCarrier.of(result)
-    return [_mode_motion(model, carrier, mode - 1, deviations) for mode in modes]
+    chosen = np.array(modes) - 1
+    moves = _carried(result, (model.modes * model.standard_deviations[:, None, None])[chosen])
+    return [
+        Motion(result.mean_surface, move, -deviations, deviations, _mode_words(model, mode))
+        for mode, move in zip(chosen.tolist(), moves, strict=True)
+    ]
 
 
-def _mode_motion(model: ShapeModel, carrier: SurfaceCarrier, mode: int, deviations: float) -> Motion:
-    share = 100.0 * model.explained[mode]
-
-    def words(amount: float) -> str:
-        return f"Mode {mode + 1} ({share:.1f} % of variance)   {_signed(amount)} SD"
-
-    displacement = carrier.moved(model.modes[mode] * model.standard_deviations[mode])
-    return Motion(carrier.mesh, displacement, -deviations, deviations, words)
+def _mode_words(model: ShapeModel, mode: int) -> Callable[[float], str]:
+    title = f"Mode {mode + 1} ({100.0 * model.explained[mode]:.1f} % of variance)"
+    return lambda amount: f"{title}   {_signed(amount)} SD"
 
 
 def group_means(result: Result, column: str, groups: Sequence[str]) -> list[FloatArray]:
@@ -102,20 +101,28 @@ def group_means(result: Result, column: str, groups: Sequence[str]) -> list[Floa
 def group_motion(result: Result, column: str, first: str, second: str) -> Motion:
     """Return the surface that goes from one group's mean to another's; raises as `group_means` does."""
     start, end = group_means(result, column, [first, second])
-    carrier = SurfaceCarrier.of(result)
+    mean = result.world.mean(axis=0)
+    to_start, move = _carried(result, np.stack([start - mean, end - start]))
 
     def words(amount: float) -> str:
         percent = f"{100.0 * amount:.0f}".rjust(3, "\u2007")  # as wide as a digit: the line stands still
         return f"{column}: {first} → {second}   {percent} %"
 
-    surface = TriangleMesh(carrier.moved(start), carrier.mesh.faces)
-    return Motion(surface, carrier.moved(end - start), 0.0, 1.0, words)
+    mesh = result.mean_surface
+    return Motion(TriangleMesh(mesh.vertices + to_start, mesh.faces), move, 0.0, 1.0, words)
 
 
 def standing(result: Result) -> Motion:
     """Return the mean surface at rest."""
     surface = result.mean_surface
     return Motion(surface, np.zeros_like(surface.vertices), 0.0, 0.0, lambda _: "Mean shape")
+
+
+def _carried(result: Result, displacements: FloatArray) -> FloatArray:
+    """Return how the mean surface's vertices move (K, V, 3) when the mean particles do (K, N, 3) [mm]."""
+    mean = result.world.mean(axis=0)
+    centres = spread_centres(mean, MOST_CENTRES)
+    return thin_plate_moved(mean[centres], result.mean_surface.vertices, displacements[:, centres])
 
 
 def _signed(amount: float) -> str:

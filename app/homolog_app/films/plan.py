@@ -84,18 +84,21 @@ def make_plan(
     """
     edge = max(round(0.6 * em), 6)
     width, height = size
-    area = Box(
-        edge,
-        edge,
-        width - 2 * edge - (round(_BAR_STRIP * em) if bar else 0),
-        height - 2 * edge - (round(_STRIP * em) if strip else 0),
-    )
-    needs = [[_extent(motion, view, turntable) for view in views] for motion in motions]
     above = round(_LINE * em) if len(views) > 1 and caption else 0
     below = round(_LINE * em) if len(motions) > 1 and caption else 0
+    table = min(len(motions), len(views)) > 1
+    head = above if table else 0  # one line of names over a table, one over each picture elsewhere
+    area = Box(
+        edge,
+        edge + head,
+        width - 2 * edge - (round(_BAR_STRIP * em) if bar else 0),
+        height - 2 * edge - head - (round(_STRIP * em) if strip else 0),
+    )
+    needs = [[_extent(motion, view, turntable) for view in views] for motion in motions]
+    count = len(motions) * len(views)
     grids = [
-        _Grid(columns, -(-len(motions) * len(views) // columns), area, above, below)
-        for columns in _columns(len(motions), len(views))
+        _Grid(columns, -(-count // columns), area, above - head, below)
+        for columns in ([len(views)] if table else range(1, count + 1))
     ]
     flat = [one for row in needs for one in row]
     millimetres, _, grid = min((grid.scale(flat), index, grid) for index, grid in enumerate(grids))
@@ -111,7 +114,7 @@ def make_plan(
         captions = [_below(boxes[at : at + len(views)], em) for at in range(0, len(boxes), len(views))]
     names = [
         (box.x + box.width / 2.0, box.y - 0.6 * em, float(box.width), views[index % len(views)].name)
-        for index, box in enumerate(boxes)
+        for index, box in enumerate(boxes[: len(views)])
         if above
     ]
     place = _bar(area, width, edge, em) if bar else None
@@ -148,11 +151,6 @@ class _Grid:
             x = self.area.x + round((column + missing / 2.0) * self.area.width / self.columns)
             y = self.area.y + row * (self.area.height // self.rows) + self.above
             yield Box(x, y, self.width, self.height)
-
-
-def _columns(motions: int, views: int) -> Sequence[int]:
-    """Numbers of columns to try: a table of both keeps a column for each view."""
-    return [views] if min(motions, views) > 1 else range(1, motions * views + 1)
 
 
 def _extent(motion: Motion, view: View, turntable: bool) -> Frame:

@@ -5,9 +5,10 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from homolog_app.pictures import DARK, LIGHT, Theme
+__all__ = ["SIGHTS", "Background", "Colouring", "FilmSettings", "PictureSettings", "StillSettings"]
 
-__all__ = ["Background", "Colouring", "FilmSettings", "PictureSettings", "StillSettings"]
+SIGHTS = ("oblique", "opposite", "anterior", "posterior", "left", "right", "superior", "inferior")
+"""From where to look: obliquely at the side that moves most, from opposite, or along a patient axis."""
 
 
 class Background(StrEnum):
@@ -15,11 +16,6 @@ class Background(StrEnum):
 
     LIGHT = "light"
     DARK = "dark"
-
-    @property
-    def theme(self) -> Theme:
-        """Its colours."""
-        return DARK if self is Background.DARK else LIGHT
 
 
 class Colouring(StrEnum):

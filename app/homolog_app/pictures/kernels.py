@@ -1,4 +1,4 @@
-"""Casting rays at triangles."""
+"""Drawing triangles: filled pixel by pixel, with rays where there are edges."""
 
 import warp as wp
 
@@ -6,7 +6,7 @@ import homolog.device  # noqa: F401 - starts Warp
 
 wp.set_module_options({"enable_backward": False})
 
-__all__ = ["cast", "occlude", "smooth_edges"]
+__all__ = ["fill", "occlude", "smooth_edges"]
 
 SAMPLES = wp.constant(4)  # rays of an edge's pixel, on a rotated grid: all in different rows and columns
 FAR = wp.constant(1.0e6)
@@ -55,36 +55,86 @@ def shade(colour: wp.vec3, normal: wp.vec3, right: wp.vec3, up: wp.vec3, back: w
 
 
 @wp.func
-def look(scene: Scene, column: float, row: float) -> Sight:
-    """Follow one ray through a place in the picture [pixels]."""
+def seen_at(scene: Scene, face: int, u: float, v: float, depth: float) -> Sight:
+    """Return what a place on a face looks like."""
     seen = Sight()
-    back = wp.cross(scene.right, scene.up)
-    start = scene.corner + column * scene.step * scene.right - row * scene.step * scene.up
-    hit = wp.mesh_query_ray(scene.mesh, start, -back, FAR)
-    if hit.result:
-        indices = scene.faces[hit.face]
-        seen.opacity = 1.0
-        seen.normal = wp.normalize(corner_mix(scene.normals, indices, hit.u, hit.v))
-        colour = corner_mix(scene.colours, indices, hit.u, hit.v)
-        seen.colour = shade(colour, seen.normal, scene.right, scene.up, back)
-        seen.depth = hit.t
+    indices = scene.faces[face]
+    seen.opacity = 1.0
+    seen.normal = wp.normalize(corner_mix(scene.normals, indices, u, v))
+    colour = corner_mix(scene.colours, indices, u, v)
+    seen.colour = shade(colour, seen.normal, scene.right, scene.up, wp.cross(scene.right, scene.up))
+    seen.depth = depth
     return seen
 
 
+@wp.func
+def look(scene: Scene, column: float, row: float) -> Sight:
+    """Follow one ray through a place in the picture [pixels]."""
+    start = scene.corner + column * scene.step * scene.right - row * scene.step * scene.up
+    hit = wp.mesh_query_ray(scene.mesh, start, -wp.cross(scene.right, scene.up), FAR)
+    seen = Sight()
+    if hit.result:
+        seen = seen_at(scene, hit.face, hit.u, hit.v, hit.t)
+    return seen
+
+
+@wp.func
+def weights(a: wp.vec3, b: wp.vec3, c: wp.vec3, x: float, y: float) -> wp.vec2:
+    """Return the shares of a triangle's first two corners at a place; outside, a share is negative."""
+    area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    if area == 0.0:
+        return wp.vec2(-1.0, -1.0)
+    u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
+    v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
+    return wp.vec2(u, v)
+
+
 @wp.kernel
-def cast(
+def fill(
     scene: Scene,
-    first_row: int,
-    row_stride: int,
-    image: wp.array2d(dtype=wp.vec4),
+    places: wp.array(dtype=wp.vec3),
+    rows_each: int,
+    first: int,
+    nearest: wp.array2d(dtype=int),
     relief: wp.array2d(dtype=wp.vec4),
+    image: wp.array2d(dtype=wp.vec4),
 ):
-    """Draw each pixel by one ray through its middle; note normal and depth there."""
-    index, column = wp.tid()
-    row = first_row + index * row_stride
-    seen = look(scene, float(column) + 0.5, float(row) + 0.5)
-    image[row, column] = wp.vec4(seen.colour[0], seen.colour[1], seen.colour[2], seen.opacity)
-    relief[row, column] = wp.vec4(seen.normal[0], seen.normal[1], seen.normal[2], seen.depth)
+    """Draw a band of rows, each pixel as its middle looks; note normal and depth there.
+
+    Every triangle is visited and the pixels in its bounding box tried: in parallel projection that is many
+    times faster than a ray for each pixel. One thread owns a band, so that nothing has to be locked.
+    """
+    low = (first + wp.tid()) * rows_each
+    high = wp.min(low + rows_each, image.shape[0])
+    for row in range(low, high):
+        for column in range(image.shape[1]):
+            nearest[row, column] = -1
+            relief[row, column] = wp.vec4()
+            image[row, column] = wp.vec4()
+    for face in range(scene.faces.shape[0]):
+        indices = scene.faces[face]
+        a, b, c = places[indices[0]], places[indices[1]], places[indices[2]]
+        top = wp.max(int(wp.ceil(wp.min(a[1], wp.min(b[1], c[1])) - 0.5)), low)
+        bottom = wp.min(int(wp.floor(wp.max(a[1], wp.max(b[1], c[1])) - 0.5)) + 1, high)
+        left = wp.max(int(wp.ceil(wp.min(a[0], wp.min(b[0], c[0])) - 0.5)), 0)
+        right = wp.min(int(wp.floor(wp.max(a[0], wp.max(b[0], c[0])) - 0.5)) + 1, image.shape[1])
+        for row in range(top, bottom):
+            for column in range(left, right):
+                at = weights(a, b, c, float(column) + 0.5, float(row) + 0.5)
+                w = 1.0 - at[0] - at[1]
+                if at[0] >= 0.0 and at[1] >= 0.0 and w >= 0.0:
+                    depth = at[0] * a[2] + at[1] * b[2] + w * c[2]
+                    if nearest[row, column] < 0 or depth < relief[row, column][3]:
+                        nearest[row, column] = face
+                        relief[row, column] = wp.vec4(at[0], at[1], 0.0, depth)
+    for row in range(low, high):
+        for column in range(image.shape[1]):
+            front = nearest[row, column]
+            if front >= 0:
+                found = relief[row, column]
+                seen = seen_at(scene, front, found[0], found[1], found[3])
+                image[row, column] = wp.vec4(seen.colour[0], seen.colour[1], seen.colour[2], 1.0)
+                relief[row, column] = wp.vec4(seen.normal[0], seen.normal[1], seen.normal[2], seen.depth)
 
 
 @wp.func
@@ -115,12 +165,11 @@ def smooth_edges(
     scene: Scene,
     relief: wp.array2d(dtype=wp.vec4),
     first_row: int,
-    row_stride: int,
     image: wp.array2d(dtype=wp.vec4),
 ):
     """Draw edges and creases again: mean colour of the rays that hit (premultiplied), and their share."""
     index, column = wp.tid()
-    row = first_row + index * row_stride
+    row = first_row + index
     back = wp.cross(scene.right, scene.up)
     edge = breaks(relief, row, column, row - 1, column, back, scene.step)
     edge = edge or breaks(relief, row, column, row + 1, column, back, scene.step)

@@ -16,6 +16,7 @@ from homolog_app.pictures.views import Frame
 __all__ = ["Renderer", "render"]
 
 _DEVICE = "cpu"
+_BANDS = 4  # of rows, for each core: a shape fills some more than others
 
 
 class Renderer:
@@ -27,7 +28,8 @@ class Renderer:
     def __init__(self, solids: Sequence[Solid]) -> None:
         starts = np.cumsum([0] + [len(solid.vertices) for solid in solids])
         faces = np.concatenate([solid.faces + start for solid, start in zip(solids, starts, strict=False)])
-        self._mesh = warp_mesh(np.concatenate([solid.vertices for solid in solids]), faces)
+        self._vertices = np.concatenate([solid.vertices for solid in solids])
+        self._mesh = warp_mesh(self._vertices, faces)
         self._scene = kernels.Scene()
         self._scene.mesh = self._mesh.id
         self._scene.faces = wp.array(faces.astype(np.int32), dtype=wp.vec3i, device=_DEVICE)
@@ -37,6 +39,7 @@ class Renderer:
 
     def move(self, vertices: FloatArray, normals: FloatArray, colours: FloatArray) -> None:
         """Give all vertices new positions [mm], unit normals and colours, (V, 3) each."""
+        self._vertices = vertices
         self._mesh.points.assign(vertices.astype(np.float32))
         self._mesh.refit()
         self._scene.normals.assign(normals.astype(np.float32))
@@ -66,21 +69,23 @@ class Renderer:
         scene.corner, scene.right, scene.up = (wp.vec3(*map(float, one)) for one in (corner, right, up))
         scene.step = step
         image, relief = (wp.empty((height, width), dtype=wp.vec4, device=_DEVICE) for _ in range(2))
-        threads = min(cores(), height)
+        nearest = wp.empty((height, width), dtype=int, device=_DEVICE)
+        way = self._vertices - corner
+        places = warp_vectors(np.stack([way @ right / step, way @ -up / step, way @ -back], axis=1))
+        rows = -(-height // (_BANDS * cores()))
 
-        def cast_rows(first: int) -> None:
-            inputs = [scene, first, threads, image, relief]
-            rows = len(range(first, height, threads))
-            wp.launch(kernels.cast, (rows, width), inputs=inputs, device=_DEVICE)
+        def fill_band(band: int) -> None:
+            inputs = [scene, places, rows, band, nearest, relief, image]
+            wp.launch(kernels.fill, 1, inputs=inputs, device=_DEVICE)
 
-        def smooth_rows(first: int) -> None:
-            inputs = [scene, relief, first, threads, image]
-            rows = len(range(first, height, threads))
-            wp.launch(kernels.smooth_edges, (rows, width), inputs=inputs, device=_DEVICE)
+        def smooth_band(band: int) -> None:
+            count = min(rows, height - band * rows)
+            inputs = [scene, relief, band * rows, image]
+            wp.launch(kernels.smooth_edges, (count, width), inputs=inputs, device=_DEVICE)
 
-        with ThreadPoolExecutor(threads) as pool:
-            for step_of in (cast_rows, smooth_rows):
-                list(pool.map(step_of, range(threads)))
+        with ThreadPoolExecutor(cores()) as pool:
+            for draw_band in (fill_band, smooth_band):
+                list(pool.map(draw_band, range(-(-height // rows))))
         pixels = np.array(image.numpy())
         pixels[..., :3] /= np.maximum(pixels[..., 3:], 1e-6)
         return pixels
