@@ -1,0 +1,37 @@
+"""``homolog export``: a project's result for talks, papers and other programs.
+
+The window's exports are this command in a child process, so that both give the same files.
+"""
+
+import argparse
+import importlib
+import signal
+from types import ModuleType
+from typing import Any
+
+__all__ = ["add_parser", "run"]
+
+_KINDS = ("film", "still")
+
+
+def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command and its kinds."""
+    parser = subparsers.add_parser(
+        "export",
+        help="films, pictures, plots, meshes, tables and particles for other programs",
+        description="Export a project's result. Files appear whole or not at all; Ctrl-C leaves nothing behind.",
+    )
+    kinds = parser.add_subparsers(dest="kind", metavar="KIND", title="kinds", required=True)
+    for module in _modules().values():
+        module.add_parser(kinds)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Export; returns the exit code."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ended by the window: tidy up as for Ctrl-C
+    return int(_modules()[arguments.kind].run(arguments))
+
+
+def _modules() -> dict[str, ModuleType]:
+    package = __name__.rpartition(".")[0]
+    return {kind: importlib.import_module(f"{package}.export_{kind}") for kind in _KINDS}

@@ -1,0 +1,52 @@
+"""What films and stills show, as options: modes or groups, and from where."""
+
+import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog_app.films.settings import SIGHTS
+
+if TYPE_CHECKING:
+    from homolog_app.films.motion import Motion
+
+__all__ = ["add_motion_options", "chosen_motions"]
+
+
+def add_motion_options(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--mode``, ``--group`` and ``--view``."""
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument(
+        "--mode", type=int, nargs="+", metavar="K", help="modes of variation, from 1; several make a grid"
+    )
+    what.add_argument(
+        "--group", nargs=3, metavar=("COLUMN", "A", "B"), help="from the mean of one group to another's"
+    )
+    parser.add_argument(
+        "--view", nargs="+", choices=SIGHTS, metavar="VIEW", default=["oblique"],
+        help=f"directions of sight, several make a grid: {', '.join(SIGHTS)} (default oblique)",
+    )  # fmt: skip
+
+
+def chosen_motions(arguments: argparse.Namespace, deviations: float) -> "Sequence[Motion]":
+    """Return what the options name; the mean at rest if they name nothing.
+
+    Raises
+    ------
+    InputError
+        If the project has no result, or no such mode or group.
+    """
+    from homolog.files.results import read_result
+    from homolog_app.films.motion import group_motion, mode_motions, standing
+
+    result = read_result(Project(arguments.project))
+    if len(set(arguments.view)) < len(arguments.view) or len(set(arguments.mode or [])) < len(
+        arguments.mode or []
+    ):
+        raise InputError("--mode and --view: name each one once")
+    if arguments.mode:
+        return mode_motions(result, arguments.mode, deviations)
+    if arguments.group:
+        return [group_motion(result, *arguments.group)]
+    return [standing(result)]
