@@ -13,6 +13,7 @@ from homolog.arrays import FloatArray
 from homolog.correspondence.types import Frame
 from homolog_app.window.loaded import Loaded
 from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scene.picking import Pick
 from homolog_app.window.scene.scene import LAYOUTS, VIEWS
 from homolog_app.window.screenshot import save_picture
 from homolog_app.window.session import Groomed, Session
@@ -82,6 +83,9 @@ class Views(QObject):
             signal.connect(self.refresh)
         for signal in (self._explore.shown_changed, self._explore.page_changed, window.step_changed):
             signal.connect(self._display)
+        for page in self._explore.pages:
+            page.place_wanted.connect(stage.scene.go_to)
+        stage.scene.picker.picked.connect(self._hand_over_pick)
         self._session.selection_changed.connect(self._follow_selection)
         self._work.changed.connect(self._watch_run)
         for name in ("link", "raw", "groomed", "particles", "grid4"):
@@ -176,6 +180,12 @@ class Views(QObject):
         self._balls, seen = balls.isChecked(), self._balls
         balls.setChecked(seen)
         self.stage.scene.switch(particles=seen)
+
+    @Slot(object)
+    def _hand_over_pick(self, pick: Pick) -> None:
+        """Let the open page of Explore answer a click."""
+        if self._page is not None:
+            self._page.take_pick(pick)
 
     def play_or_stop(self) -> None:
         """Play the run from its first moment or what the open page of Explore plays, or hold."""

@@ -1,6 +1,7 @@
 """What every page of Explore is."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
@@ -11,14 +12,18 @@ from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.widgets import Panel
 
+if TYPE_CHECKING:
+    from homolog_app.window.scene.picking import Pick
+
 __all__ = ["ExplorePage"]
 
 
 class ExplorePage(Panel):
     """A page of the inspector that also says what the views show while it is open.
 
-    To change what is shown, emit `shown_changed`: the views then ask `shown`. Long work goes through
-    `desk.work.compute`.
+    To change what is shown, emit `shown_changed`: the views then ask `shown`. To have them look at a place,
+    emit `place_wanted` with a subject's name, the place and the surface's normal there. Long work goes
+    through `desk.work.compute`.
 
     Attributes
     ----------
@@ -34,6 +39,7 @@ class ExplorePage(Panel):
     hint = ""
     plays = False
     shown_changed = Signal()
+    place_wanted = Signal(str, object, object)
 
     def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
         super().__init__(self.title, self.hint)
@@ -56,6 +62,9 @@ class ExplorePage(Panel):
     def play_or_stop(self) -> bool:
         """Play what the page can play, or hold; return whether it can."""
         return False
+
+    def take_pick(self, pick: "Pick") -> None:
+        """Do what is to be done when something was clicked in a view."""
 
     def stop(self) -> None:
         """Stop playing: the page is left or the window rests."""

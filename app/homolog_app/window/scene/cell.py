@@ -34,6 +34,7 @@ float shine = max(0.0, 1.0 - 6.0 * dot(off, off));
 ambientColor = ambientColor * shade + vec3(0.25 * shine);
 diffuseColor *= shade;
 """
+_MARGIN = 1.2
 _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 
 
@@ -174,6 +175,20 @@ class Cell:
             for actor, text in zip(self._letters, words, strict=True):
                 if actor.GetInput() != text:
                     actor.SetInput(text)
+
+    def fit_width(self, bounds: tuple[float, ...], shape: float) -> None:
+        """Zoom so that a box fills the view as it is seen now; `shape` is the view's width by its height."""
+        camera = self.renderer.GetActiveCamera()
+        up = np.array(camera.GetViewUp())
+        right = np.cross(camera.GetDirectionOfProjection(), up)
+        half = np.diff(np.reshape(bounds, (3, 2)), axis=1)[:, 0] / 2.0
+        across, along = (np.abs(way / np.linalg.norm(way)) @ half for way in (right, up))
+        camera.SetParallelScale(_MARGIN * max(along, across / shape))
+
+    @property
+    def surface_actors(self) -> tuple[Any, ...]:
+        """The surfaces' actors, shown or not."""
+        return tuple(self._surfaces.values())
 
     @property
     def bounds(self) -> tuple[float, ...] | None:

@@ -1,10 +1,11 @@
 """The colour scale below the views: title, unit, ticks and what its ends mean."""
 
+import numpy as np
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QFont, QImage, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
-from homolog_app.window.quantities import short, ticks
+from homolog_app.window.quantities import short
 from homolog_app.window.scene.colour_scale import ColourScale
 from homolog_app.window.theme import LIGHT, Colours
 
@@ -12,6 +13,7 @@ __all__ = ["ColourBar"]
 
 _HEIGHT, _BAR, _MOST = 64, 12, 520
 _SIDE = 120
+_TICKS = 5
 
 
 class ColourBar(QWidget):
@@ -108,9 +110,9 @@ class ColourBar(QWidget):
         painter.drawText(
             QRectF(bar.right() + 8, bar.top() - 3, _SIDE - 8, 18), left | middle, scale.high_words
         )
-        for value in ticks(scale.low, scale.high):
+        for value in np.linspace(scale.low, scale.high, _TICKS):
             x = bar.left() + bar.width() * (value - scale.low) / (scale.high - scale.low)
             painter.drawLine(QPointF(x, bar.bottom()), QPointF(x, bar.bottom() + 4))
             painter.drawText(
-                QRectF(x - 40, bar.bottom() + 5, 80, 16), Qt.AlignmentFlag.AlignCenter, short(value)
+                QRectF(x - 40, bar.bottom() + 5, 80, 16), Qt.AlignmentFlag.AlignCenter, short(float(value))
             )

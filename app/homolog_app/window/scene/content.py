@@ -84,12 +84,13 @@ class Shown:
         What the colours mean; drawn below the views.
     particles : mapping of str to (N, 3) array, or None
         Particles [mm] of each content by name, in the coordinates that are shown; None are those of the run.
-    tints : (N, 3) uint8 array or None
-        Colours of the particles; None gives each its colour by place.
+    tints : (N, 3) uint8 array, mapping of str to such arrays, or None
+        Colours of the particles, the same on all contents or of each by name; None gives each its colour by
+        place.
     """
 
     contents: Sequence[Content]
     columns: int | None = None
     scale: ColourScale | None = None
     particles: Mapping[str, FloatArray] | None = None
-    tints: Array | None = None
+    tints: Array | Mapping[str, Array] | None = None

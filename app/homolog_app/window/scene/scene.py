@@ -15,6 +15,7 @@ from homolog_app.window.scene.colour_bar import ColourBar
 from homolog_app.window.scene.colours import colours_by_place
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.interactor import SMOOTH, Interactor
+from homolog_app.window.scene.picking import Picker, aim
 from homolog_app.window.theme import Colours, rgb
 
 __all__ = ["LAYOUTS", "VIEWS", "Scene"]
@@ -36,6 +37,7 @@ _LIVE_MS = (30.0, 55.0)
 _MOST_CELLS = LAYOUTS[-1]
 _REFINE_MS = 400
 _GAP = 0.0015
+_CLOSE_UP = 0.6
 
 
 class Scene(QWidget):
@@ -69,9 +71,10 @@ class Scene(QWidget):
             window.AddObserver("StartEvent", self._before_drawing),
             window.AddObserver("EndEvent", self._after_drawing),
         )
+        self.picker = Picker(self._plot, self._cells, self._particles_of)
         self._contents: Sequence[Content] = ()
         self._particles: Mapping[str, FloatArray] = {}
-        self._tints: Array | None = None
+        self._tints: Array | Mapping[str, Array] | None = None
         self._radius = 1.0
         self._layout, self._columns = 1, 0
         self._page, self._linked = 0, True
@@ -197,8 +200,8 @@ class Scene(QWidget):
         may be drawn on lighter surfaces.
         """
         count = len(next(iter(particles.values()))) if particles else 0
-        known = live and self._tints is not None and len(self._tints) == count
-        self._take_particles(particles, self._tints if known else None)
+        tints = self._tints if live and not isinstance(self._tints, Mapping) else None
+        self._take_particles(particles, tints if tints is not None and len(tints) == count else None)
         if live:
             self._draw_quick()
             self._refine.start()
@@ -206,7 +209,9 @@ class Scene(QWidget):
         else:
             self._refresh()
 
-    def _take_particles(self, particles: Mapping[str, FloatArray], tints: Array | None) -> None:
+    def _take_particles(
+        self, particles: Mapping[str, FloatArray], tints: Array | Mapping[str, Array] | None
+    ) -> None:
         if particles and tints is None:
             tints = colours_by_place(np.mean([np.asarray(one) for one in particles.values()], axis=0))
         self._particles, self._tints = particles, tints
@@ -241,8 +246,18 @@ class Scene(QWidget):
         self._fitted = True
         for cell in self._cells[: 1 if self._linked else None]:
             cell.renderer.ResetCamera(bounds)
-            cell.renderer.GetActiveCamera().Zoom(1.15 * min(1.0, self._cell_shape))
+            cell.fit_width(bounds, self._cell_shape)
         self._plot.update()
+
+    def go_to(self, name: str, place: FloatArray, normal: FloatArray) -> None:
+        """Show a subject's page and look at a place of its surface from outside, close enough to see it."""
+        self.show_name(name)
+        bounds = self._bounds()
+        if bounds is not None:
+            height = _CLOSE_UP * max(bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4])
+            for camera in self._cameras():
+                aim(camera, place, normal, height)
+            self._plot.update()
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
@@ -301,12 +316,12 @@ class Scene(QWidget):
     def _refresh(self) -> None:
         self._after_drawing()
         self._show_words()
-        self._radius = self._ball_radius(len(self._tints) if self._tints is not None else 0)
+        self._radius = self._ball_radius(len(next(iter(self._particles.values()), ())))
         for cell in self._cells[: self._count]:
             content = cell.content
             cell.show(self._raw, self._groomed, self._quick, self._opacity)
             points = self._particles.get(content.name) if content is not None and self._balls else None
-            cell.show_particles(points, self._tints, self._radius)
+            cell.show_particles(points, self._tints_of(cell), self._radius)
         self._plot.update()
 
     def _show_words(self, scale: float = 1.0) -> None:
@@ -332,7 +347,7 @@ class Scene(QWidget):
         for index in chosen:
             cell = self._cells[index]
             points = self._particles.get(cell.content.name) if cell.content and self._balls else None
-            cell.show_particles(points, self._tints, self._radius)
+            cell.show_particles(points, self._tints_of(cell), self._radius)
         self._draw_cells(chosen)
         self._partial = share < self._count
         self._plot.update()
@@ -346,6 +361,16 @@ class Scene(QWidget):
         if self._partial:
             self._partial = False
             self._draw_cells(range(self._count))
+
+    def _tints_of(self, cell: Cell) -> Array | None:
+        if isinstance(self._tints, Mapping):
+            return self._tints.get(cell.content.name) if cell.content is not None else None
+        return self._tints
+
+    def _particles_of(self, cell: Cell) -> tuple[FloatArray | None, float]:
+        """Return the particles that a view shows, and how large."""
+        content = cell.content if self._balls else None
+        return self._particles.get(content.name) if content is not None else None, self._radius
 
     def _ball_radius(self, count: int) -> float:
         """Return a radius that leaves half of the surface free, whatever the number of particles."""

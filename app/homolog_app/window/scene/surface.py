@@ -120,9 +120,9 @@ def _arrow() -> Vtk:
     source = vtkArrowSource()
     source.SetTipResolution(10)
     source.SetShaftResolution(6)
-    source.SetShaftRadius(0.045)
-    source.SetTipRadius(0.14)
-    source.SetTipLength(0.36)
+    source.SetShaftRadius(0.028)
+    source.SetTipRadius(0.095)
+    source.SetTipLength(0.3)
     return source
 
 
