@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
-from homolog_app.films.board import Board
+from homolog_app.films.board import Board, Box
 from homolog_app.films.motion import Motion
 from homolog_app.films.plan import make_plan, turned
 from homolog_app.films.settings import Background, Colouring, FilmSettings, PictureSettings
@@ -63,7 +63,6 @@ class Film:
         theme = _THEMES[settings.background]
         coloured = settings.colours is Colouring.DISPLACEMENT and any(one.moves for one in motions)
         limit = _limit(motions) if coloured else None
-        self._actors = [_Actor(motion, theme, limit) for motion in motions]
         self._board = Board(settings.width, settings.height, theme, transparent=transparent)
         one_line = settings.caption and len(motions) == 1
         plan = make_plan(
@@ -81,6 +80,7 @@ class Film:
                 f"{settings.width} x {settings.height} pixels are too few for {len(plan.cells)} pictures; "
                 "choose a larger size, fewer modes or fewer views"
             )
+        self._actors = [_Actor(motion, theme, limit) for motion in motions]
         self._cells = plan.cells
         self._captions = [
             self._board.changing_text(x, y, motion.words(motion.low), room=room)
@@ -95,6 +95,11 @@ class Film:
             self._board.scale_bar(0.8 * em, settings.height - 0.9 * em, most, plan.millimetres)
         if plan.bar is not None and limit is not None:
             self._board.colour_bar(plan.bar, limit)
+
+    @property
+    def boxes(self) -> tuple[Box, ...]:
+        """Where on the page the pictures are, motion by motion."""
+        return tuple(cell.box for cell in self._cells)
 
     def draw(self, share: float, turn: float = 0.0) -> NDArray[np.uint8]:
         """Return the page at a moment, shape (height, width, 4).
