@@ -3,6 +3,7 @@ import resource
 import shutil
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -51,11 +52,8 @@ def results():
     """Return a function that reads the files of a result by name; without the record and its time of day."""
 
     def read(folder):
-        return {
-            str(path.relative_to(folder)): path.read_bytes()
-            for path in sorted(folder.rglob("*"))
-            if path.is_file() and (path.parent.name in ("particles", "model") or path.name == "energies.csv")
-        }
+        files = [folder / "energies.csv", *folder.glob("particles/*"), *folder.glob("model/*")]
+        return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(files)}
 
     return read
 
@@ -110,18 +108,33 @@ def read_only(mounted):
 
 
 @pytest.fixture
-def command():
-    """Return a function that runs a command line in a process of its own."""
-    search = os.pathsep.join(str(ROOT / part) for part in ("core", "app", "resources"))
+def search_path():
+    """Return an environment in which other processes find the program."""
+    return os.environ | {
+        "PYTHONPATH": os.pathsep.join(str(ROOT / part) for part in ("core", "app", "resources"))
+    }
 
-    def begin(*arguments, **options):
-        return subprocess.Popen(
-            [sys.executable, "-m", "homolog_app", *map(str, arguments)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=os.environ | {"PYTHONPATH": search},
-            **options,
-        )
 
-    return begin
+HOLD = """
+import sys, time
+from pathlib import Path
+from homolog.files.project import Project
+with Project(Path(sys.argv[1])).locked():
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def holder(search_path):
+    """Return a context in which another program has a project open."""
+
+    @contextmanager
+    def hold(project):
+        command = [sys.executable, "-c", HOLD, str(project.folder)]
+        with subprocess.Popen(command, env=search_path, stdout=subprocess.PIPE, text=True) as other:
+            assert other.stdout.readline() == "held\n"
+            yield other
+            other.kill()
+
+    return hold

@@ -67,7 +67,7 @@ def test_a_groomed_cache_that_cannot_grow_is_named(project, short_settings, file
         groom_cohort(cohort, short_settings.groom, executor=executor, cache=project.groomed)
 
 
-@pytest.mark.parametrize("phase", [Phase.READING, Phase.SPLITTING, Phase.OPTIMIZING, Phase.WRITING])
+@pytest.mark.parametrize("phase", [Phase.SPLITTING, Phase.WRITING])
 def test_a_run_whose_disk_fills_up_leaves_the_last_result_and_goes_on_later(
     phase, project, run_of, results, files_up_to
 ):

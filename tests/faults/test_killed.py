@@ -1,0 +1,110 @@
+"""Programs that are killed; tests/benchmarks/kill.py does it at random moments and more often."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog.files.results import read_result
+
+RUN = """
+import os, signal, sys
+from pathlib import Path
+from homolog.cohort import read_cohort
+from homolog.files.project import Project
+from homolog.run import Run
+from homolog.settings import RunSettings
+
+folder, settings, place, times = sys.argv[1:]
+left = int(times)
+
+def die(event, arguments):
+    global left
+    if event == "os.rename" and str(arguments[0]).endswith(place):
+        left -= 1
+        if left == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+if __name__ == "__main__":  # workers import this file too
+    sys.addaudithook(die)
+    folder, settings = Path(folder), RunSettings.model_validate_json(settings)
+    Run(Project(folder / "project"), read_cohort(folder / "scans"), settings).execute()
+"""
+
+
+@pytest.mark.parametrize(
+    ("moment", "place", "times"),
+    [
+        ("grooming", "-b.npz", 1),
+        ("splitting", "-checkpoint.npz", 3),
+        ("saving", "-scores.csv", 1),
+        ("moving the new result into place", ".next/model", 1),
+    ],
+)
+def test_a_killed_run_is_resumed_to_the_same_result(
+    moment, place, times, project, run_of, results, short_settings, search_path
+):
+    whole = results(project.folder)
+    if moment == "grooming":
+        (project.groomed / "b.npz").unlink()
+    folder = project.folder.parent
+    (folder / "program.py").write_text(RUN)
+    command = [sys.executable, "program.py", ".", short_settings.model_dump_json(), place, str(times)]
+    ended = subprocess.run(command, cwd=folder, env=search_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == -signal.SIGKILL, ended.stderr
+    project.recover()
+    assert read_result(project).names == ("a", "b", "c", "d")
+    assert results(project.folder) == whole
+    if project.read().unfinished:
+        run_of(project, resume=True).execute()
+        assert results(project.folder) == whole
+    with project.locked():
+        assert not list(project.folder.rglob(".part-*"))
+
+
+def test_the_lock_of_a_killed_program_is_taken_over(tmp_path, holder):
+    project = Project(tmp_path / "project")
+    with holder(project) as other:
+        with pytest.raises(InputError, match="in use by another Homolog"), project.locked():
+            pass
+        other.kill()
+    with project.locked():
+        assert (project.folder / ".lock").exists()
+
+
+SPAWN = """
+import os, sys, time
+from concurrent.futures import wait
+from homolog.workers import worker_processes
+if __name__ == "__main__":
+    with worker_processes(2) as executor:
+        print(*{executor.submit(os.getpid).result() for _ in range(9)}, flush=True)
+        wait([executor.submit(time.sleep, 60)])
+"""
+
+
+def test_the_workers_of_a_killed_program_end_with_it(tmp_path, search_path):
+    (tmp_path / "program.py").write_text(SPAWN)
+    command = [sys.executable, tmp_path / "program.py"]
+    with subprocess.Popen(command, env=search_path, stdout=subprocess.PIPE, text=True) as parent:
+        workers = [int(one) for one in parent.stdout.readline().split()]
+        parent.kill()
+    deadline = time.monotonic() + 20.0
+    while any(is_alive(one) for one in workers):
+        assert time.monotonic() < deadline, "workers live on"
+        time.sleep(0.05)
+    assert workers
+
+
+def is_alive(number):
+    try:
+        os.kill(number, 0)
+        with open(f"/proc/{number}/stat") as stream:
+            return stream.read().split(")")[1].split()[0] != "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return False
