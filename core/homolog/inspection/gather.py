@@ -43,7 +43,8 @@ class Gatherer:
             touched = np.isin(corners, pair).any(axis=1)
             own = np.concatenate([normals[pair], neighbours[pair], triangles[touched & (triangles >= 1.0)]])
             words = f"particles {pair[0]} and {pair[1]} stand in each other's place"
-            found.append(self._suspect(Kind.EXCHANGED, m, pair, own, words))
+            total = np.array([own.sum()])  # no accident, so its signs add up plainly
+            found.append(self._suspect(Kind.EXCHANGED, m, pair, total, words))
             normals[pair] = neighbours[pair] = triangles[touched] = 0.0
         for kind, severities, words_of in (
             (Kind.NORMALS, normals, self._outlier_words),

@@ -35,7 +35,8 @@ class Suspect:
         The particles that are meant, the worst first; of an uncovered region those around it.
     severity : float
         1 is the least that is reported. Each sign counts the smaller of two ratios: how far beyond what is
-        usual at that particle, and how large; several signs add up as root of the sum of squares.
+        usual at that particle, and how large; several signs add up as root of the sum of squares,
+        those of an exchange plainly.
     place : (3,) float64 array
         Where to look [mm], in aligned coordinates.
     area : float
