@@ -104,12 +104,10 @@ def _wall(found: Inspection, m: int, random: np.random.Generator) -> tuple[Float
     points, mesh = found.places.local[m].copy(), found.places.meshes[m]
     own = np.linalg.inv(found.places.alignments[m, :3, :3]) @ found.places.normals[m].T
     normals = (own / np.linalg.norm(own, axis=0)).T
-    opposite = np.empty_like(points)
-    thickness = np.empty(len(points))
-    for i in range(len(points)):
-        facing = mesh.vertices[mesh.vertex_normals @ normals[i] < -0.5]
-        thickness[i], at = cKDTree(facing).query(points[i])
-        opposite[i] = facing[at]
+    far = 1.0 * np.ptp(mesh.vertices)  # of a normal that is not opposite, so that the nearest is one that is
+    tree = cKDTree(np.hstack([mesh.vertices, far * mesh.vertex_normals]))
+    opposite = mesh.vertices[tree.query(np.hstack([points, -far * normals]))[1]]
+    thickness = np.linalg.norm(opposite - points, axis=1)
     seed = random.choice(np.argsort(thickness)[: max(8, len(points) // 10)])
     patch = np.concatenate([[seed], found.usual.neighbours[seed, :7]])
     points[patch] = opposite[patch]

@@ -1,0 +1,94 @@
+"""The objective's three parts, shared out over the particles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from homolog.arrays import Float32Array, FloatArray, frozen
+from homolog.correspondence.dual import covariance
+from homolog.inspection.neighbourhood import Neighbourhood
+from homolog.inspection.places import Places
+from homolog.settings import OptimizeSettings
+
+__all__ = ["ParticleEnergies", "particle_energies", "shared_entropy"]
+
+_WIDTH_ROUNDS = 30
+_EVEN_WIDTH = 1.0 / np.sqrt(np.pi)
+"""Parzen width of an even layout, in spacings; as in the optimizer widths stay between these parts of it:"""
+_NARROWEST, _WIDEST = 0.1, 1.2
+_NORMALS_REGULARIZATION = 0.01
+"""At the end of a run [rad²]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ParticleEnergies:
+    """What each particle adds to the energies, (M, N) each, read-only; large is bad.
+
+    Attributes
+    ----------
+    sampling : array
+        log A - 3 log s by geodesic distances in spacings: large where particles crowd.
+    ensemble, normals : array
+        Shares of H(Z) and H(V), their mean over particles and subjects times M N the whole: large where
+        positions, or normals, differ between subjects in a way of their own.
+    """
+
+    sampling: FloatArray
+    ensemble: FloatArray
+    normals: FloatArray
+
+
+def particle_energies(places: Places, usual: Neighbourhood, settings: OptimizeSettings) -> ParticleEnergies:
+    """Return what each particle adds to the energies of a result."""
+    scale = np.cbrt(np.linalg.det(places.alignments[:, :3, :3]))
+    areas = np.array([mesh.area for mesh in places.meshes]) * scale**2
+    unit = 0.01 * float(np.sqrt(areas.mean()))  # the optimizer's length
+    positions = (places.world - places.world.mean(axis=0)) / unit
+    cosine = np.clip(np.einsum("mni,ni->mn", places.normals, usual.normals), -1.0 + 1e-9, 1.0)
+    factor = 1.0 / np.sinc(np.arccos(cosine) / np.pi)
+    logs = factor[:, :, None] * (places.normals - cosine[:, :, None] * usual.normals)
+    return ParticleEnergies(
+        frozen(_sampling(places.distances)),
+        frozen(shared_entropy(positions, settings.regularization_end)),
+        frozen(shared_entropy(logs, _NORMALS_REGULARIZATION)),
+    )
+
+
+def shared_entropy(rows: FloatArray, regularization: float) -> FloatArray:
+    """Return the entropy (M-1)/2M log det(I + C/a) of the optimizer shared out exactly, (M, N, 3) to (M, N).
+
+    With C = Y Y'/(N (M-1)) and G = C^-1 log(I + C/a) the trace of G C is the logarithm of the determinant, a
+    sum over subjects and particles of (G Y) times Y. The shares are so scaled that their mean is the entropy.
+    """
+    shapes = len(rows)
+    flat: Float32Array = rows.reshape(shapes, -1).astype(np.float32)
+    values, vectors = np.linalg.eigh(covariance(flat))
+    values = np.maximum(values, 0.0)
+    small = 1e-9 * regularization
+    slopes = np.where(
+        values > small, np.log1p(values / regularization) / np.maximum(values, small), 1 / regularization
+    )
+    pulled = ((vectors * slopes) @ vectors.T @ rows.reshape(shapes, -1)).reshape(rows.shape)
+    return np.asarray(0.5 * np.einsum("mni,mni->mn", pulled, rows))
+
+
+def _sampling(distances: Sequence[csr_array]) -> FloatArray:
+    return np.stack([_crowding(one) for one in distances])
+
+
+def _crowding(distances: csr_array) -> FloatArray:
+    """Return log A - 3 log s of each particle with s at its fixed point s² = Σ w d² / 3 Σ w."""
+    n = distances.shape[0]
+    rows = np.repeat(np.arange(n), np.diff(distances.indptr))
+    squared = np.square(distances.data)
+    width = np.full(n, _EVEN_WIDTH)
+    for _ in range(_WIDTH_ROUNDS):
+        weight = np.exp(-0.5 * squared / np.square(width)[rows])
+        mass = np.bincount(rows, weight, n)
+        spread = np.bincount(rows, weight * squared, n)
+        wanted = np.where(mass > 1e-12, np.sqrt(spread / np.maximum(3.0 * mass, 1e-12)), np.inf)
+        width = np.clip(0.5 * (width + wanted), _NARROWEST * _EVEN_WIDTH, _WIDEST * _EVEN_WIDTH)
+    weight = np.exp(-0.5 * squared / np.square(width)[rows])
+    return np.asarray(np.log(np.maximum(np.bincount(rows, weight, n), 1e-12)) - 3.0 * np.log(width))

@@ -1,0 +1,140 @@
+"""A result with some of its particles optimized again, and how it takes the place of the one before."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from homolog.arrays import BoolArray, FloatArray
+from homolog.cohort import Cohort, Subject
+from homolog.correspondence import Shape, repair
+from homolog.device import choose_device
+from homolog.errors import InputError
+from homolog.files.arrays import read_arrays
+from homolog.files.project import Project
+from homolog.files.records import ResultRecord, ResultSubject
+from homolog.grooming import GroomedSubject
+from homolog.grooming.cache import load_groomed
+from homolog.progress import Tick, no_tick, part_of
+from homolog.run.result import Outcome, Study, model_of, write_result
+
+__all__ = ["mend", "read_study", "write_mended"]
+
+
+def read_study(project: Project) -> Study:
+    """Return what the project's result was optimized from; input files are not needed.
+
+    Raises
+    ------
+    InputError
+        If there is no result, or the groomed surface of a subject is missing or damaged.
+    """
+    record = project.read()
+    result = record.result
+    if result is None:
+        raise InputError(f"{project.folder}: has no result; run first")
+    groomed = [_groomed(project, one) for one in result.subjects]
+    shapes = [
+        Shape(one.name, one.field, one.mesh, one.coarse_mesh, np.array(subject.alignment))
+        for one, subject in zip(groomed, result.subjects, strict=True)
+    ]
+    device = choose_device(result.settings.device)
+    return Study(_cohort(project, result), result.settings, groomed, shapes, result.fingerprint, device)
+
+
+def mend(
+    study: Study, local: FloatArray, movable: BoolArray, misplaced: BoolArray, tick: Tick = no_tick
+) -> FloatArray:
+    """Optimize some particles of a result again; the others stay as they are.
+
+    Parameters
+    ----------
+    study : Study
+        As `read_study` gives it.
+    local : (M, N, 3) array
+        All particles in file coordinates [mm].
+    movable, misplaced : (M, N) bool arrays
+        Those that may move, and those of them that are not trusted: they begin where the other subjects
+        predict them.
+    tick : Tick
+
+    Returns
+    -------
+    (M, N, 3) array
+        The particles in file coordinates [mm].
+    """
+    found = repair(
+        study.shapes,
+        study.settings.optimize,
+        local,
+        movable,
+        misplaced=misplaced,
+        device=study.device,
+        tick=tick,
+    )
+    return found.local
+
+
+def write_mended(project: Project, local: FloatArray, notes: Mapping[str, str], tick: Tick = no_tick) -> None:
+    """Let other particles take the place of those of the project's result, with a new shape model.
+
+    Parameters
+    ----------
+    project : Project
+    local : (M, N, 3) array
+        Particles in file coordinates [mm].
+    notes : mapping of str to str
+        What was done to a subject, by name; kept with the result.
+    tick : Tick
+
+    Raises
+    ------
+    InputError
+        If the project can't be written to or is in use; its result is then as it was.
+    """
+    with project.locked():
+        before = project.read()
+        study = read_study(project)
+        groomed = [_noted(one, notes.get(one.name)) for one in study.groomed]
+        assert before.result is not None, "a study was read"
+        alignments = np.stack([one.alignment for one in study.shapes])
+        world = np.einsum("mij,mnj->mni", alignments[:, :3, :3], local) + alignments[:, None, :3, 3]
+        outcome = Outcome(
+            replace(study, groomed=groomed),
+            world,
+            local,
+            alignments,
+            np.loadtxt(project.folder / "energies.csv", delimiter=",", skiprows=1, ndmin=2),
+            before.result.iterations,
+            before.result.ended,
+            before.result.seconds,
+        )
+        model, surface = model_of(outcome, part_of(tick, 0.0, 0.5))
+        write_result(project, outcome, model, surface, part_of(tick, 0.5, 1.0))
+        next_run = {"subjects": before.subjects, "settings": before.settings, "unfinished": before.unfinished}
+        project.write(project.read().model_copy(update=next_run))
+
+
+def _groomed(project: Project, subject: ResultSubject) -> GroomedSubject:
+    """Return a subject's archive, whatever its input file is by now."""
+    path = project.groomed / f"{subject.file}.npz"
+    found = load_groomed(project.groomed, subject.name, str(read_arrays(path).get("key")))
+    if found is None:
+        raise InputError(f"{path}: is damaged; groom and run again")
+    return found
+
+
+def _cohort(project: Project, result: ResultRecord) -> Cohort:
+    paths = {one.name: one.path for one in project.cohort().subjects}
+    subjects = [
+        Subject(one.name, paths.get(one.name, project.folder), one.group, one.columns)
+        for one in result.subjects
+    ]
+    return Cohort(tuple(subjects), project.folder)
+
+
+def _noted(groomed: GroomedSubject, note: str | None) -> GroomedSubject:
+    if note is None:
+        return groomed
+    report = replace(groomed.report, notes=(*groomed.report.notes, note))
+    return replace(groomed, report=report)
