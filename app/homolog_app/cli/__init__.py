@@ -20,7 +20,7 @@ __all__ = ["CANCELLED", "INPUT_ERROR", "OK", "PROGRAM_ERROR", "main"]
 OK, PROGRAM_ERROR, INPUT_ERROR, CANCELLED = 0, 1, 2, 130
 """Exit codes; 130 is the shell's own for a command ended by Ctrl-C."""
 
-_COMMANDS = ("run", "info", "demo", "beans", "analyze", "report", "export", "geodesics")
+_COMMANDS = ("run", "info", "demo", "beans", "analyze", "check", "report", "export", "geodesics")
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 

@@ -1,0 +1,89 @@
+"""Suspects of a project's result: found, written as a table, mended; for window and command line."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from homolog.errors import InputError
+from homolog.files.atomic import write_text
+from homolog.files.meshes import read_mesh
+from homolog.files.project import Project
+from homolog.files.results import Result, read_result, surface_file
+from homolog.files.tables import write_table
+from homolog.inspection import Inspection, Suspect, find_places, inspect, judge
+from homolog.progress import Tick, no_tick, part_of
+
+__all__ = ["COLUMNS", "inspect_project", "mended", "rows", "write_suspects"]
+
+COLUMNS = ("kind", "subject", "severity", "particles", "x_mm", "y_mm", "z_mm", "area_mm2", "words")
+"""Of the table; x, y and z say where to look in the coordinates of the subject's file."""
+
+Row = tuple[str, str, float, str, float, float, float, float, str]
+
+
+def inspect_project(project: Project, tick: Tick = no_tick) -> tuple[Result, Inspection]:
+    """Look for suspects in a project's result.
+
+    Raises
+    ------
+    InputError
+        If there is no result, a file of it is damaged, or it has fewer than three subjects.
+    """
+    result, record = read_result(project), project.read().result
+    assert record is not None, "a result was read"
+    meshes = [read_mesh(surface_file(project, one.file)) for one in record.subjects]
+    return result, inspect(result.local, meshes, result.alignments, names=result.names, tick=tick)
+
+
+def mended(project: Project, inspection: Inspection, suspect: Suspect, tick: Tick = no_tick) -> Inspection:
+    """Optimize the particles of a suspect and two rings around them again; nothing is written.
+
+    Returns
+    -------
+    Inspection
+        Of the particles as they are then: ``places.local`` and ``places.world``.
+    """
+    from homolog.inspection import Kind
+    from homolog.run.mend import mend, read_study
+
+    places, m = inspection.places, suspect.subject
+    tick(0.0, "reading surfaces")
+    study = read_study(project)
+    misplaced = np.zeros(places.world.shape[:2], dtype=bool)
+    if suspect.kind is not Kind.UNCOVERED:
+        misplaced[m, suspect.particles] = True
+    local = mend(study, places.local, inspection.movable(suspect), misplaced, part_of(tick, 0.0, 0.9))
+    name = study.shapes[m].name
+    one = find_places(local[m : m + 1], places.meshes[m : m + 1], places.alignments[m : m + 1], names=[name])
+    return judge(places.with_subject(m, one), part_of(tick, 0.95, 1.0))
+
+
+def rows(inspection: Inspection, suspects: Sequence[Suspect], names: Sequence[str]) -> list[Row]:
+    """Return what the table says of some suspects, one row each in the order of `COLUMNS`."""
+    table: list[Row] = []
+    for one in suspects:
+        inverse = np.linalg.inv(inspection.places.alignments[one.subject])
+        x, y, z = (inverse[:3, :3] @ one.place + inverse[:3, 3]).round(3).tolist()
+        particles = " ".join(map(str, one.particles.tolist()))
+        severity, area = round(one.severity, 3), round(one.area, 3)
+        table.append((one.kind.value, names[one.subject], severity, particles, x, y, z, area, one.words))
+    return table
+
+
+def write_suspects(path: Path, table: Sequence[Row]) -> None:
+    """Write a table as CSV, or as a list of objects if the file's name ends in ``.json``.
+
+    Raises
+    ------
+    InputError
+        If the name ends otherwise, or the file can't be written.
+    """
+    if path.suffix.lower() == ".csv":
+        write_table(path, COLUMNS, table)
+    elif path.suffix.lower() == ".json":
+        objects = [dict(zip(COLUMNS, one, strict=True)) for one in table]
+        write_text(path, json.dumps(objects, indent=2, ensure_ascii=False) + "\n")
+    else:
+        raise InputError(f"{path}: the list is written as .csv or .json; name the file so")
