@@ -1,0 +1,173 @@
+"""Runs killed at random moments, and what is left of them.
+
+    python tests/benchmarks/kill.py [--tries 24 --seed 0]
+
+A cohort of ellipsoids is run once without disturbance. Then each try starts the same run in a process of its
+own, kills it (SIGKILL) at a random moment of a random phase, looks whether the project can still be read, how
+old the newest saved state is, resumes it and compares every file of the result. Prints a row a try and a
+table for docs/reliability.md.
+"""
+
+import argparse
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from homolog.errors import InputError
+from homolog.files.project import Project
+
+PHASES = ("reading", "grooming", "aligning", "geodesics", "splitting", "optimizing", "modeling", "writing")
+_SETTINGS = (
+    "--device cpu --workers 1 --particles 320 --split-iterations 40 --anneal-iterations 200 "
+    "--settle-iterations 60 --no-figures --progress json"
+)
+
+
+@dataclass(frozen=True)
+class Try:
+    """How one try went."""
+
+    phase: str
+    readable: bool
+    lost_s: float
+    equal: bool
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--tries", type=int, default=24)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    random.seed(options.seed)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_cohort(folder / "scans")
+        began = time.monotonic()
+        spans = dict(follow(start(folder / "scans", folder / "whole")))
+        print(f"undisturbed: {time.monotonic() - began:.0f} s; phases from", spans, flush=True)
+        tries = []
+        for number in range(options.tries):
+            one = one_try(folder, PHASES[number % len(PHASES)], spans)
+            tries.append(one)
+            print(f"try {number + 1}: {one}", flush=True)
+    print("| killed while | tries | project unreadable | lost at most s | resumed, unlike the whole run |")
+    print("|---|---|---|---|---|")
+    for phase in (*Counter(one.phase for one in tries), "all"):
+        rows = [one for one in tries if phase in (one.phase, "all")]
+        bad, unlike = sum(not one.readable for one in rows), sum(not one.equal for one in rows)
+        print(f"| {phase} | {len(rows)} | {bad} | {max(one.lost_s for one in rows):.1f} | {unlike} |")
+    sys.exit(not all(one.readable and one.equal and one.lost_s <= 30.0 for one in tries))
+
+
+def start(*arguments: object) -> subprocess.Popen[str]:
+    """Start a run; the first argument is the cohort, a second the project, or the project with --resume."""
+    source, *rest = map(str, arguments)
+    how = ["--resume", "--progress", "json", "--no-figures"] if rest == ["--resume"] else []
+    how = how or ["--out", *rest, *_SETTINGS.split()]
+    return subprocess.Popen(
+        [sys.executable, "-m", "homolog_app", "run", source, *how],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def follow(running: subprocess.Popen[str]) -> Iterator[tuple[str, float]]:
+    """Yield each phase that a run enters, and how long it took once the next begins [s]."""
+    assert running.stdout is not None
+    phase, since = "", time.monotonic()
+    for line in running.stdout:
+        entered = json.loads(line).get("phase") or "ended"
+        if entered != phase:
+            if phase:
+                yield phase, time.monotonic() - since
+            phase, since = entered, time.monotonic()
+    assert running.stderr is not None
+    if running.wait() != 0:
+        raise RuntimeError(running.stderr.read())
+
+
+def one_try(folder: Path, phase: str, spans: dict[str, float]) -> Try:
+    """Kill a run in a phase and resume it."""
+    project = Project(folder / "killed")
+    shutil.rmtree(project.folder, ignore_errors=True)
+    began = time.time()
+    reached, killed_at = kill_in(start(folder / "scans", project.folder), phase, spans[phase])
+    saved = [one.stat().st_mtime for one in saved_files(project) if one.stat().st_mtime <= killed_at]
+    lost = killed_at - max(saved, default=began)
+    readable = is_readable(project)
+    again = ["--resume"] if readable and project.exists and project.read().unfinished else []
+    dict(follow(start(project.folder, *again) if again else start(folder / "scans", project.folder)))
+    return Try(reached, readable, lost, contents(project.folder) == contents(folder / "whole"))
+
+
+def kill_in(running: subprocess.Popen[str], phase: str, span: float) -> tuple[str, float]:
+    """Kill a run at a random moment of a phase; return where it was and the time of day."""
+    assert running.stdout is not None
+    os.set_blocking(running.stdout.fileno(), False)
+    reached, at = "", None
+    while running.poll() is None:
+        for line in running.stdout:
+            reached = json.loads(line).get("phase") or "ended"
+            if reached == phase and at is None:
+                at = time.monotonic() + random.uniform(0.0, span)
+        if at is not None and time.monotonic() >= at:
+            running.send_signal(signal.SIGKILL)
+            break
+        time.sleep(0.001)
+    running.wait()
+    return reached, time.time()
+
+
+def saved_files(project: Project) -> list[Path]:
+    """Return what a run leaves for its resumption."""
+    return [one for one in (project.checkpoint, *project.groomed.glob("*.npz")) if one.is_file()]
+
+
+def is_readable(project: Project) -> bool:
+    """Return whether the project can be opened, or was not begun."""
+    if not project.folder.exists() or not any(one.name != ".lock" for one in project.folder.iterdir()):
+        return True
+    try:
+        project.recover()
+        project.read()
+    except InputError as error:
+        print(error)
+        return False
+    return True
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return every file of a result by name; without the record, which tells the time of day."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and (path.parent.name in ("particles", "model") or path.name == "energies.csv")
+    }
+
+
+def write_cohort(folder: Path) -> None:
+    """Write six ellipsoids."""
+    import SimpleITK
+
+    folder.mkdir()
+    grid = np.stack(np.meshgrid(*[np.arange(-24.0, 25.0)] * 3, indexing="ij"))
+    for number in range(6):
+        axes = np.array([20.0, 15.0, 12.0]) + random.Random(number).random() * np.array([2.0, -2.0, 3.0])
+        inside = (np.square(grid) / np.square(axes)[:, None, None, None]).sum(axis=0) <= 1.0
+        image = SimpleITK.GetImageFromArray(inside.astype(np.uint8))
+        SimpleITK.WriteImage(image, folder / f"shape{number}.nrrd")
+
+
+if __name__ == "__main__":
+    main()
