@@ -9,6 +9,7 @@ import warp as wp
 
 from homolog.arrays import IntArray, frozen
 from homolog.geodesics.fan_kernels import UNSEEN, count_corners, fill_corners, grow_clusters
+from homolog.geodesics.intrinsic import triangulate
 from homolog.geodesics.kernels import Corner
 from homolog.geodesics.lookup import LANES
 from homolog.surfaces.mesh import TriangleMesh
@@ -33,8 +34,9 @@ class Fans:
         Vertices, each shape centred.
     start : (N + 1,) int32 wp.array
         First corner of each vertex.
-    corners : (3F,) Corner wp.array
-        Triangles as seen from each vertex; they count vertices within their shape.
+    corners : (K,) Corner wp.array
+        Triangles as seen from each vertex, and beside them, near curved places, those that reach across the
+        opposite side to the next triangle; they count vertices within their shape.
     """
 
     first: IntArray
@@ -44,29 +46,25 @@ class Fans:
 
 
 def build_fans(meshes: Sequence[TriangleMesh], device: str) -> Fans:
-    """Return the fans of checked meshes (see `homolog.surfaces.topology.check_mesh`)."""
+    """Return the fans of checked meshes (see `homolog.surfaces.topology.check_mesh`).
+
+    They are those of the surface's intrinsic Delaunay triangulation.
+    """
     counts = [len(mesh.vertices) for mesh in meshes]
     first = np.concatenate([[0], np.cumsum(counts)])
     centred = np.concatenate([mesh.vertices - mesh.vertices.mean(axis=0) for mesh in meshes])
-    faces = np.concatenate([mesh.faces + offset for mesh, offset in zip(meshes, first[:-1], strict=True)])
     face_first = np.repeat(first[:-1], [len(mesh.faces) for mesh in meshes])
+    delaunay = triangulate(meshes)
+    sides = delaunay.on_device(device)
     with wp.ScopedDevice(device):
-        faces_there = wp.array(faces.astype(np.int32), dtype=wp.int32, ndim=2)
+        turn = wp.array(delaunay.turn, dtype=wp.float64)
         start = wp.zeros(len(centred) + 1, dtype=wp.int32)
-        corners = wp.empty(faces.size, dtype=Corner)
-        wp.launch(count_corners, faces.shape, inputs=[faces_there, start])
+        wp.launch(count_corners, len(delaunay.tail), inputs=[sides, turn, start])
         wp.utils.array_scan(start, start, inclusive=True)
-        wp.launch(
-            fill_corners,
-            faces.shape,
-            inputs=[
-                faces_there,
-                wp.array(face_first.astype(np.int32), dtype=wp.int32),
-                wp.array(centred, dtype=wp.vec3d),
-                wp.clone(start),
-                corners,
-            ],
-        )
+        corners = wp.empty(int(start[-1:].numpy()[0]), dtype=Corner)
+        faces_first = wp.array(face_first.astype(np.int32), dtype=wp.int32)
+        inputs = [sides, turn, faces_first, wp.clone(start), corners]
+        wp.launch(fill_corners, len(delaunay.tail), inputs=inputs)
         position = wp.array(centred.astype(np.float32), dtype=wp.vec3)
     return Fans(first, position, start, corners)
 

@@ -1,0 +1,170 @@
+"""Kernels for intrinsic triangulations: vertices joined by straight lines within the surface.
+
+A triangulation is three arrays over *sides*: side 3f + k runs from corner k of face f to the next one.
+"""
+
+import warp as wp
+
+import homolog.device  # noqa: F401 - starts Warp
+
+wp.set_module_options({"enable_backward": False})
+
+FLAT = wp.constant(wp.float64(-1.0e-9))
+"""Cotangent sum from which an edge counts as Delaunay: cocircular corners are left alone."""
+MOST_FLIPS = wp.constant(100)
+"""Flips for each edge after which to be content with what is reached; a mesh needs about a fifth."""
+TURN = wp.constant(wp.float64(6.283185307179586))
+
+
+@wp.struct
+class Sides:
+    """Triangulations of several shapes, one after another."""
+
+    tail: wp.array(dtype=wp.int32)  # (3F,) vertex that a side starts from, counted through all shapes
+    twin: wp.array(dtype=wp.int32)  # (3F,) the same edge in the neighbouring face
+    length: wp.array(dtype=wp.float64)  # (3F,)
+
+
+@wp.func
+def next_side(side: int) -> int:
+    """Return the following side of the same face."""
+    return wp.where(side % 3 == 2, side - 2, side + 1)
+
+
+@wp.func
+def apex(sides: Sides, side: int) -> wp.vec2d:
+    """Return the third corner of a side's face, the side laid from (0, 0) to (length, 0)."""
+    ab = sides.length[side]
+    bc = sides.length[next_side(side)]
+    ca = sides.length[next_side(next_side(side))]
+    x = (ab * ab + ca * ca - bc * bc) / (wp.float64(2.0) * ab)
+    return wp.vec2d(x, wp.sqrt(wp.max(ca * ca - x * x, wp.float64(0.0))))
+
+
+@wp.kernel
+def list_sides(
+    tail: wp.array(dtype=wp.int32), free: wp.array(dtype=wp.int32), listed: wp.array(dtype=wp.int32)
+):
+    """List the sides that leave each vertex."""
+    side = wp.tid()
+    listed[wp.atomic_add(free, tail[side], 1)] = side
+
+
+@wp.kernel
+def pair_sides(
+    tail: wp.array(dtype=wp.int32),
+    start: wp.array(dtype=wp.int32),
+    listed: wp.array(dtype=wp.int32),
+    twin: wp.array(dtype=wp.int32),
+):
+    """Find each side's opposite among those that leave its head."""
+    side = wp.tid()
+    head = tail[next_side(side)]
+    for k in range(start[head], start[head + 1]):
+        if tail[next_side(listed[k])] == tail[side]:
+            twin[side] = listed[k]
+
+
+@wp.func
+def opposite_cotangent(sides: Sides, side: int) -> wp.float64:
+    """Return the cotangent of the angle that faces a side."""
+    c = apex(sides, side)
+    across = sides.length[side] - c[0]
+    return (c[1] * c[1] - c[0] * across) / wp.max(c[1] * sides.length[side], wp.float64(1.0e-300))
+
+
+@wp.func
+def put(sides: Sides, side: int, tail: int, twin: int, length: wp.float64):
+    """Set a side, and its twin's twin."""
+    sides.tail[side] = tail
+    sides.length[side] = length
+    sides.twin[side] = twin
+    sides.twin[twin] = side
+
+
+@wp.func
+def renumbered(side: int, h1: int, h2: int, t1: int, t2: int) -> int:
+    """Return where a flip puts a side."""
+    return wp.where(
+        side == t2, h1, wp.where(side == h1, h2, wp.where(side == h2, t1, wp.where(side == t1, t2, side)))
+    )
+
+
+@wp.func
+def flip(sides: Sides, h: int):
+    """Replace the edge h from a to b, faces abc and bad, by the other diagonal: faces cdb and dca."""
+    t = sides.twin[h]
+    h1 = next_side(h)
+    h2 = next_side(h1)
+    t1 = next_side(t)
+    t2 = next_side(t1)
+    c = apex(sides, h)
+    d = apex(sides, t)
+    dx = c[0] - (sides.length[h] - d[0])
+    dy = c[1] + d[1]
+    diagonal = wp.sqrt(dx * dx + dy * dy)
+    a = sides.tail[h]
+    b = sides.tail[t]
+    tail_c = sides.tail[h2]
+    tail_d = sides.tail[t2]
+    twin_bc = renumbered(sides.twin[h1], h1, h2, t1, t2)
+    twin_ca = renumbered(sides.twin[h2], h1, h2, t1, t2)
+    twin_ad = renumbered(sides.twin[t1], h1, h2, t1, t2)
+    twin_db = renumbered(sides.twin[t2], h1, h2, t1, t2)
+    bc = sides.length[h1]
+    ca = sides.length[h2]
+    ad = sides.length[t1]
+    db = sides.length[t2]
+    put(sides, h, tail_c, t, diagonal)
+    put(sides, t, tail_d, h, diagonal)
+    put(sides, h1, tail_d, twin_db, db)
+    put(sides, h2, b, twin_bc, bc)
+    put(sides, t1, tail_c, twin_ca, ca)
+    put(sides, t2, a, twin_ad, ad)
+
+
+@wp.func
+def await_turn(
+    sides: Sides, side: int, waiting: wp.array(dtype=wp.int32), stack: wp.array(dtype=wp.int32), n: int
+) -> int:
+    """List a side's edge once; return the length of the list."""
+    edge = wp.min(side, sides.twin[side])
+    if waiting[edge] != 0:
+        return n
+    waiting[edge] = 1
+    stack[n] = edge
+    return n + 1
+
+
+@wp.kernel
+def flip_to_delaunay(
+    sides: Sides, begin: int, end: int, waiting: wp.array(dtype=wp.int32), stack: wp.array(dtype=wp.int32)
+):
+    """Flip edges of the sides begin … end until the angles that face each edge sum to at most 180 degrees.
+
+    `stack` is the part of its array that belongs to these sides.
+    """
+    n = int(0)
+    for side in range(begin, end):
+        n = await_turn(sides, side, waiting, stack, n)
+    left = MOST_FLIPS * n
+    while n > 0 and left > 0:
+        n -= 1
+        h = stack[n]
+        waiting[h] = 0
+        t = sides.twin[h]
+        if h // 3 != t // 3 and opposite_cotangent(sides, h) + opposite_cotangent(sides, t) < FLAT:
+            flip(sides, h)
+            left -= 1
+            n = await_turn(sides, next_side(h), waiting, stack, n)
+            n = await_turn(sides, next_side(next_side(h)), waiting, stack, n)
+            n = await_turn(sides, next_side(t), waiting, stack, n)
+            n = await_turn(sides, next_side(next_side(t)), waiting, stack, n)
+
+
+@wp.kernel
+def add_angles(sides: Sides, turn: wp.array(dtype=wp.float64)):
+    """Add the angle at each side's tail to what the faces around that vertex take of a full turn."""
+    side = wp.tid()
+    c = apex(sides, side)
+    wp.atomic_add(turn, sides.tail[side], wp.atan2(c[1], c[0]))
