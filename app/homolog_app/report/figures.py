@@ -1,7 +1,7 @@
 """The report's figures, by file name."""
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +16,16 @@ from homolog.files.names import file_stems
 from homolog.files.project import Project
 from homolog.files.results import Result
 from homolog.progress import Tick
-from homolog_app.pictures import VIEWS, ModeSurfaces, draw_differences, draw_modes
+from homolog_app.pictures import LIGHT, VIEWS, ModeSurfaces, Theme, draw_differences, draw_modes
 from homolog_app.plots import plot_discriminant, plot_energies, plot_quality, plot_scores, plot_scree
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.study import Study
 from homolog_app.report.surface_maps import SurfaceCarrier
 
-__all__ = ["ReportFigure", "model_figures", "study_figures"]
+__all__ = [
+    "ReportFigure", "discriminant_figure", "energies_figure", "map_figure", "model_figures", "quality_figure",
+    "scores_figure", "scree_figure", "study_figures",
+]  # fmt: skip
 
 _SPECIFICITY_AT = (1, 2, 3, 5, 8, 13, 21)
 _DRAWS = 200
@@ -44,12 +47,11 @@ def model_figures(
 ) -> Iterator[ReportFigure]:
     """Yield the figures of the shape model."""
     parallel = parallel_analysis(result.world)
-    yield ReportFigure("scree", _scree(parallel), _scree_caption(parallel))
-    groups = [one or "no group" for one in result.groups]
+    yield ReportFigure("scree", scree_figure(parallel), _scree_caption(parallel))
     if len(model.variances) > 1:
         yield ReportFigure(
             "scores",
-            plot_scores(_per_particle(model.scores, model.mean), model.explained, groups),
+            scores_figure(model, [one or "" for one in result.groups]),
             "Subjects in the first two modes (root mean square displacement of the particles); large open "
             "markers are the groups' means.",
         )
@@ -63,23 +65,16 @@ def model_figures(
     )
     if len(result.world) > 2:
         tick(0.4, "model quality")
-        at = [one for one in _SPECIFICITY_AT if one <= len(model.variances)]
         yield ReportFigure(
             "quality",
-            plot_quality(
-                compactness(model),
-                generalization(result.world),
-                (at, specificity(model, result.world, at, draws=_DRAWS)),
-            ),
+            quality_figure(result, model),
             "Share of variance in the first modes; distance to shapes left out of the model; distance of "
             f"{_DRAWS} drawn shapes to the nearest real one (mean particle distances).",
         )
     energies = _energies(project)
     if len(energies["iteration"]) > 1:
         yield ReportFigure(
-            "energies",
-            plot_energies(energies.pop("iteration"), energies),
-            "The objective's parts along the optimization.",
+            "energies", energies_figure(project), "The objective's parts along the optimization."
         )
 
 
@@ -90,15 +85,11 @@ def study_figures(study: Study, carrier: SurfaceCarrier, tick: Tick) -> Iterator
         tick(index / len(stems), f"maps of {one.title}")
         if len(one.local.effect) > 1:
             continue
-        yield ReportFigure(f"{stem}_map", _maps(one, carrier), _map_caption(study, one), one.title)
+        yield ReportFigure(f"{stem}_map", map_figure(one, carrier), _map_caption(study, one), one.title)
         if one.discriminant is not None:
-            second = np.array([study.labels[subject] for subject in one.subjects]) == list(one.counts)[1]
-            first_name, second_name = one.counts
             yield ReportFigure(
                 f"{stem}_discriminant",
-                plot_discriminant(
-                    _per_particle(one.discriminant.scores, one.mean), second, (first_name, second_name)
-                ),
+                discriminant_figure(study, one),
                 "Subjects along the discriminant (root mean square displacement of the particles); bars "
                 "are the groups' means. These places are not "
                 "cross-validated; accuracy and AUC in the table are.",
@@ -111,7 +102,42 @@ def _per_particle(scores: FloatArray, mean: FloatArray) -> FloatArray:
     return displacement
 
 
-def _maps(one: Comparison, carrier: SurfaceCarrier) -> Figure:
+def scores_figure(
+    model: ShapeModel,
+    labels: Sequence[str],
+    modes: tuple[int, int] = (0, 1),
+    theme: Theme = LIGHT,
+) -> Figure:
+    """Draw the subjects in the plane of two modes, each with its label's colour and marker."""
+    groups = [one or "no group" for one in labels]
+    scores = _per_particle(model.scores, model.mean)
+    return plot_scores(scores, model.explained, groups, modes=modes, theme=theme)
+
+
+def quality_figure(result: Result, model: ShapeModel, theme: Theme = LIGHT) -> Figure:
+    """Draw compactness, generalization and specificity of a model of three or more subjects."""
+    at = [one for one in _SPECIFICITY_AT if one <= len(model.variances)]
+    measured = specificity(model, result.world, at, draws=_DRAWS)
+    return plot_quality(compactness(model), generalization(result.world), (at, measured), theme=theme)
+
+
+def energies_figure(project: Project, theme: Theme = LIGHT) -> Figure:
+    """Draw the objective's parts along the run."""
+    energies = _energies(project)
+    return plot_energies(energies.pop("iteration"), energies, theme=theme)
+
+
+def discriminant_figure(study: Study, one: Comparison, theme: Theme = LIGHT) -> Figure:
+    """Draw the subjects of a comparison of two groups along its discriminant."""
+    assert one.discriminant is not None
+    first, second = one.counts
+    members = np.array([study.labels[subject] for subject in one.subjects]) == second
+    places = _per_particle(one.discriminant.scores, one.mean)
+    return plot_discriminant(places, members, (first, second), theme=theme)
+
+
+def map_figure(one: Comparison, carrier: SurfaceCarrier, theme: Theme = LIGHT) -> Figure:
+    """Draw the effect of a comparison of two, where it is significant, and its discriminant."""
     mesh, effect = carrier.mean_of(one), carrier.moved(one.local.effect[0])
     significant = carrier.significant(one, LEVEL)
     rows = {
@@ -122,7 +148,7 @@ def _maps(one: Comparison, carrier: SurfaceCarrier) -> Figure:
         way = carrier.moved(one.discriminant.displacement)
         firm = carrier.discriminant_is_firm(one)
         rows["discriminant, where firm"] = (mesh, way * firm[:, None])
-    return draw_differences(rows, views=[VIEWS[name] for name in _VIEWS], width=300)
+    return draw_differences(rows, views=[VIEWS[name] for name in _VIEWS], theme=theme, width=300)
 
 
 def _map_caption(study: Study, one: Comparison) -> str:
@@ -139,8 +165,10 @@ def _map_caption(study: Study, one: Comparison) -> str:
     return words
 
 
-def _scree(parallel: ParallelAnalysis) -> Figure:
-    return plot_scree(parallel.variances, parallel.threshold, parallel.kept, parallel.percentile)
+def scree_figure(parallel: ParallelAnalysis, theme: Theme = LIGHT) -> Figure:
+    """Draw the eigenvalues with the line that chance reaches."""
+    variances, threshold = parallel.variances, parallel.threshold
+    return plot_scree(variances, threshold, parallel.kept, parallel.percentile, theme=theme)
 
 
 def _scree_caption(parallel: ParallelAnalysis) -> str:
