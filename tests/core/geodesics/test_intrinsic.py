@@ -69,8 +69,8 @@ def test_flipped_edges_of_a_flat_plate_are_straight_lines(plate):
     flat[inner, :2] += np.random.default_rng(1).uniform(-0.45, 0.45, size=(inner.sum(), 2))
     jittered = triangulate([TriangleMesh(flat, plate.faces)])
     head = jittered.tail[3 * (np.arange(len(jittered.tail)) // 3) + (np.arange(len(jittered.tail)) + 1) % 3]
-    # within the top side, and not along its rim, where a side may pass over it
-    within = (flat[jittered.tail, 2] == 0.5) & (flat[head, 2] == 0.5) & (inner[jittered.tail] | inner[head])
+    # within the top side, and away from its rim, over which a straight line may pass
+    within = (flat[jittered.tail, 2] == 0.5) & (flat[head, 2] == 0.5) & inner[jittered.tail] & inner[head]
     new = np.isin(
         jittered.tail * 1000 + head, np.r_[plate.faces[:, 0] * 1000 + plate.faces[:, 1]], invert=True
     )
