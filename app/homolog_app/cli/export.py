@@ -11,7 +11,12 @@ from typing import Any
 
 __all__ = ["add_parser", "run"]
 
-_KINDS = ("film", "still")
+_MODULES = {
+    "film": "export_film", "still": "export_still", "plot": "export_plot", "meshes": "export_meshes",
+    "table": "export_table", "particles": "export_points", "markups": "export_points",
+    "shapeworks": "export_points", "report": "report",
+}  # fmt: skip
+"""The module of each kind."""
 
 
 def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
@@ -19,19 +24,19 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     parser = subparsers.add_parser(
         "export",
         help="films, pictures, plots, meshes, tables and particles for other programs",
-        description="Export a project's result. Files appear whole or not at all; Ctrl-C leaves nothing behind.",
+        description="Export a project's result. Files appear whole or not at all; Ctrl-C leaves nothing.",
     )
-    kinds = parser.add_subparsers(dest="kind", metavar="KIND", title="kinds", required=True)
-    for module in _modules().values():
+    kinds = parser.add_subparsers(dest="what", metavar="WHAT", title="what to export", required=True)
+    for module in dict.fromkeys(_modules().values()):
         module.add_parser(kinds)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Export; returns the exit code."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ended by the window: tidy up as for Ctrl-C
-    return int(_modules()[arguments.kind].run(arguments))
+    return int(_modules()[arguments.what].run(arguments))
 
 
 def _modules() -> dict[str, ModuleType]:
     package = __name__.rpartition(".")[0]
-    return {kind: importlib.import_module(f"{package}.export_{kind}") for kind in _KINDS}
+    return {kind: importlib.import_module(f"{package}.{name}") for kind, name in _MODULES.items()}

@@ -2,13 +2,12 @@
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
 from homolog.errors import InputError
+from homolog_app.cli.export_files import add_kind, exporting
 from homolog_app.cli.motions import add_motion_options, chosen_motions
 from homolog_app.cli.options import add_options, with_options
-from homolog_app.cli.progress import add_progress_option, show_progress
 from homolog_app.films.settings import StillSettings
 
 __all__ = ["add_parser", "run"]
@@ -16,16 +15,15 @@ __all__ = ["add_parser", "run"]
 
 def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
     """Declare the kind."""
-    parser = kinds.add_parser(
+    parser = add_kind(
+        kinds,
         "still",
-        help="a picture of any size as PNG",
-        description="Picture the mean shape, or where it goes along modes or from one group's mean to "
-        "another's: a frame of the film with the same options.",
+        "a picture of any size as PNG",
+        "Picture the mean shape, or where it goes along modes or from one group's mean to another's: a "
+        "frame of the film with the same options.",
+        "FILE (.png)",
     )
-    parser.add_argument("project", type=Path, help="project folder")
     add_motion_options(parser)
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE.png", help="the picture")
-    add_progress_option(parser)
     add_options(parser, StillSettings)
 
 
@@ -35,16 +33,14 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog_app.films.encode import write_still
     from homolog_app.films.film import Film
 
-    with show_progress(arguments.progress) as progress:
-        progress.tick(0.0, "preparing")
+    with exporting(arguments) as tick:
         motions = chosen_motions(arguments, settings.deviations)
         low, high = motions[0].low, motions[0].high
         at = high if settings.at is None else settings.at
         if not low <= at <= high:
             raise InputError(f"--at {at:g}: must be from {low:g} to {high:g}")
         film = Film(motions, arguments.view, settings, transparent=settings.transparent)
-        progress.tick(0.5, "drawing")
+        tick(0.5, "drawing")
         write_still(arguments.out, film.draw((at - low) / (high - low) if high > low else 0.0))
-        progress.tick(1.0, "done")
     sys.stderr.write(f"{arguments.out}: {settings.width} x {settings.height} pixels\n")
     return 0

@@ -1,0 +1,4 @@
+"""A project's result as plots, meshes and tables for papers and other programs; no Qt.
+
+`settings` is quick to import; the other modules bring statistics, VTK and matplotlib.
+"""

@@ -1,0 +1,149 @@
+"""The mean, modes, groups and subjects as mesh files with what is known at their vertices."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from homolog.arrays import Array
+from homolog.files.meshes import write_mesh
+from homolog.files.names import file_stems
+from homolog.files.project import Project
+from homolog.files.results import Result, read_result, read_surfaces
+from homolog.files.tables import write_table
+from homolog.progress import Tick, no_tick, part_of
+from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.exports.glb import write_glb
+from homolog_app.exports.groups import compare
+from homolog_app.exports.settings import MeshFormat, MeshSettings
+from homolog_app.films.motion import Motion, group_motion, mode_motions
+from homolog_app.pictures import LIGHT, common_limit, outward_displacement
+from homolog_app.pictures.colours import diverging_colours
+
+__all__ = ["write_meshes"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Named:
+    """A surface, what it is, and values at its vertices by name; `displacement_mm` is outward."""
+
+    name: str
+    what: str
+    mesh: TriangleMesh
+    values: dict[str, Array]
+
+
+def write_meshes(
+    project: Project,
+    folder: Path,
+    settings: MeshSettings,
+    groups: tuple[str, str, str] | None = None,
+    tick: Tick = no_tick,
+) -> int:
+    """Write surfaces in world coordinates, and ``meshes.csv`` that says what each file is.
+
+    Parameters
+    ----------
+    project : Project
+        With a result.
+    folder : Path
+        Is there, and empty.
+    settings : MeshSettings
+        Format and what to write.
+    groups : (str, str, str), optional
+        Column and two groups: their means with displacement, p and q.
+    tick : Tick
+        Progress and cancelling.
+
+    Returns
+    -------
+    int
+        The number of surfaces.
+
+    Raises
+    ------
+    InputError
+        If there is no result or group, or the folder can't be written to.
+    """
+    tick(0.0, "reading the result")
+    result = read_result(project)
+    surfaces = list(_model_surfaces(result, settings))
+    if groups is not None:
+        surfaces += _group_surfaces(result, groups, settings, part_of(tick, 0.1, 0.6))
+    if settings.subjects:
+        surfaces += _subject_surfaces(project, result)
+    limit = common_limit([np.zeros(1), *(one.values["displacement_mm"] for one in surfaces if one.values)])
+    stems = file_stems([one.name for one in surfaces])
+    rows = []
+    for index, (one, stem) in enumerate(zip(surfaces, stems, strict=True)):
+        tick(0.6 + 0.4 * index / len(surfaces), f"writing {one.name}")
+        path = folder / f"{stem}.{settings.format}"
+        _write(path, one, limit, settings.format)
+        kept = () if settings.format is MeshFormat.STL else tuple(one.values)
+        rows.append([path.name, one.what, "LPS mm, aligned", " ".join(kept)])
+    write_table(folder / "meshes.csv", ["file", "what", "coordinates", "values_at_vertices"], rows)
+    return len(surfaces)
+
+
+def _model_surfaces(result: Result, settings: MeshSettings) -> Iterator[_Named]:
+    yield _Named("mean", "mean shape", result.mean_surface, {})
+    most = min(settings.modes, len(result.names) - 1)
+    for number, motion in enumerate(mode_motions(result, range(1, most + 1), settings.deviations), start=1):
+        for amount, side in ((motion.low, "minus"), (motion.high, "plus")):
+            name = f"mode_{number:02d}_{side}_{settings.deviations:g}sd"
+            yield _Named(name, motion.words(amount), motion.at(amount), _moved(motion, amount))
+
+
+def _group_surfaces(
+    result: Result, groups: tuple[str, str, str], settings: MeshSettings, tick: Tick
+) -> list[_Named]:
+    """Return both means with the difference of the second from the first and its significance."""
+    motion = group_motion(result, *groups)
+    study = compare(result, groups, settings.permutations, settings.seed, tick)
+    local = study.overall.local
+    nearest = KDTree(result.world.mean(axis=0)).query(result.mean_surface.vertices)[1]
+    tests = {"p": local.p[nearest], "p_family": local.p_family[nearest], "q": local.q[nearest]}
+    column, *names = groups
+    return [
+        _Named(
+            f"{column}_{name}_mean",
+            f"mean of {column} {name}; displacement from {names[0]} to {names[1]}",
+            motion.at(amount),
+            _moved(motion, 1.0) | tests,
+        )
+        for name, amount in zip(names, (0.0, 1.0), strict=True)
+    ]
+
+
+def _subject_surfaces(project: Project, result: Result) -> list[_Named]:
+    """Return the subjects' own surfaces with the displacement of the nearest particle from the mean."""
+    away = result.world - result.world.mean(axis=0)
+    surfaces = []
+    for name, mesh, particles, moved in zip(
+        result.names, read_surfaces(project), result.world, away, strict=True
+    ):
+        nearest = KDTree(particles).query(mesh.vertices)[1]
+        values = {"displacement_mm": outward_displacement(mesh, moved[nearest])}
+        surfaces.append(
+            _Named(f"subject_{name}", f"subject {name}; displacement from the mean", mesh, values)
+        )
+    return surfaces
+
+
+def _moved(motion: Motion, amount: float) -> dict[str, Array]:
+    move = amount * motion.displacement
+    return {"displacement_mm": outward_displacement(motion.start, move), "displacement_vector_mm": move}
+
+
+def _write(path: Path, one: _Named, limit: float, kind: MeshFormat) -> None:
+    if kind is MeshFormat.STL:
+        write_mesh(path, one.mesh)
+    elif kind is MeshFormat.GLB:
+        outward = one.values.get("displacement_mm")
+        colours = np.array(LIGHT.surface) if outward is None else diverging_colours(outward, limit)
+        flat = {name: values for name, values in one.values.items() if values.ndim == 1}
+        write_glb(path, one.mesh, colours, flat)
+    else:
+        write_mesh(path, one.mesh, one.values)

@@ -1,0 +1,114 @@
+"""The result's numbers as CSV."""
+
+from pathlib import Path
+
+import numpy as np
+
+from homolog.analysis.outliers import outlying
+from homolog.analysis.parallel import parallel_analysis
+from homolog.analysis.shape_model import ShapeModel, fit_shape_model
+from homolog.files.meshes import read_mesh
+from homolog.files.project import Project
+from homolog.files.results import Result, read_result, surface_file
+from homolog.files.tables import write_table
+from homolog.progress import Tick, no_tick, part_of
+from homolog_app.exports.groups import compare
+from homolog_app.exports.settings import TableSettings
+from homolog_app.report.request import read_requests
+from homolog_app.report.study import run_study
+from homolog_app.report.surface_maps import SurfaceCarrier
+from homolog_app.report.tables import write_study_tables
+
+__all__ = ["write_tables"]
+
+
+def write_tables(
+    project: Project,
+    folder: Path,
+    settings: TableSettings,
+    groups: tuple[str, str, str] | None = None,
+    tick: Tick = no_tick,
+) -> None:
+    """Write ``scores.csv``, ``modes.csv``, ``subjects.csv``, and a folder of tables for each study.
+
+    Parameters
+    ----------
+    project : Project
+        With a result.
+    folder : Path
+        Is there, and empty.
+    settings : TableSettings
+        For the comparison of `groups`.
+    groups : (str, str, str), optional
+        Column and two groups to compare; the studies that ``homolog analyze`` kept if not given.
+    tick : Tick
+        Progress and cancelling.
+
+    Raises
+    ------
+    InputError
+        If there is no result or group, or the folder can't be written to.
+    """
+    tick(0.0, "reading the result")
+    result = read_result(project)
+    model = fit_shape_model(result.world, names=result.names)
+    _write_scores(folder / "scores.csv", result, model)
+    tick(0.05, "parallel analysis")
+    _write_modes(folder / "modes.csv", result, model)
+    _write_subjects(folder / "subjects.csv", project, result, model, part_of(tick, 0.1, 0.3))
+    rest = part_of(tick, 0.3, 1.0)
+    if groups is not None:
+        studies = [compare(result, groups, settings.permutations, settings.seed, rest)]
+    else:
+        requests = read_requests(project)
+        studies = [
+            run_study(result, one, part_of(rest, index / len(requests), (index + 1) / len(requests)))
+            for index, one in enumerate(requests)
+        ]
+    carrier = SurfaceCarrier.of(result) if studies else None
+    for study in studies:
+        assert carrier is not None
+        write_study_tables(folder / study.request.name, study, result, carrier)
+
+
+def _columns(result: Result) -> list[str]:
+    return list(dict.fromkeys(name for columns in result.columns for name in columns))
+
+
+def _write_scores(path: Path, result: Result, model: ShapeModel) -> None:
+    modes = [f"mode_{number}_mm" for number in range(1, len(model.variances) + 1)]
+    rows = zip(result.names, result.groups, model.scores.tolist(), strict=True)
+    write_table(path, ["name", "group", *modes], ([name, group, *scores] for name, group, scores in rows))
+
+
+def _write_modes(path: Path, result: Result, model: ShapeModel) -> None:
+    parallel = parallel_analysis(result.world)
+    columns = [
+        "mode", "variance_mm2", "standard_deviation_mm", "share", "cumulative_share", "chance_mm2",
+        "above_chance",
+    ]  # fmt: skip
+    shares = model.explained
+    rows = zip(
+        model.variances.tolist(), model.standard_deviations.tolist(), shares.tolist(),
+        np.cumsum(shares).tolist(), parallel.threshold.tolist(), strict=False,
+    )  # fmt: skip
+    write_table(
+        path, columns, ([mode, *row, int(mode <= parallel.kept)] for mode, row in enumerate(rows, start=1))
+    )
+
+
+def _write_subjects(path: Path, project: Project, result: Result, model: ShapeModel, tick: Tick) -> None:
+    """Write each subject's measures, of its groomed surface at its own size, with the cohort's columns."""
+    record = project.read().result
+    assert record is not None, "a result that was read has a record"
+    far = set(outlying(result.world).tolist())
+    apart = np.sqrt(np.square(result.world - model.mean).sum(axis=2).mean(axis=1))
+    own = _columns(result)
+    rows = []
+    for index, one in enumerate(record.subjects):
+        tick(index / len(record.subjects), f"measuring {one.name}")
+        mesh = read_mesh(surface_file(project, one.file))
+        measures = [mesh.volume, mesh.area, float(model.sizes[index]), float(apart[index]), int(index in far)]
+        rows.append([one.name, one.group, *(one.columns.get(name) for name in own), *measures])
+    measured = ["volume_mm3", "area_mm2", "size_mm", "distance_from_mean_mm", "outlier"]
+    write_table(path, ["name", "group", *own, *measured], rows)
