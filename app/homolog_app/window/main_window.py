@@ -14,7 +14,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.availability import available
 from homolog_app.window.desk import Desk
 from homolog_app.window.docks import Docks
-from homolog_app.window.explore.orders import exploring
+from homolog_app.window.explore.orders import Exploring
 from homolog_app.window.helping import Helping
 from homolog_app.window.inspector import Inspector
 from homolog_app.window.library import Library, dropped_paths
@@ -56,6 +56,7 @@ class MainWindow(QMainWindow):
         self.library = Library(self)
         self.helping = Helping(self)
         self.tour = Tour(self)
+        self.exploring = Exploring(self)
         self._connect()
         self.refresh()
 
@@ -167,7 +168,7 @@ class MainWindow(QMainWindow):
         own = {"file.quit": self.close, "edit.undo": undo.undo, "edit.redo": undo.redo}
         return {
             **steps, **own, **self.docks.handlers(), **self.library.handlers(), **self.helping.handlers(),
-            **self.desk.handlers(), **self.tour.handlers(), **exploring(self),
+            **self.desk.handlers(), **self.tour.handlers(), **self.exploring.handlers(),
         }  # fmt: skip
 
     def _name_window(self) -> None:

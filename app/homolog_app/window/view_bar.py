@@ -76,13 +76,8 @@ class ViewFooter(QFrame):
         self.time.setRange(0, max(0, count - 1))
         self.time.setValue(max(0, count - 1))
         self.time.blockSignals(False)
-        self._count = count
-        self.offer_frames(True)
-
-    def offer_frames(self, offered: bool) -> None:
-        """Show the playback where frames of a run are seen."""
         for one in (self.play, self.time, self.moment):
-            one.setVisible(offered and self._count > 1)
+            one.setVisible(count > 1)
 
     def show_page(self, first: int, last: int, total: int) -> None:
         """Say which subjects are shown."""

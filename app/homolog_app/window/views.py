@@ -170,7 +170,7 @@ class Views(QObject):
         if own is not self._own_particles:
             self._own_particles = own
             self._swap_balls()
-            self.stage.footer.offer_frames(not own)
+            self.stage.footer.setVisible(not own)
         self.stage.scene.display(shown)
         self._explore.fitted.draw_ms = self.stage.scene.draw_ms
 

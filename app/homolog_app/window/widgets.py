@@ -18,7 +18,7 @@ def label(text: str, name: str = "", *, wrap: bool = False) -> QLabel:
 
 
 def button(text: str, look: str = "") -> QPushButton:
-    """Return a push button; look is ``"primary"``, ``"flat"``, ``"card"`` or nothing."""
+    """Return a push button; look is ``"primary"``, ``"flat"``, ``"pick"``, ``"card"`` or nothing."""
     result = QPushButton(text)
     if look:
         result.setProperty(look, "true")

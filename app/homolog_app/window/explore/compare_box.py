@@ -1,14 +1,12 @@
 """Choosing another project to show beside the open one."""
 
-from pathlib import Path
-
-from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QWidget
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.widgets import GRID, button, label
 
-__all__ = ["CompareBox", "choose_other"]
+__all__ = ["CompareBox"]
 
 
 class CompareBox(QWidget):
@@ -36,10 +34,3 @@ class CompareBox(QWidget):
         other = self._fitted.other
         self.words.setText(f"Beside it: {other.title}" if other else "Another run or method, side by side.")
         self.leave.setVisible(other is not None)
-
-
-def choose_other(parent: QWidget, fitted: Fitted) -> None:
-    """Ask for a project's folder and compare with it; raises InputError if it is none."""
-    folder = QFileDialog.getExistingDirectory(parent, "Compare with the result of a project")
-    if folder:
-        fitted.compare_with(Path(folder))

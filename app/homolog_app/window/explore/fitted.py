@@ -63,14 +63,15 @@ class Fitted(QObject):
         InputError
             If the folder is no project.
         """
-        project = Project(folder)
+        project, shape = Project(folder), self.shape
         if not project.exists:
             raise InputError(f"{folder}: is no project; choose the folder of a project with a result")
 
         def read(tick: Tick) -> "ModelShape":
-            from homolog_app.window.explore.model_shape import read_model_shape
+            from homolog_app.window.explore.model_shape import facing, read_model_shape
 
-            return read_model_shape(folder.name, project, tick)
+            other = read_model_shape(folder.name, project, tick)
+            return other if shape is None else facing(other, shape)
 
         self._desk.work.compute("compare", read, f"reading {folder.name}", self._take_other)
 

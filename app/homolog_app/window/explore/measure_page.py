@@ -1,5 +1,7 @@
 """Measure."""
 
+from pathlib import Path
+
 from homolog_app.window.explore.page import ExplorePage
 
 __all__ = ["MeasurePage"]
@@ -15,5 +17,5 @@ class MeasurePage(ExplorePage):
         """Fit the model."""
         self.fitted.want()
 
-    def export(self) -> None:
-        """Export."""
+    def write(self, path: Path) -> None:
+        """Write."""

@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QToolTip
 
 from homolog.arrays import FloatArray
 from homolog_app.window.explore.plot import Plot, group_colour, marker
+from homolog_app.window.quantities import signed
 from homolog_app.window.theme import Theme
 
 if TYPE_CHECKING:
@@ -97,12 +98,13 @@ class ScatterPlot(Plot):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "Subjects in two modes", "Here stands where each subject lies in the modes.")
+        self.unit = "SD"
         self._points: FloatArray = np.empty((0, 2))
         self._names: Sequence[str] = ()
         self._groups: Sequence[str] = ()
         self._order: list[str] = []
         self._selected: Sequence[str] = ()
-        self._cursor = (0.0, 0.0)
+        self.mark = (0.0, 0.0)
         self._pressed: QPointF | None = None
         self._dragged = False
         self.setMouseTracking(True)
@@ -133,15 +135,14 @@ class ScatterPlot(Plot):
 
     def show_cursor(self, x: float, y: float) -> None:
         """Mark where the shape that is shown lies [SD]."""
-        self._cursor = (x, y)
+        self.mark = (x, y)
         self.update()
 
     def paint_data(self, painter: QPainter) -> None:
         """Paint the axes through zero, the subjects, the legend and the shape's place."""
         colours = self.theme.colours
         painter.setPen(QPen(QColor(colours.line), 1))
-        painter.drawLine(self.place(self.x_range[0], 0.0), self.place(self.x_range[1], 0.0))
-        painter.drawLine(self.place(0.0, self.y_range[0]), self.place(0.0, self.y_range[1]))
+        self.paint_ground(painter)
         for (x, y), name, group in zip(self._points, self._names, self._groups, strict=True):
             index, at = self._order.index(group), self.place(x, y)
             painter.setPen(Qt.PenStyle.NoPen)
@@ -153,8 +154,17 @@ class ScatterPlot(Plot):
                 painter.drawEllipse(at, 9, 9)
                 painter.drawText(at + QPointF(12, -6), name)
         self._paint_legend(painter)
-        at = self.place(*self._cursor)
         painter.setPen(QPen(QColor(colours.accent), 2))
+        self.paint_cursor(painter)
+
+    def paint_ground(self, painter: QPainter) -> None:
+        """Paint the axes through zero."""
+        painter.drawLine(self.place(self.x_range[0], 0.0), self.place(self.x_range[1], 0.0))
+        painter.drawLine(self.place(0.0, self.y_range[0]), self.place(0.0, self.y_range[1]))
+
+    def paint_cursor(self, painter: QPainter) -> None:
+        """Paint a cross where the shape that is shown lies."""
+        at = self.place(*self.mark)
         for way in (QPointF(9, 0), QPointF(0, 9)):
             painter.drawLine(at - way, at + way)
 
@@ -192,8 +202,7 @@ class ScatterPlot(Plot):
         way = event.position() - self._pressed
         if self._dragged or np.hypot(way.x(), way.y()) > _DRAG_PX:
             self._dragged = True
-            x, y = np.clip(self.value(event.position()), -_REACH, _REACH)
-            self.morphed.emit(float(x), float(y))
+            self.morphed.emit(*self.value(event.position()))
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:
         """Select the subject that was clicked."""
@@ -220,4 +229,5 @@ class ScatterPlot(Plot):
         index = self._names.index(name)
         x, y = self._points[index]
         group = self._groups[index]
-        return f"{name}{f' ({group})' if group else ''}: {x:+.2f}, {y:+.2f} SD".replace("-", "−")
+        place = signed(x) if self.y_ticks == [] else f"{signed(x)}, {signed(y)}"
+        return f"{name}{f' ({group})' if group else ''}: {place} {self.unit}"

@@ -133,7 +133,7 @@ class _Row(QWidget):
 
     def __init__(self, mode: int, variance: float, share: float, *, above: bool) -> None:
         super().__init__()
-        self.name: QPushButton = button(f"Mode {mode + 1}", "flat")
+        self.name: QPushButton = button(f"Mode {mode + 1}", "pick")
         self.name.setCheckable(True)
         self.name.setToolTip("Play this mode")
         self.slider = QSlider(Qt.Orientation.Horizontal)

@@ -42,7 +42,8 @@ def model_content(
     moved: Array,
     look: Look,
     *,
-    shown: Array | None = None,
+    values: Array | None = None,
+    ways: Array | None = None,
     faded: BoolArray | None = None,
     alignment: FloatArray | None = None,
 ) -> Content:
@@ -56,22 +57,27 @@ def model_content(
     moved : (V, 3) array
         Way of the vertices from the mean surface to where they are drawn [mm].
     look : Look
-    shown : (V, 3) array, optional
-        Displacement that colours and arrows show [mm]; `moved` if not given.
+    values : (V,) array, optional
+        What the colours show [mm]; the outward part of `moved` if not given.
+    ways : (V, 3) array, optional
+        What the arrows show [mm]; `moved` if not given.
     faded : (V,) bool array, optional
         Vertices drawn grey, without arrows, and with a line around them.
     alignment : (4, 4) array, optional
         Motion of the whole shape, to lie beside another.
     """
     placed = np.eye(4) if alignment is None else alignment
-    shown = moved if shown is None else shown
     vertices: Array = shape.mean.vertices.astype(np.float32) + moved
     normals = shape.normals(vertices)
-    colours = None if look.scale is None else look.scale.colours(shape.outward(shown), faded)
+    colours = None
+    if look.scale is not None:
+        colours = look.scale.colours(shape.outward(moved) if values is None else values, faded)
     arrows = None
     if look.arrows:
         at = shape.arrows_at if faded is None else shape.arrows_at[~faded[shape.arrows_at]]
-        arrows = _arrows(vertices[at], normals[at], look.arrows * shown[at], placed)
+        arrows = _arrows(
+            vertices[at], normals[at], look.arrows * (moved if ways is None else ways)[at], placed
+        )
     lines = None if faded is None else _placed(region_border(vertices, shape.mean.faces, faded), placed)
     mesh = TriangleMesh(vertices, shape.mean.faces)
     return Content(name, None, mesh, None, placed, note, colours, normals, arrows, lines)

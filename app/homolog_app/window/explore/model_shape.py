@@ -4,7 +4,7 @@ A thin-plate spline with fixed centres is linear in its targets, so the displace
 every mode is computed once. Any mixture of modes is then their sum.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -21,7 +21,7 @@ from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.pictures.displacement import common_limit
 
-__all__ = ["ModelShape", "fit_model_shape", "placement", "read_model_shape"]
+__all__ = ["ModelShape", "facing", "fit_model_shape", "placement", "read_model_shape"]
 
 _ARROWS = 240
 _LIMIT_AT = 2.0
@@ -93,17 +93,12 @@ class ModelShape:
         """Return outward unit normals (V, 3) of the surface with these vertices (V, 3)."""
         return _normals(vertices, self.mean.faces, self.corners)
 
-    def carried(self, displacement: FloatArray) -> Float32Array:
-        """Return displacements of the vertices (V, 3) for those of the particles (N, 3) [mm].
+    def carried(self, displacements: FloatArray) -> Float32Array:
+        """Return displacements of the vertices (m, V, 3) for those of the particles (m, N, 3) [mm].
 
-        Exact for what lies in the space of the subjects: differences of groups, discriminants, modes.
+        Takes long: solves the spline.
         """
-        return self.moved(self.deviations(displacement))
-
-    def deviations(self, displacement: FloatArray) -> FloatArray:
-        """Return the multiples (K,) of the modes' deviations that a displacement (N, 3) [mm] is made of."""
-        scores = np.tensordot(self.model.modes, displacement, axes=2)
-        return np.asarray(scores / self.model.standard_deviations)
+        return _carried(self.model.mean, self.mean.vertices, displacements)
 
 
 def read_model_shape(folder_name: str, project: Project, tick: Tick) -> ModelShape:
@@ -137,9 +132,7 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
     parallel = parallel_analysis(result.world, tick=part_of(tick, 0.0, 0.6))
     tick(0.6, "carrying the modes to the mean surface")
     mesh = result.mean_surface
-    centres = spread_centres(model.mean, MOST_CENTRES)
-    targets = (model.modes * model.standard_deviations[:, None, None])[:, centres]
-    moves = thin_plate_moved(model.mean[centres], mesh.vertices, targets).astype(np.float32)
+    moves = _carried(model.mean, mesh.vertices, model.modes * model.standard_deviations[:, None, None])
     tick(0.9, "normals of the mean surface")
     corners = _corners(mesh.faces, len(mesh.vertices))
     normals = _normals(mesh.vertices.astype(np.float32), mesh.faces, corners)
@@ -159,6 +152,27 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
     )
 
 
+def facing(of: ModelShape, beside: ModelShape) -> ModelShape:
+    """Return a model with modes turned about where they go against another's: their sign is arbitrary.
+
+    Judged by the scores of the subjects that both have; modes beyond the other's stay.
+    """
+    pairs = [
+        (index, beside.result.names.index(name))
+        for index, name in enumerate(of.result.names)
+        if name in beside.result.names
+    ]
+    if not pairs:
+        return of
+    mine, theirs = (list(one) for one in zip(*pairs, strict=True))
+    signs = np.ones(of.modes)
+    shared = min(of.modes, beside.modes)
+    products = of.model.scores[mine][:, :shared] * beside.model.scores[theirs][:, :shared]
+    signs[:shared] = np.where(products.sum(axis=0) < 0.0, -1.0, 1.0)
+    model = replace(of.model, modes=of.model.modes * signs[:, None, None], scores=of.model.scores * signs)
+    return replace(of, model=model, moves=frozen(of.moves * signs[:, None], np.float32))
+
+
 def placement(of: ModelShape, beside: ModelShape) -> FloatArray:
     """Return the rigid motion (4, 4) that puts a model beside another as their common subjects lie.
 
@@ -171,6 +185,12 @@ def placement(of: ModelShape, beside: ModelShape) -> FloatArray:
             motion[:3, :3] /= np.cbrt(np.linalg.det(motion[:3, :3]))
             return np.asarray(motion)
     return np.eye(4)
+
+
+def _carried(mean: FloatArray, vertices: FloatArray, displacements: FloatArray) -> Float32Array:
+    centres = spread_centres(mean, MOST_CENTRES)
+    moved = thin_plate_moved(mean[centres], vertices, displacements[:, centres])
+    return moved.astype(np.float32)
 
 
 def _corners(faces: IntArray, vertices: int) -> "sparse.csr_array":

@@ -22,6 +22,7 @@ from homolog_app.window.widgets import GRID, label
 __all__ = ["ModesPage"]
 
 _MODEL = "Mean and modes"
+_RANGES = {"± 1 SD": 1.0, "± 2 SD": 2.0, "± 3 SD": 3.0}
 _LAYOUTS = {"The shape": "shape", "− mean + of two modes": "strips"}
 
 
@@ -35,7 +36,7 @@ class ModesPage(ExplorePage):
     def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
         super().__init__(desk, actions, fitted)
         self.sliders = ModeSliders()
-        self.player = Player(actions, lambda: fitted.draw_ms)
+        self.player = Player(actions, lambda: fitted.draw_ms, _RANGES)
         self.who, self.views = QComboBox(), QComboBox()
         self.who.setAccessibleName("Shape that is shown")
         self.views.setAccessibleName("Views")
@@ -165,7 +166,8 @@ class ModesPage(ExplorePage):
         self.player.stop()
         first, second = self.charts.axes
         self.sliders.show_value(first, x)
-        self.sliders.show_value(second, y)
+        if second != first:
+            self.sliders.show_value(second, y)
 
     def _choose_subject(self, name: str) -> None:
         shape = self.fitted.shape

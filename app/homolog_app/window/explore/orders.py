@@ -1,9 +1,12 @@
 """What the commands of Explore do."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from homolog_app.window.explore.compare_box import choose_other
+from PySide6.QtWidgets import QFileDialog
+
+from homolog_app.window.asking import Part, reported
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.measure_page import MeasurePage
 from homolog_app.window.explore.modes_page import ModesPage
@@ -12,29 +15,48 @@ from homolog_app.window.explore.page import ExplorePage
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
-__all__ = ["exploring"]
+__all__ = ["Exploring"]
 
 
-def exploring(window: "MainWindow") -> dict[str, Callable[[], object]]:
-    """Return the handlers of the commands of Explore."""
-    panel = window.inspector.explore
-    modes, groups = panel.page_of(ModesPage), panel.page_of(GroupsPage)
-    measure = panel.page_of(MeasurePage)
+class Exploring(Part):
+    """Turns pages and carries out what is ordered of them."""
 
-    def turn_to(page: ExplorePage) -> None:
-        panel.open_page(page)
-        window.show_step("explore")
+    def __init__(self, window: "MainWindow") -> None:
+        super().__init__(window)
+        self._panel = window.inspector.explore
+        self._modes, self._groups = self._panel.page_of(ModesPage), self._panel.page_of(GroupsPage)
+        self._measure = self._panel.page_of(MeasurePage)
 
-    def test() -> None:
-        turn_to(groups)
-        groups.test()
+    def handlers(self) -> dict[str, Callable[[], object]]:
+        """Return what the commands of Explore do."""
+        return {
+            "explore.modes": lambda: self._turn_to(self._modes),
+            "explore.groups": lambda: self._turn_to(self._groups),
+            "explore.measure": lambda: self._turn_to(self._measure),
+            "explore.mean": self._modes.sliders.reset.click,
+            "explore.test": self._test,
+            "explore.compare": self.compare,
+            "explore.table": self.write_table,
+        }
 
-    return {
-        "explore.modes": lambda: turn_to(modes),
-        "explore.groups": lambda: turn_to(groups),
-        "explore.measure": lambda: turn_to(measure),
-        "explore.mean": modes.sliders.reset.click,
-        "explore.test": test,
-        "explore.compare": lambda: choose_other(window, panel.fitted),
-        "explore.table": measure.export,
-    }
+    @reported
+    def compare(self) -> None:
+        """Ask for a project's folder and show its result beside the open one."""
+        folder = QFileDialog.getExistingDirectory(self._window, "Compare with the result of a project")
+        if folder:
+            self._panel.fitted.compare_with(Path(folder))
+
+    @reported
+    def write_table(self) -> None:
+        """Ask for a file and write the measures of the subjects."""
+        path, _ = QFileDialog.getSaveFileName(self._window, "Export measures", "measures.csv", "CSV (*.csv)")
+        if path:
+            self._measure.write(Path(path))
+
+    def _turn_to(self, page: ExplorePage) -> None:
+        self._panel.open_page(page)
+        self._window.show_step("explore")
+
+    def _test(self) -> None:
+        self._turn_to(self._groups)
+        self._groups.test()

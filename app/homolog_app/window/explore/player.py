@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QWidget
@@ -16,7 +16,6 @@ _PERIOD_S = 4.0
 _LEAST_MS = 33
 _DRAWING_SHARE = 1.5
 _SPEEDS = {"½ speed": 0.5, "1 × speed": 1.0, "2 × speed": 2.0}
-_RANGES = {"± 1 SD": 1.0, "± 2 SD": 2.0, "± 3 SD": 3.0}
 
 
 class Player(QWidget):
@@ -27,25 +26,28 @@ class Player(QWidget):
     actions : Actions
     draw_ms : callable
         How long a drawing takes now [ms].
+    ranges : mapping of str to float
+        How far it swings, by words; nothing is offered where there is one only.
     """
 
     swung = Signal(float)
 
-    def __init__(self, actions: Actions, draw_ms: Callable[[], float]) -> None:
+    def __init__(self, actions: Actions, draw_ms: Callable[[], float], ranges: Mapping[str, float]) -> None:
         super().__init__()
         self._draw_ms = draw_ms
         self._timer = QTimer(self, interval=_LEAST_MS)
         self._timer.timeout.connect(self._step)
         self._phase = self._seen = 0.0
         self.go = button("Play")
-        self.go.setToolTip("Play the chosen mode (Space)")
+        self.go.setToolTip("Play (Space)")
         self.go.clicked.connect(actions["run.play"].trigger)
         self.speed, self.reach = QComboBox(), QComboBox()
-        for box, choices, name in ((self.speed, _SPEEDS, "Speed"), (self.reach, _RANGES, "Range")):
+        for box, choices, name in ((self.speed, _SPEEDS, "Speed"), (self.reach, ranges, "Range")):
             for words, value in choices.items():
                 box.addItem(words, value)
-            box.setCurrentIndex(1)
+            box.setCurrentIndex(min(1, box.count() - 1))
             box.setAccessibleName(name)
+        self.reach.setVisible(len(ranges) > 1)
         self.loop = QCheckBox("Loop")
         self.loop.setChecked(True)
         row = QHBoxLayout(self)

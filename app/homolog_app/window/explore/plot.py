@@ -56,7 +56,8 @@ class Plot(QWidget):
         self.title, self.x_label, self.y_label = name, "", ""
         self.x_range, self.y_range = (0.0, 1.0), (0.0, 1.0)
         self.x_ticks: Sequence[float] | None = None
-        self._hint = hint
+        self.y_ticks: Sequence[float] | None = None
+        self.hint = hint
         self.setMinimumSize(220, 180)
         self.setAccessibleName(name)
         theme.changed.connect(self.update)
@@ -98,7 +99,7 @@ class Plot(QWidget):
         if self.is_empty:
             painter.setPen(QColor(self.theme.colours.dim))
             flags = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
-            painter.drawText(self.rect().adjusted(24, 0, -24, 0), flags, self._hint)
+            painter.drawText(self.rect().adjusted(24, 0, -24, 0), flags, self.hint)
         else:
             self._paint_axes(painter)
             self.paint_data(painter)
@@ -127,7 +128,8 @@ class Plot(QWidget):
             painter.drawLine(at, at + QPointF(0, 4))
             painter.drawText(QRectF(at.x() - 30, at.y() + 4, 60, 16), Qt.AlignmentFlag.AlignCenter, short(x))
         right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-        for y in ticks(*self.y_range, max(2, int(frame.height() // 36))):
+        most = max(2, int(frame.height() // 36))
+        for y in self.y_ticks if self.y_ticks is not None else ticks(*self.y_range, most):
             at = self.place(self.x_range[0], y)
             painter.drawLine(at, at - QPointF(4, 0))
             painter.drawText(QRectF(at.x() - 46, at.y() - 8, 38, 16), right, short(y))

@@ -14,6 +14,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.letters import edge_letters
 from homolog_app.window.scene.surface import (
+    AMBIENT,
     ArrowActor,
     LineActor,
     move_surface,
@@ -34,7 +35,8 @@ float shine = max(0.0, 1.0 - 6.0 * dot(off, off));
 ambientColor = ambientColor * shade + vec3(0.25 * shine);
 diffuseColor *= shade;
 """
-_MARGIN = 1.2
+_MARGIN = 1.25
+_COLOUR_AMBIENT = 0.42  # colours that mean numbers shall not drown in shade
 _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 
 
@@ -121,6 +123,7 @@ class Cell:
             if actor.GetVisibility() and mapper.GetInput() is not self._meshes[source]:
                 mapper.SetInputData(self._meshes[source])
             mapper.SetScalarVisibility(name == "groomed" and coloured)
+            actor.GetProperty().SetAmbient(_COLOUR_AMBIENT if coloured else AMBIENT)
             actor.GetProperty().SetOpacity(0.35 * opacity if name == "raw" and both else opacity)
 
     def show_particles(self, points: FloatArray | None, colours: Array | None, radius: float) -> None:

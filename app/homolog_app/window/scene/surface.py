@@ -14,7 +14,18 @@ from homolog.arrays import Array, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.window.scene.content import Arrows
 
-__all__ = ["ArrowActor", "LineActor", "move_surface", "paint_surface", "surface_actor", "surface_data"]
+__all__ = [
+    "AMBIENT",
+    "ArrowActor",
+    "LineActor",
+    "move_surface",
+    "paint_surface",
+    "surface_actor",
+    "surface_data",
+]
+
+AMBIENT = 0.22
+"""How light shade is on surfaces of one colour."""
 
 Vtk = Any  # VTK is untyped
 
@@ -28,7 +39,7 @@ def surface_actor() -> Vtk:
     actor.SetMapper(mapper)
     actor.SetVisibility(False)
     look = actor.GetProperty()
-    look.SetAmbient(0.22)
+    look.SetAmbient(AMBIENT)
     look.SetDiffuse(0.78)
     look.SetSpecular(0.08)
     look.SetSpecularPower(20)
