@@ -13,7 +13,7 @@ from homolog.geodesics.lookup import LANES, MISSING
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 
 BUCKETS = wp.constant(256)
-BAND = wp.constant(48)
+BAND = wp.constant(128)
 """Vertices, in the order of the patch, that are settled together."""
 Lanes = wp.types.vector(length=LANES, dtype=wp.float32)
 
