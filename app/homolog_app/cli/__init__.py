@@ -20,7 +20,9 @@ __all__ = ["CANCELLED", "INPUT_ERROR", "OK", "PROGRAM_ERROR", "main"]
 OK, PROGRAM_ERROR, INPUT_ERROR, CANCELLED = 0, 1, 2, 130
 """Exit codes; 130 is the shell's own for a command ended by Ctrl-C."""
 
-_COMMANDS = ("run", "info", "demo", "beans", "analyze", "check", "report", "export", "geodesics")
+_COMMANDS = ("run", "info", "demo", "beans", "analyze", "check", "report", "import", "export", "geodesics")
+
+_MODULES = {"import": "import_model"}  # a command that is no name in Python
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 
@@ -67,7 +69,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, ModuleType]]:
     )
     parser.add_argument("--version", action="version", version=f"homolog {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
-    modules = {name: importlib.import_module(f"{__name__}.{name}") for name in _COMMANDS}
+    modules = {name: importlib.import_module(f"{__name__}.{_MODULES.get(name, name)}") for name in _COMMANDS}
     for module in modules.values():
         module.add_parser(subparsers)
     return parser, modules

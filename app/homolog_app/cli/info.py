@@ -15,6 +15,7 @@ _ENDINGS = {
     "converged": "converged after {} iterations",
     "iterations": "not converged after {} iterations",
     "cancelled": "cancelled after {} iterations",
+    "imported": "imported, not optimized here",
 }
 
 
@@ -64,15 +65,20 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
     facts = [
         ("result", f"{len(result.subjects)} subjects x {result.particles} particles, {result.finished}"),
         ("method", f"{settings.method}, {result.metric} distances, seed {settings.seed}"),
+        *([("source", result.source)] if result.source else []),
         ("ended", how_it_ended(result)),
         ("surface", f"{result.folded_faces} folded faces on the mean"),
         ("settings", json.dumps(changed) if changed else "defaults"),
         ("device", result.device),
-        ("time", ", ".join(f"{phase} {seconds:.1f} s" for phase, seconds in result.seconds.items())),
+        *([("time", _times(result))] if result.seconds else []),
         ("versions", ", ".join(f"{name} {number}" for name, number in result.versions.items())),
         ("fingerprint", result.fingerprint),
     ]
     return facts + [("note", f"{one.name}: {note}") for one in result.subjects for note in one.notes]
+
+
+def _times(result: ResultRecord) -> str:
+    return ", ".join(f"{phase} {seconds:.1f} s" for phase, seconds in result.seconds.items())
 
 
 def _groups(groups: list[str | None]) -> str:

@@ -6,25 +6,33 @@ from homolog_app.report.study import Study
 __all__ = ["methods", "settings_rows"]
 
 
+_MODEL = (
+    "The shape model is a principal component analysis of the aligned particle positions. The number of modes was "
+    "chosen by Horn's parallel analysis: modes were kept up to the first whose variance did not exceed the 95th "
+    "percentile of 200 data sets in which each coordinate was permuted among subjects."
+)
+
+
 def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
     """Return paragraphs for the methods section of a paper."""
-    particles, subjects = record.particles, len(record.subjects)
+    return [_placed(record), _MODEL, *([_statistics(studies)] if studies else [])]
+
+
+def _placed(record: ResultRecord) -> str:
+    count = f"{len(record.subjects)} shapes, {record.particles} on each,"
+    program = f"Homolog {record.versions.get('homolog', '')}"
+    if record.source:
+        return (
+            f"Corresponding points on {count} were placed by another program and imported with {program} from "
+            f"{record.source}."
+        )
     method = record.settings.optimize.method
     ended = "converged" if record.ended == "converged" else "was stopped before convergence"
-    words = [
-        f"Corresponding points were placed with Homolog {record.versions.get('homolog', '')} on "
-        f"{subjects} shapes, "
-        f"{particles} on each, by entropy-based particle optimization with {record.metric} distances between "
-        f"particles on a shape (method {method}, seed {record.settings.optimize.seed}). The optimizer "
-        f"{ended} after {record.iterations} iterations.",
-        "The shape model is a principal component analysis of the aligned particle positions. The number of "
-        "modes was chosen by Horn's parallel analysis: modes were kept up to the first whose variance did "
-        "not "
-        "exceed the 95th percentile of 200 data sets in which each coordinate was permuted among subjects.",
-    ]
-    if studies:
-        words.append(_statistics(studies))
-    return words
+    return (
+        f"Corresponding points were placed with {program} on {count} by entropy-based particle optimization with "
+        f"{record.metric} distances between particles on a shape (method {method}, seed "
+        f"{record.settings.optimize.seed}). The optimizer {ended} after {record.iterations} iterations."
+    )
 
 
 def _statistics(studies: list[Study]) -> str:

@@ -6,9 +6,11 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from homolog.settings import RunSettings
 
-__all__ = ["FORMAT_VERSION", "ProjectRecord", "ResultRecord", "ResultSubject", "SubjectRecord"]
+__all__ = ["FORMAT_VERSION", "IMPORTED", "ProjectRecord", "ResultRecord", "ResultSubject", "SubjectRecord"]
 
 FORMAT_VERSION = 1
+IMPORTED = "imported"
+"""How a result `ended` that another program made."""
 
 _Row = Annotated[list[float], Field(min_length=4, max_length=4)]
 _Stem = Annotated[str, Field(pattern=r"^\w[\w.-]*$", max_length=120)]
@@ -48,20 +50,21 @@ class ResultRecord(_Record):
 
     `ended` says why the optimizer stopped, `metric` which distance kept particles on a surface apart,
     `folded_faces` counts those of the mean surface, `fingerprint` is a hash of the settings and of every
-    groomed surface, `seconds` the time by phase.
+    groomed surface, `seconds` the time by phase, `source` where an imported model comes from.
     """
 
     finished: str
     ended: str
     iterations: Annotated[int, Field(ge=0)]
     particles: Annotated[int, Field(ge=1)]
-    metric: Literal["geodesic", "euclidean"]
+    metric: Literal["geodesic", "euclidean", "unknown"]
     folded_faces: Annotated[int, Field(ge=0)]
     settings: RunSettings
     device: str
     versions: dict[str, str]
     seconds: dict[str, float]
     fingerprint: str
+    source: str = ""
     subjects: Annotated[list[ResultSubject], Field(min_length=2)]
 
     @model_validator(mode="after")

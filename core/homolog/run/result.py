@@ -26,7 +26,7 @@ from homolog.run.identity import content_of, versions
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["CANCELLED", "Outcome", "Study", "model_of", "write_result"]
+__all__ = ["CANCELLED", "Outcome", "Study", "model_of", "write_model", "write_result", "write_surfaces"]
 
 CANCELLED = "cancelled"
 """How a result `ended` that was kept although its run was not done."""
@@ -129,8 +129,8 @@ def write_result(
     with project.replacing_result() as new:
         _write_subjects(new, project, outcome, stems, part_of(tick, 0.0, 0.6))
         tick(0.6, "shape model")
-        _write_model(new, study.cohort, model)
-        _write_surfaces(new, model, surface, part_of(tick, 0.7, 1.0))
+        write_model(new, study.cohort, model)
+        write_surfaces(new, model, surface, part_of(tick, 0.7, 1.0))
         write_table(
             new.folder / "energies.csv",
             ["iteration", "sampling", "ensemble", "normals"],
@@ -156,7 +156,8 @@ def _write_subjects(
         write_mesh(surface_file(project, stem), shape.mesh)
 
 
-def _write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
+def write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
+    """Write a shape model's tables; `new` is what `Project.replacing_result` gave."""
     modes = [f"mode_{number}" for number in range(1, len(model.variances) + 1)]
     write_table(
         new.model / "scores.csv",
@@ -187,7 +188,8 @@ def _write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
     write_particles(new.model / "mean.particles", model.mean)
 
 
-def _write_surfaces(new: Project, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:
+def write_surfaces(new: Project, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:
+    """Write the mean surface, and how it moves along the modes that matter; `new` as for `write_model`."""
     _write_surface(mean_file(new), TriangleMesh(surface.vertices, surface.faces))
     enough = int(np.searchsorted(np.cumsum(model.explained), _SHOWN_SHARE)) + 1
     shown = min(max(enough, _LEAST_SHOWN), _MOST_SHOWN, len(model.variances))

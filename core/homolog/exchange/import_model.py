@@ -1,0 +1,214 @@
+"""A foreign model as a project with a result, so that it can be looked at and analyzed as it is."""
+
+import hashlib
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from homolog.analysis.reconstruction import MeanSurface, mean_surface, medoid
+from homolog.analysis.shape_model import ShapeModel, fit_shape_model
+from homolog.arrays import Array, FloatArray
+from homolog.cohort import Cohort, Subject
+from homolog.errors import InputError
+from homolog.exchange.model import ForeignModel, moved, with_alignments
+from homolog.exchange.shapes import Drawn, surfaces_of
+from homolog.exchange.shapeworks_files import ShapeWorksProject, read_shapeworks_file
+from homolog.exchange.shapeworks_kept import keep
+from homolog.exchange.shapeworks_model import model_of_folder, model_of_project
+from homolog.files.meshes import write_mesh
+from homolog.files.names import file_stems
+from homolog.files.particles import write_particles
+from homolog.files.project import Project
+from homolog.files.records import IMPORTED, ProjectRecord, ResultRecord, ResultSubject
+from homolog.files.results import particle_file, surface_file
+from homolog.files.tables import write_table
+from homolog.progress import Tick, no_tick, part_of
+from homolog.run.identity import versions
+from homolog.run.result import write_model, write_surfaces
+from homolog.settings import Method, OptimizeSettings, RunSettings
+
+__all__ = ["import_model"]
+
+_FEWEST = 4  # particles that are a shape
+
+
+def import_model(
+    source: Path, project: Project, *, domain: str | None = None, tick: Tick = no_tick
+) -> list[str]:
+    """Make a project of a ShapeWorks project or a folder of particles, with a result.
+
+    Parameters
+    ----------
+    source : Path
+        A ``.swproj`` or ``.xlsx`` file, or a folder of ``.particles`` (``NAME.particles``, or
+        ``NAME_local.particles`` and ``NAME_world.particles``).
+    project : Project
+        To be made; its folder is empty or not there.
+    domain : str, optional
+        Which anatomy, where the project has several.
+    tick : Tick
+
+    Returns
+    -------
+    list of str
+        What the user should know, a line each.
+
+    Raises
+    ------
+    InputError
+        If the source can't be read, its subjects don't correspond, or the project can't be made.
+    """
+    source = Path(source)
+    project.check_is_free()
+    if project.exists:
+        raise InputError(f"{project.folder}: is a project already; choose a new folder to import to")
+    tick(0.0, f"reading {source.name}")
+    file: ShapeWorksProject | None = None
+    if source.is_dir():
+        model = model_of_folder(source)
+    elif source.suffix.lower() in (".swproj", ".xlsx"):
+        file = read_shapeworks_file(source)
+        domain = _chosen(file, domain)
+        model = model_of_project(file, domain)
+    else:
+        raise InputError(f"{source}: is no ShapeWorks project (.swproj, .xlsx) and no folder of particles")
+    _check(source, model)
+    with project.locked():
+        notes = _write(project, model, tick)
+        if file is not None and domain is not None:
+            keep(project, file, domain)
+    return [*model.notes, *notes]
+
+
+def _chosen(file: ShapeWorksProject, domain: str | None) -> str:
+    domains = file.domains
+    if domain is None and len(domains) == 1:
+        return domains[0]
+    if domain not in domains:
+        raise InputError(f"{file.path}: holds the anatomies {', '.join(domains)}; choose one with --domain")
+    return domain
+
+
+def _check(source: Path, model: ForeignModel) -> None:
+    names = [one.name for one in model.subjects]
+    if len(names) < 2:
+        raise InputError(f"{source}: holds {len(names)} usable subjects; a shape model needs two or more")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(
+            f"{source}: several subjects are called {', '.join(twice[:5])}; give each its own name"
+        )
+
+
+def _write(project: Project, model: ForeignModel, tick: Tick) -> list[str]:
+    """Write everything of the project; return a line for each subject that something is to be said of."""
+    local, world, alignments = with_alignments(model.subjects)
+    if len(world[0]) < _FEWEST:
+        raise InputError(f"{model.source}: has {len(world[0])} particles a shape; {_FEWEST} or more make one")
+    stems = file_stems([one.name for one in model.subjects])
+    drawn = surfaces_of(model.subjects, local, world, alignments, part_of(tick, 0.1, 0.6))
+    cohort = _cohort(project, model, stems, drawn)
+    shapes = fit_shape_model(np.array(world), names=[one.name for one in model.subjects])
+    surface = _mean(shapes, np.array(world), drawn, alignments, part_of(tick, 0.6, 0.7))
+    with project.replacing_result() as new:
+        for stem, near, there, one in zip(stems, local, world, drawn, strict=True):
+            write_particles(particle_file(new, stem, "local"), near)
+            write_particles(particle_file(new, stem, "world"), there)
+            write_mesh(surface_file(project, stem), one.mesh)
+        write_model(new, cohort, shapes)
+        write_surfaces(new, shapes, surface, part_of(tick, 0.7, 1.0))
+        write_table(new.folder / "energies.csv", ["iteration", "sampling", "ensemble", "normals"], [])
+        record = _record(model, cohort, stems, drawn, alignments, np.array(world), surface.folded)
+        new.write(ProjectRecord(subjects=project.describe(cohort), settings=record.settings, result=record))
+    return _lines([one.name for one in model.subjects], drawn)
+
+
+def _lines(names: Sequence[str], drawn: Sequence[Drawn]) -> list[str]:
+    """Return the notes, those that are alike in one line with the number of their subjects."""
+    where: dict[str, list[str]] = {}
+    for name, one in zip(names, drawn, strict=True):
+        for note in one.notes:
+            where.setdefault(note, []).append(name)
+    return [
+        f"{found[0] if len(found) == 1 else f'{found[0]} and {len(found) - 1} more'}: {note}"
+        for note, found in where.items()
+    ]
+
+
+def _cohort(project: Project, model: ForeignModel, stems: Sequence[str], drawn: Sequence[Drawn]) -> Cohort:
+    """Return the subjects as a later run would read them: the input, else the surface, else particles."""
+    subjects = []
+    for one, stem, shape in zip(model.subjects, stems, drawn, strict=True):
+        path = particle_file(project, stem, "local")
+        if shape.path is not None:
+            path = surface_file(project, stem)
+        subjects.append(Subject(one.name, path, one.group, dict(one.columns)))
+    return Cohort(tuple(subjects), project.folder)
+
+
+def _mean(
+    shapes: ShapeModel, world: FloatArray, drawn: Sequence[Drawn], alignments: FloatArray, tick: Tick
+) -> MeanSurface:
+    own = [index for index, one in enumerate(drawn) if one.path is not None] or list(range(len(drawn)))
+    nearest = own[medoid(world[own], shapes.mean)]
+    mesh = drawn[nearest].mesh
+    vertices = moved(mesh.vertices, alignments[nearest])
+    return mean_surface(shapes.mean, world[nearest], vertices, mesh.faces, tick=tick)
+
+
+def _record(
+    model: ForeignModel,
+    cohort: Cohort,
+    stems: Sequence[str],
+    drawn: Sequence[Drawn],
+    alignments: FloatArray,
+    world: FloatArray,
+    folded: int,
+) -> ResultRecord:
+    method = {
+        (True, True): Method.GEODESIC_NORMALS,
+        (True, False): Method.GEODESIC,
+        (False, True): Method.NORMALS,
+    }.get((bool(model.geodesic), bool(model.normals)), Method.EUCLIDEAN)
+    metric = {True: "geodesic", False: "euclidean", None: "unknown"}[model.geodesic]
+    count = world.shape[1]
+    return ResultRecord.model_validate(
+        {
+            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+            "ended": IMPORTED,
+            "iterations": 0,
+            "particles": count,
+            "metric": metric,
+            "folded_faces": folded,
+            "settings": RunSettings(optimize=OptimizeSettings(method=method, particles=min(count, 65536))),
+            "device": "none",
+            "versions": versions(),
+            "seconds": {},
+            "fingerprint": _hash(world),
+            "source": model.source,
+            "subjects": [
+                ResultSubject(
+                    name=subject.name,
+                    file=stem,
+                    group=subject.group,
+                    columns=dict(subject.columns),
+                    content=_hash(one.mesh.vertices, one.mesh.faces),
+                    alignment=alignment.tolist(),
+                    notes=list(one.notes),
+                )
+                for subject, stem, one, alignment in zip(
+                    cohort.subjects, stems, drawn, alignments, strict=True
+                )
+            ],
+        }
+    )
+
+
+def _hash(*arrays: Array) -> str:
+    digest = hashlib.blake2b(digest_size=16)
+    for array in arrays:
+        digest.update(f"{array.shape}{array.dtype}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

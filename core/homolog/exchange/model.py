@@ -1,0 +1,150 @@
+"""A shape model that another program made, before it is written into a project."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from homolog.analysis.procrustes import align
+from homolog.arrays import FloatArray
+from homolog.errors import InputError
+from homolog.files.particles import read_particles
+
+__all__ = ["ForeignModel", "ForeignSubject", "particles_of", "similarity", "with_alignments"]
+
+_FITS = 1e-3  # of the size: rounding to six digits, but no other transform
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForeignSubject:
+    """A subject of a foreign model.
+
+    Attributes
+    ----------
+    name : str
+    local, world : (N, 3) float64 array or None
+        Particles [mm] in the frame of the subject's file and in the common one; at least one is there.
+    alignment : (4, 4) float64 array or None
+        From local to world, if the other program says.
+    shapes : tuple of Path
+        Files that may hold its surface, the best first.
+    group : str or None
+    columns : mapping of str to str
+    landmarks : Path or None
+        File with the positions of its landmarks, in the local frame.
+    """
+
+    name: str
+    local: FloatArray | None
+    world: FloatArray | None
+    alignment: FloatArray | None = None
+    shapes: tuple[Path, ...] = ()
+    group: str | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+    landmarks: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForeignModel:
+    """A foreign model: its subjects, where it comes from in words, and what is known of its optimization.
+
+    Attributes
+    ----------
+    source : str
+    subjects : tuple of ForeignSubject
+    geodesic, normals : bool or None
+        Whether particles were kept apart by geodesic distance, and normals used; None if nobody says.
+    landmark_names : tuple of str
+        In the order of the landmark files' lines.
+    notes : tuple of str
+        What the user should know.
+    """
+
+    source: str
+    subjects: tuple[ForeignSubject, ...]
+    geodesic: bool | None = None
+    normals: bool | None = None
+    landmark_names: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def particles_of(path: Path | None) -> FloatArray | None:
+    """Read particles if there is such a file at all."""
+    return None if path is None else read_particles(path)
+
+
+def with_alignments(
+    subjects: tuple[ForeignSubject, ...],
+) -> tuple[list[FloatArray], list[FloatArray], FloatArray]:
+    """Return local and world particles and the alignments between them, whatever of them was given.
+
+    Raises
+    ------
+    InputError
+        If subjects have different numbers of particles, or a subject's local and world particles are not
+        the same shape.
+    """
+    given = [
+        (one.name, points) for one in subjects for points in (one.local, one.world) if points is not None
+    ]
+    for name, points in given:
+        if len(points) != len(given[0][1]):
+            raise InputError(
+                f"{name}: has {len(points)} particles, and {given[0][0]} has {len(given[0][1])}; import a "
+                "model whose particles correspond"
+            )
+    world = _world(subjects)
+    local = [points if one.local is None else one.local for one, points in zip(subjects, world, strict=True)]
+    alignments = [
+        _alignment(one, near, there) for one, near, there in zip(subjects, local, world, strict=True)
+    ]
+    return local, world, np.array(alignments)
+
+
+def _world(subjects: tuple[ForeignSubject, ...]) -> list[FloatArray]:
+    if all(one.world is not None or one.alignment is not None for one in subjects):
+        return [
+            moved(one.local, one.alignment) if one.world is None else one.world  # type: ignore[arg-type]
+            for one in subjects
+        ]
+    if any(one.local is None for one in subjects):
+        missing = next(one.name for one in subjects if one.local is None)
+        raise InputError(f"{missing}: has no local particles, and others no world particles; export both")
+    return list(align(np.array([one.local for one in subjects]), scaling=False))
+
+
+def _alignment(one: ForeignSubject, local: FloatArray, world: FloatArray) -> FloatArray:
+    """Return the similarity from local to world: as the other program says if that is true, else fitted."""
+    size = float(np.sqrt(np.square(world - world.mean(axis=0)).sum(axis=1).mean()))
+    candidates = [] if one.alignment is None else [one.alignment]
+    for matrix in (*candidates, similarity(local, world), similarity(local, world, mirrored=True)):
+        matrix[3] = [0.0, 0.0, 0.0, 1.0]
+        if np.abs(moved(local, matrix) - world).max() <= _FITS * size:
+            return matrix
+    raise InputError(
+        f"{one.name}: its local and world particles are not the same shape; export the model again, or "
+        "import its world particles alone"
+    )
+
+
+def moved(points: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Return points (N, 3) in the frame that a matrix leads to."""
+    result: FloatArray = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return result
+
+
+def similarity(start: FloatArray, target: FloatArray, *, mirrored: bool = False) -> FloatArray:
+    """Return the similarity that brings points nearest to others, least squares (Umeyama 1991), (4, 4)."""
+    middle, goal = start.mean(axis=0), target.mean(axis=0)
+    a, b = start - middle, target - goal
+    u, values, vt = np.linalg.svd(b.T @ a)
+    sign = np.sign(np.linalg.det(u @ vt)) * (-1.0 if mirrored else 1.0)
+    signs = np.array([1.0, 1.0, sign])
+    turn = u @ np.diag(signs) @ vt
+    spread = float(np.square(a).sum())
+    scale = float((values * signs).sum()) / spread if spread > 0.0 else 1.0
+    matrix = np.eye(4)
+    matrix[:3, :3] = scale * turn
+    matrix[:3, 3] = goal - scale * turn @ middle
+    return matrix

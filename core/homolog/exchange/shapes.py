@@ -1,0 +1,140 @@
+"""The surfaces of an imported model: its own files where they fit its particles, else what particles tell."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from homolog.analysis.reconstruction import mean_surface, medoid
+from homolog.arrays import FloatArray
+from homolog.cohort import MESH_SUFFIXES, Subject, suffix_of
+from homolog.errors import InputError, NumericalError
+from homolog.exchange.model import ForeignSubject, moved
+from homolog.exchange.surfels import discs
+from homolog.files.meshes import read_mesh
+from homolog.grooming import groom_subject
+from homolog.grooming.distance_maps import read_distance_map
+from homolog.progress import Tick, no_tick
+from homolog.settings import GroomSettings
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.simplify import simplified
+from homolog.surfaces.topology import check_mesh
+
+__all__ = ["Drawn", "surfaces_of"]
+
+_NEAR = 0.05  # of the size: where all but a few particles of a surface must be
+_MOST = 0.95
+_VERTICES = 8000  # enough to see, and few enough to be carried by particles
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """A subject's surface in local coordinates, the file that it is of (None if of no file), and notes.
+
+    Its faces point outward in world coordinates, also where the alignment is a mirror image.
+    """
+
+    mesh: TriangleMesh
+    path: Path | None
+    notes: tuple[str, ...] = ()
+
+
+def surfaces_of(
+    subjects: Sequence[ForeignSubject],
+    local: Sequence[FloatArray],
+    world: Sequence[FloatArray],
+    alignments: FloatArray,
+    tick: Tick = no_tick,
+) -> list[Drawn]:
+    """Return a surface for every subject.
+
+    A file's surface is used if the subject's particles lie on it. A subject without one gets the surface of
+    the most typical subject that has one, carried by the particles; if no subject has one, discs at its
+    particles. Notes say which.
+
+    Parameters
+    ----------
+    subjects : sequence of M ForeignSubject
+    local, world : sequences of M (N, 3) arrays
+        Particles [mm].
+    alignments : (M, 4, 4) array
+        From local to world.
+    tick : Tick
+    """
+    found: list[Drawn | None] = []
+    refused: list[str] = []
+    for index, (one, points) in enumerate(zip(subjects, local, strict=True)):
+        tick(index / len(subjects), f"surface of {one.name}")
+        drawn, reason = _own(one, points)
+        found.append(None if drawn is None else Drawn(_turned(drawn.mesh, alignments[index]), drawn.path))
+        refused.append(reason)
+    have = [index for index, drawn in enumerate(found) if drawn is not None]
+    if not have:
+        return [
+            Drawn(
+                _turned(discs(points), matrix),
+                None,
+                (f"{reason}; shown as discs at its particles, can't be groomed or optimized",),
+            )
+            for points, matrix, reason in zip(local, alignments, refused, strict=True)
+        ]
+    places = np.array(world)
+    template = have[medoid(places[have], places.mean(axis=0))]
+    mesh = found[template]
+    assert mesh is not None, "the template is one of those that were found"
+    vertices = moved(mesh.mesh.vertices, alignments[template])
+    result = []
+    for index, drawn in enumerate(found):
+        if drawn is None:
+            warped = mean_surface(places[index], places[template], vertices, mesh.mesh.faces).vertices
+            back = moved(warped, np.linalg.inv(alignments[index]))
+            note = (
+                f"{refused[index]}; shown with the surface of {subjects[template].name}, carried by particles"
+            )
+            drawn = Drawn(TriangleMesh(back, mesh.mesh.faces), None, (note,))
+        result.append(drawn)
+    return result
+
+
+def _own(one: ForeignSubject, points: FloatArray) -> tuple[Drawn | None, str]:
+    """Return the surface of the first file that holds one, or why there is none."""
+    reason = "came without a surface"
+    for path in one.shapes:
+        try:
+            mesh = _read(one.name, path)
+            gap = _gap(mesh, points)
+        except (InputError, NumericalError) as error:
+            reason = f"its surface can't be used ({str(error).removeprefix(f'{one.name}: ')})"
+            continue
+        if gap <= _NEAR:
+            return Drawn(mesh, path), ""
+        reason = f"its particles are not on the surface in {path.name}"
+    return None, reason
+
+
+def _turned(mesh: TriangleMesh, alignment: FloatArray) -> TriangleMesh:
+    """Return the mesh with its faces the other way about if the alignment mirrors it."""
+    mirrored = np.linalg.det(alignment[:3, :3]) < 0.0
+    return TriangleMesh(mesh.vertices, mesh.faces[:, ::-1]) if mirrored else mesh
+
+
+def _read(name: str, path: Path) -> TriangleMesh:
+    if suffix_of(path) in MESH_SUFFIXES:
+        mesh = read_mesh(path)
+        check_mesh(mesh, str(path))
+        mesh = mesh if mesh.volume > 0.0 else TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
+        return simplified(mesh, _VERTICES)
+    try:
+        return groom_subject(Subject(name, path), GroomSettings()).mesh
+    except InputError:
+        return read_distance_map(path)
+
+
+def _gap(mesh: TriangleMesh, points: FloatArray) -> float:
+    """Return how far most particles are from the surface, in sizes of the shape."""
+    places = np.concatenate([mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1)])
+    distances = np.asarray(KDTree(places).query(points)[0])
+    size = np.sqrt(np.square(points - points.mean(axis=0)).sum(axis=1).mean())
+    return float(np.quantile(distances, _MOST) / max(size, 1e-12))

@@ -1,0 +1,150 @@
+"""Models as ShapeWorks leaves them: a project file, or a folder of particles."""
+
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from homolog.arrays import FloatArray
+from homolog.errors import InputError
+from homolog.exchange.model import ForeignModel, ForeignSubject, particles_of
+from homolog.exchange.shapeworks_files import PREFIXES, Row, ShapeWorksProject
+
+__all__ = ["model_of_folder", "model_of_project"]
+
+_YES = ("true", "yes", "1")
+_ENDS = {"_local": "local", "_world": "world"}
+
+
+def model_of_project(source: ShapeWorksProject, domain: str) -> ForeignModel:
+    """Return the model of one anatomy of a ShapeWorks project; excluded subjects are left out.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or damaged, a subject has no particles, or two have one name.
+    """
+    rows = [row for row in source.rows if row.get("excluded", "").lower() not in _YES]
+    out = [_name(row, domain) for row in source.rows if row not in rows]
+    notes = [f"left out because ShapeWorks excludes them: {', '.join(out)}"] if out else []
+    subjects = tuple(_subject(source, row, domain) for row in rows)
+    outside = sum(
+        ".." in PurePosixPath(value.replace("\\", "/")).parts or value.startswith("/")
+        for row in rows
+        for key, value in row.items()
+        if key.startswith(PREFIXES) and key.endswith(f"_{domain}") and "particles" not in key
+    )
+    if outside:
+        notes.append(f"{outside} of its paths lead out of its folder")
+    optimize = source.others.get("optimize") or {}
+    landmarks = [
+        str(one.get("name", ""))
+        for one in source.others.get("landmarks") or []
+        if isinstance(one, dict) and str(one.get("domain", domain)) == domain
+    ]
+    return ForeignModel(
+        f"the ShapeWorks project {source.path.name}",
+        subjects,
+        str(optimize.get("use_geodesic_distance", "false")).lower() in _YES,
+        str(optimize.get("use_normals", "false")).lower() in _YES,
+        tuple(landmarks),
+        tuple(notes),
+    )
+
+
+def model_of_folder(folder: Path) -> ForeignModel:
+    """Return the model of a folder with one file of particles for each subject, or two, local and world.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two, or one can't be read.
+    """
+    found: dict[str, dict[str, Path]] = {}
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() not in (".particles", ".pts") or path.name.startswith("."):
+            continue
+        end = next((one for one in _ENDS if path.stem.endswith(one)), "")
+        frames = found.setdefault(path.stem.removesuffix(end), {})
+        if (frame := _ENDS.get(end, "world")) in frames:
+            raise InputError(f"{path}: there is {frames[frame].name} too; leave one of them")
+        frames[frame] = path
+    if not found:
+        raise InputError(f"{folder}: holds no particles (.particles, .pts); choose another folder")
+    subjects = tuple(
+        ForeignSubject(name, particles_of(one.get("local")), particles_of(one.get("world")))
+        for name, one in found.items()
+    )
+    return ForeignModel(f"particles in the folder {folder.resolve().name}", subjects)
+
+
+def _subject(source: ShapeWorksProject, row: Row, domain: str) -> ForeignSubject:
+    name, folder = _name(row, domain), source.path.parent
+    places = {
+        frame: folder / _plain(row[key])
+        for frame in ("local", "world")
+        if row.get(key := f"{frame}_particles_{domain}")
+    }
+    if not places:
+        raise InputError(
+            f"{source.path}: subject {name} has no particles; optimize it in ShapeWorks or exclude it first"
+        )
+    groups = {key.removeprefix("group_"): value for key, value in row.items() if key.startswith("group_")}
+    columns = {
+        key: value
+        for key, value in row.items()
+        if key not in ("name", "fixed", "excluded") and not key.startswith(PREFIXES)
+    }
+    landmarks = row.get(f"landmarks_file_{domain}")
+    return ForeignSubject(
+        name=name,
+        local=particles_of(places.get("local")),
+        world=particles_of(places.get("world")),
+        alignment=_alignment(source.path, row, domain),
+        shapes=tuple(folder / _plain(one) for one in source.inputs(row, domain)),
+        group=next((value for value in groups.values() if value), None),
+        columns=groups | columns,
+        landmarks=folder / _plain(landmarks) if landmarks else None,
+    )
+
+
+def _name(row: Row, domain: str) -> str:
+    """Return a subject's name; ShapeWorks itself falls back on the name of the shape's file."""
+    for key in ("name", f"shape_{domain}", f"groomed_{domain}", f"local_particles_{domain}"):
+        if row.get(key):
+            return row[key] if key == "name" else Path(_plain(row[key])).name.partition(".")[0]
+    return "?"
+
+
+def _alignment(path: Path, row: Row, domain: str) -> FloatArray | None:
+    """Return procrustes · alignment, None where neither is given."""
+    texts = [row.get(f"{kind}_{domain}", "") for kind in ("procrustes", "alignment")]
+    if not any(texts):
+        return None
+    result = np.eye(4)
+    for text in texts:
+        result = result @ _matrix(path, text)
+    return result
+
+
+def _matrix(path: Path, text: str) -> FloatArray:
+    """Read a transform: 16 numbers by rows, or the old form of 12, which is but a translation."""
+    try:
+        numbers = np.array([float(word) for word in text.split()])
+    except ValueError as error:
+        raise InputError(f"{path}: a transform is damaged ({error}); save the project again") from error
+    matrix = np.eye(4)
+    if len(numbers) == 12:
+        matrix[:3, 3] = numbers[9:]
+    elif len(numbers) == 16:
+        matrix = numbers.reshape(4, 4)
+    elif len(numbers):
+        raise InputError(
+            f"{path}: a transform has {len(numbers)} numbers in place of 16; save the project again"
+        )
+    if not np.isfinite(matrix).all():
+        raise InputError(f"{path}: a transform holds values that aren't finite; save the project again")
+    return matrix
+
+
+def _plain(path: str) -> str:
+    return path.replace("\\", "/").replace("%20", " ")
