@@ -7,9 +7,9 @@ __all__ = ["methods", "settings_rows"]
 
 
 _MODEL = (
-    "The shape model is a principal component analysis of the aligned particle positions. The number of modes was "
-    "chosen by Horn's parallel analysis: modes were kept up to the first whose variance did not exceed the 95th "
-    "percentile of 200 data sets in which each coordinate was permuted among subjects."
+    "The shape model is a principal component analysis of the aligned particle positions. The number of "
+    "modes was chosen by Horn's parallel analysis: modes were kept up to the first whose variance did not "
+    "exceed the 95th percentile of 200 data sets in which each coordinate was permuted among subjects."
 )
 
 
@@ -23,14 +23,14 @@ def _placed(record: ResultRecord) -> str:
     program = f"Homolog {record.versions.get('homolog', '')}"
     if record.source:
         return (
-            f"Corresponding points on {count} were placed by another program and imported with {program} from "
-            f"{record.source}."
+            f"Corresponding points on {count} were placed by another program and imported with {program} "
+            f"from {record.source}."
         )
     method = record.settings.optimize.method
     ended = "converged" if record.ended == "converged" else "was stopped before convergence"
     return (
-        f"Corresponding points were placed with {program} on {count} by entropy-based particle optimization with "
-        f"{record.metric} distances between particles on a shape (method {method}, seed "
+        f"Corresponding points were placed with {program} on {count} by entropy-based particle optimization "
+        f"with {record.metric} distances between particles on a shape (method {method}, seed "
         f"{record.settings.optimize.seed}). The optimizer {ended} after {record.iterations} iterations."
     )
 

@@ -109,9 +109,11 @@ def load_result(project: Project) -> Loaded:
     for one in record.subjects:
         mesh = read_mesh(project.groomed / f"{one.file}.vtp")
         surfaces[one.name] = (mesh, simplified(mesh, COARSE_VERTICES))
-    summary = (
-        f"{record.particles} particles on {len(record.subjects)} shapes, {record.metric} distances, "
-        f"{record.iterations} iterations in {sum(record.seconds.values()):.0f} s on {record.device}"
+    summary = f"{record.particles} particles on {len(record.subjects)} shapes, " + (
+        f"imported from {record.source}"
+        if record.source
+        else f"{record.metric} distances, {record.iterations} iterations in "
+        f"{sum(record.seconds.values()):.0f} s on {record.device}"
     )
     method = record.settings.optimize.method
     return Loaded(result, surfaces, _energies(project), _frames(project), summary, method)
@@ -120,7 +122,8 @@ def load_result(project: Project) -> Loaded:
 def _energies(project: Project) -> FloatArray:
     path = project.folder / "energies.csv"
     try:
-        return frozen(np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2))
+        rows = path.read_text(encoding="utf-8").splitlines()[1:]  # none of a model that was imported
+        return frozen(np.array([row.split(",") for row in rows], dtype=np.float64).reshape(-1, 4))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: can't be read: {error}; run again") from error
 

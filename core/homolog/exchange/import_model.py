@@ -29,7 +29,7 @@ from homolog.run.identity import versions
 from homolog.run.result import write_model, write_surfaces
 from homolog.settings import Method, OptimizeSettings, RunSettings
 
-__all__ = ["import_model"]
+__all__ = ["domains_of", "import_model"]
 
 _FEWEST = 4  # particles that are a shape
 
@@ -80,6 +80,11 @@ def import_model(
         if file is not None and domain is not None:
             keep(project, file, domain)
     return [*model.notes, *notes]
+
+
+def domains_of(source: Path) -> list[str]:
+    """Return the anatomies of a ShapeWorks project; a folder of particles has one."""
+    return ["1"] if Path(source).is_dir() else read_shapeworks_file(source).domains
 
 
 def _chosen(file: ShapeWorksProject, domain: str | None) -> str:
