@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtWidgets import QFileDialog
 
 from homolog_app.window.asking import Part, reported
+from homolog_app.window.explore.check_page import CheckPage
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.measure_page import MeasurePage
 from homolog_app.window.explore.modes_page import ModesPage
@@ -26,6 +27,7 @@ class Exploring(Part):
         self._panel = window.inspector.explore
         self._modes, self._groups = self._panel.page_of(ModesPage), self._panel.page_of(GroupsPage)
         self._measure = self._panel.page_of(MeasurePage)
+        self._check = self._panel.page_of(CheckPage)
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of Explore do."""
@@ -33,6 +35,12 @@ class Exploring(Part):
             "explore.modes": lambda: self._turn_to(self._modes),
             "explore.groups": lambda: self._turn_to(self._groups),
             "explore.measure": lambda: self._turn_to(self._measure),
+            "explore.check": lambda: self._turn_to(self._check),
+            "check.look": self._check.checked.want,
+            "check.next": self._next_suspect,
+            "check.mend": self._check.mend_chosen,
+            "check.keep": self._check.checked.write,
+            "check.export": self.write_suspects,
             "explore.mean": self._modes.sliders.reset.click,
             "explore.test": self._test,
             "explore.compare": self.compare,
@@ -52,6 +60,19 @@ class Exploring(Part):
         path, _ = QFileDialog.getSaveFileName(self._window, "Export measures", "measures.csv", "CSV (*.csv)")
         if path:
             self._measure.write(Path(path))
+
+    @reported
+    def write_suspects(self) -> None:
+        """Ask for a file and write the list of suspects."""
+        path, _ = QFileDialog.getSaveFileName(
+            self._window, "Export suspects", "suspects.csv", "CSV (*.csv);;JSON (*.json)"
+        )
+        if path:
+            self._check.checked.export(Path(path))
+
+    def _next_suspect(self) -> None:
+        self._turn_to(self._check)
+        self._check.go_to_next()
 
     def _turn_to(self, page: ExplorePage) -> None:
         self._panel.open_page(page)

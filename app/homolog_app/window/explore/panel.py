@@ -7,6 +7,7 @@ from PySide6.QtWidgets import QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
+from homolog_app.window.explore.check_page import CheckPage
 from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.measure_page import MeasurePage
@@ -22,6 +23,7 @@ PAGES: tuple[type[ExplorePage], ...] = (
     ModesPage,
     GroupsPage,
     MeasurePage,
+    CheckPage,
 )
 """The pages in the order of their tabs."""
 

@@ -1,0 +1,195 @@
+"""Choosing a particle, a subject, and what the views show of them."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QSpinBox, QVBoxLayout, QWidget
+
+from homolog.arrays import FloatArray, IntArray
+from homolog_app.window.desk import Desk
+from homolog_app.window.explore.check_shown import ALONG, ENERGIES, STRAIGHT, Distances, Marks
+from homolog_app.window.explore.check_work import distances_on, energies_of, textures_of
+from homolog_app.window.widgets import GRID, label
+
+if TYPE_CHECKING:
+    from homolog.inspection import Inspection, ParticleEnergies
+    from homolog_app.window.scene.picking import Pick
+
+__all__ = ["LookAt"]
+
+_HINT = Qt.ItemDataRole.UserRole + 1
+_NOBODY: IntArray = np.empty(0, np.int64)
+_TORN = "A pattern on the usual shape, carried by the particles; it tears where they are wrong."
+_SHARE = "What each particle adds to this part of the objective: compare places, not absolute values."
+_SHOW = {
+    "Particles by place": ("places", "Click a particle in a view: it is ringed on every shape."),
+    "Neighbours of the particle": (
+        "neighbours",
+        "Click a particle: others are coloured by distance from it.",
+    ),
+    "Distance from a place": ("distances", "Click a place on a surface, or choose a particle."),
+    **{f"Energy: {part} ({words})": (part, _SHARE) for part, words in ENERGIES.items()},
+    "Texture: checkerboard": ("checkerboard", _TORN),
+    "Texture: stripes": ("stripes", _TORN),
+}
+
+
+class LookAt(QWidget):
+    """What is computed for it comes from the computing thread, when it is first shown."""
+
+    changed = Signal()
+    wanted = Signal(int, object)
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__()
+        self._desk = desk
+        self._found: Inspection | None = None
+        self._names: tuple[str, ...] = ()
+        self._others = _NOBODY
+        self._distances: Distances | None = None
+        self._energies: ParticleEnergies | None = None
+        self._textures: dict[str, dict[str, IntArray]] = {}
+        self.particle, self.subject, self.show_what = QSpinBox(), QComboBox(), QComboBox()
+        self.advice = label("", "Hint", wrap=True)
+        self._lay_out()
+        self.particle.valueChanged.connect(lambda _: self._look())
+        self.subject.activated.connect(lambda _: self._look())
+        self.show_what.currentIndexChanged.connect(lambda _: self._refresh())
+        desk.work.changed.connect(self._compute)
+
+    @property
+    def chosen(self) -> int | None:
+        """The chosen particle."""
+        return self.particle.value() if self.particle.value() >= 0 else None
+
+    @property
+    def marks(self) -> Marks:
+        """What the views are to show."""
+        texture = self._textures.get(self._mode)
+        return Marks(
+            show="texture" if texture else self._mode,
+            particle=self.chosen,
+            subject=self.subject.currentIndex(),
+            others=self._others,
+            distances=self._distances,
+            energies=self._energies,
+            texture=texture,
+        )
+
+    def show_inspection(self, found: "Inspection | None", names: tuple[str, ...]) -> None:
+        """Take what is known of a result; particle and subject stay if they can."""
+        self._found, self._others = found, _NOBODY
+        self._distances, self._energies, self._textures = None, None, {}
+        if names != self._names:
+            self._names = names
+            self.subject.clear()
+            self.subject.addItems(list(names))
+        self._quietly(lambda: self.particle.setRange(-1, len(found.usual.shape) - 1 if found else -1))
+        self.setEnabled(found is not None)
+        self._refresh()
+
+    def mark(self, particle: int, subject: int, others: IntArray = _NOBODY) -> None:
+        """Choose a particle on a subject, and mark others there."""
+        self._others, self._distances = others, None
+        self.subject.setCurrentIndex(subject)
+        self._quietly(lambda: self.particle.setValue(particle))
+        self._refresh()
+
+    def take_pick(self, pick: "Pick") -> None:
+        """Choose what was clicked."""
+        name = pick.name.removesuffix(f": {ALONG}").removesuffix(f": {STRAIGHT}")
+        at = self.subject.findText(name)
+        if self._found is None or at < 0:
+            return
+        if self._mode == "distances":
+            self.subject.setCurrentIndex(at)
+            self._measure(at, pick.place)
+        elif pick.particle is not None:
+            self.mark(pick.particle, at)
+
+    @property
+    def _mode(self) -> str:
+        return str(self.show_what.currentData())
+
+    def _lay_out(self) -> None:
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(GRID)
+        column.addWidget(label("Look at", "SectionTitle"))
+        self.particle.setSpecialValueText("none")
+        self.particle.setRange(-1, -1)
+        for words, (value, hint) in _SHOW.items():
+            self.show_what.addItem(words, value)
+            self.show_what.setItemData(self.show_what.count() - 1, hint, _HINT)
+        for words, accessible, widget in (
+            ("&Particle", "Particle", self.particle),
+            ("&On", "Subject to look at", self.subject),
+            ("&Show", "What the views show", self.show_what),
+        ):
+            widget.setAccessibleName(accessible)
+            name = QLabel(words)
+            name.setBuddy(widget)
+            name.setFixedWidth(64)
+            row = QHBoxLayout()
+            row.addWidget(name)
+            row.addWidget(widget, 1)
+            column.addLayout(row)
+        column.addWidget(self.advice)
+
+    def _look(self) -> None:
+        """Show another particle or subject, and go there."""
+        self._others, self._distances = _NOBODY, None
+        self._refresh()
+        if self._found is not None and self.chosen is not None:
+            m = self.subject.currentIndex()
+            self.wanted.emit(m, self._found.places.world[m, self.chosen])
+
+    def _refresh(self) -> None:
+        self.advice.setText(str(self.show_what.currentData(_HINT)))
+        self.changed.emit()
+        self._compute()
+
+    def _compute(self) -> None:
+        """Have computed what is to be shown and not known yet."""
+        found, mode, m = self._found, self._mode, self.subject.currentIndex()
+        if found is None or self._desk.work.is_busy or not self.isVisible():
+            return
+        if mode == "distances" and self._distances is None and self.chosen is not None:
+            self._measure(m, found.places.world[m, self.chosen])
+        elif mode in ENERGIES and self._energies is None:
+            settings = self._desk.session.study.settings.optimize
+            self._desk.work.compute(
+                "energies", lambda tick: energies_of(found, settings, tick), "energies", self._take_energies
+            )
+        elif mode in ("checkerboard", "stripes") and not self._textures:
+            names = self._names
+            self._desk.work.compute(
+                "texture", lambda tick: textures_of(found, names, tick), "texture", self._take_textures
+            )
+
+    def _measure(self, m: int, place: FloatArray) -> None:
+        found, name = self._found, self._names[m]
+        if found is not None:
+            self._desk.work.compute(
+                "distances", lambda tick: distances_on(found, m, place, name, tick), "distances",
+                self._take_distances,
+            )  # fmt: skip
+
+    def _take_distances(self, distances: Distances) -> None:
+        self._distances = distances
+        self.changed.emit()
+
+    def _take_energies(self, energies: "ParticleEnergies") -> None:
+        self._energies = energies
+        self.changed.emit()
+
+    def _take_textures(self, textures: dict[str, dict[str, IntArray]]) -> None:
+        self._textures = textures
+        self.changed.emit()
+
+    def _quietly(self, change: Callable[[], object]) -> None:
+        before = self.particle.blockSignals(True)
+        change()
+        self.particle.blockSignals(before)

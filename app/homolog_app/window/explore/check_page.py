@@ -1,0 +1,195 @@
+"""Where the correspondence may be wrong, and looking into it."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PySide6.QtCore import Slot
+from PySide6.QtWidgets import QHBoxLayout
+
+from homolog.arrays import FloatArray
+from homolog_app.window.actions import Actions
+from homolog_app.window.desk import Desk
+from homolog_app.window.explore.check_look import LookAt
+from homolog_app.window.explore.check_shown import checked_scene
+from homolog_app.window.explore.check_sphere import NormalSphere
+from homolog_app.window.explore.check_state import Checked
+from homolog_app.window.explore.check_table import SuspectModel, suspect_table
+from homolog_app.window.explore.fitted import Fitted
+from homolog_app.window.explore.page import ExplorePage
+from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.widgets import GRID, button, label
+
+if TYPE_CHECKING:
+    from homolog.inspection import Suspect
+    from homolog_app.window.scene.picking import Pick
+
+__all__ = ["CheckPage"]
+
+_WORK = ("check", "mend", "keep", "distances", "energies", "texture")
+
+
+class CheckPage(ExplorePage):
+    """List of suspects, the chosen particle, and what the views show of it."""
+
+    title = "Check"
+    hint = "Where corresponding particles may not correspond. Choose a line to go there."
+
+    def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
+        super().__init__(desk, actions, fitted)
+        self.checked = Checked(desk, self)
+        self.rows = SuspectModel(desk.theme)
+        self.table = suspect_table(self.rows)
+        self.state, self.words = label("", "Hint", wrap=True), label("", wrap=True)
+        self.again, self.export = button("Look for suspects"), button("Export list…")
+        self.mend = button("Optimize again here", "primary")
+        self.keep = button("Keep in the project")
+        self.unsaved = label("Particles have changed; the project has the former ones.", "Hint", wrap=True)
+        self.look = LookAt(desk)
+        self.plots = self.sphere = NormalSphere(desk.theme)
+        self._lay_out()
+        self._connect()
+        self._show_inspection()
+
+    def enter(self) -> None:
+        """Look for suspects unless that was done."""
+        self.checked.want()
+
+    def take_pick(self, pick: "Pick") -> None:
+        """Choose what was clicked."""
+        self.look.take_pick(pick)
+
+    def shown(self, subjects: Sequence[Content]) -> Shown:
+        """Return the shapes with what is marked and coloured."""
+        found = self.checked.inspection
+        return checked_scene(subjects, found, self._names, self.look.marks) if found else Shown(subjects)
+
+    def go_to_next(self) -> None:
+        """Choose the next suspect in the list, after the last one the first."""
+        count = len(self.rows.suspects)
+        if count:
+            self.table.selectRow((self.table.currentIndex().row() + 1) % count)
+
+    def mend_chosen(self) -> None:
+        """Optimize the particles around the chosen suspect again."""
+        suspect = self._suspect
+        if suspect is not None:
+            self.checked.mend(suspect)
+        else:
+            self.words.setText("Choose a suspect in the list first.")
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        result = self.desk.session.result
+        return result.result.names if result is not None else ()
+
+    @property
+    def _suspect(self) -> "Suspect | None":
+        row = self.table.currentIndex().row()
+        return self.rows.suspects[row] if 0 <= row < len(self.rows.suspects) else None
+
+    def _lay_out(self) -> None:
+        self.body.addWidget(self.state)
+        self.body.addWidget(self.table, 1)
+        self.body.addWidget(self.words)
+        row = QHBoxLayout()
+        for one in (self.again, self.export):
+            row.addWidget(one)
+        row.addStretch()
+        self.body.addLayout(row)
+        self.body.addSpacing(GRID)
+        self.body.addWidget(self.look)
+        for widget in (self.unsaved, self.keep, self.mend):
+            self.footer.addWidget(widget)
+
+    def _connect(self) -> None:
+        session = self.desk.session
+        self.checked.changed.connect(self._show_inspection)
+        self.checked.mended.connect(self._show_mended)
+        self.desk.work.changed.connect(self._tell_state)
+        self.table.selectionModel().currentRowChanged.connect(lambda now, _: self._choose(now.row()))
+        for one, command in (
+            (self.again, "check.look"), (self.export, "check.export"), (self.mend, "check.mend"),
+            (self.keep, "check.keep"),
+        ):  # fmt: skip
+            one.setToolTip(self.actions_[command].toolTip())
+            one.clicked.connect(self.actions_[command].trigger)
+        self.look.changed.connect(self._show_marks)
+        self.look.wanted.connect(self._go)
+        self.sphere.subject_chosen.connect(self._look_on)
+        session.selection_changed.connect(lambda: self.sphere.show_selection(session.selection))
+
+    def _show_inspection(self) -> None:
+        found = self.checked.inspection
+        self.rows.show_suspects(found.suspects if found else (), self._names)
+        self.words.setText("")
+        self.look.show_inspection(found, self._names)
+        self._tell_state()
+
+    @Slot()
+    def _tell_state(self) -> None:
+        found, work = self.checked.inspection, self.desk.work
+        for widget in (self.table, self.export):
+            widget.setEnabled(found is not None)
+        self.mend.setEnabled(self._suspect is not None and not work.is_busy)
+        self.again.setVisible(found is None)
+        for one in (self.keep, self.unsaved):
+            one.setVisible(not self.checked.is_written)
+        self.keep.setEnabled(not work.is_busy)
+        if work.kind in _WORK and work.status is not None:
+            self.state.setText(f"{work.status.message}: {100 * work.status.fraction:.0f} %")
+        elif found is None:
+            self.state.setText("Not looked for suspects yet.")
+        elif not found.suspects:
+            self.state.setText("No suspects: neighbours, normals, triangles and coverage are as usual.")
+        else:
+            on, count = len({one.subject for one in found.suspects}), len(found.suspects)
+            verb = "suspect" if count == 1 else "suspects"
+            self.state.setText(
+                f"{count} {verb} on {on} of {len(self._names)} subjects, the most severe first."
+            )
+
+    def _show_marks(self) -> None:
+        found, particle = self.checked.inspection, self.look.chosen
+        if found is not None and particle is not None:
+            normals, mean = found.places.normals[:, particle], found.usual.normals[particle]
+            self.sphere.show_normals(particle, self._names, normals, mean)
+        else:
+            self.sphere.show_nothing()
+        self.shown_changed.emit()
+
+    def _choose(self, row: int) -> None:
+        if 0 <= row < len(self.rows.suspects):
+            one = self.rows.suspects[row]
+            self.words.setText(f"{self._names[one.subject]}: {one.words}.")
+            self.look.mark(int(one.particles[0]), one.subject, one.particles)
+            self._tell_state()
+            self._go(one.subject, one.place)
+
+    def _look_on(self, name: str) -> None:
+        particle = self.look.chosen
+        if particle is not None:
+            self.look.mark(particle, self._names.index(name))
+            self.desk.session.select([name])
+
+    def _go(self, subject: int, place: FloatArray) -> None:
+        found = self.checked.inspection
+        if found is not None:
+            nearest = int(np.linalg.norm(found.places.world[subject] - place, axis=1).argmin())
+            self.desk.session.select([self._names[subject]])
+            self.place_wanted.emit(self._names[subject], place, found.places.normals[subject, nearest])
+
+    def _show_mended(self, suspect: "Suspect") -> None:
+        """Say what came of it, and stay where it was."""
+        found = self.checked.inspection
+        if found is None:
+            return
+        self.look.mark(int(suspect.particles[0]), suspect.subject, suspect.particles)
+        near = [
+            one
+            for one in found.suspects
+            if one.subject == suspect.subject and np.isin(one.particles, suspect.particles).any()
+        ]
+        outcome = "Not suspect any more." if not near else f"Still suspect: {near[0].words}."
+        self.words.setText(f"Optimized again. {outcome} Undo takes it back; saving keeps it.")
+        self._go(suspect.subject, suspect.place)

@@ -1,0 +1,186 @@
+"""What is known of the open result's correspondence, and particles optimized again, with undo."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PySide6.QtCore import QObject, Signal, Slot
+from PySide6.QtGui import QUndoCommand
+
+from homolog.progress import Tick
+from homolog_app.window.desk import Desk
+from homolog_app.window.loaded import Loaded, Recorder
+from homolog_app.window.session import Session
+
+if TYPE_CHECKING:
+    from homolog.inspection import Inspection, Suspect
+
+__all__ = ["Checked"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Version:
+    """A result, what the inspection says of it, and what was done to subjects since it was written."""
+
+    loaded: Loaded
+    inspection: "Inspection"
+    notes: dict[str, str]
+
+
+class Checked(QObject):
+    """Inspects the session's result in the computing thread, when first wanted and after each change."""
+
+    changed = Signal()
+    mended = Signal(object)
+
+    def __init__(self, desk: Desk, parent: QObject) -> None:
+        super().__init__(parent)
+        self._desk = desk
+        self._wanted = False
+        self._asked: Loaded | None = None
+        self._seen: Loaded | None = None
+        self._written: Loaded | None = None
+        self._versions: list[_Version] = []
+        desk.session.facts_changed.connect(self._look)
+        desk.session.undo.cleanChanged.connect(self._follow_save)
+        desk.work.changed.connect(self._look)
+
+    @property
+    def inspection(self) -> "Inspection | None":
+        """What the inspection says of the open result; None until it is done."""
+        version = self._version
+        return version.inspection if version is not None else None
+
+    @property
+    def is_written(self) -> bool:
+        """Whether the open result is the one in the project's folder."""
+        result, written = self._desk.session.result, self._written
+        same = result is written
+        return same or (
+            result is not None
+            and written is not None
+            and np.array_equal(result.result.local, written.result.local)
+        )
+
+    def want(self) -> None:
+        """Inspect the result unless that was done; `changed` follows. Asks again if it was cancelled."""
+        self._wanted, self._asked = True, None
+        self._look()
+
+    def mend(self, suspect: "Suspect") -> None:
+        """Optimize the particles around a suspect again; `mended` follows, and it can be undone."""
+        version, desk = self._version, self._desk
+        if version is None:
+            return
+        project, inspection = desk.project, version.inspection
+
+        name = version.loaded.result.names[suspect.subject]
+        notes = version.notes | {name: "particles were optimized again where they were suspect"}
+
+        def work(tick: Tick) -> _Version:
+            from homolog.progress import part_of
+            from homolog.run.mend import mean_of
+            from homolog_app.suspects import mended
+
+            after = mended(project, inspection, suspect, part_of(tick, 0.0, 0.8))
+            places = after.places
+            mean = mean_of(places.world, places.meshes, places.alignments, part_of(tick, 0.8, 1.0))
+            result = replace(version.loaded.result, local=places.local, world=places.world, mean_surface=mean)
+            return _Version(replace(version.loaded, result=result), after, notes)
+
+        def take(after: _Version) -> None:
+            self._versions.append(after)
+            desk.session.undo.push(
+                _Exchange(desk.session, version.loaded, after.loaded, f"Optimize again: {name}")
+            )
+            self.mended.emit(suspect)
+
+        desk.work.compute("mend", work, "optimizing particles again", take)
+
+    def write(self) -> None:
+        """Let the open result take the place of the one in the project's folder."""
+        version, project = self._version, self._desk.project
+        if version is None or self.is_written:
+            return
+
+        def work(tick: Tick) -> Loaded:
+            from homolog.run.mend import write_mended
+
+            write_mended(project, version.loaded.result.local, version.notes, tick)
+            recorder = Recorder()
+            recorder.frames = list(version.loaded.frames)
+            recorder.write(project)
+            return version.loaded
+
+        self._desk.work.compute("keep", work, "writing the result", self._take_written)
+
+    def export(self, path: Path) -> None:
+        """Write the list of suspects; raises InputError if the file can't be written."""
+        from homolog_app.suspects import rows, write_suspects
+
+        version = self._version
+        if version is not None:
+            found = version.inspection
+            write_suspects(path, rows(found, found.suspects, version.loaded.result.names))
+
+    def _take_written(self, loaded: Loaded) -> None:
+        self._written = loaded
+        self.changed.emit()
+
+    @Slot(bool)
+    def _follow_save(self, clean: bool) -> None:
+        """Write the particles that were optimized again when the project is saved."""
+        if clean:
+            self.write()
+
+    @property
+    def _version(self) -> _Version | None:
+        result = self._desk.session.result
+        return next((one for one in self._versions if one.loaded is result), None)
+
+    @Slot()
+    def _look(self) -> None:
+        result, work = self._desk.session.result, self._desk.work
+        known = self._version is not None
+        if result is not self._seen:
+            self._seen = result
+            if not known:
+                self._versions, self._written = [], result
+            self.changed.emit()
+        if known or not self._wanted or result is None or result is self._asked or work.is_busy:
+            return
+        self._asked = result
+
+        def inspect(tick: Tick) -> "Inspection":
+            from homolog.inspection import inspect
+
+            meshes = [result.surfaces[name][0] for name in result.result.names]
+            own = result.result
+            return inspect(own.local, meshes, own.alignments, names=own.names, tick=tick)
+
+        def take(inspection: "Inspection") -> None:
+            self._versions = [_Version(result, inspection, {})]
+            self.changed.emit()
+
+        work.compute("check", inspect, "looking for suspects", take)
+
+
+class _Exchange(QUndoCommand):
+    """From one version of the result to the next."""
+
+    def __init__(self, session: Session, before: Loaded, after: Loaded, text: str) -> None:
+        super().__init__(text)
+        self._session, self._before, self._after = session, before, after
+
+    def redo(self) -> None:
+        """Show the later version."""
+        self._show(self._after)
+
+    def undo(self) -> None:
+        """Show the earlier version."""
+        self._show(self._before)
+
+    def _show(self, loaded: Loaded) -> None:
+        self._session.result = loaded
+        self._session.facts_changed.emit()

@@ -1,0 +1,55 @@
+"""What the Check page has computed; these functions run in the computing thread and know no Qt."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from homolog.arrays import FloatArray, IntArray
+from homolog.progress import Tick
+from homolog_app.window.explore.check_shown import Distances
+
+if TYPE_CHECKING:
+    from homolog.inspection import Inspection, ParticleEnergies
+    from homolog.settings import OptimizeSettings
+
+__all__ = ["distances_on", "energies_of", "textures_of"]
+
+
+def distances_on(
+    inspection: "Inspection", subject: int, place: FloatArray, name: str, tick: Tick
+) -> Distances:
+    """Return the distances of a subject's surface from a place (3,) on it, in aligned coordinates."""
+    from homolog.geodesics import distances_from
+    from homolog.inspection.places import feet_on
+
+    places = inspection.places
+    mesh, matrix = places.meshes[subject], places.alignments[subject]
+    local = np.linalg.solve(matrix[:3, :3], place - matrix[:3, 3])
+    _, faces, _ = feet_on(mesh, local[None])
+    corners = mesh.faces[faces[0]]
+    away = np.linalg.norm(mesh.vertices[corners] - local, axis=1)
+    along = distances_from(mesh, corners.tolist(), away.tolist(), name=name, tick=tick).astype(np.float64)
+    return Distances(subject, place, along, np.linalg.norm(mesh.vertices - local, axis=1))
+
+
+def energies_of(inspection: "Inspection", settings: "OptimizeSettings", tick: Tick) -> "ParticleEnergies":
+    """Return what each particle adds to the energies."""
+    from homolog.inspection import particle_energies
+
+    tick(0.0, "energies of particles")
+    return particle_energies(inspection.places, inspection.usual, settings)
+
+
+def textures_of(
+    inspection: "Inspection", names: tuple[str, ...], tick: Tick
+) -> dict[str, dict[str, IntArray]]:
+    """Return both patterns for each subject: 0 or 1 for each vertex of its surface."""
+    from homolog.inspection import carried_places, checkerboard, stripes
+
+    found: dict[str, dict[str, IntArray]] = {"checkerboard": {}, "stripes": {}}
+    for m, name in enumerate(names):
+        tick(m / len(names), f"texture on {name}")
+        carried = carried_places(inspection.places, inspection.usual, m)
+        found["checkerboard"][name] = checkerboard(carried, inspection.usual.shape)
+        found["stripes"][name] = stripes(carried, inspection.usual.shape)
+    return found
