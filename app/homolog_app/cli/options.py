@@ -8,7 +8,7 @@ from pydantic import BaseModel, ValidationError
 from homolog.errors import InputError
 from homolog.parameters import Parameter, parameters
 
-__all__ = ["add_options", "with_options"]
+__all__ = ["add_options", "options_of", "with_options"]
 
 _Model = TypeVar("_Model", bound=BaseModel)
 _AUTO = "auto"
@@ -54,6 +54,20 @@ def with_options(settings: _Model, arguments: argparse.Namespace) -> _Model:
             f"--{str(one['loc'][0]).replace('_', '-')} {one['input']}: {one['msg']}" for one in error.errors()
         ]
         raise InputError("\n".join(dict.fromkeys(lines))) from error
+
+
+def options_of(settings: BaseModel) -> list[str]:
+    """Return the words on a command line that give these settings: those that aren't at their default."""
+    words: list[str] = []
+    for one in parameters(type(settings)):
+        value = getattr(settings, one.name)
+        if value == one.default:
+            continue
+        if one.kind is bool:
+            words.append(_option(one) if value else _option(one).replace("--", "--no-", 1))
+        else:
+            words += [f"{_option(one)}={_AUTO if value is None else value}"]  # = as numbers may begin with -
+    return words
 
 
 def _option(one: Parameter) -> str:

@@ -15,6 +15,7 @@ from homolog_app.window.availability import available
 from homolog_app.window.desk import Desk
 from homolog_app.window.docks import Docks
 from homolog_app.window.explore.orders import Exploring
+from homolog_app.window.export.exporting import Exporting
 from homolog_app.window.helping import Helping
 from homolog_app.window.inspector import Inspector
 from homolog_app.window.library import Library, dropped_paths
@@ -54,6 +55,7 @@ class MainWindow(QMainWindow):
         self.docks = Docks(self)
         self.status = StatusBar(self)
         self.library = Library(self)
+        self.exporting = Exporting(self)
         self.helping = Helping(self)
         self.tour = Tour(self)
         self.exploring = Exploring(self)
@@ -168,6 +170,7 @@ class MainWindow(QMainWindow):
         own = {"file.quit": self.close, "edit.undo": undo.undo, "edit.redo": undo.redo}
         return {
             **steps, **own, **self.docks.handlers(), **self.library.handlers(), **self.helping.handlers(),
+            **self.exporting.handlers(),
             **self.desk.handlers(), **self.tour.handlers(), **self.exploring.handlers(),
         }  # fmt: skip
 

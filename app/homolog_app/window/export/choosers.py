@@ -1,0 +1,185 @@
+"""What an export shows: modes or groups, and from where."""
+
+from collections.abc import Mapping, Sequence
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QGridLayout,
+    QLabel,
+    QLineEdit,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from homolog_app.films.settings import SIGHTS
+from homolog_app.window.widgets import GRID, label
+
+__all__ = ["GroupChooser", "MotionChooser", "group_columns"]
+
+_NOTHING = "No comparison"
+
+
+def group_columns(columns: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
+    """Return the columns that hold groups, with their values: two to half as many as there are subjects."""
+    found = {}
+    for name, values in columns.items():
+        groups = list(dict.fromkeys(one for one in values if one))
+        if 2 <= len(groups) <= max(2, len(values) // 2):
+            found[name] = groups
+    return found
+
+
+class GroupChooser(QWidget):
+    """A column and two of its groups."""
+
+    changed = Signal()
+
+    def __init__(self, columns: Mapping[str, Sequence[str]], *, optional: bool) -> None:
+        super().__init__()
+        self._columns = group_columns(columns)
+        self.column, self.first, self.second = QComboBox(), QComboBox(), QComboBox()
+        if optional:
+            self.column.addItem(_NOTHING, "")
+        for one in self._columns:
+            self.column.addItem(one, one)
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setSpacing(GRID)
+        rows = (("Column", self.column), ("From the mean of", self.first), ("To the mean of", self.second))
+        for row, (words, box) in enumerate(rows):
+            box.setAccessibleName(words)
+            name = QLabel(words)
+            name.setBuddy(box)
+            grid.addWidget(name, row, 0)
+            grid.addWidget(box, row, 1)
+        grid.setColumnStretch(1, 1)
+        self.column.currentIndexChanged.connect(self._fill)
+        for box in (self.first, self.second):
+            box.currentIndexChanged.connect(self.changed)
+        self._fill()
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether there are groups at all."""
+        return bool(self._columns)
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with the choice, or nothing."""
+        same = self.column.currentData() and self.first.currentText() == self.second.currentText()
+        return "Choose two different groups." if same else ""
+
+    def arguments(self) -> list[str]:
+        """Return the choice as options of the command line."""
+        column = self.column.currentData()
+        return ["--group", column, self.first.currentText(), self.second.currentText()] if column else []
+
+    def _fill(self) -> None:
+        groups = self._columns.get(self.column.currentData() or "", [])
+        for index, box in enumerate((self.first, self.second)):
+            box.blockSignals(True)
+            box.clear()
+            box.addItems(groups)
+            box.setCurrentIndex(min(index, len(groups) - 1))
+            box.setEnabled(bool(groups))
+            box.blockSignals(False)
+        self.changed.emit()
+
+
+class MotionChooser(QWidget):
+    """Modes, two groups or the mean shape, and the directions of sight."""
+
+    changed = Signal()
+
+    def __init__(self, modes: int, mode: int, columns: Mapping[str, Sequence[str]]) -> None:
+        super().__init__()
+        self._most = modes
+        self.what, self.modes = QComboBox(), QLineEdit(str(mode))
+        self.groups = GroupChooser(columns, optional=False)
+        self.what.addItem("Modes of variation", "mode")
+        if self.groups.is_possible:
+            self.what.addItem("From one group to another", "group")
+        self.what.addItem("The mean shape", "mean")
+        self.what.setAccessibleName("What is shown")
+        self.modes.setAccessibleName("Modes")
+        self.modes.setToolTip(f"Numbers from 1 to {modes}; several make a grid")
+        self._pages = QStackedWidget()
+        self._pages.addWidget(self._mode_page(modes))
+        self._pages.addWidget(self.groups)
+        self._pages.addWidget(QWidget())
+        self.views = {name: QCheckBox(name.capitalize()) for name in SIGHTS}
+        self.views["oblique"].setChecked(True)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(GRID)
+        layout.addWidget(self.what)
+        layout.addWidget(self._pages)
+        layout.addWidget(label("Seen from", "SectionTitle"))
+        grid = QGridLayout()
+        grid.setSpacing(GRID // 2)
+        for index, (name, tick) in enumerate(self.views.items()):
+            tick.setAccessibleName(f"Seen from {name}")
+            grid.addWidget(tick, index // 2, index % 2)
+            tick.toggled.connect(self.changed)
+        layout.addLayout(grid)
+        self.what.currentIndexChanged.connect(self._turn)
+        self.modes.textChanged.connect(self.changed)
+        self.groups.changed.connect(self.changed)
+
+    @property
+    def kind(self) -> str:
+        """``"mode"``, ``"group"`` or ``"mean"``."""
+        return str(self.what.currentData())
+
+    @property
+    def problem(self) -> str:
+        """What is wrong with the choice, or nothing."""
+        if not self._views():
+            return "Choose a direction to look from."
+        if self.kind == "group":
+            return self.groups.problem
+        numbers = self._numbers()
+        if self.kind == "mode" and (not numbers or len(set(numbers)) < len(numbers)):
+            return f"Name each mode once: numbers from 1 to {self._most}."
+        return ""
+
+    def arguments(self) -> list[str]:
+        """Return the choice as options of the command line."""
+        words: list[str] = []
+        if self.kind == "mode":
+            words = ["--mode", *map(str, self._numbers())]
+        elif self.kind == "group":
+            words = self.groups.arguments()
+        views = self._views()
+        return words if views == ["oblique"] else [*words, "--view", *views]
+
+    def _mode_page(self, modes: int) -> QWidget:
+        page = QWidget()
+        grid = QGridLayout(page)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setSpacing(GRID // 2)
+        name = QLabel("Modes")
+        name.setBuddy(self.modes)
+        grid.addWidget(name, 0, 0)
+        grid.addWidget(self.modes, 0, 1)
+        grid.addWidget(
+            label(f"1 to {modes}, such as 1 or 1 2 3 for a grid", "FieldHelp", wrap=True), 1, 0, 1, 2
+        )
+        grid.setRowStretch(2, 1)
+        return page
+
+    def _numbers(self) -> list[int]:
+        words = self.modes.text().replace(",", " ").split()
+        numbers = [int(word) for word in words if word.isdecimal()]
+        fit = len(numbers) == len(words) and all(1 <= one <= self._most for one in numbers)
+        return numbers if fit else []
+
+    def _views(self) -> list[str]:
+        return [name for name, tick in self.views.items() if tick.isChecked()]
+
+    def _turn(self) -> None:
+        self._pages.setCurrentIndex({"mode": 0, "group": 1, "mean": 2}[self.kind])
+        self.changed.emit()

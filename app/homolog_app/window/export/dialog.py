@@ -1,0 +1,288 @@
+"""One dialog for every export: what, how, where; then progress."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from PySide6.QtCore import QUrl, Signal, Slot
+from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication, Qt
+from PySide6.QtWidgets import (
+    QDialog,
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QProgressBar,
+    QScrollArea,
+    QVBoxLayout,
+    QWidget,
+)
+
+from homolog_app.cli.options import options_of
+from homolog_app.films.settings import PictureSettings
+from homolog_app.window.export.child import Child
+from homolog_app.window.export.choosers import GroupChooser, MotionChooser
+from homolog_app.window.export.kinds import ExportKind
+from homolog_app.window.export.preview import Preview
+from homolog_app.window.form import SettingsPair
+from homolog_app.window.widgets import GRID, button, label
+
+__all__ = ["ExportDialog", "Exported"]
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What is exported: the project, its name and what can be chosen in it.
+
+    Attributes
+    ----------
+    project : Path
+        The folder, or that of the draft.
+    name : str
+        Begins the names of files.
+    folder : Path
+        Where files go if nobody says otherwise.
+    modes, mode : int
+        How many modes there are, and the one to begin with.
+    columns : mapping of str to sequence of str
+        Columns of the cohort's table with a value for each subject.
+    """
+
+    project: Path
+    name: str
+    folder: Path
+    modes: int
+    mode: int
+    columns: Mapping[str, Sequence[str]]
+
+
+class ExportDialog(QDialog):
+    """Makes the line of ``homolog export``, runs it and shows how far it is."""
+
+    finished_export = Signal(str)
+
+    def __init__(self, parent: QWidget, kind: ExportKind, what: Exported) -> None:
+        super().__init__(parent)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.setWindowTitle(f"Export: {kind.title}")
+        self.kind, self._what = kind, what
+        self.child = Child(self)
+        self.settings = kind.settings() if kind.settings else None
+        self.chooser: MotionChooser | GroupChooser | None = None
+        self.preview: Preview | None = None
+        self.place, self.line = QLineEdit(), QLineEdit(readOnly=True)
+        self.note = label("", "Hint", wrap=True)
+        self.bar = QProgressBar(maximum=1000, textVisible=False)
+        self.go, self.close_, self.show_ = (
+            button("Export", "primary"),
+            button("Close"),
+            button("Show in folder"),
+        )
+        self.copy = button("Copy", "flat")
+        self._lay_out()
+        self._connect()
+        self._suggest_place()
+        self._tell()
+
+    @property
+    def out(self) -> Path | None:
+        """Where the export goes."""
+        text = self.place.text().strip()
+        return Path(text).expanduser() if self.kind.place and text else None
+
+    def arguments(self) -> list[str]:
+        """Return the words after ``homolog``."""
+        content = self.chooser.arguments() if self.chooser else []
+        settings = options_of(self.settings) if self.settings else []
+        place = [f"--out={self.out}"] if self.out else []
+        return ["export", self.kind.name, str(self._what.project), *content, *settings, *place]
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """End what goes on, then close."""
+        self._stop()
+        event.accept()
+
+    def reject(self) -> None:
+        """Close, also by Escape, which gives up an export first."""
+        if self.child.is_running:
+            self.child.cancel()
+        else:
+            self.close()
+
+    def _stop(self) -> None:
+        if self.preview is not None:
+            self.preview.stop()
+        self.child.stop()
+
+    def _lay_out(self) -> None:
+        left = QVBoxLayout()
+        left.setSpacing(2 * GRID)
+        form = QVBoxLayout()
+        form.setContentsMargins(0, 0, 2 * GRID, 0)
+        form.setSpacing(2 * GRID)
+        what = self._what
+        if self.kind.content == "motion":
+            self.chooser = MotionChooser(what.modes, what.mode, what.columns)
+        elif self.kind.content == "groups":
+            self.chooser = GroupChooser(what.columns, optional=True)
+        if self.chooser is not None:
+            form.addWidget(self.chooser)
+        if self.kind.settings is not None:
+            main = self.kind.main or tuple(self.kind.settings.model_fields)
+            self.form = SettingsPair(self.kind.settings, main)
+            self.form.show_values(self.kind.settings())
+            self.form.edited.connect(self._edit)
+            form.addWidget(self.form)
+        form.addStretch()
+        inner = QWidget()
+        inner.setLayout(form)
+        scroll = QScrollArea(widgetResizable=True)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        scroll.setWidget(inner)
+        scroll.setVisible(form.count() > 1)
+        middle = QHBoxLayout()
+        middle.setSpacing(2 * GRID)
+        middle.addWidget(scroll, 1)
+        if self.kind.content == "motion":
+            self.preview = Preview(what.project)
+            middle.addWidget(self.preview, 0, Qt.AlignmentFlag.AlignTop)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
+        layout.setSpacing(2 * GRID)
+        layout.addWidget(label(self.kind.title, "PanelTitle"))
+        layout.addWidget(label(self.kind.hint, "Hint", wrap=True))
+        layout.addLayout(middle, 1)
+        if self.kind.place:
+            browse = button("Browse…")
+            browse.clicked.connect(self._browse)
+            layout.addLayout(_row("Save as" if self.kind.suffixes else "Folder to make", self.place, browse))
+        layout.addLayout(_row("Command line", self.line, self.copy))
+        layout.addWidget(self.bar)
+        layout.addWidget(self.note)
+        buttons = QHBoxLayout()
+        buttons.addWidget(self.show_)
+        buttons.addStretch()
+        buttons.addWidget(self.close_)
+        buttons.addWidget(self.go)
+        layout.addLayout(buttons)
+        self.bar.hide()
+        self.show_.hide()
+        self.go.setDefault(True)
+        self.bar.setAccessibleName("Progress of the export")
+        self.resize(940 if self.preview else 560, 760 if self.chooser else 300)
+
+    def _connect(self) -> None:
+        self.go.clicked.connect(self._start)
+        self.close_.clicked.connect(self.reject)
+        self.show_.clicked.connect(self._show_result)
+        self.copy.clicked.connect(lambda: QGuiApplication.clipboard().setText(self.line.text()))
+        self.place.textChanged.connect(self._tell)
+        if self.chooser is not None:
+            self.chooser.changed.connect(self._tell)
+        self.child.progressed.connect(self._progress)
+        self.child.ended.connect(self._end)
+
+    def _suggest_place(self) -> None:
+        suffix = self.kind.suffixes[0] if self.kind.suffixes else ""
+        stem, number = f"{self._what.name}_{self.kind.name}", 1
+        while (path := self._what.folder / f"{stem}{f'_{number}' if number > 1 else ''}{suffix}").exists():
+            number += 1
+        self.place.setText(str(path))
+
+    @Slot(str, object)
+    def _edit(self, _name: str, settings: object) -> None:
+        self.settings = settings  # type: ignore[assignment]
+        self._tell()
+
+    @Slot()
+    def _tell(self) -> None:
+        """Show the command line, what is wrong, and the first frame."""
+        self.line.setText(shlex.join(["homolog", *self.arguments()]))
+        self.line.setCursorPosition(0)
+        problem = self._problem()
+        if not self.child.is_running:
+            self.note.setText(problem or self._warning())
+            self.go.setEnabled(not problem)
+        if self.preview is not None and isinstance(self.settings, PictureSettings) and not problem:
+            self.preview.want(self.chooser.arguments() if self.chooser else [], self.settings)
+
+    def _problem(self) -> str:
+        out, suffixes = self.out, self.kind.suffixes
+        if self.chooser is not None and self.chooser.problem:
+            return self.chooser.problem
+        if not self.kind.place:
+            return ""
+        if out is None:
+            return "Say where to save."
+        if suffixes and out.suffix.lower() not in suffixes:
+            kinds = ", ".join(one or "no ending for a folder of pictures" for one in suffixes)
+            return f"The name must end in {kinds}."
+        is_folder = not suffixes or not out.suffix
+        if is_folder and out.exists() and (not out.is_dir() or any(out.iterdir())):
+            return "That folder is there already; choose a new name."
+        return ""
+
+    def _warning(self) -> str:
+        return "Replaces the file that is there." if self.out is not None and self.out.is_file() else ""
+
+    @Slot()
+    def _browse(self) -> None:
+        kinds = [f"*{one}" for one in self.kind.suffixes if one]
+        filters = f"{self.kind.title} ({' '.join(kinds)})" if kinds else ""
+        options = QFileDialog.Option.DontConfirmOverwrite
+        path, _ = QFileDialog.getSaveFileName(
+            self,
+            "Where to save",
+            self.place.text(),
+            f"{filters};;All (*)" if filters else "",
+            options=options,
+        )
+        if path:
+            self.place.setText(path)
+
+    @Slot()
+    def _start(self) -> None:
+        self.bar.setValue(0)
+        self._switch(running=True)
+        self.note.setText("Starting…")
+        self.child.start(self.arguments(), self.out)
+
+    @Slot(float, str)
+    def _progress(self, fraction: float, message: str) -> None:
+        self.bar.setValue(round(1000 * fraction))
+        self.note.setText(f"{message[:1].upper()}{message[1:]}…")
+
+    @Slot(str, str)
+    def _end(self, how: str, said: str) -> None:
+        self._switch(running=False)
+        self.show_.setVisible(how == "done")
+        words = {"done": f"Done. {said}", "cancelled": "Cancelled; nothing was written."}
+        self.note.setText(words.get(how, f"Not exported. {said}"))
+        self.finished_export.emit(how)
+
+    def _switch(self, *, running: bool) -> None:
+        self.bar.setVisible(running)
+        self.show_.hide()
+        self.go.setEnabled(not running)
+        self.close_.setText("Cancel" if running else "Close")
+
+    @Slot()
+    def _show_result(self) -> None:
+        target = self.out or self._what.project / "report"
+        folder = target if target.is_dir() else target.parent
+        QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
+
+
+def _row(words: str, line: QLineEdit, *after: QWidget) -> QHBoxLayout:
+    row = QHBoxLayout()
+    row.setSpacing(GRID)
+    name = QLabel(words)
+    name.setBuddy(line)
+    name.setFixedWidth(112)
+    line.setAccessibleName(words)
+    row.addWidget(name)
+    row.addWidget(line, 1)
+    for one in after:
+        row.addWidget(one)
+    return row

@@ -1,0 +1,158 @@
+"""Exports from the window: the same command in a child process."""
+
+import shlex
+
+import pytest
+
+pytestmark = pytest.mark.window
+
+
+@pytest.fixture
+def dialog(explored):
+    """Return a function that opens an export's dialog in a window with a result."""
+    from homolog_app.window.export.dialog import ExportDialog
+
+    opened = []
+
+    def open_(name):
+        explored.commands[f"export.{name}"].trigger()
+        (found,) = [one for one in explored.findChildren(ExportDialog) if one not in opened]
+        opened.append(found)
+        return found
+
+    yield open_
+    for one in opened:
+        one.close()
+
+
+def small(dialog, **changes):
+    """Make an export small and quick."""
+    dialog._edit("", dialog.settings.model_copy(update={"width": 320, "height": 240, **changes}))
+
+
+def export(dialog, wait):
+    ended = []
+    dialog.finished_export.connect(ended.append)
+    dialog.go.click()
+    wait(lambda: ended, what=dialog.note.text())
+    return ended[0]
+
+
+def test_a_film_is_the_same_file_as_the_command_line_makes(dialog, wait, tmp_path, decode):
+    from homolog_app.cli import main
+
+    film = dialog("film")
+    small(film, fps=5, seconds=1.0)
+    film.place.setText(str(tmp_path / "film.mp4"))
+    seen = []
+    film.child.progressed.connect(lambda fraction, _: seen.append(fraction))
+    assert export(film, wait) == "done", film.note.text()
+    facts, frames = decode(tmp_path / "film.mp4")
+    assert frames.shape == (5, 240, 320, 3)
+    assert "h264" in facts
+    assert seen[-1] == 1.0
+    words = shlex.split(film.line.text())
+    assert words[0] == "homolog"
+    assert main([word.replace("film.mp4", "again.mp4") for word in words[1:]]) == 0
+    assert (tmp_path / "again.mp4").read_bytes() == (tmp_path / "film.mp4").read_bytes()
+    assert film.show_.isVisible()
+
+
+def test_a_cancelled_film_leaves_nothing(dialog, wait, tmp_path, qapp):
+    film = dialog("film")
+    small(film, fps=60, seconds=600.0)
+    (tmp_path / "films").mkdir()
+    film.place.setText(str(tmp_path / "films" / "film.mp4"))
+    ended = []
+    film.finished_export.connect(ended.append)
+    film.go.click()
+    wait(lambda: film.bar.value() > 50)
+    assert list((tmp_path / "films").iterdir())
+    assert film.close_.text() == "Cancel"
+    film.close_.click()
+    wait(lambda: ended)
+    assert ended == ["cancelled"]
+    assert not list((tmp_path / "films").iterdir())
+    assert film.go.isEnabled()
+
+
+def test_the_first_frame_is_previewed(dialog, wait):
+    film = dialog("film")
+    wait(lambda: not film.preview.pixmap().isNull(), what=film.preview.text())
+    assert film.preview.pixmap().width() > 200
+
+
+@pytest.mark.parametrize(
+    ("name", "made"),
+    [
+        ("still", ".png"), ("plot", ".svg"), ("meshes", "mean.vtp"), ("table", "scores.csv"),
+        ("particles", "a_world.particles"), ("shapeworks", "copy.swproj"), ("markups", "a.mrk.json"),
+    ],
+)  # fmt: skip
+def test_every_other_export_writes_what_it_says(dialog, wait, tmp_path, name, made):
+    opened = dialog(name)
+    if name == "still":
+        small(opened)
+    out = tmp_path / f"out{made if made.count('.') == 1 and made.startswith('.') else ''}"
+    opened.place.setText(str(out))
+    assert export(opened, wait) == "done", opened.note.text()
+    assert out.is_file() if out.suffix else (out / made).is_file()
+
+
+def test_what_is_wrong_is_said_and_nothing_can_be_started(dialog, tmp_path):
+    film = dialog("film")
+    for text, words in (
+        ("", "Say where"), ("film.avi", "must end in .mp4, .gif"), (str(tmp_path), "is there already"),
+    ):  # fmt: skip
+        film.place.setText(text)
+        assert words in film.note.text()
+        assert not film.go.isEnabled()
+    film.place.setText(str(tmp_path / "film.gif"))
+    assert film.go.isEnabled()
+    for modes in ("", "0", "1 1", "99", "one"):
+        film.chooser.modes.setText(modes)
+        assert "Name each mode once" in film.note.text(), modes
+    film.chooser.modes.setText("1, 2")
+    assert "--mode 1 2" in film.line.text()
+    film.chooser.views["oblique"].setChecked(False)
+    assert "direction" in film.note.text()
+    film.chooser.views["left"].setChecked(True)
+    assert "--view left" in film.line.text()
+    assert film.go.isEnabled()
+
+
+def test_a_fault_is_told_in_the_dialog(dialog, wait, tmp_path):
+    film = dialog("film")
+    film.chooser.what.setCurrentIndex(film.chooser.what.findData("mean"))
+    film.place.setText(str(tmp_path / "film.mp4"))
+    assert export(film, wait) == "failed"
+    assert "nothing moves" in film.note.text()
+
+
+def test_groups_are_offered_where_there_are_any(qapp):
+    from homolog_app.window.export.choosers import GroupChooser, group_columns
+
+    columns = {"group": list("AABBCC"), "age": list("123456"), "site": ["x"] * 6, "sex": ["m", "f", ""] * 2}
+    assert group_columns(columns) == {"group": ["A", "B", "C"], "sex": ["m", "f"]}
+    chooser = GroupChooser(columns, optional=True)
+    assert chooser.arguments() == []
+    chooser.column.setCurrentIndex(1)
+    chooser.second.setCurrentIndex(2)
+    assert chooser.arguments() == ["--group", "group", "A", "C"]
+    chooser.second.setCurrentIndex(0)
+    assert chooser.problem
+    chooser.deleteLater()
+
+
+@pytest.mark.parametrize("name", ["film", "still", "plot", "meshes", "table", "report"])
+def test_every_control_has_a_name_and_can_be_reached_by_keys(dialog, name):
+    from PySide6.QtCore import Qt
+    from PySide6.QtWidgets import QAbstractButton, QAbstractSpinBox, QComboBox, QLineEdit
+
+    opened = dialog(name)
+    for kind in (QAbstractButton, QComboBox, QLineEdit, QAbstractSpinBox):
+        for one in opened.findChildren(kind):
+            if one.objectName().startswith("qt_"):
+                continue  # a part of a spin box
+            assert one.accessibleName() or one.text(), one
+            assert one.focusPolicy() & Qt.FocusPolicy.TabFocus, one
