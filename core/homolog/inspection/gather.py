@@ -68,8 +68,9 @@ class Gatherer:
             weight = np.bincount(corners[own].ravel(), np.repeat(severities[bad[own]], 3), len(inside))
             folded = int(self._folded[m, bad[own]].sum())
             count = int(own.sum())
-            words = f"{count} of the triangles around particle {weight.argmax()} " + (
-                f"{'are' if count > 1 else 'is'} distorted beyond measure, {folded} folded over"
+            words = (
+                f"{count} {'triangles' if count > 1 else 'triangle'} around particle {weight.argmax()} "
+                f"distorted far beyond the usual, {folded or 'none'} of them folded over"
             )
             particles = patch[np.argsort(-weight[patch], kind="stable")]
             area = self._area(m, corners[own])

@@ -120,6 +120,7 @@ class LookAt(QWidget):
         column.addWidget(label("Look at", "SectionTitle"))
         self.particle.setSpecialValueText("none")
         self.particle.setRange(-1, -1)
+        self.particle.setButtonSymbols(QSpinBox.ButtonSymbols.NoButtons)
         for words, (value, hint) in _SHOW.items():
             self.show_what.addItem(words, value)
             self.show_what.setItemData(self.show_what.count() - 1, hint, _HINT)

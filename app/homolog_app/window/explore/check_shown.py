@@ -26,16 +26,20 @@ _VIRIDIS = np.array(
      (92, 200, 99), (170, 220, 50), (253, 231, 37)], float,
 )  # fmt: skip
 _SIDES = 28
-_RING, _LIFT = 0.5, 0.08
+_RING, _LIFT = 0.5, 0.15
 """Radius of the ring around a marked particle and its height over the surface, in spacings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Distances:
-    """Distances [mm] of every vertex of a subject's surface from a place on it: along it, and straight."""
+    """Distances [mm] of every vertex of a subject's surface from a place on it: along it, and straight.
+
+    Place and surface normal there, (3,) each, are in aligned coordinates.
+    """
 
     subject: int
     place: FloatArray
+    normal: FloatArray
     along: FloatArray
     straight: FloatArray
 
@@ -74,70 +78,70 @@ def checked_scene(
 ) -> Shown:
     """Return what the views show."""
     number = {name: m for m, name in enumerate(names)}
-    world = inspection.places.world
     if marks.show == "distances" and marks.distances is not None:
-        return _distances(subjects, marks.distances, names)
+        return _distances(subjects, inspection, marks.distances, names)
     contents = [
         replace(one, lines=_rings(inspection, number[one.name], marks)) if one.name in number else one
         for one in subjects
     ]
-    particles = {name: world[m] for m, name in enumerate(names)}
     if marks.show == "neighbours" and marks.particle is not None:
-        return Shown(contents, None, *_neighbours(inspection, names, marks.particle, particles))
+        scale, tints = _neighbours(inspection, names, marks.particle)
+        return Shown(contents, scale=scale, tints=tints)
     if marks.show in ENERGIES and marks.energies is not None:
-        return Shown(contents, None, *_energies(marks, names, particles))
+        scale, tints = _energies(marks, names)
+        return Shown(contents, scale=scale, tints=tints)
     if marks.show == "texture" and marks.texture is not None:
         texture = marks.texture
         contents = [
             replace(one, colours=_TONES[texture[one.name]]) if one.name in texture else one
             for one in contents
         ]
-        return Shown(contents)
+        return Shown(contents, particles={})
     return Shown(contents)
 
 
 def _neighbours(
-    inspection: "Inspection", names: Sequence[str], particle: int, particles: Mapping[str, FloatArray]
-) -> tuple[ColourScale, Mapping[str, FloatArray], Mapping[str, Array]]:
+    inspection: "Inspection", names: Sequence[str], particle: int
+) -> tuple[ColourScale, Mapping[str, Array]]:
     places = inspection.places
     rows = [one[[particle]].toarray()[0] * s for one, s in zip(places.distances, places.spacing, strict=True)]
     limit = max(float(row.max()) for row in rows)
-    scale = _scale(f"Distance from particle {particle} along the surface", "mm", 0.0, limit,
-                   note="grey: farther than the table reaches")  # fmt: skip
+    title = f"Distance from particle {particle} along the surface"
+    scale = _distance_scale(title, limit, "grey: farther than the table reaches")
     tints = {}
     for name, row in zip(names, rows, strict=True):
         tint = np.full((len(row), 3), _PALE, np.uint8)
         tint[row > 0.0] = scale.colours(row[row > 0.0])
         tint[particle] = _MARK
         tints[name] = tint
-    return scale, particles, tints
+    return scale, tints
 
 
-def _energies(
-    marks: Marks, names: Sequence[str], particles: Mapping[str, FloatArray]
-) -> tuple[ColourScale, Mapping[str, FloatArray], Mapping[str, Array]]:
+def _energies(marks: Marks, names: Sequence[str]) -> tuple[ColourScale, Mapping[str, Array]]:
     values: FloatArray = getattr(marks.energies, marks.show)
-    low, high = (float(one) for one in np.percentile(values, (1.0, 99.0)))
-    title = f"{marks.show.capitalize()} energy of each particle"
-    scale = _scale(title, "", low, max(high, low + 1e-9), "low", f"high: {ENERGIES[marks.show]}")
+    low, high = (float(one) for one in np.percentile(values, (0.5, 99.5)))
+    low = min(low, 0.0) if marks.show == "sampling" else 0.0
+    title = f"{marks.show.capitalize()} energy by particle: {ENERGIES[marks.show]}"
+    scale = ColourScale(title, "", low, max(high, low + 1e-9), _viridis(), "low", "high")
     tints = {name: scale.colours(row) for name, row in zip(names, values, strict=True)}
-    return scale, particles, tints
+    return scale, tints
 
 
-def _distances(subjects: Sequence[Content], distances: Distances, names: Sequence[str]) -> Shown:
+def _distances(
+    subjects: Sequence[Content], inspection: "Inspection", distances: Distances, names: Sequence[str]
+) -> Shown:
     name = names[distances.subject]
     own = next((one for one in subjects if one.name == name), None)
     if own is None:
         return Shown(subjects)
-    scale = _scale(
-        "Distance from the place", "mm", 0.0, float(distances.along.max()), note="one scale for both"
-    )
+    limit = float(distances.along.max())
+    scale = _distance_scale("Distance from the place", limit, "one scale for both")
+    ring = _circles(inspection, distances.subject, distances.place[None], distances.normal[None])
     contents = [
-        replace(own, name=f"{name}: {words}", raw=None, note="", colours=scale.colours(values), lines=None)
+        replace(own, name=f"{name}: {words}", raw=None, note="", colours=scale.colours(values), lines=ring)
         for words, values in ((ALONG, distances.along), (STRAIGHT, distances.straight))
     ]
-    place = {one.name: distances.place[None] for one in contents}
-    return Shown(contents, 2, scale, place, np.array([_MARK], np.uint8))
+    return Shown(contents, columns=2, scale=scale, particles={})
 
 
 def _rings(inspection: "Inspection", m: int, marks: Marks) -> FloatArray | None:
@@ -147,23 +151,29 @@ def _rings(inspection: "Inspection", m: int, marks: Marks) -> FloatArray | None:
         chosen += [int(one) for one in marks.others if one != marks.particle]
     if not chosen:
         return None
+    places = inspection.places
+    return _circles(inspection, m, places.world[m, chosen], places.normals[m, chosen])
+
+
+def _circles(inspection: "Inspection", m: int, points: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return circles around points (n, 3) on a subject's surface, as segments (S, 2, 3)."""
     from homolog.inspection.neighbourhood import plane_of
 
     places = inspection.places
-    scale = float(np.cbrt(np.linalg.det(places.alignments[m, :3, :3])))
-    spacing = places.spacing[m] * scale
+    spacing = places.spacing[m] * float(np.cbrt(np.linalg.det(places.alignments[m, :3, :3])))
     angles = np.linspace(0.0, 2.0 * np.pi, _SIDES + 1)
     circle = _RING * spacing * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    points, normals = places.world[m, chosen], places.normals[m, chosen]
-    rings = (points + 2.0 * _LIFT * spacing * normals)[:, None] + circle @ plane_of(normals)
+    rings = (points + _LIFT * spacing * normals)[:, None] + circle @ plane_of(normals)
     return np.asarray(np.stack([rings[:, :-1], rings[:, 1:]], axis=2).reshape(-1, 2, 3))
 
 
-def _scale(
-    title: str, unit: str, low: float, high: float, low_words: str = "", high_words: str = "", note: str = ""
-) -> ColourScale:
+def _distance_scale(title: str, limit: float, note: str) -> ColourScale:
+    """Return the scale of distances: near is bright, far is dark."""
+    return ColourScale(title, "mm", 0.0, max(limit, 1e-9), _viridis()[::-1].copy(), note=note)
+
+
+def _viridis() -> Array:
     stops = np.linspace(0.0, 1.0, len(_VIRIDIS))
-    table = np.stack(
-        [np.interp(np.linspace(0.0, 1.0, 256), stops, channel) for channel in _VIRIDIS.T], axis=1
-    )
-    return ColourScale(title, unit, low, high, np.rint(table).astype(np.uint8), low_words, high_words, note)
+    fine = [np.interp(np.linspace(0.0, 1.0, 256), stops, channel) for channel in _VIRIDIS.T]
+    table: Array = np.rint(np.stack(fine, axis=1)).astype(np.uint8)
+    return table

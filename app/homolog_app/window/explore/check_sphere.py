@@ -123,10 +123,6 @@ class NormalSphere(QWidget):
             painter.setPen(QPen(QColor(colours.line), 1))
             radius = disc.width() / 2 * np.sin(np.radians(ring))
             painter.drawEllipse(disc.center(), radius, radius)
-            painter.setPen(QColor(colours.dim))
-            painter.drawText(disc.center() + QPointF(3, radius - 3), f"{ring:.0f}°")
-        painter.setPen(QColor(colours.dim))
-        painter.drawText(disc.center() + QPointF(3, disc.width() / 2 - 3), "90°")
 
     def _paint_normals(self, painter: QPainter) -> None:
         colours = self._theme.colours
@@ -155,7 +151,9 @@ class NormalSphere(QWidget):
             QPointF(left, top), f"Normals of particle {self._particle} on {len(self._names)} shapes"
         )
         painter.setPen(QColor(colours.dim))
-        painter.drawText(QPointF(left, top + 18), "Cross: Fréchet mean. Hollow: on the far side, over 90°.")
+        painter.drawText(
+            QPointF(left, top + 18), "Cross: Fréchet mean. Rings: 30° and 60°, rim 90°; hollow: beyond it."
+        )
         painter.drawText(QPointF(left, top + 44), "Farthest from the mean:")
         painter.setPen(QColor(colours.text))
         for row, line in enumerate(self._list()):

@@ -25,11 +25,13 @@ def distances_on(
     places = inspection.places
     mesh, matrix = places.meshes[subject], places.alignments[subject]
     local = np.linalg.solve(matrix[:3, :3], place - matrix[:3, 3])
-    _, faces, _ = feet_on(mesh, local[None])
+    normals, faces, _ = feet_on(mesh, local[None])
+    normal = matrix[:3, :3] @ normals[0]
     corners = mesh.faces[faces[0]]
     away = np.linalg.norm(mesh.vertices[corners] - local, axis=1)
     along = distances_from(mesh, corners.tolist(), away.tolist(), name=name, tick=tick).astype(np.float64)
-    return Distances(subject, place, along, np.linalg.norm(mesh.vertices - local, axis=1))
+    straight = np.linalg.norm(mesh.vertices - local, axis=1)
+    return Distances(subject, place, normal / np.linalg.norm(normal), along, straight)
 
 
 def energies_of(inspection: "Inspection", settings: "OptimizeSettings", tick: Tick) -> "ParticleEnergies":
