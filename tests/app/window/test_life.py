@@ -1,5 +1,6 @@
 """Life and death: cancel in every phase, crashes, random orders, opening and closing again and again."""
 
+import gc
 import random
 import subprocess
 import sys
@@ -84,6 +85,29 @@ def test_a_window_closed_in_mid_run_leaves_nothing_behind(groomed, close, wait):
 def test_windows_can_be_opened_and_closed_again_and_again(make_window, close):
     for _ in range(4):
         close(make_window())
+
+
+def test_a_closed_window_lets_go_of_everything_that_vtk_draws(qapp, ellipsoids, close, wait, tmp_path):
+    from vtkmodules.vtkRenderingCore import vtkProp, vtkRenderer, vtkRenderWindow
+
+    from homolog_app.window.start import make_window
+
+    def drawn():
+        gc.collect()
+        kinds = vtkProp | vtkRenderer | vtkRenderWindow
+        return sum(isinstance(one, kinds) for one in gc.get_objects())
+
+    before = drawn()
+    window = make_window(qapp, tmp_path)
+    window.desk.preferences.ask_on_close = False
+    window.show()
+    window.load_views()
+    window.library.take([ellipsoids])
+    wait(lambda session=window.desk.session: len(session.surveys) == 4)
+    assert drawn() > before + 16
+    close(window)
+    del window
+    assert drawn() == before
 
 
 CHILD = """

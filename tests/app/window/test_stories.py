@@ -4,6 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
+from PySide6.QtCore import Qt
 
 from homolog.settings import OptimizeSettings
 
@@ -71,23 +72,35 @@ def test_the_finished_run_can_be_played_from_its_first_moment(explored, errors, 
     assert not errors
 
 
-def test_bad_files_are_listed_with_their_reason_and_the_good_ones_load(window, ellipsoids, tmp_path, wait):
+def test_twenty_good_files_load_and_five_bad_ones_are_listed_with_their_reason(
+    window, ellipsoids, tmp_path, wait
+):
+    import SimpleITK
+
     folder = tmp_path / "mixed"
     folder.mkdir()
-    for number in range(4):
+    for number in range(5):
         for good in ellipsoids.iterdir():
             (folder / f"good_{number}_{good.name}").write_bytes(good.read_bytes())
     whole = (ellipsoids / "a.nrrd").read_bytes()
     (folder / "bad_cut.nrrd").write_bytes(whole[: len(whole) // 2])
     (folder / "bad_empty.nrrd").write_bytes(b"")
     (folder / "bad_text.nii.gz").write_bytes(b"no image at all")
+    (folder / "bad_open.stl").write_text("solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n")
+    blank = SimpleITK.GetImageFromArray(np.zeros((8, 8, 8), np.uint8))
+    SimpleITK.WriteImage(blank, folder / "bad_blank.mha")
     window.library.take([folder])
     session = window.desk.session
-    wait(lambda: len(session.surveys) == 19)
-    assert len(session.study.included) == 16
-    for name in ("bad_cut", "bad_empty", "bad_text"):
-        assert session.surveys[name].problem
-        assert name in window.inspector.cohort.problems.text()
+    wait(lambda: len(session.surveys) == 25)
+    assert len(session.study.included) == 20
+    panel = window.inspector.cohort
+    assert panel.problems.text().startswith("5 files left out.")
+    rows = {panel.rows.index(row, 0).data(): row for row in range(panel.rows.rowCount())}
+    for name in ("bad_cut", "bad_empty", "bad_text", "bad_open", "bad_blank"):
+        reason = session.surveys[name].problem
+        shown = [panel.rows.index(rows[name], k) for k in range(panel.rows.columnCount())]
+        assert reason
+        assert any(reason in str(one.data(Qt.ItemDataRole.ToolTipRole)) for one in shown)
 
 
 def test_the_bean_tour_leads_from_the_sample_to_a_result(
