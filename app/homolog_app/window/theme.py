@@ -100,7 +100,9 @@ class Theme(QObject):
         self.colours = DARK if dark else LIGHT
         self._app.setPalette(_palette(self.colours))
         sheet = (files("homolog_resources") / "style.qss").read_text(encoding="utf-8")
-        self._app.setStyleSheet(Template(sheet).substitute(asdict(self.colours), icons=_icon_folder()))
+        tick = "tick_dark" if dark else "tick_light"
+        names = asdict(self.colours) | {"icons": _icon_folder(), "tick": tick}
+        self._app.setStyleSheet(Template(sheet).substitute(names))
         self.changed.emit()
 
 

@@ -1,21 +1,298 @@
-"""Measure."""
+"""Measures: distance of two particles, volume and surface area, along a mode and for each subject."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import numpy as np
+from PySide6.QtCore import QModelIndex, QSortFilterProxyModel, Qt
+from PySide6.QtWidgets import (
+    QComboBox,
+    QGridLayout,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QSlider,
+    QSpinBox,
+    QTableView,
+    QWidget,
+)
+
+from homolog.arrays import FloatArray
+from homolog.progress import Tick, part_of
+from homolog_app.window.actions import Actions
+from homolog_app.window.desk import Desk
+from homolog_app.window.explore.fitted import Fitted
+from homolog_app.window.explore.measure_plot import MeasurePlot
+from homolog_app.window.explore.model_content import Look, model_content
 from homolog_app.window.explore.page import ExplorePage
+from homolog_app.window.explore.subject_table import SORTED_BY, SubjectTable
+from homolog_app.window.quantities import signed
+from homolog_app.window.scene.content import Arrows, Content, Shown
+from homolog_app.window.theme import Theme
+from homolog_app.window.widgets import GRID, button, label, rule
+
+if TYPE_CHECKING:
+    from homolog_app.exports.measures import Measures
+    from homolog_app.window.explore.model_shape import ModelShape
+    from homolog_app.window.scene.picking import Pick
 
 __all__ = ["MeasurePage"]
 
+_REACH = 3.0
+_SAMPLES = 13
+_STEPS = 100
+_PIN = 0.12
+_HEADS = ("Subject", "Group", "mm", "ml", "cm²")
+
+
+class MeasurePlots(QWidget):
+    """The three measures side by side."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.distance = MeasurePlot(theme, "Distance", "mm")
+        self.volume = MeasurePlot(theme, "Volume", "ml")
+        self.area = MeasurePlot(theme, "Area", "cm²")
+        self.each = (self.distance, self.volume, self.area)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(0)
+        for plot in self.each:
+            row.addWidget(plot)
+
 
 class MeasurePage(ExplorePage):
-    """Distance, volume and area along a mode and for each subject."""
+    """Two particles, a mode, and the table of the subjects."""
 
     title = "Measure"
-    hint = "Distance, volume and area along a mode and for each subject."
+    hint = "Distance of two particles, volume and area: along a mode, and for each subject."
+
+    def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
+        super().__init__(desk, actions, fitted)
+        self._of: ModelShape | None = None
+        self._subjects: Measures | None = None
+        self._along: dict[int, Measures] = {}
+        self._asked: tuple[object, int] = (None, -1)
+        self._next = 0
+        self.particles = (QSpinBox(), QSpinBox())
+        self.mode, self.place = QComboBox(), QSlider(Qt.Orientation.Horizontal)
+        self.at = label("")
+        self.table = SubjectTable(_HEADS, self)
+        self._rows = QSortFilterProxyModel(self)
+        self._rows.setSourceModel(self.table)
+        self._rows.setSortRole(SORTED_BY)
+        self.view = QTableView()
+        self.write_button = button("Export CSV…")
+        self.plots = self.charts = MeasurePlots(desk.theme)
+        self._lay_out()
+        self._connect(actions)
+
+    def _lay_out(self) -> None:
+        names = ("First particle", "Second particle")
+        grid = QGridLayout()
+        grid.setHorizontalSpacing(GRID)
+        for row, (words, box) in enumerate(zip(names, self.particles, strict=True)):
+            box.setAccessibleName(words)
+            box.setButtonSymbols(QSpinBox.ButtonSymbols.NoButtons)
+            name = QLabel(words)
+            name.setBuddy(box)
+            grid.addWidget(name, row, 0)
+            grid.addWidget(box, row, 1)
+        self.mode.setAccessibleName("Mode")
+        self.place.setRange(round(-_REACH * _STEPS), round(_REACH * _STEPS))
+        self.place.setSingleStep(_STEPS // 10)
+        self.place.setPageStep(_STEPS // 2)
+        self.place.setAccessibleName("Place along the mode in standard deviations")
+        self.at.setMinimumWidth(64)
+        along = QHBoxLayout()
+        along.addWidget(self.mode)
+        along.addWidget(self.place, 1)
+        along.addWidget(self.at)
+        self.view.setModel(self._rows)
+        self.view.setSortingEnabled(True)
+        self.view.sortByColumn(0, Qt.SortOrder.AscendingOrder)
+        self.view.setSelectionBehavior(QTableView.SelectionBehavior.SelectRows)
+        self.view.setAlternatingRowColors(True)
+        self.view.setShowGrid(False)
+        self.view.verticalHeader().hide()
+        self.view.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.view.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        self.view.setAccessibleName("Measures of the subjects")
+        self.view.setMinimumHeight(200)
+        self.body.addLayout(grid)
+        self.body.addWidget(label("Or click on the shape: the two are set in turn.", "FieldHelp", wrap=True))
+        self.body.addLayout(along)
+        self.body.addWidget(rule())
+        self.body.addWidget(label("Subjects, in the size of their files", "SectionTitle"))
+        self.body.addWidget(self.view, 1)
+        self.footer.addWidget(self.write_button)
+
+    def _connect(self, actions: Actions) -> None:
+        self.fitted.changed.connect(self._show_model)
+        self.desk.work.changed.connect(self._measure)
+        for box in self.particles:
+            box.valueChanged.connect(self._show_measures)
+        self.mode.currentIndexChanged.connect(self._show_mode)
+        self.place.valueChanged.connect(self._show_place)
+        self.view.selectionModel().currentRowChanged.connect(self._select)
+        self.write_button.clicked.connect(actions["explore.table"].trigger)
+        for plot in self.charts.each:
+            plot.chosen.connect(lambda at: self.place.setValue(round(_STEPS * at)))
 
     def enter(self) -> None:
-        """Fit the model."""
+        """Fit the model and measure the subjects if that was not done."""
+        self._asked = (None, -1)
         self.fitted.want()
+        self._measure()
+
+    def take_pick(self, pick: "Pick") -> None:
+        """Set the first or the second particle, in turn."""
+        if pick.particle is not None:
+            self.particles[self._next].setValue(pick.particle)
+            self._next = 1 - self._next
+
+    def shown(self, subjects: Sequence[Content]) -> Shown:
+        """Return the shape at the slider, with a line between the two particles."""
+        shape = self.fitted.shape
+        if shape is None:
+            return Shown(subjects)
+        deviations = self._deviations(shape)
+        local = shape.model.shape(deviations)
+        ends = local[[box.value() for box in self.particles]]
+        words = f"mode {self.mode.currentIndex() + 1}: {self.at.text()}"
+        content = model_content(shape, shape.title, words, shape.moved(deviations), Look())
+        return Shown([_with_pins(content, ends)], 1, None, {shape.title: local})
 
     def write(self, path: Path) -> None:
-        """Write."""
+        """Write the table of the subjects; raises InputError if it can't be written."""
+        from homolog_app.exports.measures import write_measures
+
+        result = self.desk.session.result
+        if result is not None and self._subjects is not None:
+            write_measures(path, result.result, self._subjects, *self.pair)
+
+    @property
+    def pair(self) -> tuple[int, int]:
+        """The two particles."""
+        first, second = self.particles
+        return first.value(), second.value()
+
+    def _deviations(self, shape: "ModelShape") -> FloatArray:
+        deviations = np.zeros(max(1, min(shape.modes, self.mode.currentIndex() + 1)))
+        deviations[-1] = self.place.value() / _STEPS
+        return deviations
+
+    def _show_model(self) -> None:
+        shape = self.fitted.shape
+        if shape is not self._of:
+            self._of, self._subjects, self._along, self._asked = shape, None, {}, (None, -1)
+            count = shape.model.mean.shape[0] if shape else 1
+            for box, value in zip(self.particles, (0, count // 2), strict=True):
+                box.setRange(0, count - 1)
+                box.setValue(value)
+            self.mode.clear()
+            self.mode.addItems([f"Mode {mode + 1}" for mode in range(shape.modes if shape else 0)])
+            self.place.setValue(0)
+            self._show_measures()
+        self._measure()
+        self.shown_changed.emit()
+
+    def _measure(self) -> None:
+        """Measure subjects and mode in the computing thread, where that was not done yet."""
+        shape, mode, work = self.fitted.shape, self.mode.currentIndex(), self.desk.work
+        loaded, asked = self.desk.session.result, (shape, mode)
+        done = self._subjects is not None and mode in self._along
+        if not self.isVisible() or shape is None or loaded is None or mode < 0 or done or work.is_busy:
+            return
+        if asked == self._asked:
+            return
+        self._asked = asked
+
+        def measure(tick: Tick) -> "tuple[Measures, Measures]":
+            from homolog.surfaces.mesh import TriangleMesh
+            from homolog_app.exports.measures import measure_meshes
+
+            own = [loaded.surfaces[name][0] for name in loaded.result.names]
+            meshes = []
+            for amount in _amounts():
+                deviations = np.zeros(mode + 1)
+                deviations[mode] = amount
+                meshes.append(TriangleMesh(shape.mean.vertices + shape.moved(deviations), shape.mean.faces))
+            along = measure_meshes(meshes, part_of(tick, 0.0, 0.4))
+            return along, self._subjects or measure_meshes(own, part_of(tick, 0.4, 1.0))
+
+        def take(found: "tuple[Measures, Measures]") -> None:
+            self._along[mode], self._subjects = found
+            self._show_measures()
+
+        work.compute("measure", measure, "measuring", take)
+
+    def _show_mode(self) -> None:
+        self._measure()
+        self._show_measures()
+        self.shown_changed.emit()
+
+    def _show_place(self) -> None:
+        at = self.place.value() / _STEPS
+        self.at.setText(f"{signed(at)} SD")
+        for plot in self.charts.each:
+            plot.show_place(at)
+        self.shown_changed.emit()
+
+    def _show_measures(self) -> None:
+        """Show the curves and the table for the chosen particles."""
+        shape, mode = self.fitted.shape, self.mode.currentIndex()
+        found = self._along.get(mode)
+        x, none = _amounts(), np.empty(0)
+        words = f"mode {mode + 1} (SD)"
+        if shape is None or found is None:
+            for plot in self.charts.each:
+                plot.show_curve(none, none, words)
+        else:
+            apart = [float(_apart(shape, mode, amount, self.pair)) for amount in x]
+            for plot, y in zip(self.charts.each, (np.array(apart), found.volumes, found.areas), strict=True):
+                plot.show_curve(x, y, words)
+        self._show_table()
+        self._show_place()
+
+    def _show_table(self) -> None:
+        loaded = self.desk.session.result
+        if loaded is None or self._subjects is None:
+            self.table.show_rows([])
+            return
+        from homolog_app.exports.measures import distances
+
+        result, measures = loaded.result, self._subjects
+        columns = (distances(result.local, *self.pair), measures.volumes, measures.areas)
+        groups = [group or "" for group in result.groups]
+        rows = zip(result.names, groups, *(column.tolist() for column in columns), strict=True)
+        self.table.show_rows(list(rows))
+
+    def _select(self, row: QModelIndex, _: QModelIndex) -> None:
+        name = self._rows.index(row.row(), 0).data()
+        if name:
+            self.desk.session.select([name])
+
+
+def _amounts() -> FloatArray:
+    return np.linspace(-_REACH, _REACH, _SAMPLES)
+
+
+def _apart(shape: "ModelShape", mode: int, amount: float, pair: tuple[int, int]) -> FloatArray:
+    ends = [
+        shape.model.mean[one] + amount * shape.model.standard_deviations[mode] * shape.model.modes[mode, one]
+        for one in pair
+    ]
+    return np.asarray(np.linalg.norm(ends[1] - ends[0]))
+
+
+def _with_pins(content: Content, ends: FloatArray) -> Content:
+    """Mark two places of a surface with pins from outside, and the straight way between them."""
+    assert content.groomed is not None
+    assert content.normals is not None
+    vertices = content.groomed.vertices
+    at = [int(np.square(vertices - end).sum(axis=1).argmin()) for end in ends]
+    pins = -_PIN * float(np.ptp(vertices, axis=0).max()) * np.asarray(content.normals, np.float64)[at]
+    return replace(content, arrows=Arrows(ends - pins, pins), lines=ends[None])

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkRenderingCore import vtkActor, vtkLight, vtkTextActor
@@ -14,9 +14,10 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.letters import edge_letters
 from homolog_app.window.scene.surface import (
-    AMBIENT,
+    PLAIN,
     ArrowActor,
     LineActor,
+    light_surface,
     move_surface,
     paint_surface,
     surface_actor,
@@ -35,8 +36,8 @@ float shine = max(0.0, 1.0 - 6.0 * dot(off, off));
 ambientColor = ambientColor * shade + vec3(0.25 * shine);
 diffuseColor *= shade;
 """
-_MARGIN = 1.25
-_COLOUR_AMBIENT = 0.42  # colours that mean numbers shall not drown in shade
+_MARGIN, _SPARSE = 1.22, 5
+_COLOURED = (0.4, 0.6, 0.0)  # colours that mean numbers shall neither drown in shade nor in shine
 _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 
 
@@ -123,7 +124,7 @@ class Cell:
             if actor.GetVisibility() and mapper.GetInput() is not self._meshes[source]:
                 mapper.SetInputData(self._meshes[source])
             mapper.SetScalarVisibility(name == "groomed" and coloured)
-            actor.GetProperty().SetAmbient(_COLOUR_AMBIENT if coloured else AMBIENT)
+            light_surface(actor, _COLOURED if coloured and name == "groomed" else PLAIN)
             actor.GetProperty().SetOpacity(0.35 * opacity if name == "raw" and both else opacity)
 
     def show_particles(self, points: FloatArray | None, colours: Array | None, radius: float) -> None:
@@ -179,14 +180,25 @@ class Cell:
                 if actor.GetInput() != text:
                     actor.SetInput(text)
 
-    def fit_width(self, bounds: tuple[float, ...], shape: float) -> None:
-        """Zoom so that a box fills the view as it is seen now; `shape` is the view's width by its height."""
+    @property
+    def points(self) -> FloatArray:
+        """Some vertices of the surfaces [mm], (n, 3), whether shown or not."""
+        parts = [vtk_to_numpy(mesh.GetPoints().GetData())[::_SPARSE] for mesh in self._meshes.values()]
+        return np.concatenate([np.empty((0, 3)), *parts])
+
+    def fit(self, points: FloatArray, shape: float) -> None:
+        """Let points (n, 3) fill the view as it is seen now; `shape` is the view's width by its height."""
         camera = self.renderer.GetActiveCamera()
-        up = np.array(camera.GetViewUp())
-        right = np.cross(camera.GetDirectionOfProjection(), up)
-        half = np.diff(np.reshape(bounds, (3, 2)), axis=1)[:, 0] / 2.0
-        across, along = (np.abs(way / np.linalg.norm(way)) @ half for way in (right, up))
-        camera.SetParallelScale(_MARGIN * max(along, across / shape))
+        ahead = np.array(camera.GetDirectionOfProjection())
+        right = np.cross(ahead, camera.GetViewUp())
+        right /= np.linalg.norm(right)
+        axes = np.stack([right, np.cross(right, ahead), ahead])
+        low, high = (pick(points @ axes.T, axis=0) for pick in (np.min, np.max))
+        middle = axes.T @ ((low + high) / 2.0)
+        camera.SetFocalPoint(*middle)
+        camera.SetPosition(*(middle - max(np.linalg.norm(high - low), 1e-6) * ahead))
+        across, along, _ = (high - low) / 2.0
+        camera.SetParallelScale(_MARGIN * max(along, across / shape, 1e-6))
 
     @property
     def surface_actors(self) -> tuple[Any, ...]:

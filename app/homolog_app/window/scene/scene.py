@@ -240,13 +240,13 @@ class Scene(QWidget):
 
     def fit(self) -> None:
         """Show the whole shapes, as large as the largest allows."""
-        bounds = self._bounds()
-        if bounds is None:
+        cells = self._cells[: self._count]
+        points = np.concatenate([cell.points for cell in cells])
+        if not len(points):
             return
         self._fitted = True
-        for cell in self._cells[: 1 if self._linked else None]:
-            cell.renderer.ResetCamera(bounds)
-            cell.fit_width(bounds, self._cell_shape)
+        for cell in cells[: 1 if self._linked else None]:
+            cell.fit(points, self._cell_shape)
         self._plot.update()
 
     def go_to(self, name: str, place: FloatArray, normal: FloatArray) -> None:
@@ -292,7 +292,7 @@ class Scene(QWidget):
         if window is not None:
             for observer in self._observers:
                 window.RemoveObserver(observer)
-        self._cells = []
+        self._cells.clear()  # the picker holds the same list
         self._plot.close()
 
     @property

@@ -15,17 +15,18 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.window.scene.content import Arrows
 
 __all__ = [
-    "AMBIENT",
+    "PLAIN",
     "ArrowActor",
     "LineActor",
+    "light_surface",
     "move_surface",
     "paint_surface",
     "surface_actor",
     "surface_data",
 ]
 
-AMBIENT = 0.22
-"""How light shade is on surfaces of one colour."""
+PLAIN = (0.22, 0.78, 0.08)
+"""Ambient, diffuse and specular part of the light on surfaces of one colour."""
 
 Vtk = Any  # VTK is untyped
 
@@ -38,12 +39,17 @@ def surface_actor() -> Vtk:
     actor = vtkActor()
     actor.SetMapper(mapper)
     actor.SetVisibility(False)
-    look = actor.GetProperty()
-    look.SetAmbient(AMBIENT)
-    look.SetDiffuse(0.78)
-    look.SetSpecular(0.08)
-    look.SetSpecularPower(20)
+    actor.GetProperty().SetSpecularPower(20)
+    light_surface(actor, PLAIN)
     return actor
+
+
+def light_surface(actor: Vtk, parts: tuple[float, float, float]) -> None:
+    """Set the ambient, diffuse and specular part of the light on a surface."""
+    look = actor.GetProperty()
+    look.SetAmbient(parts[0])
+    look.SetDiffuse(parts[1])
+    look.SetSpecular(parts[2])
 
 
 def surface_data(mesh: TriangleMesh, alignment: FloatArray, normals: Array | None) -> Vtk:

@@ -1,0 +1,80 @@
+"""Measures of subjects and of shapes along a mode: distance of two particles, volume, surface area."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from homolog.arrays import FloatArray
+from homolog.errors import InputError
+from homolog.files.results import Result
+from homolog.files.tables import write_table
+from homolog.progress import Tick, no_tick
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["Measures", "distances", "measure_meshes", "write_measures"]
+
+_MM3_IN_ML, _MM2_IN_CM2 = 1000.0, 100.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measures:
+    """Volume [ml] and surface area [cm²] of some surfaces, shape (n,) each."""
+
+    volumes: FloatArray
+    areas: FloatArray
+
+
+def measure_meshes(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> Measures:
+    """Measure closed surfaces.
+
+    Parameters
+    ----------
+    meshes : sequence of TriangleMesh
+    tick : Tick
+    """
+    volumes, areas = np.empty(len(meshes)), np.empty(len(meshes))
+    for index, mesh in enumerate(meshes):
+        tick(index / len(meshes), "measuring")
+        volumes[index], areas[index] = mesh.volume / _MM3_IN_ML, mesh.area / _MM2_IN_CM2
+    return Measures(volumes, areas)
+
+
+def distances(particles: FloatArray, first: int, second: int) -> FloatArray:
+    """Return the straight distances (M,) of two particles on each shape (M, N, 3) [mm].
+
+    Raises
+    ------
+    InputError
+        If there is no such particle.
+    """
+    count = particles.shape[-2]
+    for one in (first, second):
+        if not 0 <= one < count:
+            raise InputError(f"there is no particle {one}; they are numbered from 0 to {count - 1}")
+    return np.asarray(np.linalg.norm(particles[:, second] - particles[:, first], axis=1))
+
+
+def write_measures(path: Path, result: Result, measures: Measures, first: int, second: int) -> None:
+    """Write a table of the subjects: distance of two particles, volume and area, in the files' own size.
+
+    Parameters
+    ----------
+    path : Path
+        The CSV file.
+    result : Result
+    measures : Measures
+        Of the subjects' surfaces in local coordinates.
+    first, second : int
+        The particles, counted from 0.
+
+    Raises
+    ------
+    InputError
+        If there is no such particle, or the file can't be written.
+    """
+    columns = ["name", "group", f"distance_{first}_{second}_mm", "volume_ml", "area_cm2"]
+    numbers = (distances(result.local, first, second), measures.volumes, measures.areas)
+    rows = zip(result.names, result.groups, *(one.tolist() for one in numbers), strict=True)
+    write_table(path, columns, rows)
