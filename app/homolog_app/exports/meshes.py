@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import KDTree
 
+from homolog.analysis.shape_model import fit_shape_model
 from homolog.arrays import Array
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
@@ -89,8 +90,10 @@ def write_meshes(
 
 def _model_surfaces(result: Result, settings: MeshSettings) -> Iterator[_Named]:
     yield _Named("mean", "mean shape", result.mean_surface, {})
-    most = min(settings.modes, len(result.names) - 1)
-    for number, motion in enumerate(mode_motions(result, range(1, most + 1), settings.deviations), start=1):
+    count = len(fit_shape_model(result.world, names=result.names).variances)
+    modes = range(1, min(settings.modes, count) + 1)
+    motions = mode_motions(result, modes, settings.deviations) if modes else []
+    for number, motion in enumerate(motions, start=1):
         for amount, side in ((motion.low, "minus"), (motion.high, "plus")):
             name = f"mode_{number:02d}_{side}_{settings.deviations:g}sd"
             yield _Named(name, motion.words(amount), motion.at(amount), _moved(motion, amount))

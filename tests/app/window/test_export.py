@@ -123,10 +123,22 @@ def test_what_is_wrong_is_said_and_nothing_can_be_started(dialog, tmp_path):
 
 def test_a_fault_is_told_in_the_dialog(dialog, wait, tmp_path):
     film = dialog("film")
-    film.chooser.what.setCurrentIndex(film.chooser.what.findData("mean"))
-    film.place.setText(str(tmp_path / "film.mp4"))
+    (tmp_path / "file").write_text("")
+    film.place.setText(str(tmp_path / "file" / "film.mp4"))
     assert export(film, wait) == "failed"
-    assert "nothing moves" in film.note.text()
+    assert "can't be written" in film.note.text()
+
+
+def test_what_would_stand_still_or_compare_nothing_is_not_started(dialog):
+    from homolog_app.exports.settings import Plot
+
+    film, plot = dialog("film"), dialog("plot")
+    film.chooser.what.setCurrentIndex(film.chooser.what.findData("mean"))
+    assert "stands still" in film.note.text()
+    film._edit("", film.settings.model_copy(update={"turntable": True}))
+    assert film.go.isEnabled()
+    plot._edit("", plot.settings.model_copy(update={"kind": Plot.DIFFERENCE}))
+    assert "Choose two groups" in plot.note.text()
 
 
 def test_groups_are_offered_where_there_are_any(qapp):

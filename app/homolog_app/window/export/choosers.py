@@ -9,7 +9,6 @@ from PySide6.QtWidgets import (
     QGridLayout,
     QLabel,
     QLineEdit,
-    QStackedWidget,
     QVBoxLayout,
     QWidget,
 )
@@ -106,17 +105,16 @@ class MotionChooser(QWidget):
         self.what.setAccessibleName("What is shown")
         self.modes.setAccessibleName("Modes")
         self.modes.setToolTip(f"Numbers from 1 to {modes}; several make a grid")
-        self._pages = QStackedWidget()
-        self._pages.addWidget(self._mode_page(modes))
-        self._pages.addWidget(self.groups)
-        self._pages.addWidget(QWidget())
+        self._mode_page = self._make_mode_page(modes)
+        self.groups.hide()
         self.views = {name: QCheckBox(name.capitalize()) for name in SIGHTS}
         self.views["oblique"].setChecked(True)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(GRID)
         layout.addWidget(self.what)
-        layout.addWidget(self._pages)
+        layout.addWidget(self._mode_page)
+        layout.addWidget(self.groups)
         layout.addWidget(label("Seen from", "SectionTitle"))
         grid = QGridLayout()
         grid.setSpacing(GRID // 2)
@@ -156,7 +154,7 @@ class MotionChooser(QWidget):
         views = self._views()
         return words if views == ["oblique"] else [*words, "--view", *views]
 
-    def _mode_page(self, modes: int) -> QWidget:
+    def _make_mode_page(self, modes: int) -> QWidget:
         page = QWidget()
         grid = QGridLayout(page)
         grid.setContentsMargins(0, 0, 0, 0)
@@ -168,7 +166,6 @@ class MotionChooser(QWidget):
         grid.addWidget(
             label(f"1 to {modes}, such as 1 or 1 2 3 for a grid", "FieldHelp", wrap=True), 1, 0, 1, 2
         )
-        grid.setRowStretch(2, 1)
         return page
 
     def _numbers(self) -> list[int]:
@@ -181,5 +178,6 @@ class MotionChooser(QWidget):
         return [name for name, tick in self.views.items() if tick.isChecked()]
 
     def _turn(self) -> None:
-        self._pages.setCurrentIndex({"mode": 0, "group": 1, "mean": 2}[self.kind])
+        self._mode_page.setVisible(self.kind == "mode")
+        self.groups.setVisible(self.kind == "group")
         self.changed.emit()

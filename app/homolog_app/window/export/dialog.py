@@ -20,12 +20,13 @@ from PySide6.QtWidgets import (
 )
 
 from homolog_app.cli.options import options_of
-from homolog_app.films.settings import PictureSettings
+from homolog_app.exports.settings import PlotSettings
+from homolog_app.films.settings import FilmSettings, PictureSettings
 from homolog_app.window.export.child import Child
 from homolog_app.window.export.choosers import GroupChooser, MotionChooser
 from homolog_app.window.export.kinds import ExportKind
 from homolog_app.window.export.preview import Preview
-from homolog_app.window.form import SettingsPair
+from homolog_app.window.form import SettingsForm, SettingsPair
 from homolog_app.window.widgets import GRID, button, label
 
 __all__ = ["ExportDialog", "Exported"]
@@ -129,11 +130,11 @@ class ExportDialog(QDialog):
         if self.chooser is not None:
             form.addWidget(self.chooser)
         if self.kind.settings is not None:
-            main = self.kind.main or tuple(self.kind.settings.model_fields)
-            self.form = SettingsPair(self.kind.settings, main)
-            self.form.show_values(self.kind.settings())
-            self.form.edited.connect(self._edit)
-            form.addWidget(self.form)
+            model, main = self.kind.settings, self.kind.main
+            rows = SettingsPair(model, main) if main else SettingsForm(model)
+            rows.show_values(model())
+            rows.edited.connect(self._edit)
+            form.addWidget(rows)
         form.addStretch()
         inner = QWidget()
         inner.setLayout(form)
@@ -209,8 +210,9 @@ class ExportDialog(QDialog):
 
     def _problem(self) -> str:
         out, suffixes = self.out, self.kind.suffixes
-        if self.chooser is not None and self.chooser.problem:
-            return self.chooser.problem
+        content = self._content_problem()
+        if content:
+            return content
         if not self.kind.place:
             return ""
         if out is None:
@@ -222,6 +224,22 @@ class ExportDialog(QDialog):
         if is_folder and out.exists() and (not out.is_dir() or any(out.iterdir())):
             return "That folder is there already; choose a new name."
         return ""
+
+    def _content_problem(self) -> str:
+        """Return what is wrong with what is chosen to be exported, or nothing."""
+        if self.chooser is None:
+            return ""
+        if isinstance(self.settings, FilmSettings) and not self._moves(self.settings):
+            return "The mean shape stands still: switch the turntable on."
+        if isinstance(self.settings, PlotSettings):
+            named = bool(self.chooser.arguments())
+            if named != self.settings.kind.needs_groups:
+                return "This plot compares no groups." if named else "Choose two groups to compare."
+        return self.chooser.problem
+
+    def _moves(self, settings: FilmSettings) -> bool:
+        still = isinstance(self.chooser, MotionChooser) and self.chooser.kind == "mean"
+        return settings.turntable or not still
 
     def _warning(self) -> str:
         return "Replaces the file that is there." if self.out is not None and self.out.is_file() else ""

@@ -22,12 +22,13 @@ class Preview(QLabel):
     """Shows the first frame; asks for another one shortly after the last change."""
 
     def __init__(self, project: Path, parent: QWidget | None = None) -> None:
-        super().__init__("The first frame will be shown here.", parent)
+        super().__init__("Drawing the first frame…", parent)
         self.setObjectName("Preview")
         self.setAccessibleName("Preview of the first frame")
         self.setFixedSize(_SIZE, _SIZE * 9 // 16)
         self.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.setWordWrap(True)
+        self.setFrameShape(QLabel.Shape.StyledPanel)
         self._project = project
         self._folder = QTemporaryDir()
         self._wanted: tuple[list[str], PictureSettings] | None = None
