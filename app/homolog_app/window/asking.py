@@ -2,21 +2,23 @@
 
 import logging
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import wraps
 from typing import TYPE_CHECKING, Concatenate, ParamSpec, TypeVar, cast
 
-from PySide6.QtCore import QObject
-from PySide6.QtWidgets import QMessageBox, QWidget
+from PySide6.QtCore import QEventLoop, QObject, Qt, QTimer
+from PySide6.QtWidgets import QMessageBox, QProgressDialog, QWidget
 
 from homolog.errors import HomologError
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
-__all__ = ["Part", "ask", "reported"]
+__all__ = ["Part", "ask", "reported", "waited"]
 
 _log = logging.getLogger(__name__)
 _Given = ParamSpec("_Given")
+_Result = TypeVar("_Result")
 
 
 class Part(QObject):
@@ -50,6 +52,27 @@ def ask(parent: QWidget, title: str, words: str, answers: tuple[str, ...]) -> st
     chosen = [text for text, button in zip(answers, buttons, strict=True) if button is clicked]
     box.deleteLater()
     return chosen[0] if chosen else answers[-1]
+
+
+def waited(parent: QWidget, words: str, work: Callable[[], _Result]) -> _Result:
+    """Do something that takes a while in another thread; until it is done only the waiting is shown.
+
+    Returns what `work` returns, raises what it raises.
+    """
+    dialog = QProgressDialog(words, "", 0, 0, parent)
+    dialog.setCancelButton(None)
+    dialog.setWindowModality(Qt.WindowModality.WindowModal)
+    dialog.setMinimumDuration(300)
+    loop, timer = QEventLoop(), QTimer(dialog, interval=20)
+    with ThreadPoolExecutor(1, thread_name_prefix="homolog-files") as pool:
+        future = pool.submit(work)
+        timer.timeout.connect(lambda: loop.quit() if future.done() else dialog.setValue(0))
+        timer.start()
+        loop.exec(QEventLoop.ProcessEventsFlag.AllEvents)
+    timer.stop()
+    dialog.close()
+    dialog.deleteLater()
+    return future.result()
 
 
 def reported(method: "_Method[_AnyPart, _Given]") -> "_Method[_AnyPart, _Given]":

@@ -1,5 +1,6 @@
 """Studies on disk: new, add, open, save, import, export, close, recover."""
 
+import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,8 +9,9 @@ from PySide6.QtCore import QMimeData
 from PySide6.QtWidgets import QFileDialog, QInputDialog
 
 from homolog.errors import InputError
+from homolog.files.atomic import replacing_folder
 from homolog.files.project import Project
-from homolog_app.window.asking import Part, ask, reported
+from homolog_app.window.asking import Part, ask, reported, waited
 from homolog_app.window.journal import Lost, find_lost
 from homolog_app.window.study import Study, found_subjects, with_table
 from homolog_app.window.study_files import ViewRecord, open_project, save_project, study_of
@@ -21,6 +23,7 @@ __all__ = ["Library", "dropped_paths"]
 
 _FILES = "Segmentations and surfaces (*.nrrd *.nhdr *.nii *.nii.gz *.mha *.mhd *.vtp *.vtk *.ply *.stl *.obj)"
 _TABLES = "Tables (*.csv)"
+_MODELS = "ShapeWorks projects, particles (*.swproj *.xlsx *.particles *.pts)"
 
 
 def dropped_paths(data: QMimeData) -> list[Path]:
@@ -43,7 +46,8 @@ class Library(Part):
         """Return what the commands of files do."""
         return {
             "file.new": self._new, "file.add": self._add, "file.open": self._open, "file.save": self.save,
-            "file.save_as": self.save_as, "file.import": self._import, "file.export": self._export,
+            "file.save_as": self.save_as, "file.import": self._import,
+            "file.import_model": self._import_model, "file.export": self._export,
             "file.close": self.leave, "edit.group": self._group, "edit.include": self._include,
             "edit.remove": self._remove,
         }  # fmt: skip
@@ -102,16 +106,11 @@ class Library(Part):
     @reported
     def save_to(self, folder: Path) -> None:
         """Save the study, and what was computed for it, to a folder."""
-        import shutil
-
         session, before = self._desk.session, self._desk.project
-        if folder != session.folder:
-            if folder.exists() and any(folder.iterdir()):
-                raise InputError(f"{folder}: is not empty; choose a new name for the project")
-            if before.folder.is_dir():
-                shutil.copytree(
-                    before.folder, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".lock")
-                )
+        if folder != session.folder and folder.exists() and any(folder.iterdir()):
+            raise InputError(f"{folder}: is not empty; choose a new name for the project")
+        if folder != session.folder and before.folder.is_dir():
+            waited(self._window, f"Saving to {folder.name}…", lambda: _copy(before.folder, folder))
         save_project(Project(folder), session.study, self._view())
         moved = folder != session.folder
         session.folder = folder
@@ -229,6 +228,42 @@ class Library(Part):
         self._window.status.say(f"Rows for {used} subjects read from {path.name}")
 
     @reported
+    def _import_model(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(
+            self._window, "Import model (any particles of a folder)", "", _MODELS
+        )
+        if not path or not self.may_leave():
+            return
+        source = Path(path)
+        source = source.parent if source.suffix.lower() in (".particles", ".pts") else source
+        folder, _ = QFileDialog.getSaveFileName(
+            self._window, "Save project as (a folder is made)", source.stem
+        )
+        if folder:
+            self.import_model(source, Path(folder))
+
+    @reported
+    def import_model(self, source: Path, folder: Path) -> None:
+        """Make a project of another program's model and open it."""
+        from homolog.exchange import domains_of
+
+        domains = domains_of(source)
+        domain = domains[0]
+        if len(domains) > 1:
+            words = "Which anatomy of the project?"
+            domain, chosen = QInputDialog.getItem(
+                self._window, "Import model", words, domains, editable=False
+            )
+            if not chosen:
+                return
+
+        def take(notes: Sequence[str]) -> None:
+            self.open(folder)
+            self._window.status.say(" · ".join(notes) or f"Imported from {source.name}")
+
+        self._desk.work.import_model(source, folder, domain, take)
+
+    @reported
     def _export(self) -> None:
         path, _ = QFileDialog.getSaveFileName(self._window, "Export table", "cohort.csv", _TABLES)
         if path:
@@ -294,3 +329,8 @@ class Library(Part):
     def _forget(self) -> None:
         self._desk.preferences.forget()
         self.show_recent()
+
+
+def _copy(old: Path, new: Path) -> None:
+    with replacing_folder(new) as part:
+        shutil.copytree(old, part, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".lock"))
