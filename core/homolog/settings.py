@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["Alignment", "GroomSettings", "Method", "OptimizeSettings", "RunSettings"]
+__all__ = ["Alignment", "GroomSettings", "Method", "OptimizeSettings", "Procrustes", "RunSettings"]
 
 
 class Method(StrEnum):
@@ -38,6 +38,14 @@ class Alignment(StrEnum):
     CENTER = "center"
     AXES = "axes"
     ICP = "icp"
+
+
+class Procrustes(StrEnum):
+    """Whether shapes are aligned by their particles while these are placed."""
+
+    OFF = "off"
+    RIGID = "rigid"
+    SIMILARITY = "similarity"
 
 
 def _unit(name: str) -> dict[str, Any]:
@@ -120,6 +128,13 @@ class OptimizeSettings(_Settings):
             description="Seed of the first particle and the split directions; same seed, same result.",
         ),
     ] = 0
+    procrustes: Annotated[
+        Procrustes,
+        Field(
+            description="Align the shapes by their particles during the run: off, rigid, or similarity "
+            "(also to one size)."
+        ),
+    ] = Procrustes.OFF
     ensemble_weight: Annotated[
         float,
         Field(

@@ -1,7 +1,7 @@
 """Particles and the entropies that place them (the paper's Eq. 1-6)."""
 
 from homolog.correspondence.optimizer import optimize
-from homolog.correspondence.poses import best_similarity
+from homolog.correspondence.poses import best_similarity, inverted, transformed
 from homolog.correspondence.repair import fitting_start, repair
 from homolog.correspondence.types import (
     Checkpoint,
@@ -25,6 +25,8 @@ __all__ = [
     "Start",
     "best_similarity",
     "fitting_start",
+    "inverted",
     "optimize",
     "repair",
+    "transformed",
 ]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from homolog.arrays import BoolArray
-from homolog.correspondence.engine import REACH
+from homolog.correspondence.sampling import REACH
 from homolog.correspondence.schedule import particle_counts
 from homolog.correspondence.surfaces import Level, Placement, build_level, field_array, length_unit, ordered
 from homolog.correspondence.types import Shape

@@ -9,20 +9,16 @@ import numpy as np
 import warp as wp
 
 from homolog.arrays import BoolArray, DeviceArray, Float32Array, FloatArray, IntArray
-from homolog.correspondence import kernels, sampling_kernels
+from homolog.correspondence import kernels
 from homolog.correspondence.coupling import coupling
 from homolog.correspondence.launcher import Launcher
+from homolog.correspondence.sampling import LIST_LIFE, REACH, Sampling
 from homolog.correspondence.surfaces import Level, nearest_faces
 from homolog.geodesics.lookup import SurfacePoint
 
-__all__ = ["LIST_LIFE", "REACH", "Engine", "Particles", "Weights"]
+__all__ = ["Engine", "Particles", "Weights"]
 
-ROW = 64  # neighbours that a row holds; an even layout needs 20
 NEWTON_STEPS = 2
-SKIN = 1.08  # neighbour lists reach this much farther than forces, and last this many iterations:
-LIST_LIFE = 5
-REACH = sampling_kernels.CUTOFF * sampling_kernels.WIDEST * SKIN
-"""Longest distance that a neighbour list needs, in even Parzen widths."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +55,7 @@ class Particles:
 
 
 _KNOBS: Any = kernels.Knobs
+_POSE: Any = kernels.Pose
 
 
 class Engine:
@@ -78,19 +75,19 @@ class Engine:
         Mean surface area in squared optimizer lengths.
     launcher : Launcher
         The device.
+    poses : (M, 4, 4) array, optional
+        Similarities under which the shapes are compared with each other; none if not given.
     movable : (M, n) bool array, optional
         Particles that may move; all if not given. The others' positions are taken as they are.
     """
 
     positions: DeviceArray
-    widths: DeviceArray
     means: DeviceArray
     faces: DeviceArray
-    energies: DeviceArray
     iteration: DeviceArray
-    counts: DeviceArray
     feet: DeviceArray
     normals: DeviceArray
+    poses: FloatArray
 
     def __init__(
         self,
@@ -101,6 +98,7 @@ class Engine:
         geodesic: bool,
         area: float,
         launcher: Launcher,
+        poses: FloatArray | None = None,
         movable: BoolArray | None = None,
     ) -> None:
         saved = particles if isinstance(particles, Particles) else None
@@ -110,17 +108,16 @@ class Engine:
         self.total = self.shapes * self.count
         self.width = math.sqrt(area / (self.count * math.pi))
         self.layout = kernels.Layout()
-        self.layout.per_shape, self.layout.shapes, self.layout.geodesic = (
-            self.count,
-            self.shapes,
-            int(geodesic),
-        )
+        self.layout.per_shape, self.layout.shapes = self.count, self.shapes
+        self.layout.geodesic = int(geodesic)
         self.layout.expected_width = self.width
         self.layout.reach = REACH * self.width
         self._allocate(positions)
+        self.sampling = Sampling(level, self.layout, launcher)
         free = np.ones(self.total) if movable is None else movable.ravel()
         self.movable = wp.array(free, dtype=int, device=launcher.device)
         self.coupling = coupling(self.layout, self.movable, movable is not None, launcher)
+        self.pose(np.tile(np.eye(4), (self.shapes, 1, 1)) if poses is None else poses)
         self._project(0 if saved is not None else NEWTON_STEPS)
         if saved is not None:
             self._restore(saved)
@@ -132,26 +129,17 @@ class Engine:
         self.positions = wp.array(positions.reshape(-1, 3).astype(np.float32), dtype=wp.vec3, **make)
         self.bends = wp.zeros(total, dtype=wp.mat33, **make)
         self.feet = wp.zeros(total, dtype=SurfacePoint, **make)
-        self.widths = wp.full(total, self.width, dtype=float, **make)
-        self.next_widths = wp.full(total, self.width, dtype=float, **make)
-        self.masses = wp.zeros(total, dtype=float, **make)
-        self.energies = wp.zeros(total, dtype=float, **make)
-        self.neighbors = wp.zeros((total, ROW), dtype=int, **make)
-        self.counts = wp.zeros(total, dtype=int, **make)
-        self.pairs = wp.zeros((total, ROW), dtype=wp.vec4, **make)
-        vectors = [wp.zeros(total, dtype=wp.vec3, **make) for _ in range(8)]
-        self.normals, self.forces, self.centred, self.logs = vectors[:4]
-        self.ensemble_part, self.normals_part, self.steps, self.spread = vectors[4:]
+        vectors = [wp.zeros(total, dtype=wp.vec3, **make) for _ in range(6)]
+        self.normals, self.centred, self.logs = vectors[:3]
+        self.ensemble_part, self.normals_part, self.steps = vectors[3:]
         self.iteration = wp.zeros(1, dtype=int, **make)
-        self.grid = wp.HashGrid(64, 64, 64, device=self.launch.device)
+        self._poses: DeviceArray = wp.zeros(self.shapes, dtype=kernels.Pose, **make)
 
     def _start_walks(self) -> None:
-        normals = self.host_normals()
-        faces = [
-            nearest_faces(mesh, p, n)
-            for mesh, p, n in zip(self.level.meshes, self.host_positions(), normals, strict=True)
-        ]
+        pairs = zip(self.level.meshes, self.host_positions(), self.host_normals(), strict=True)
+        faces = [nearest_faces(mesh, points, normals) for mesh, points, normals in pairs]
         self.faces = wp.array(np.concatenate(faces), dtype=int, device=self.launch.device)
+        normals = self.posed_normals()
         mean = normals.sum(axis=0)
         short = np.linalg.norm(mean, axis=1) < 1e-3  # opposite normals: start from one shape's
         mean[short] = normals[0][short]
@@ -160,16 +148,25 @@ class Engine:
 
     def _restore(self, saved: Particles) -> None:
         make = {"device": self.launch.device}
-        self.widths = wp.array(saved.widths.ravel(), dtype=float, **make)
+        self.sampling.widths = wp.array(saved.widths.ravel(), dtype=float, **make)
         self.means = wp.array(saved.means, dtype=wp.vec3, **make)
         self.faces = wp.array(saved.faces.ravel(), dtype=int, **make)
+
+    def pose(self, poses: FloatArray) -> None:
+        """Compare the shapes under these similarities (M, 4, 4) from now on."""
+        self.poses = poses
+        packed: Any = np.zeros(self.shapes, dtype=_POSE.numpy_dtype())
+        packed["linear"] = poses[:, :3, :3]
+        packed["turn"] = turns_of(poses)
+        packed["shift"] = poses[:, :3, 3]
+        self._poses.assign(wp.array(packed, dtype=kernels.Pose, device=self.launch.device))
 
     def particles(self) -> Particles:
         """Return a copy of what a later engine needs to go on."""
         shape = (self.shapes, self.count)
         return Particles(
             self.host_positions(),
-            self.widths.numpy().reshape(shape).copy(),
+            self.sampling.widths.numpy().reshape(shape).copy(),
             self.means.numpy().copy(),
             self.faces.numpy().reshape(shape).copy(),
         )
@@ -180,8 +177,19 @@ class Engine:
         return result
 
     def host_normals(self) -> Float32Array:
-        """Return the outward unit normals, shape (M, n, 3)."""
+        """Return the outward unit normals there, shape (M, n, 3)."""
         result: Float32Array = self.normals.numpy().reshape(self.shapes, self.count, 3).copy()
+        return result
+
+    def posed_positions(self) -> FloatArray:
+        """Return the particles as they are compared, shape (M, n, 3)."""
+        turned = np.einsum("mij,mnj->mni", self.poses[:, :3, :3], self.host_positions().astype(np.float64))
+        result: FloatArray = turned + self.poses[:, None, :3, 3]
+        return result
+
+    def posed_normals(self) -> FloatArray:
+        """Return the normals as they are compared, shape (M, n, 3)."""
+        result: FloatArray = np.einsum("mij,mnj->mni", turns_of(self.poses), self.host_normals())
         return result
 
     def start_stage(self, weights: Sequence[Weights], done: int = 0) -> None:
@@ -200,7 +208,7 @@ class Engine:
     def iterate(self, times: int = LIST_LIFE) -> None:
         """Relink the neighbours, then move every particle so many times."""
         self._locate()
-        self._relink()
+        self.sampling.relink(self.positions, self.feet)
         if self.launch.device == "cpu" or times != LIST_LIFE:
             for _ in range(times):
                 self._move()
@@ -218,7 +226,8 @@ class Engine:
         H(P) counts as -(mean log density): the objective adds the three with their weights. Shapes on which
         no particle may move add nothing to it.
         """
-        return np.array([float(self.energies.numpy().mean(dtype=np.float64)), *self.coupling.entropies()])
+        sampling = float(self.sampling.energies.numpy().mean(dtype=np.float64))
+        return np.array([sampling, *self.coupling.entropies()])
 
     def gaps(self) -> FloatArray:
         """Return how far the farthest particle of each shape is from its mesh, (M,), in optimizer lengths."""
@@ -241,76 +250,16 @@ class Engine:
             [self.count, self.level.surfaces, self.positions, self.faces, self.feet],
         )
 
-    def _relink(self) -> None:
-        apart = 2.4 * self.level.extent + 2.0 * self.layout.reach
-        wp.launch(
-            sampling_kernels.spread,
-            dim=self.total,
-            inputs=[self.count, apart, self.positions, self.spread],
-            device=self.launch.device,
-        )
-        self.grid.build(self.spread, min(self.layout.reach, 2.0 * self.level.extent))
-        self.launch(
-            sampling_kernels.link_neighbors,
-            self.total,
-            [
-                self.layout,
-                self.grid.id,
-                self.level.surfaces,
-                self.spread,
-                self.feet,
-                self.neighbors,
-                self.counts,
-            ],
-        )
-
-    def _repel(self) -> None:
-        self.launch(
-            sampling_kernels.repel,
-            self.total,
-            [
-                self.layout,
-                self.level.surfaces,
-                self.positions,
-                self.normals,
-                self.feet,
-                self.neighbors,
-                self.counts,
-                self.widths,
-                self.next_widths,
-                self.masses,
-                self.pairs,
-                self.forces,
-                self.energies,
-            ],
-        )
-        self.launch(
-            sampling_kernels.yield_back,
-            self.total,
-            [
-                self.layout,
-                self.normals,
-                self.neighbors,
-                self.counts,
-                self.widths,
-                self.masses,
-                self.pairs,
-                self.forces,
-            ],
-        )
-
     def _move(self) -> None:
-        layout = self.layout
-        knobs = (self.stage, self.iteration)
+        layout, knobs = self.layout, (self.stage, self.iteration)
+        sampling, coupling = self.sampling, self.coupling
+        surface = [self._poses, self.positions, self.normals]
         self._locate()
-        self._repel()
-        self.launch(
-            kernels.mean_normals,
-            self.count,
-            [layout, self.positions, self.normals, self.means, self.centred, self.logs],
-        )
-        self.coupling.solve(*knobs, self.centred, self.logs)
-        self.coupling.directions(self.centred, self.logs, self.ensemble_part, self.normals_part)
+        sampling.repel(self.positions, self.normals, self.feet)
+        self.launch(kernels.mean_normals, self.count, [layout, *surface, self.means, self.centred, self.logs])
+        coupling.solve(*knobs, self.centred, self.logs)
+        coupling.directions(self.centred, self.logs, self.ensemble_part, self.normals_part)
+        parts = [sampling.forces, self.ensemble_part, self.normals_part]
         self.launch(
             kernels.combine,
             self.total,
@@ -318,21 +267,28 @@ class Engine:
                 layout,
                 *knobs,
                 self.movable,
-                self.coupling.stiffness,
+                coupling.stiffness,
+                self._poses,
                 self.normals,
                 self.means,
                 self.bends,
-                self.forces,
-                self.ensemble_part,
-                self.normals_part,
+                *parts,
                 self.steps,
             ],
         )
-        self.coupling.damp(*knobs, self.steps, self.ensemble_part)
+        coupling.damp(*knobs, self.steps, self.ensemble_part)
+        widths = [sampling.widths, sampling.next_widths]
         self.launch(
             kernels.move,
             self.total,
-            [*knobs, self.ensemble_part, self.normals, self.widths, self.next_widths, self.positions],
+            [self.count, *knobs, self.ensemble_part, self._poses, self.normals, *widths, self.positions],
         )
         self._project()
         wp.launch(kernels.advance, dim=1, inputs=[self.iteration], device=self.launch.device)
+
+
+def turns_of(poses: FloatArray) -> FloatArray:
+    """Return the rotations of similarities, (M, 3, 3)."""
+    linear = poses[:, :3, :3]
+    turns: FloatArray = linear / np.cbrt(np.linalg.det(linear))[:, None, None]
+    return turns

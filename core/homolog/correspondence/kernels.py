@@ -22,6 +22,7 @@ wp.set_module_options({"enable_backward": False, "fast_math": False})
 __all__ = [
     "Knobs",
     "Layout",
+    "Pose",
     "Surface",
     "advance",
     "combine",
@@ -43,6 +44,15 @@ class Surface:
     face_neighbors: wp.array(dtype=wp.vec3i)  # across the edges opposite to each corner
     table: TableData
     held: int  # 1: none of its particles may move, so that nothing is computed for it
+
+
+@wp.struct
+class Pose:
+    """The similarity under which a shape is compared with the others: x -> linear x + shift."""
+
+    linear: wp.mat33
+    turn: wp.mat33  # its rotation
+    shift: wp.vec3
 
 
 @wp.struct
@@ -170,6 +180,7 @@ def locate(
 def mean_normals(
     first: int,
     c: Layout,
+    poses: wp.array(dtype=Pose),
     positions: wp.array(dtype=wp.vec3),
     normals: wp.array(dtype=wp.vec3),
     means: wp.array(dtype=wp.vec3),
@@ -180,22 +191,25 @@ def mean_normals(
     i = first + wp.tid()
     total = wp.vec3(0.0, 0.0, 0.0)
     for k in range(c.shapes):
-        total += positions[k * c.per_shape + i]
+        p = k * c.per_shape + i
+        posed = poses[k].linear * positions[p] + poses[k].shift
+        centred[p] = posed
+        total += posed
     middle = total / float(c.shapes)
     for k in range(c.shapes):
-        centred[k * c.per_shape + i] = positions[k * c.per_shape + i] - middle
+        centred[k * c.per_shape + i] = centred[k * c.per_shape + i] - middle
     mean = means[i]
     for _round in range(2):
         shift = wp.vec3(0.0, 0.0, 0.0)
         for k in range(c.shapes):
-            shift += log_map(mean, normals[k * c.per_shape + i])
+            shift += log_map(mean, poses[k].turn * normals[k * c.per_shape + i])
         shift = shift / float(c.shapes)
         angle = wp.length(shift)
         if angle > 1.0e-7:
             mean = wp.normalize(wp.cos(angle) * mean + wp.sin(angle) / angle * shift)
     means[i] = mean
     for k in range(c.shapes):
-        logs[k * c.per_shape + i] = log_map(mean, normals[k * c.per_shape + i])
+        logs[k * c.per_shape + i] = log_map(mean, poses[k].turn * normals[k * c.per_shape + i])
 
 
 @wp.kernel
@@ -206,6 +220,7 @@ def combine(
     iteration: wp.array(dtype=int),
     movable: wp.array(dtype=int),
     stiffness: wp.array(dtype=float),
+    poses: wp.array(dtype=Pose),
     normals: wp.array(dtype=wp.vec3),
     means: wp.array(dtype=wp.vec3),
     bends: wp.array(dtype=wp.mat33),
@@ -216,17 +231,21 @@ def combine(
 ):
     """Sum of the three descent directions times tau, in the tangent plane; zero where held.
 
-    The normals' part is divided by 1 + its own stiffness, else it overshoots at sharp rims.
+    Steps are turned as the shapes are compared, so that they can be mixed across shapes. The normals' part
+    is divided by 1 + its own stiffness, else it overshoots at sharp rims.
     """
     p = first + wp.tid()
     n = normals[p]
     bend = bends[p]
-    turned = bend * log_adjoint(means[p % c.per_shape], n, log_gradients[p])
+    pose = poses[p // c.per_shape]
+    upright = wp.transpose(pose.turn)
+    turned = bend * (upright * log_adjoint(means[p % c.per_shape], pose.turn * n, log_gradients[p]))
     size = wp.ddot(bend, bend)
     knobs = stage[iteration[0]]
     damping = 1.0 + knobs.step * knobs.normals_weight * size * stiffness[0]
-    total = forces[p] - knobs.ensemble_weight * ensemble[p] - knobs.normals_weight / damping * turned
-    steps[p] = float(movable[p]) * knobs.step * tangent(total, n)
+    pulled = wp.transpose(pose.linear) * ensemble[p]
+    total = forces[p] - knobs.ensemble_weight * pulled - knobs.normals_weight / damping * turned
+    steps[p] = float(movable[p]) * knobs.step * (pose.turn * tangent(total, n))
 
 
 @wp.kernel
@@ -286,9 +305,11 @@ def damp_held(
 @wp.kernel
 def move(
     first: int,
+    per_shape: int,
     stage: wp.array(dtype=Knobs),
     iteration: wp.array(dtype=int),
     steps: wp.array(dtype=wp.vec3),
+    poses: wp.array(dtype=Pose),
     normals: wp.array(dtype=wp.vec3),
     widths: wp.array(dtype=float),
     next_widths: wp.array(dtype=float),
@@ -296,7 +317,7 @@ def move(
 ):
     """Take the step in the tangent plane, no longer than a part of the Parzen width."""
     p = first + wp.tid()
-    d = tangent(steps[p], normals[p])
+    d = tangent(wp.transpose(poses[p // per_shape].turn) * steps[p], normals[p])
     length = wp.length(d)
     limit = stage[iteration[0]].most * widths[p]
     if length > limit:

@@ -8,15 +8,27 @@ import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.domain import AREA, Domain, prepare
-from homolog.correspondence.engine import LIST_LIFE, Engine, Particles
+from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.launcher import Launcher
+from homolog.correspondence.poses import inverted, procrustes, transformed
+from homolog.correspondence.sampling import LIST_LIFE
 from homolog.correspondence.schedule import Plan, plan_stages
 from homolog.correspondence.splitting import split
 from homolog.correspondence.start import first_particles
-from homolog.correspondence.types import Checkpoint, Correspondence, Frame, Observe, Reason, Shape, Start
+from homolog.correspondence.types import (
+    Checkpoint,
+    Correspondence,
+    Frame,
+    Observe,
+    Reason,
+    Shape,
+    Stage,
+    Start,
+)
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.progress import Tick, no_tick, part_of
-from homolog.settings import OptimizeSettings
+from homolog.settings import OptimizeSettings, Procrustes
+from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["optimize"]
 
@@ -25,6 +37,8 @@ KEEP_S = 30.0  # seconds between two checkpoints
 FRAME_S = 0.05  # seconds between two frames
 LOST = 5.0  # optimizer lengths from the mesh, of a particle that is not on the surface any more
 SPLIT_OFFSET = 0.25  # of the Parzen width
+START_ROUNDS, ALIGNING_ROUNDS = 4, 5  # of first particles and poses in turn, where poses may change
+SLIDING = 0.01  # of distances in the surface, for poses while particles are still few
 
 Keep = Callable[[Checkpoint], None]
 
@@ -88,12 +102,14 @@ def optimize(
         moving=moving,
         tick=part_of(tick, 0.0, geometry),
     )
-    journey = _Journey(domain, settings, stages, start, part_of(tick, geometry, 1.0), observe, checkpoint)
+    journey = _Journey(
+        shapes, domain, settings, stages, start, part_of(tick, geometry, 1.0), observe, checkpoint
+    )
     try:
         reason = journey.run(resume)
     finally:
         journey.launcher.close()
-    return journey.result(shapes, reason)
+    return journey.result(reason)
 
 
 def _check_start(start: Start, shapes: int, particles: int) -> None:
@@ -114,6 +130,7 @@ class _Journey:
 
     def __init__(
         self,
+        shapes: Sequence[Shape],
         domain: Domain,
         settings: OptimizeSettings,
         stages: Sequence[Plan],
@@ -124,12 +141,14 @@ class _Journey:
     ) -> None:
         self.domain, self.settings, self.observe, self.keep = domain, settings, observe, keep
         self.start, self.stages = start, stages
+        self.alignments = np.stack([shape.alignment for shape in shapes])
         self.start_tick, self.tick = part_of(tick, 0.0, 0.05), part_of(tick, 0.05, 1.0)
         self.launcher = Launcher(domain.device)
         free = 1.0 if start is None or start.movable is None else float(start.movable.mean())
         self.tolerance = settings.tolerance * free  # the objective is per particle, of all
         self.energies: list[list[float]] = []
         self.iteration = 0
+        self.poses = np.tile(np.eye(4), (len(domain.names), 1, 1))
         self._next_frame = self._next_checkpoint = 0.0
         self._costs = np.array([plan.iterations * (plan.count + 256.0) for plan in self.stages])
 
@@ -137,11 +156,11 @@ class _Journey:
         """Go through the stages, the first or the rest of them."""
         begin, done = 0, 0
         if resume is None:
-            first = self._first()
-            self.engine = self._engine(self.stages[0].count, first)
+            self._begin()
         else:
             begin, done = self._stage_of(resume), resume.done
             self.iteration, self.energies = resume.iteration, resume.energies.tolist()
+            self.poses = resume.poses
             self.engine = self._engine(self.stages[begin].count, _particles(resume))
         reason = Reason.ITERATIONS
         for index in range(begin, len(self.stages)):
@@ -153,13 +172,25 @@ class _Journey:
             done = 0
         return reason
 
-    def _first(self) -> FloatArray:
-        """Return the particles to begin with, in the optimizer's coordinates."""
-        if self.start is None:
-            level, count = self.domain.level(self.stages[0].count), self.stages[0].count
-            return first_particles(level.meshes, count, self.settings.seed, self.start_tick)
-        pairs = zip(self.domain.placements, self.start.local, strict=True)
-        return np.stack([place.apply(one) for place, one in pairs])
+    def _begin(self) -> None:
+        """Place the particles to begin with."""
+        count = self.stages[0].count
+        if self.start is not None:
+            pairs = zip(self.domain.placements, self.start.local, strict=True)
+            self.engine = self._engine(count, np.stack([place.apply(one) for place, one in pairs]))
+            self._align(sliding=1.0)
+            return
+        rounds = 1 if self.settings.procrustes is Procrustes.OFF else START_ROUNDS
+        for number in range(rounds):
+            meshes = [
+                TriangleMesh(transformed(pose[None], mesh.vertices[None])[0], mesh.faces)
+                for pose, mesh in zip(self.poses, self.domain.level(count).meshes, strict=True)
+            ]
+            tick = part_of(self.start_tick, number / rounds, (number + 1) / rounds)
+            posed = first_particles(meshes, count, self.settings.seed, tick)
+            self.engine = self._engine(count, transformed(inverted(self.poses), posed))
+            for _ in range(ALIGNING_ROUNDS):
+                self._align(sliding=SLIDING)
 
     def _stage_of(self, resume: Checkpoint) -> int:
         index = len(self.stages) - 1 - resume.left
@@ -176,16 +207,28 @@ class _Journey:
             geodesic=self.domain.geodesic,
             area=AREA,
             launcher=self.launcher,
+            poses=self.poses,
             movable=None if self.start is None else self.start.movable,
         )
+
+    def _align(self, sliding: float) -> None:
+        """Bring the shapes onto their mean, if they may be aligned on the way."""
+        if self.settings.procrustes is Procrustes.OFF:
+            return
+        free = np.full(len(self.poses), True)
+        if self.start is not None and self.start.movable is not None:
+            free = np.all(self.start.movable, axis=1)
+        scaling = self.settings.procrustes is Procrustes.SIMILARITY
+        posed = self.engine.posed_positions(), self.engine.posed_normals()
+        self.poses = procrustes(*posed, self.poses, free, scaling=scaling, sliding=sliding)
+        self.engine.pose(self.poses)
 
     def _split(self, plan: Plan) -> None:
         old = self.engine
         random = np.random.default_rng([self.settings.seed, plan.count])
         offset = SPLIT_OFFSET * old.width
-        self.engine = self._engine(
-            plan.count, split(old.host_positions(), old.host_normals(), plan.count, offset, random)
-        )
+        posed = split(old.posed_positions(), old.posed_normals(), plan.count, offset, random)
+        self.engine = self._engine(plan.count, transformed(inverted(self.poses), posed))
 
     def _stage(self, index: int, done: int) -> Reason:
         plan = self.stages[index]
@@ -204,6 +247,7 @@ class _Journey:
                 if plan.until_converged and abs(before - objective) < self.tolerance:
                     return Reason.CONVERGED
                 before = objective
+                self._align(SLIDING if plan.stage is Stage.SPLITTING else 1.0)
             self._report(index, done)
         return Reason.ITERATIONS
 
@@ -241,8 +285,20 @@ class _Journey:
             raise
 
     def _frame(self, index: int) -> Frame:
-        world = self.engine.host_positions().astype(np.float64) * self.domain.unit
-        return Frame(self.stages[index].stage, self.iteration, world, np.array(self.energies[-1][1:]))
+        world = self.engine.posed_positions() * self.domain.unit
+        return Frame(
+            self.stages[index].stage,
+            self.iteration,
+            world,
+            np.array(self.energies[-1][1:]),
+            self._alignments(),
+        )
+
+    def _alignments(self) -> FloatArray:
+        """Return the similarities from file to world coordinates, as they are now, (M, 4, 4)."""
+        poses = self.poses.copy()
+        poses[:, :3, 3] *= self.domain.unit
+        return poses @ self.alignments
 
     def _checkpoint(self, index: int, done: int) -> None:
         self._next_checkpoint = time.monotonic() + KEEP_S
@@ -258,23 +314,23 @@ class _Journey:
                 positions=now.positions,
                 widths=now.widths,
                 means=now.means,
+                poses=self.poses,
                 faces=now.faces,
                 energies=energies,
             )
         )
 
-    def result(self, shapes: Sequence[Shape], reason: Reason) -> Correspondence:
+    def result(self, reason: Reason) -> Correspondence:
         """Return the particles in millimetres."""
         positions = self.engine.host_positions().astype(np.float64)
         local = np.stack([p.invert(one) for p, one in zip(self.domain.placements, positions, strict=True)])
         if self.start is not None and self.start.movable is not None:
             local = np.where(self.start.movable[..., None], local, self.start.local)
-        alignments = np.stack([shape.alignment for shape in shapes])
-        turned = [one @ matrix[:3, :3].T for one, matrix in zip(local, alignments, strict=True)]
+        alignments = self._alignments()
         return Correspondence(
-            world=np.stack(turned) + alignments[:, None, :3, 3],
+            world=transformed(alignments, local),
             local=local,
-            normals=self.engine.host_normals().astype(np.float64),
+            normals=self.engine.posed_normals(),
             energies=np.array(self.energies).reshape(-1, 4),
             alignments=alignments,
             iterations=self.iteration,

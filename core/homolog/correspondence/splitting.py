@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from homolog.arrays import Float32Array, FloatArray
+from homolog.arrays import FloatArray
 
 __all__ = ["split"]
 
 
 def split(
-    positions: Float32Array, normals: Float32Array, count: int, offset: float, random: np.random.Generator
+    positions: FloatArray, normals: FloatArray, count: int, offset: float, random: np.random.Generator
 ) -> FloatArray:
     """Return `count` particles a shape: the given ones, some of them split in two.
 
@@ -34,7 +34,7 @@ def split(
     """
     n = positions.shape[1]
     parents = np.sort(random.permutation(n)[: count - n])
-    mean = normals[:, parents].astype(np.float64).sum(axis=0)
+    mean = normals[:, parents].sum(axis=0)
     direction = random.normal(size=3)
     direction = (
         direction
@@ -46,7 +46,7 @@ def split(
     own = normals[:, parents]
     flat = direction - own * np.einsum("nd,mnd->mn", direction, own)[..., None]
     flat = flat / np.maximum(np.linalg.norm(flat, axis=2, keepdims=True), 0.2)
-    result = np.concatenate([positions, positions[:, parents]], axis=1).astype(np.float64)
+    result = np.concatenate([positions, positions[:, parents]], axis=1)
     result[:, parents] -= offset * flat
     result[:, n:] += offset * flat
     return result

@@ -90,12 +90,15 @@ class Frame:
         Particles in world coordinates [mm].
     energies : (3,) float64 array
         Sampling, ensemble and normals part of the objective, per particle.
+    alignments : (M, 4, 4) float64 array
+        Local to world, at this moment.
     """
 
     stage: Stage
     iteration: int
     world: FloatArray
     energies: FloatArray
+    alignments: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,6 +119,8 @@ class Checkpoint:
         Parzen widths.
     means : (n, 3) float32 array
         Mean normals.
+    poses : (M, 4, 4) float64 array
+        What alignment inside the run has come to, in the optimizer's coordinates.
     faces : (M, n) int32 array
         Faces of the level's meshes that the particles are on.
     energies : (T, 4) float64 array
@@ -128,6 +133,7 @@ class Checkpoint:
     positions: Float32Array
     widths: Float32Array
     means: Float32Array
+    poses: FloatArray
     faces: IntArray
     energies: FloatArray
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
-from homolog.correspondence import Shape, Start, best_similarity, fitting_start
+from homolog.correspondence import Shape, Start, best_similarity, fitting_start, transformed
 from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.files.records import ResultRecord
@@ -69,11 +69,10 @@ class Base:
         if changed:
             raise InputError(f"{', '.join(changed)}: the surface is not that of the result; run anew")
         known = [one for one in shapes if one.name in self.local]
-        move = best_similarity(
-            np.concatenate([_moved(one.alignment, self.local[one.name]) for one in known]),
-            np.concatenate([_moved(self.alignments[one.name], self.local[one.name]) for one in known]),
-            scaling=True,
-        )
+        local = np.stack([self.local[one.name] for one in known])
+        here = transformed(np.stack([one.alignment for one in known]), local)
+        there = transformed(np.stack([self.alignments[one.name] for one in known]), local)
+        move = best_similarity(here.reshape(-1, 3), there.reshape(-1, 3), scaling=True)
         return [replace(s, alignment=self.alignments.get(s.name, move @ s.alignment)) for s in shapes]
 
     def start(self, shapes: Sequence[Shape], tick: Tick) -> Start:
@@ -105,8 +104,3 @@ def read_base(project: Project) -> Base:
         dict(zip(result.names, result.local, strict=True)),
         dict(zip(result.names, result.alignments, strict=True)),
     )
-
-
-def _moved(matrix: FloatArray, points: FloatArray) -> FloatArray:
-    moved: FloatArray = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return moved

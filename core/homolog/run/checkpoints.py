@@ -64,9 +64,10 @@ def _fits_together(stored: dict[str, Array]) -> bool:
         and shape[2] == 3
         and stored["widths"].shape == stored["faces"].shape == shape[:2]
         and stored["means"].shape == shape[1:]
+        and stored["poses"].shape == (shape[0], 4, 4)
         and stored["energies"].shape[1:] == (4,)
         and stored["faces"].dtype == np.int32
         and all(stored[name].dtype == np.float32 for name in ("positions", "widths", "means"))
-        and stored["energies"].dtype == np.float64
+        and all(stored[name].dtype == np.float64 for name in ("energies", "poses"))
         and all(np.isfinite(one).all() for one in stored.values() if one.dtype.kind == "f")
     )

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from homolog.cohort import Cohort
-from homolog.correspondence import Checkpoint, Correspondence, Frame, Shape, optimize
+from homolog.correspondence import Checkpoint, Correspondence, Frame, Shape, inverted, optimize, transformed
 from homolog.device import choose_device, cores, device_faults
 from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import writing
@@ -144,11 +144,16 @@ class Run:
         if study is None or frame is None or frame.world.shape[1] < _FEWEST or self._from_result:
             return False
         world = frame.world.astype(np.float64)
-        alignments = np.stack([one.alignment for one in study.shapes])
-        inverses = np.linalg.inv(alignments)
-        local = np.einsum("mij,mnj->mni", inverses[:, :3, :3], world) + inverses[:, None, :3, 3]
+        local = transformed(inverted(frame.alignments), world)
         outcome = Outcome(
-            study, world, local, alignments, self._energies, frame.iteration, CANCELLED, self._control.seconds
+            study,
+            world,
+            local,
+            frame.alignments,
+            self._energies,
+            frame.iteration,
+            CANCELLED,
+            self._control.seconds,
         )
         with self.project.locked():
             write_result(self.project, outcome, *model_of(outcome, no_tick), no_tick)

@@ -33,6 +33,12 @@ def projected(shape, placement, points):
     return positions.numpy(), normals.numpy(), bends.numpy()
 
 
+def unmoved(shapes):
+    poses = np.zeros(shapes, dtype=kernels.Pose.numpy_dtype())
+    poses["linear"] = poses["turn"] = np.eye(3)
+    return wp.array(poses, dtype=kernels.Pose, device="cpu")
+
+
 def turned(angle):
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -79,7 +85,9 @@ def means_and_logs(means, *normals):
     layout.per_shape, layout.shapes = len(means), len(normals)
     held, given = vectors(means), vectors(np.concatenate(normals))
     centred, logs = (wp.zeros(given.size, dtype=wp.vec3, device="cpu") for _ in range(2))
-    LAUNCHER(kernels.mean_normals, len(means), [layout, given, given, held, centred, logs])
+    LAUNCHER(
+        kernels.mean_normals, len(means), [layout, unmoved(len(normals)), given, given, held, centred, logs]
+    )
     return held.numpy(), logs.numpy().reshape(len(normals), -1, 3)
 
 
@@ -148,6 +156,7 @@ def pulled_back(means, normals, gradients):
             wp.zeros(1, dtype=int, device="cpu"),
             wp.full(count, 1, dtype=int, device="cpu"),
             wp.zeros(1, dtype=float, device="cpu"),
+            unmoved(1),
             vectors(normals),
             vectors(means),
             bends,
@@ -186,15 +195,17 @@ def test_the_sampling_force_matches_finite_differences_of_the_sampling_energy(ba
         engine = Engine(
             domain.fields, domain.coarse, positions, geodesic=domain.geodesic, area=AREA, launcher=LAUNCHER
         )
+        sampling = engine.sampling
         if widths is not None:
-            engine.widths.assign(widths)
+            sampling.widths.assign(widths)
         engine._locate()
-        engine._relink()
+        sampling.relink(engine.positions, engine.feet)
         for _ in range(rounds):
-            engine._repel()
-            engine.widths.assign(engine.next_widths)
-        forces = engine.forces.numpy().reshape(2, -1, 3)
-        return engine.energies.numpy().sum(dtype=float), forces, engine.widths.numpy(), engine.host_normals()
+            sampling.repel(engine.positions, engine.normals, engine.feet)
+            sampling.widths.assign(sampling.next_widths)
+        forces = sampling.forces.numpy().reshape(2, -1, 3)
+        energy = sampling.energies.numpy().sum(dtype=float)
+        return energy, forces, sampling.widths.numpy(), engine.host_normals()
 
     _, forces, widths, normals = sampled(points)
     side = np.cross(normals, on_sphere(64, seed=6)[None])

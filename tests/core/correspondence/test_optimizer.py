@@ -135,8 +135,8 @@ def test_counts_halve_down_to_what_registration_places():
 
 def test_a_split_moves_parent_and_child_apart_the_same_way_on_every_shape():
     random = np.random.default_rng(0)
-    positions = random.normal(size=(3, 6, 3)).astype(np.float32)
-    normals = np.tile([0.0, 0.0, 1.0], (3, 6, 1)).astype(np.float32)
+    positions = random.normal(size=(3, 6, 3))
+    normals = np.tile([0.0, 0.0, 1.0], (3, 6, 1))
     result = split(positions, normals, 9, 0.5, random)
     parents = [i for i in range(6) if not np.allclose(result[0, i], positions[0, i])]
     gaps = result[:, 6:] - result[:, parents]
