@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from homolog.run import RunStatus
     from homolog_app.window.survey import Survey
 
-__all__ = ["Devices", "RunJob", "groom", "make_sample", "prepare", "read_files"]
+__all__ = ["Devices", "RunJob", "groom", "import_model", "make_sample", "prepare", "read_files"]
 
 _SAMPLE_SEED = 5
 _SAMPLE_COMPLETE = ".complete"
@@ -81,6 +81,13 @@ def make_sample(folder: Path, tick: Tick) -> Path:
         write_beans(folder, draw_beans(), _SAMPLE_SEED, tick)
         (folder / _SAMPLE_COMPLETE).touch()
     return folder
+
+
+def import_model(source: Path, folder: Path, domain: str, tick: Tick) -> list[str]:
+    """Make a project of another program's model; return what is to be said of it."""
+    from homolog import exchange
+
+    return exchange.import_model(source, Project(folder), domain=domain, tick=tick)
 
 
 def groom(

@@ -1,7 +1,7 @@
 """The work of the session: reading, grooming and running, one job at a time."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
@@ -12,7 +12,7 @@ from PySide6.QtCore import QObject, Signal, Slot
 from homolog.cohort import Cohort
 from homolog.files.project import Project
 from homolog.progress import Tick
-from homolog_app.window.jobs import Devices, RunJob, groom, make_sample, prepare, read_files
+from homolog_app.window.jobs import Devices, RunJob, groom, import_model, make_sample, prepare, read_files
 from homolog_app.window.loaded import Loaded, load_result
 from homolog_app.window.runner import Ended, Job, Runner, Status, Task
 from homolog_app.window.session import Groomed, Session
@@ -157,6 +157,13 @@ class Work(QObject):
 
         self._order("open", Task(lambda tick: load_result(project), "reading the result"), take)
 
+    def import_model(
+        self, source: Path, folder: Path, domain: str, take: Callable[[Sequence[str]], None]
+    ) -> None:
+        """Make a project of another program's model; `take` gets what is to be said of it."""
+        work = Task(lambda tick: import_model(source, folder, domain, tick), "importing the model")
+        self._order("import", work, lambda ended: take(ended.result))
+
     def make_sample(self, folder: Path, take: Callable[[Path], None]) -> None:
         """Make the coffee-bean cohort."""
         work = Task(lambda tick: make_sample(folder, tick), "making coffee beans")
@@ -223,7 +230,7 @@ class Work(QObject):
                 self.cancelled_run = ended.job
         elif take is not None:
             take(ended)
-        if self._next is not None:
+        if self._next is not None and self.runner.job is None:  # unless `take` began something
             following, self._next = self._next, None
             self._start(*following)
         else:
@@ -245,12 +252,13 @@ class Work(QObject):
         ]
         self._session.surveys |= {one.subject.name: one for one in current}
         result = self._session.result
+        opening = "open" in (self.kind, self._next[0] if self._next is not None else "")
         seen = result.result.names if result is not None else ()  # a result is shown also without its files
         bad = {
             one.subject.name: replace(members[one.subject.name], included=False)
             for one in current
             if one.problem
-            and not one.awaits_choice
+            and not (one.awaits_choice or opening)
             and members[one.subject.name].included
             and one.subject.name not in seen
         }

@@ -24,8 +24,8 @@ from homolog.surfaces.topology import check_mesh
 
 __all__ = ["Drawn", "surfaces_of"]
 
-_NEAR = 0.05  # of the size: where all but a few particles of a surface must be
-_MOST = 0.95
+_NEAR = 0.05  # of the size, beside half an edge: how far from vertices and faces' middles particles may be
+_MOST = 0.95  # of them
 _VERTICES = 8000  # enough to see, and few enough to be carried by particles
 
 
@@ -108,7 +108,7 @@ def _own(one: ForeignSubject, points: FloatArray) -> tuple[Drawn | None, str]:
         except (InputError, NumericalError) as error:
             reason = f"its surface can't be used ({str(error).removeprefix(f'{one.name}: ')})"
             continue
-        if gap <= _NEAR:
+        if gap <= 0.0:
             return Drawn(mesh, path), ""
         reason = f"its particles are not on the surface in {path.name}"
     return None, reason
@@ -133,8 +133,8 @@ def _read(name: str, path: Path) -> TriangleMesh:
 
 
 def _gap(mesh: TriangleMesh, points: FloatArray) -> float:
-    """Return how far most particles are from the surface, in sizes of the shape."""
+    """Return by how much most particles are farther from the surface than they may be [mm]."""
     places = np.concatenate([mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1)])
     distances = np.asarray(KDTree(places).query(points)[0])
     size = np.sqrt(np.square(points - points.mean(axis=0)).sum(axis=1).mean())
-    return float(np.quantile(distances, _MOST) / max(size, 1e-12))
+    return float(np.quantile(distances, _MOST) - _NEAR * size - 0.5 * mesh.mean_edge)
