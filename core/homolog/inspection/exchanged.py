@@ -24,12 +24,15 @@ def exchanged_pairs(
     candidates : (n,) int array
         Particles that seem out of place; each is in one pair at most.
     """
+    if len(candidates) < 2:
+        return []
+    now = misfits(stretch_of(candidates, candidates, subject, places, usual))
+    candidates, now = candidates[now > 0.0], now[now > 0.0]
     n = len(candidates)
     if n < 2:
         return []
     standing, stands_for = (one.ravel() for one in np.meshgrid(candidates, candidates, indexing="ij"))
     fit = misfits(stretch_of(standing, stands_for, subject, places, usual)).reshape(n, n)
-    now = fit.diagonal()
     better = np.maximum(fit / now[None, :], fit.T / now[:, None])  # of the two the one that gains less
     pairs = []
     taken: set[int] = set()

@@ -16,6 +16,9 @@ __all__ = ["Gatherer"]
 _CANDIDATE = 0.6
 """Severity of a sign from which its particles may be of an exchanged pair."""
 
+_MOST = 200
+"""Particles of a subject that are tried in each other's place: of more the worst."""
+
 
 class Gatherer:
     """Turns the severities of particles and triangles into suspects, neighbouring ones into one."""
@@ -39,7 +42,8 @@ class Gatherer:
         worst = np.maximum(normals, neighbours)
         np.maximum.at(worst, corners.ravel(), np.repeat(triangles, 3))
         found = []
-        for pair in exchanged_pairs(m, np.flatnonzero(worst > _CANDIDATE), self._places, self._usual):
+        candidates = np.argsort(-worst, kind="stable")[: min(_MOST, int((worst > _CANDIDATE).sum()))]
+        for pair in exchanged_pairs(m, candidates, self._places, self._usual):
             touched = np.isin(corners, pair).any(axis=1)
             own = np.concatenate([normals[pair], neighbours[pair], triangles[touched & (triangles >= 1.0)]])
             words = f"particles {pair[0]} and {pair[1]} stand in each other's place"

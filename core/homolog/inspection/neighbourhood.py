@@ -17,6 +17,8 @@ NEIGHBOURS = 12
 """Consensus neighbours of a particle: the ring around it and most of the next."""
 _THINNEST = 0.01
 """Twice the area of a triangle over the squares of two sides, below which it says nothing about folds."""
+_FEWEST = 3
+"""Neighbours that most particles have to have."""
 _VOTES = 2
 """Corners whose own triangulation has to have a triangle."""
 
@@ -66,8 +68,6 @@ def _nearest(distances: Sequence[csr_array]) -> tuple[IntArray, FloatArray]:
     keys = [_keys(one) for one in distances]
     pairs, counts = np.unique(np.concatenate(keys), return_counts=True)
     pairs = pairs[2 * counts > len(distances)]
-    if len(pairs) < n:
-        raise InputError("the subjects hardly agree on which particles are neighbours; run again")
     found = np.full((len(distances), len(pairs)), np.inf)
     for row, key, one in zip(found, keys, distances, strict=True):
         at = np.searchsorted(pairs, key).clip(max=len(pairs) - 1)
@@ -82,6 +82,8 @@ def _nearest(distances: Sequence[csr_array]) -> tuple[IntArray, FloatArray]:
     usual = np.full((n, NEIGHBOURS), np.inf)
     neighbours[particle[near], rank[near]] = other[near]
     usual[particle[near], rank[near]] = median[near]
+    if np.isfinite(usual[:, _FEWEST]).mean() < 0.5:
+        raise InputError("the subjects hardly agree on which particles are neighbours; run again")
     return neighbours, usual
 
 

@@ -139,10 +139,11 @@ def find_places(
                 "which has changed since; run again"
             )
         normals[m] = own @ alignments[m, :3, :3].T
-        distances.append(_distances(points, own, mesh, float(spacing[m]), name, part))
+        distances.append(_distances(points, own, mesh, float(spacing[m]), name, part_of(part, 0.0, 0.9)))
         corners = mesh.faces[feet[m]]
         start = np.linalg.norm(mesh.vertices[corners] - points[:, None], axis=2)
-        reach = distances_from(mesh, corners.ravel().tolist(), start.ravel().tolist(), name=name, tick=part)
+        part(0.9, f"{name}: coverage")
+        reach = distances_from(mesh, corners.ravel().tolist(), start.ravel().tolist(), name=name)
         reaches.append(frozen(reach, np.float64))
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     return Places(

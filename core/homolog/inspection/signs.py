@@ -27,7 +27,8 @@ _PRIOR = 4.0
 
 def severity(values: FloatArray, size: float) -> FloatArray:
     """Return the smaller of how unusual and how large values (M, N) are, both 1 where a report begins."""
-    return np.minimum(values / (BEYOND * usual_values(values)), values / size)
+    usual = np.maximum(usual_values(values), 1e-12)  # 0 where all subjects are the same
+    return np.minimum(values / (BEYOND * usual), values / size)
 
 
 def usual_values(values: FloatArray) -> FloatArray:

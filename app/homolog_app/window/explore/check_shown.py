@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["ALONG", "ENERGIES", "STRAIGHT", "Distances", "Marks", "checked_scene"]
 
 ALONG, STRAIGHT = "along the surface", "straight"
-ENERGIES = {"sampling": "crowding", "ensemble": "positions unlike", "normals": "normals unlike"}
+ENERGIES = {"sampling": "crowding", "ensemble": "odd positions", "normals": "odd normals"}
 _PALE = (168, 168, 168)
 _MARK = (214, 30, 130)
 _TONES = np.array([(236, 231, 220), (38, 110, 140)], np.uint8)
