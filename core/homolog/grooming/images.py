@@ -75,7 +75,8 @@ def _read_itk(path: Path) -> Volume:
         raise InputError(
             f"{path}: is no readable image; export it again, or leave it out ({_reason(error)})"
         ) from error
-    header = {key: reader.GetMetaData(key) for key in reader.GetMetaDataKeys()}
+    known = (key for key in reader.GetMetaDataKeys() if key.isascii())  # others can't be asked for
+    header = {key: reader.GetMetaData(key) for key in known}
     named, count = segments_of(path, header), reader.GetNumberOfComponents()
     if count != 1 and not named:
         raise InputError(f"{path}: has {count} values per voxel; export a label map")

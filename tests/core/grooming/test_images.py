@@ -114,3 +114,9 @@ def test_an_absurd_size_in_the_header_is_refused_before_reading(tmp_path):
     )
     with pytest.raises(InputError, match="90000 x 90000 x 90000 voxels"):
         read_segmentation(path, None)
+
+
+def test_a_header_with_broken_text_is_read_all_the_same(labelled, save):
+    path = save(labelled, "a.mha")
+    path.write_bytes(path.read_bytes().replace(b"CenterOfRotation", b"CenterOfRot\xff\xfeon"))
+    assert read_segmentation(path, None).mask.sum() == 10
