@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from homolog.inspection import inspect
+from homolog.inspection import find_places, inspect, judge
 from homolog.surfaces.mesh import TriangleMesh
 
 PARTICLES = 160
@@ -49,6 +49,11 @@ class Known:
         return inspect(
             self.local if local is None else local, self.meshes, self.alignments, names=self.names, **options
         )
+
+    def again(self, good, local, m):
+        """Look at one subject again, the others being as they were."""
+        one = find_places(local[m : m + 1], self.meshes[m : m + 1], self.alignments[m : m + 1], names=["x"])
+        return judge(good.places.with_subject(m, one))
 
 
 @pytest.fixture(scope="session")

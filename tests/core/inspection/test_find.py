@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from homolog.errors import Cancelled, InputError
-from homolog.inspection import Kind, find_places, judge
+from homolog.inspection import Kind
 from homolog.surfaces.mesh import TriangleMesh
 
 
@@ -19,8 +19,8 @@ def test_true_correspondence_has_no_suspects(good):
 
 
 @pytest.mark.parametrize(("subject", "pair"), [(0, [3, 120]), (2, [40, 41]), (4, [77, 10]), (5, [158, 60])])
-def test_two_exchanged_particles_head_the_list(known, subject, pair):
-    first = known.inspect(exchanged(known.local, subject, pair)).suspects[0]
+def test_two_exchanged_particles_head_the_list(known, good, subject, pair):
+    first = known.again(good, exchanged(known.local, subject, pair), subject).suspects[0]
     assert first.kind is Kind.EXCHANGED
     assert first.subject == subject
     assert set(first.particles) == set(pair)
@@ -32,7 +32,7 @@ def test_exchanged_neighbours_are_told_from_others(known, good):
     neighbours = good.usual.neighbours
     for particle in (5, 90, 150):
         pair = [particle, int(neighbours[particle, 0])]
-        first = known.inspect(exchanged(known.local, 1, pair)).suspects[0]
+        first = known.again(good, exchanged(known.local, 1, pair), 1).suspects[0]
         assert (first.kind, first.subject, set(first.particles)) == (Kind.EXCHANGED, 1, set(pair))
 
 
@@ -42,11 +42,11 @@ def test_two_exchanges_on_two_subjects_are_two_suspects(known):
     assert {(one.subject, *sorted(one.particles)) for one in found} == {(0, 3, 120), (3, 50, 99)}
 
 
-def test_a_particle_that_went_astray_is_found_by_its_neighbours(known):
+def test_a_particle_that_went_astray_is_found_by_its_neighbours(known, good):
     local = known.local.copy()
     away = np.linalg.norm(known.meshes[2].vertices - local[2, 60], axis=1)
     local[2, 60] = known.meshes[2].vertices[np.abs(away - 3.0 * known.spacing[2]).argmin()]
-    found = [one for one in known.inspect(local).suspects if one.kind is Kind.NEIGHBOURS]
+    found = [one for one in known.again(good, local, 2).suspects if one.kind is Kind.NEIGHBOURS]
     assert [(one.subject, one.particles[0]) for one in found] == [(2, 60)]
 
 
@@ -68,14 +68,14 @@ def test_a_particle_beyond_its_neighbour_folds_triangles(known, good):
     goal = local[1, beyond] + 0.6 * (local[1, beyond] - local[1, 33])
     nearest = np.linalg.norm(known.meshes[1].vertices - goal, axis=1).argmin()
     local[1, 33] = known.meshes[1].vertices[nearest]
-    folded = [one for one in known.inspect(local).suspects if one.kind is Kind.FOLDED]
+    folded = [one for one in known.again(good, local, 1).suspects if one.kind is Kind.FOLDED]
     assert folded
     assert {one.subject for one in folded} == {1}
     assert 33 in folded[0].particles
     assert folded[0].area > 0.0
 
 
-def test_a_region_without_particles_is_found_with_its_area(known):
+def test_a_region_without_particles_is_found_with_its_area(known, good):
     local, m = known.local.copy(), 0
     pole = np.array([1.0, 0.0, 0.0])
     inside = np.flatnonzero(known.places @ pole > np.cos(0.6))
@@ -84,7 +84,7 @@ def test_a_region_without_particles_is_found_with_its_area(known):
     moved = np.cos(0.62) * pole + np.sin(0.62) * rim
     matrix = np.linalg.inv(known.alignments[m])
     local[m, inside] = moved * [20, 16, 12] @ matrix[:3, :3].T + matrix[:3, 3]
-    found = [one for one in known.inspect(local).suspects if one.kind is Kind.UNCOVERED]
+    found = [one for one in known.again(good, local, m).suspects if one.kind is Kind.UNCOVERED]
     assert [one.subject for one in found] == [m]
     np.testing.assert_allclose(found[0].place, [20, 0, 0], atol=2.0)
     mesh = known.meshes[m]
@@ -121,15 +121,14 @@ def test_the_order_of_subjects_does_not_matter(known):
 
 def test_looking_at_one_subject_again_gives_what_looking_at_all_gives(known, good):
     local = exchanged(known.local, 4, [8, 100])
-    one = find_places(local[4:5], known.meshes[4:5], known.alignments[4:5], names=["four"])
-    again = judge(good.places.with_subject(4, one))
+    again = known.again(good, local, 4)
     anew = known.inspect(local)
     assert [s.words for s in again.suspects] == [s.words for s in anew.suspects]
     np.testing.assert_array_equal(again.places.normals, anew.places.normals)
 
 
-def test_a_suspect_names_who_may_move(known):
-    found = known.inspect(exchanged(known.local, 4, [8, 100]))
+def test_a_suspect_names_who_may_move(known, good):
+    found = known.again(good, exchanged(known.local, 4, [8, 100]), 4)
     near, wide = (found.movable(found.suspects[0], rings) for rings in (0, 2))
     assert np.argwhere(near).tolist() == [[4, 8], [4, 100]]
     assert 20 < wide[4].sum() < 60
