@@ -9,7 +9,7 @@ from homolog_app.window.widgets import GRID, button, label
 
 __all__ = ["ShortcutSheet"]
 
-_COLUMNS = (("File", "Edit", "Run", "Help"), ("View",))
+_COLUMNS = (("File", "Edit", "Run", "Help"), ("View", "Explore"))
 
 
 class ShortcutSheet(QDialog):

@@ -48,6 +48,8 @@ class ModelShape:
         Its unit normals.
     moves : (K, 3 V) float32 array
         Displacement of the vertices for one standard deviation of each mode [mm].
+    faces : (3, F) int array
+        First, second and third corner of each face.
     corners : (V, F) sparse float32 array
         One where a vertex is a corner of a face: sums face normals at vertices.
     arrows_at : (A,) int array
@@ -64,6 +66,7 @@ class ModelShape:
     mean: TriangleMesh
     mean_normals: Float32Array
     moves: Float32Array
+    faces: IntArray
     corners: "sparse.csr_array"
     arrows_at: IntArray
     limit: float
@@ -81,7 +84,9 @@ class ModelShape:
 
     def moved(self, deviations: FloatArray) -> Float32Array:
         """Return displacements from the mean (V, 3) [mm] at multiples (k,) of the modes' deviations."""
-        flat: Float32Array = np.asarray(deviations, dtype=np.float32) @ self.moves[: len(deviations)]
+        # Not by BLAS, whose threads would have to be woken for a product as small as this.
+        amounts = np.asarray(deviations, dtype=np.float32)
+        flat: Float32Array = np.einsum("k,kv->v", amounts, self.moves[: len(amounts)])
         return flat.reshape(-1, 3)
 
     def outward(self, displacement: Array) -> Float32Array:
@@ -91,7 +96,7 @@ class ModelShape:
 
     def normals(self, vertices: Array) -> Float32Array:
         """Return outward unit normals (V, 3) of the surface with these vertices (V, 3)."""
-        return _normals(vertices, self.mean.faces, self.corners)
+        return _normals(vertices, self.faces, self.corners)
 
     def carried(self, displacements: FloatArray) -> Float32Array:
         """Return displacements of the vertices (m, V, 3) for those of the particles (m, N, 3) [mm].
@@ -135,7 +140,8 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
     moves = _carried(model.mean, mesh.vertices, model.modes * model.standard_deviations[:, None, None])
     tick(0.9, "normals of the mean surface")
     corners = _corners(mesh.faces, len(mesh.vertices))
-    normals = _normals(mesh.vertices.astype(np.float32), mesh.faces, corners)
+    faces = np.ascontiguousarray(mesh.faces.T, dtype=np.intp)
+    normals = _normals(mesh.vertices.astype(np.float32), faces, corners)
     leading = _LIMIT_AT * np.einsum("kvi,vi->kv", moves[: max(1, parallel.kept)], normals)
     return ModelShape(
         name=name,
@@ -146,6 +152,7 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
         mean=mesh,
         mean_normals=frozen(normals),
         moves=frozen(moves.reshape(len(moves), -1)),
+        faces=frozen(faces),
         corners=corners,
         arrows_at=spread_centres(mesh.vertices, _ARROWS),
         limit=common_limit([max(leading, key=lambda one: float(np.abs(one).max()))]),
@@ -200,7 +207,7 @@ def _corners(faces: IntArray, vertices: int) -> "sparse.csr_array":
 
 
 def _normals(vertices: Array, faces: IntArray, corners: "sparse.csr_array") -> Float32Array:
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    a, b, c = (vertices.take(corner, axis=0) for corner in faces)
     one, other = b - a, c - a
     across = np.empty_like(a)
     for axis, (left, right) in enumerate(((1, 2), (2, 0), (0, 1))):
