@@ -16,6 +16,7 @@ __all__ = [
     "Subject",
     "dicom_files",
     "is_dicom_seg",
+    "landmarks_beside",
     "read_cohort",
     "suffix_of",
 ]
@@ -24,7 +25,8 @@ IMAGE_SUFFIXES = (".nii.gz", ".nii", ".seg.nrrd", ".nrrd", ".nhdr", ".mha", ".mh
 MESH_SUFFIXES = (".vtp", ".vtk", ".ply", ".stl", ".obj")
 
 MANIFEST = "cohort.csv"
-_OWN_COLUMNS = ("name", "path", "group")
+_OWN_COLUMNS = ("name", "path", "group", "landmarks")
+_MARKUPS = ".mrk.json"
 _SEG_CLASS = b"1.2.840.10008.5.1.4.1.1.66.4"
 _BAD_IN_NAMES = set('/\\:*?"<>|') | {chr(code) for code in range(32)}
 
@@ -43,12 +45,16 @@ class Subject:
         Value of the manifest's ``group`` column, if any.
     columns : mapping of str to str
         The manifest's further columns, kept as they are.
+    landmarks : Path or None
+        Slicer markups of its landmarks: the manifest's ``landmarks`` column, or ``<file>.mrk.json`` beside
+        the file, where ``<file>`` is its name without suffix.
     """
 
     name: str
     path: Path
     group: str | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
+    landmarks: Path | None = None
 
     @property
     def is_mesh(self) -> bool:
@@ -57,11 +63,13 @@ class Subject:
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle the columns as a plain dict; `__getstate__` is not honoured by Python 3.11.2's slots."""
-        return _subject_of, (self.name, self.path, self.group, dict(self.columns))
+        return _subject_of, (self.name, self.path, self.group, dict(self.columns), self.landmarks)
 
 
-def _subject_of(name: str, path: Path, group: str | None, columns: dict[str, str]) -> Subject:
-    return Subject(name, path, group, MappingProxyType(columns))
+def _subject_of(
+    name: str, path: Path, group: str | None, columns: dict[str, str], landmarks: Path | None
+) -> Subject:
+    return Subject(name, path, group, MappingProxyType(columns), landmarks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +131,13 @@ def suffix_of(path: Path) -> str:
     return known[0] if known else path.suffix.lower()
 
 
+def landmarks_beside(path: Path) -> Path | None:
+    """Return the markups file that lies beside a subject's file under its name, if there is one."""
+    stem = path.name[: len(path.name) - len(suffix_of(path))]
+    beside = path.with_name(stem + _MARKUPS)
+    return beside if beside.is_file() else None
+
+
 def dicom_files(folder: Path) -> list[Path]:
     """Return the DICOM files of a folder, by their content; their names may end in anything."""
     return [one for one in sorted(folder.iterdir()) if one.is_file() and _beginning(one)[128:132] == b"DICM"]
@@ -157,7 +172,9 @@ def _read_folder(folder: Path) -> Cohort:
             f"{folder}: holds no segmentation or mesh; known files are {', '.join(known)} and folders of "
             "DICOM files"
         )
-    subjects = [Subject(one.name[: -len(suffix_of(one))], one) for one in files]
+    subjects = [
+        Subject(one.name[: -len(suffix_of(one))], one, landmarks=landmarks_beside(one)) for one in files
+    ]
     subjects += [Subject(one.name, one) for one in series]
     return Cohort(tuple(sorted(subjects, key=lambda one: one.path)), folder)
 
@@ -190,9 +207,11 @@ def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:
     if bad or row["name"] in (".", ".."):
         raise InputError(f"{manifest}, line {line}: {row['name']!r} can't be a file name; rename the subject")
     further = {key: value for key, value in row.items() if key not in _OWN_COLUMNS}
+    path, landmarks = manifest.parent / row["path"], row.get("landmarks")
     return Subject(
         name=row["name"],
-        path=manifest.parent / row["path"],
+        path=path,
         group=row.get("group") or None,
         columns=MappingProxyType(further),
+        landmarks=manifest.parent / landmarks if landmarks else landmarks_beside(path),
     )

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from homolog.cohort import IMAGE_SUFFIXES, MESH_SUFFIXES, Cohort, Subject, read_cohort
+from homolog.cohort import IMAGE_SUFFIXES, MESH_SUFFIXES, Cohort, Subject, landmarks_beside, read_cohort
 from homolog.errors import InputError
 from homolog.settings import RunSettings
 
@@ -115,7 +115,7 @@ def found_subjects(paths: Iterable[Path]) -> list[Subject]:
                 f"{', '.join(IMAGE_SUFFIXES + MESH_SUFFIXES)}"
             )
         else:
-            found.append(Subject(path.name[: -len(suffix)], path))
+            found.append(Subject(path.name[: -len(suffix)], path, landmarks=landmarks_beside(path)))
     return found
 
 

@@ -65,7 +65,14 @@ def study_of(record: StudyRecord, folder: Path) -> Study:
     excluded = set(record.excluded)
     members = tuple(
         Member(
-            Subject(one.name, (folder / one.path).resolve(), one.group, one.columns), one.name not in excluded
+            Subject(
+                one.name,
+                (folder / one.path).resolve(),
+                one.group,
+                one.columns,
+                (folder / one.landmarks).resolve() if one.landmarks else None,
+            ),
+            one.name not in excluded,
         )
         for one in record.subjects
     )

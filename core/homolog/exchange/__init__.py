@@ -1,7 +1,17 @@
 """Models and landmarks to and from other programs: ShapeWorks, 3D Slicer."""
 
 from homolog.exchange.import_model import domains_of, import_model
-from homolog.exchange.markups import Markups, read_markups, write_markups
+from homolog.exchange.landmarks import LandmarkErrors, project_landmark_errors
 from homolog.exchange.shapeworks_export import write_shapeworks
+from homolog.files.markups import Markups, read_markups, write_markups
 
-__all__ = ["Markups", "domains_of", "import_model", "read_markups", "write_markups", "write_shapeworks"]
+__all__ = [
+    "LandmarkErrors",
+    "Markups",
+    "domains_of",
+    "import_model",
+    "project_landmark_errors",
+    "read_markups",
+    "write_markups",
+    "write_shapeworks",
+]

@@ -12,14 +12,15 @@ from homolog.analysis.shape_model import ShapeModel, fit_shape_model
 from homolog.arrays import Array, FloatArray
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
-from homolog.exchange.model import ForeignModel, moved, with_alignments
+from homolog.exchange.model import ForeignModel, ForeignSubject, moved, with_alignments
 from homolog.exchange.shapes import Drawn, surfaces_of
 from homolog.exchange.shapeworks_files import ShapeWorksProject, read_shapeworks_file
 from homolog.exchange.shapeworks_kept import keep
 from homolog.exchange.shapeworks_model import model_of_folder, model_of_project
+from homolog.files.markups import write_markups
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
-from homolog.files.particles import write_particles
+from homolog.files.particles import read_particles, write_particles
 from homolog.files.project import Project
 from homolog.files.records import IMPORTED, ProjectRecord, ResultRecord, ResultSubject
 from homolog.files.results import particle_file, surface_file
@@ -149,8 +150,21 @@ def _cohort(project: Project, model: ForeignModel, stems: Sequence[str], drawn: 
         path = particle_file(project, stem, "local")
         if shape.path is not None:
             path = surface_file(project, stem)
-        subjects.append(Subject(one.name, path, one.group, dict(one.columns)))
+        landmarks = _landmarks(project, model, one, stem)
+        subjects.append(Subject(one.name, path, one.group, dict(one.columns), landmarks))
     return Cohort(tuple(subjects), project.folder)
+
+
+def _landmarks(project: Project, model: ForeignModel, one: ForeignSubject, stem: str) -> Path | None:
+    """Write a subject's landmarks as markups; None if it has none."""
+    if one.landmarks is None:
+        return None
+    points = read_particles(one.landmarks)
+    given = model.landmark_names
+    names = given if len(given) == len(points) else [str(number) for number in range(1, len(points) + 1)]
+    path = project.folder / "landmarks" / f"{stem}.mrk.json"
+    write_markups(path, points, names, title="landmarks")
+    return path
 
 
 def _mean(

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from homolog.errors import InputError
-from homolog.exchange.json_files import read_json
+from homolog.files.json_files import read_json
 
 __all__ = ["INPUTS", "PATH_PREFIXES", "PREFIXES", "Row", "ShapeWorksProject", "read_shapeworks_file"]
 

@@ -4,9 +4,9 @@ import json
 import os
 from pathlib import Path, PurePosixPath
 
-from homolog.exchange.json_files import read_json
 from homolog.exchange.shapeworks_files import PATH_PREFIXES, Row, ShapeWorksProject
 from homolog.files.atomic import write_text
+from homolog.files.json_files import read_json
 from homolog.files.project import Project
 
 __all__ = ["keep", "kept", "moved_paths"]

@@ -11,6 +11,9 @@ from homolog.files.atomic import write_text
 __all__ = ["read_particles", "write_particles"]
 
 
+_LARGEST = 256 * 2**20
+
+
 def write_particles(path: Path, points: FloatArray) -> None:
     """Write particles with all their digits; the line is the index of the correspondence.
 
@@ -38,10 +41,12 @@ def read_particles(path: Path) -> FloatArray:
     Raises
     ------
     InputError
-        If the file is missing, empty, or holds a line of other than three finite numbers.
+        If the file is missing, empty, implausibly large, or holds a line of other than three finite numbers.
     """
     path = Path(path)
     try:
+        if path.stat().st_size > _LARGEST:
+            raise InputError(f"{path}: is too large for particles; choose another file")
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: can't be read as particles: {error}") from error
@@ -65,4 +70,4 @@ def _is_number(word: str) -> bool:
         float(word)
     except ValueError:
         return False
-    return True
+    return "_" not in word  # which Python allows between digits

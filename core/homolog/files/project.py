@@ -121,7 +121,13 @@ class Project:
     def cohort(self) -> Cohort:
         """Return the project's cohort, its files found from where the project lies now."""
         subjects = [
-            Subject(one.name, (self.folder / one.path).resolve(), one.group, one.columns)
+            Subject(
+                one.name,
+                (self.folder / one.path).resolve(),
+                one.group,
+                one.columns,
+                (self.folder / one.landmarks).resolve() if one.landmarks else None,
+            )
             for one in self.read().subjects
         ]
         return Cohort(tuple(subjects), self.folder)
@@ -134,6 +140,7 @@ class Project:
                 path=_relative(one.path, self.folder),
                 group=one.group,
                 columns=dict(one.columns),
+                landmarks=_relative(one.landmarks, self.folder) if one.landmarks else None,
             )
             for one in cohort.subjects
         ]

@@ -21,12 +21,13 @@ class _Record(BaseModel):
 
 
 class SubjectRecord(_Record):
-    """A subject of the project's cohort; `path` starts at the project's folder, with forward slashes."""
+    """A subject of the project's cohort; paths start at the project's folder, with forward slashes."""
 
     name: str
     path: str
     group: str | None = None
     columns: dict[str, str] = {}
+    landmarks: str | None = None
 
 
 class ResultSubject(_Record):

@@ -10,6 +10,7 @@ from pathlib import Path
 from homolog.cohort import Cohort, Subject
 from homolog.device import cores
 from homolog.errors import InputError, NumericalError
+from homolog.files.markups import read_markups
 from homolog.grooming.cache import content_key, is_outdated, load_groomed, save_groomed
 from homolog.grooming.subject import GroomedSubject, groom, read_source
 from homolog.progress import Tick, no_tick, part_of
@@ -42,6 +43,8 @@ def check_cohort(cohort: Cohort, settings: GroomSettings, tick: Tick = no_tick) 
         tick(index / len(cohort.subjects), f"checking {subject.name}")
         try:
             read_source(subject, settings)
+            if subject.landmarks is not None:
+                read_markups(subject.landmarks)
         except InputError as error:
             problems.append(Problem(subject.name, str(error)))
     return problems

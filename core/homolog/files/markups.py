@@ -10,8 +10,8 @@ import numpy as np
 
 from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
-from homolog.exchange.json_files import read_json
 from homolog.files.atomic import write_text
+from homolog.files.json_files import read_json
 
 __all__ = ["Markups", "read_markups", "write_markups"]
 
