@@ -1,0 +1,237 @@
+"""The Check page: suspects, looking into them, and particles optimized again."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from PySide6.QtCore import QPointF
+
+pytestmark = pytest.mark.window
+
+PAIR = [5, 20]
+SUBJECT = 2
+
+
+@pytest.fixture(scope="session")
+def converged(ellipsoids, groomed_cache, tmp_path_factory):
+    """Return a project whose particles are in place; not to be written to."""
+    from homolog.cohort import read_cohort
+    from homolog.files.project import Project
+    from homolog.settings import OptimizeSettings, RunSettings
+    from homolog_app.window.jobs import RunJob
+
+    project = Project(tmp_path_factory.mktemp("converged") / "study")
+    shutil.copytree(groomed_cache, project.groomed)
+    settings = RunSettings(
+        optimize=OptimizeSettings(
+            particles=64, split_iterations=10, anneal_iterations=60, settle_iterations=40
+        )
+    )
+    RunJob(project, read_cohort(ellipsoids), settings, resume=False).execute()
+    return project.folder
+
+
+@pytest.fixture
+def swapped(converged, tmp_path):
+    """Return a copy of the project in which two particles of one subject are exchanged."""
+    from homolog.files.particles import write_particles
+    from homolog.files.project import Project
+    from homolog.files.results import particle_file, read_result
+
+    folder = tmp_path / "swapped"
+    shutil.copytree(converged, folder)
+    project = Project(folder)
+    result, record = read_result(project), project.read().result
+    for frame, points in (("local", result.local), ("world", result.world)):
+        changed = points[SUBJECT].copy()
+        changed[PAIR] = points[SUBJECT][PAIR[::-1]]
+        write_particles(particle_file(project, record.subjects[SUBJECT].file, frame), changed)
+    return folder
+
+
+@pytest.fixture
+def checking(window, swapped, errors, wait):
+    """Return the window with that project open at the Check page, suspects found."""
+    window.library.take([swapped])
+    wait(lambda: window.desk.session.result is not None and window.step == "explore")
+    window.commands["explore.check"].trigger()
+    wait(lambda: page_of(window).checked.inspection is not None and not window.desk.work.is_busy)
+    assert not errors
+    return window
+
+
+def page_of(window):
+    from homolog_app.window.explore.check_page import CheckPage
+
+    return window.inspector.explore.page_of(CheckPage)
+
+
+def settled(window, wait):
+    wait(lambda: not window.desk.work.is_busy)
+
+
+def show(window, wait, what):
+    look = page_of(window).look
+    look.show_what.setCurrentIndex(look.show_what.findData(what))
+    settled(window, wait)
+
+
+def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
+    checking, swapped, converged, errors, wait
+):
+    from homolog.files.project import Project
+    from homolog.files.results import read_result
+
+    page, session = page_of(checking), checking.desk.session
+    first = page.rows.suspects[0]
+    assert (first.subject, set(first.particles)) == (SUBJECT, set(PAIR))
+    checking.commands["check.next"].trigger()
+    assert session.selection == (session.result.result.names[SUBJECT],)
+    before, on_disk = session.result, (swapped / "model" / "scores.csv").read_bytes()
+
+    checking.commands["check.mend"].trigger()
+    wait(lambda: session.result is not before)
+    settled(checking, wait)
+    assert not any(one.subject == SUBJECT and set(PAIR) & set(one.particles) for one in page.rows.suspects)
+    true = read_result(Project(converged)).local[SUBJECT]
+    spacing = page.checked.inspection.places.spacing[SUBJECT]
+    assert np.linalg.norm(session.result.result.local[SUBJECT] - true, axis=1)[PAIR].max() < 0.5 * spacing
+    assert (swapped / "model" / "scores.csv").read_bytes() == on_disk
+    assert page.keep.isVisible()
+
+    checking.commands["edit.undo"].trigger()
+    assert session.result is before
+    assert set(page.rows.suspects[0].particles) == set(PAIR)
+    checking.commands["edit.redo"].trigger()
+
+    checking.commands["file.save"].trigger()
+    wait(lambda: page.checked.is_written)
+    settled(checking, wait)
+    kept = read_result(Project(swapped))
+    np.testing.assert_array_equal(kept.local, session.result.result.local)
+    assert (swapped / "model" / "scores.csv").read_bytes() != on_disk
+    assert "optimized again" in Project(swapped).read().result.subjects[SUBJECT].notes[-1]
+    assert not page.keep.isVisible()
+    assert not errors
+
+
+def test_cancelling_the_search_leaves_it_to_be_asked_for_again(window, swapped, errors, wait):
+    window.library.take([swapped])
+    wait(lambda: window.desk.session.result is not None and window.step == "explore")
+    settled(window, wait)
+    window.commands["explore.check"].trigger()
+    page = page_of(window)
+    wait(lambda: window.desk.work.kind == "check")
+    window.commands["run.cancel"].trigger()
+    settled(window, wait)
+    if page.checked.inspection is None:
+        assert page.again.isVisible()
+        page.again.click()
+    wait(lambda: page.checked.inspection is not None)
+    assert not errors
+
+
+def test_a_clicked_particle_is_ringed_on_every_shape_with_its_normals(checking, wait):
+    page, scene = page_of(checking), checking.views.stage.scene
+    checking.commands["view.front"].trigger()
+    scene.picture()
+    world = checking.desk.session.result.result.world
+    nearest = int(world[0][:, 1].argmin())
+    renderer = scene._cells[0].renderer
+    renderer.SetWorldPoint(*world[0][nearest], 1.0)
+    renderer.WorldToDisplay()
+    x, y, _ = renderer.GetDisplayPoint()
+    ratio = scene.devicePixelRatioF()
+    scene.picker.pick_at(QPointF(x / ratio, scene._plot.height() - 1 - y / ratio))
+    assert page.look.chosen == nearest
+    for m, content in enumerate(scene.shown):
+        middle = content.lines.reshape(-1, 3).mean(axis=0)
+        assert np.linalg.norm(middle - world[m][nearest]) < 1.0
+    assert f"particle {nearest}" in page.sphere.accessibleDescription()
+    np.testing.assert_allclose(np.linalg.norm(page.sphere._points, axis=1), 1.0, atol=1e-6)
+
+
+def test_neighbours_are_coloured_by_the_distances_of_their_own_shape(checking, wait):
+    page, scene = page_of(checking), checking.views.stage.scene
+    page.look.particle.setValue(7)
+    show(checking, wait, "neighbours")
+    names = checking.desk.session.result.result.names
+    places = page.checked.inspection.places
+    for m, name in enumerate(names[:4]):
+        tints = scene._tints[name]
+        near = places.distances[m][[7]].toarray()[0] > 0.0
+        assert (tints[~near][np.arange(len(tints))[~near] != 7] == 168).all()
+        assert (tints[near] != 168).any(axis=1).all()
+    assert scene.bar.scale.unit == "mm"
+    assert scene.bar.scale.high == pytest.approx(
+        max(d[[7]].max() * s for d, s in zip(places.distances, places.spacing, strict=True)), rel=1e-6
+    )
+
+
+def test_distances_along_the_surface_stand_beside_straight_ones_on_one_scale(checking, wait):
+    page, scene = page_of(checking), checking.views.stage.scene
+    page.look.particle.setValue(7)
+    show(checking, wait, "distances")
+    wait(lambda: page.look.marks.distances is not None)
+    distances = page.look.marks.distances
+    assert [one.name.split(": ")[1] for one in scene.shown] == ["along the surface", "straight"]
+    assert (distances.along >= distances.straight - 1e-3).all()
+    assert scene.bar.scale.high == pytest.approx(distances.along.max())
+    # another place is picked on the surface
+    from homolog_app.window.scene.picking import Pick
+
+    place = page.checked.inspection.places.world[0, 30]
+    page.take_pick(Pick(scene.shown[1].name, place, None))
+    settled(checking, wait)
+    again = page.look.marks.distances
+    np.testing.assert_array_equal(again.place, place)
+    assert again.along.min() < 1.0
+
+
+def test_each_part_of_the_energy_colours_the_particles(checking, wait):
+    page, scene = page_of(checking), checking.views.stage.scene
+    names = checking.desk.session.result.result.names
+    for part in ("sampling", "ensemble", "normals"):
+        show(checking, wait, part)
+        wait(lambda: page.look.marks.energies is not None)
+        assert scene.bar.scale.title.lower().startswith(part)
+        values = getattr(page.look.marks.energies, part)
+        m, worst = np.unravel_index(values.argmax(), values.shape)
+        assert tuple(scene._tints[names[m]][worst]) == tuple(scene.bar.scale.table[-1])
+
+
+def test_a_pattern_has_the_same_share_of_each_tone_on_all_shapes(checking, wait):
+    page, scene = page_of(checking), checking.views.stage.scene
+    for pattern in ("checkerboard", "stripes"):
+        show(checking, wait, pattern)
+        wait(lambda: page.look.marks.texture is not None)
+        shares = [float((one.colours == one.colours.min(axis=0)).all(axis=1).mean()) for one in scene.shown]
+        assert all(0.3 < one < 0.7 for one in shares)
+        assert max(shares) - min(shares) < 0.08
+
+
+def test_the_window_and_the_command_line_write_the_same_list(checking, swapped, tmp_path):
+    from homolog_app.cli import main
+
+    for kind in ("csv", "json"):
+        own, other = tmp_path / f"window.{kind}", tmp_path / f"line.{kind}"
+        page_of(checking).checked.export(own)
+        assert main(["check", str(swapped), "--out", str(other), "--progress", "none"]) == 0
+        assert own.read_bytes() == other.read_bytes()
+    assert json.loads(own.read_text())[0]["kind"] == "exchanged particles"
+
+
+def test_every_control_can_be_reached_by_key_and_has_a_name(checking):
+    from PySide6.QtCore import Qt
+    from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QComboBox, QSpinBox
+
+    page = page_of(checking)
+    kinds = (QAbstractButton, QAbstractItemView, QComboBox, QSpinBox)
+    controls = [one for kind in kinds for one in page.findChildren(kind) if one.isVisible()]
+    assert len(controls) >= 5
+    for one in controls:
+        if one.focusPolicy() == Qt.FocusPolicy.NoFocus:
+            continue
+        assert one.accessibleName() or getattr(one, "text", lambda: "")(), one
+    assert page.table.focusPolicy() & Qt.FocusPolicy.TabFocus
