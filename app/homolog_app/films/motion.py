@@ -11,7 +11,6 @@ from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.files.results import Result
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.report.study import column_of, levels
 
 __all__ = ["Motion", "group_means", "group_motion", "mode_motions", "standing"]
 
@@ -90,6 +89,8 @@ def group_means(result: Result, column: str, groups: Sequence[str]) -> list[Floa
     InputError
         If there is no such column or nobody is in one of the groups.
     """
+    from homolog_app.report.study import column_of, levels  # brings all tests along, which take a second to import
+
     labels = np.array(column_of(result, column))
     for group in groups:
         if group not in labels:

@@ -5,7 +5,6 @@ from functools import cache
 from importlib.resources import files
 
 import numpy as np
-from scipy.stats import rankdata
 
 from homolog.arrays import FloatArray, frozen
 
@@ -67,5 +66,5 @@ def correspondence_colours(particles: FloatArray) -> FloatArray:
     centred = particles - particles.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)
     axes *= np.sign(axes[range(3), np.abs(axes).argmax(axis=1)])[:, None]
-    place = rankdata(centred @ axes.T, axis=0) / len(particles)
-    return np.asarray(0.15 + 0.85 * place)
+    place = (centred @ axes.T).argsort(axis=0).argsort(axis=0)
+    return np.asarray(0.15 + 0.85 * (place + 1.0) / len(particles))

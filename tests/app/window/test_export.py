@@ -8,21 +8,25 @@ pytestmark = pytest.mark.window
 
 
 @pytest.fixture
-def dialog(explored):
-    """Return a function that opens an export's dialog in a window with a result."""
-    from homolog_app.window.export.dialog import ExportDialog
+def dialog(qapp, finished):
+    """Return a function that opens the dialog of an export of a finished project."""
+    from PySide6.QtWidgets import QWidget
 
-    opened = []
+    from homolog_app.window.export.dialog import ExportDialog, Exported
+    from homolog_app.window.export.kinds import KINDS
+
+    parent, opened = QWidget(), []
+    what = Exported(finished, "study", finished.parent, 3, 1, {"group": ["A", "A", "B", "B"]})
 
     def open_(name):
-        explored.commands[f"export.{name}"].trigger()
-        (found,) = [one for one in explored.findChildren(ExportDialog) if one not in opened]
-        opened.append(found)
-        return found
+        opened.append(ExportDialog(parent, KINDS[name], what))
+        opened[-1].show()
+        return opened[-1]
 
     yield open_
     for one in opened:
         one.close()
+    parent.deleteLater()
 
 
 def small(dialog, **changes):
@@ -85,22 +89,39 @@ def test_the_first_frame_is_previewed(dialog, wait):
 @pytest.mark.parametrize(
     ("name", "made"),
     [
-        ("still", ".png"), ("plot", ".svg"), ("meshes", "mean.vtp"), ("table", "scores.csv"),
-        ("particles", "a_world.particles"), ("shapeworks", "copy.swproj"), ("markups", "a.mrk.json"),
+        ("still", "out.png"), ("plot", "out.svg"), ("meshes", "out/mean.vtp"), ("table", "out/scores.csv"),
+        ("particles", "out/a_world.particles"), ("shapeworks", "out/study.swproj"),
+        ("markups", "out/a.mrk.json"),
     ],
 )  # fmt: skip
-def test_every_other_export_writes_what_it_says(dialog, wait, tmp_path, name, made):
+def test_the_command_line_that_is_shown_writes_what_the_dialog_says(dialog, tmp_path, name, made):
+    from homolog_app.cli import main
+
     opened = dialog(name)
     if name == "still":
         small(opened)
-    out = tmp_path / f"out{made if made.count('.') == 1 and made.startswith('.') else ''}"
-    opened.place.setText(str(out))
-    assert export(opened, wait) == "done", opened.note.text()
-    assert out.is_file() if out.suffix else (out / made).is_file()
+    opened.place.setText(str(tmp_path / made.split("/")[0]))
+    assert opened.go.isEnabled(), opened.note.text()
+    assert main([*shlex.split(opened.line.text())[1:], "--progress", "none"]) == 0
+    assert (tmp_path / made).is_file()
+
+
+def test_the_menu_opens_each_export_with_the_project_and_its_groups(explored):
+    from homolog_app.window.export.dialog import ExportDialog
+    from homolog_app.window.export.kinds import KINDS
+
+    for name in KINDS:
+        explored.commands[f"export.{name}"].trigger()
+    opened = explored.findChildren(ExportDialog)
+    assert [one.kind.name for one in opened] == list(KINDS)
+    for one in opened:
+        assert str(explored.desk.project.folder) in one.line.text()
+        one.close()
 
 
 def test_what_is_wrong_is_said_and_nothing_can_be_started(dialog, tmp_path):
     film = dialog("film")
+    (tmp_path / "mine.txt").write_text("")
     for text, words in (
         ("", "Say where"), ("film.avi", "must end in .mp4, .gif"), (str(tmp_path), "is there already"),
     ):  # fmt: skip
