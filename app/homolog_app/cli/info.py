@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from homolog.errors import InputError, NumericalError
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord, ResultRecord
 
@@ -52,7 +53,20 @@ def _facts(project: Project, record: ProjectRecord) -> list[tuple[str, str]]:
         facts.append(("last run", f"{state}; to go on: homolog run {project.folder} --resume"))
     if record.result is None:
         return [*facts, ("result", "none yet")]
-    return [*facts, *_result_facts(record.result)]
+    return [*facts, *_result_facts(record.result), *_landmarks(project, record)]
+
+
+def _landmarks(project: Project, record: ProjectRecord) -> list[tuple[str, str]]:
+    if not any(one.landmarks for one in record.subjects):
+        return []
+    from homolog.exchange import project_landmark_errors
+    from homolog_app.report.landmarks import landmark_words
+
+    try:
+        found = project_landmark_errors(project)
+    except (InputError, NumericalError) as error:
+        return [("landmarks", str(error))]
+    return [("landmarks", "no two subjects have the same" if found is None else landmark_words(found))]
 
 
 def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:

@@ -14,6 +14,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog_app.pictures import write_picture
 from homolog_app.report.figures import ReportFigure, model_figures, study_figures
 from homolog_app.report.findings import LEVEL, cautions, findings, outlier_words, p_words
+from homolog_app.report.landmarks import write_landmarks
 from homolog_app.report.methods import methods, settings_rows
 from homolog_app.report.page import Page
 from homolog_app.report.request import read_requests, study_folder
@@ -70,6 +71,7 @@ def write_report(project: Project, tick: Tick = no_tick) -> Path:
         _study_section(page, study, own)
         figures += own
     tick(0.9, "writing the report")
+    write_landmarks(page, project)
     _closing(page, project, record, studies, figures)
     for figure in figures:
         for suffix in ("svg", "pdf"):

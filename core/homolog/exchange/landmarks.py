@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from homolog.analysis.landmarks import landmark_errors
 from homolog.arrays import FloatArray, frozen
+from homolog.errors import InputError
 from homolog.files.markups import read_markups
 from homolog.files.meshes import read_mesh
 from homolog.files.project import Project
@@ -16,6 +18,7 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["LandmarkErrors", "landmark_table", "project_landmark_errors", "snapping"]
 
+_FAR = 0.25  # of the size: no landmark of the surface is that far from it
 _SAMPLES = 12  # points drawn on each face, for nearest points of a surface
 
 
@@ -93,8 +96,25 @@ def project_landmark_errors(project: Project) -> LandmarkErrors | None:
     if not names:
         return None
     snap = [snapping(read_mesh(surface_file(project, record.subjects[index].file))) for index in chosen]
+    for index, points, near in zip(chosen, table, snap, strict=True):
+        name = result.names[index]
+        _check_frame(name, files[name], points[np.isfinite(points[:, 0])], near, result.local[index])
     errors = landmark_errors(result.local[chosen], table, snap)
     return LandmarkErrors(names, tuple(result.names[index] for index in chosen), frozen(errors))
+
+
+def _check_frame(
+    name: str, path: Path, points: FloatArray, snap: Callable[[FloatArray], FloatArray], particles: FloatArray
+) -> None:
+    """Refuse landmarks of another frame or subject, which lie far from the surface."""
+    if not len(points):
+        return
+    gap = float(np.median(np.linalg.norm(snap(points) - points, axis=1)))
+    if gap > _FAR * np.sqrt(np.square(particles - particles.mean(axis=0)).sum(axis=1).mean()):
+        raise InputError(
+            f"{path}: its landmarks lie {gap:.0f} mm from the surface of {name}; give those of this subject, in "
+            "its file's frame"
+        )
 
 
 def snapping(mesh: TriangleMesh) -> Callable[[FloatArray], FloatArray]:
