@@ -42,5 +42,5 @@ def exchanged_pairs(
             break
         if i < j and not taken & {i, j}:
             taken |= {i, j}
-            pairs.append(candidates[[i, j]])
+            pairs.append(np.sort(candidates[[i, j]]))
     return pairs
