@@ -1,7 +1,9 @@
 """What one window works on: theme, preferences, session, work and journal."""
 
 import logging
+import os
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 from PySide6.QtCore import QObject, QTimer, Slot
@@ -36,6 +38,7 @@ class Desk(QObject):
         self.session = Session(self)
         self.work = Work(self.session, self)
         self.closed = False
+        self._held = ExitStack()
         self._autosave = QTimer(self, interval=_JOURNAL_MS, singleShot=True)
         self._autosave.timeout.connect(self.write_journal)
         self.session.study_changed.connect(self._autosave.start)
@@ -52,6 +55,22 @@ class Desk(QObject):
         session = self.session
         unsaved = session.folder is None and bool(session.study.members)
         return unsaved or not session.undo.isClean()
+
+    def hold(self, folder: Path | None) -> None:
+        """Keep other programs out of the project that is open, and let go of the one before.
+
+        A project that can't be written to needs no keeper.
+
+        Raises
+        ------
+        InputError
+            If another program has it open; the one before is then still held.
+        """
+        held = ExitStack()
+        if folder is not None and os.access(folder, os.W_OK):
+            held.enter_context(Project(folder).locked())
+        self._held.close()
+        self._held = held
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of the work do."""
@@ -108,4 +127,5 @@ class Desk(QObject):
         self._autosave.stop()
         if not self.work.runner.close():
             _log.error("the computing thread did not stop in time")
+        self._held.close()
         self.journal.close()

@@ -74,6 +74,7 @@ class Library(Part):
         """Open a project and read its result."""
         project = Project(folder)
         opened = open_project(project)
+        self._desk.hold(folder)
         elsewhere = self._asked_where(opened.study)
         self._desk.work.forget()
         self._desk.journal.clear()
@@ -113,6 +114,7 @@ class Library(Part):
             waited(self._window, f"Saving to {folder.name}…", lambda: _copy(before.folder, folder))
         save_project(Project(folder), session.study, self._view())
         moved = folder != session.folder
+        self._desk.hold(folder)
         session.folder = folder
         session.undo.setClean()
         if moved:
@@ -153,6 +155,7 @@ class Library(Part):
         """Give up what is open and begin with an empty study."""
         self._desk.work.forget()
         self._desk.journal.clear()
+        self._desk.hold(None)
         self._desk.session.open(Study(), None)
         self._window.show_step("cohort")
 
@@ -186,6 +189,7 @@ class Library(Part):
         desk, session = self._desk, self._desk.session
         study = study_of(lost.record.study, lost.base)
         folder = Path(lost.record.folder) if lost.record.folder else None
+        desk.hold(folder)
         saved = open_project(Project(folder)).study if folder is not None else Study()
         desk.journal.adopt(lost)
         session.open(saved, folder)

@@ -1,5 +1,6 @@
 """What the user prefers and opened last, kept between starts."""
 
+import logging
 from pathlib import Path
 
 from PySide6.QtCore import QByteArray, QSettings
@@ -17,6 +18,7 @@ from homolog_app.window.widgets import GRID, label
 
 __all__ = ["Preferences", "PreferencesDialog"]
 
+_log = logging.getLogger(__name__)
 _MOST_RECENT = 10
 SCHEMES = {"system": "Follow the system", "light": "Light", "dark": "Dark"}
 
@@ -27,6 +29,16 @@ class Preferences:
     def __init__(self, path: Path) -> None:
         self._store = QSettings(str(path), QSettings.Format.IniFormat)
 
+    def _put(self, name: str, value: object) -> None:
+        """Store a value at once; preferences that can't be kept are told in the log, and work goes on."""
+        self._store.setValue(name, value)
+        self._store.sync()
+        if self._store.status() != QSettings.Status.NoError:
+            _log.warning(
+                "%s: can't be written; make room on its disk or make its folder writable",
+                self._store.fileName(),
+            )
+
     @property
     def scheme(self) -> str:
         """``"system"``, ``"light"`` or ``"dark"``."""
@@ -35,7 +47,7 @@ class Preferences:
 
     @scheme.setter
     def scheme(self, value: str) -> None:
-        self._store.setValue("scheme", value)
+        self._put("scheme", value)
 
     @property
     def ask_on_close(self) -> bool:
@@ -44,7 +56,7 @@ class Preferences:
 
     @ask_on_close.setter
     def ask_on_close(self, value: bool) -> None:
-        self._store.setValue("ask_on_close", "true" if value else "false")
+        self._put("ask_on_close", "true" if value else "false")
 
     @property
     def recent(self) -> list[Path]:
@@ -56,22 +68,21 @@ class Preferences:
     def remember(self, folder: Path) -> None:
         """Put a project at the top of the list."""
         others = [one for one in self.recent if one != folder]
-        self._store.setValue("recent", [str(one) for one in [folder, *others]][:_MOST_RECENT])
+        self._put("recent", [str(one) for one in [folder, *others]][:_MOST_RECENT])
 
     def relocate(self, before: Path, after: Path) -> None:
         """Put a project that was moved in the place of the one that is gone."""
         listed = [after if one == before else one for one in self.recent]
-        self._store.setValue("recent", [str(one) for one in dict.fromkeys(listed)])
+        self._put("recent", [str(one) for one in dict.fromkeys(listed)])
 
     def forget(self) -> None:
         """Clear the list: folders' names may tell who was a patient."""
-        self._store.setValue("recent", [])
+        self._put("recent", [])
 
     def keep_geometry(self, geometry: QByteArray, state: QByteArray) -> None:
         """Remember where the window was."""
-        self._store.setValue("geometry", geometry)
-        self._store.setValue("state", state)
-        self._store.sync()
+        self._put("geometry", geometry)
+        self._put("state", state)
 
     @property
     def geometry(self) -> tuple[QByteArray, QByteArray] | None:

@@ -1,10 +1,15 @@
 """A report for the developers: settings, versions and the last messages, without anything about patients."""
 
+import os
 import platform
+import re
 import sys
+from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+import homolog
+import homolog_app
 from homolog_app.window.log_pane import LogMemory
 from homolog_app.window.session import Session
 
@@ -22,10 +27,13 @@ _PACKAGES = (
     "SimpleITK",
 )
 _LINES = 200
+_ID_LENGTH = 5  # digits that may be somebody's number rather than an age
+_OWN = (*(Path(one.__file__).parents[1] for one in (homolog, homolog_app)), sys.prefix, sys.base_prefix)
+_PATH = re.compile(r"""(?<![\w.<>])(?:/|[A-Za-z]:[\\/])[^\n:"'<>|]*""")  # up to what ends a path in messages
 
 
 def problem_report(session: Session, memory: LogMemory, details: str = "") -> str:
-    """Return the report's text; names of subjects, files, folders and groups are replaced."""
+    """Return the report's text; names of subjects seen in the session, files and groups are replaced."""
     versions = [f"{name} {_version(name)}" for name in _PACKAGES]
     parts = [
         "Homolog problem report",
@@ -41,22 +49,29 @@ def problem_report(session: Session, memory: LogMemory, details: str = "") -> st
 
 
 def _without_names(text: str, session: Session) -> str:
-    secrets: dict[str, str] = {}
-    for number, one in enumerate(session.study.members, start=1):
-        secrets[str(one.subject.path)] = f"FILE-{number}"
-        secrets[str(one.subject.path.parent)] = "FOLDER"
-        secrets[one.subject.path.name] = f"FILE-{number}"
-        secrets[one.name] = f"SUBJECT-{number}"
-        for value in (one.subject.group, *one.subject.columns.values()):
-            if value and not value.replace(".", "").isdigit():
-                secrets[value] = "VALUE"
-    if session.folder:
-        secrets[str(session.folder)] = "PROJECT"
-    secrets[str(Path.home())] = "HOME"
+    for home in _OWN:
+        text = text.replace(f"{home}{os.sep}", "")
+    secrets = {secret: word for secret, word in _secrets(session) if len(secret) > 1}
     for secret in sorted(secrets, key=len, reverse=True):
-        if len(secret) > 1:
-            text = text.replace(secret, secrets[secret])
-    return text
+        text = text.replace(secret, secrets[secret])
+    return _PATH.sub("PATH", text)
+
+
+def _secrets(session: Session) -> Iterator[tuple[str, str]]:
+    """Yield everything that could tell who somebody is, with what to say instead."""
+    yield str(Path.home()), "HOME"
+    if session.folder:
+        yield str(session.folder), "PROJECT"
+    numbers: dict[Path, int] = {}
+    for one in session.seen.values():
+        number = numbers.setdefault(one.path, len(numbers) + 1)
+        yield str(one.path), f"FILE-{number}"
+        yield str(one.path.parent), "FOLDER"
+        yield one.path.name, f"FILE-{number}"
+        yield one.name, f"SUBJECT-{number}"
+        for value in (one.group, *one.columns.values()):
+            if value and (len(value) >= _ID_LENGTH or not value.replace(".", "").isdigit()):
+                yield value, "VALUE"
 
 
 def _version(package: str) -> str:

@@ -9,6 +9,7 @@ from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QUndoCommand, QUndoStack
 
 from homolog.arrays import FloatArray
+from homolog.cohort import Subject
 from homolog.settings import GroomSettings, RunSettings
 from homolog_app.window.loaded import Loaded
 from homolog_app.window.study import Member, Study
@@ -41,6 +42,7 @@ class Session(QObject):
         super().__init__(parent)
         self.undo = QUndoStack(self)
         self.study = Study()
+        self.seen: dict[tuple[object, ...], Subject] = {}
         self.generation = 0
         self.folder: Path | None = None
         self.surveys: dict[str, Survey] = {}
@@ -86,6 +88,7 @@ class Session(QObject):
         self.generation += 1
         self.surveys, self.groomed, self.result, self.selection = {}, {}, None, ()
         self.study, self.folder = study, folder
+        self._remember()
         self.undo.clear()
         self.project_changed.emit()
         self.study_changed.emit()
@@ -120,8 +123,15 @@ class Session(QObject):
     def put(self, study: Study) -> None:
         """Set the study without a trace in the history; for the history itself."""
         self.study = study
+        self._remember()
         self.study_changed.emit()
         self.select(self.selection)
+
+    def _remember(self) -> None:
+        """Keep in mind who was ever in a study: the log may speak of them when they are gone."""
+        for one in self.study.members:
+            subject = one.subject
+            self.seen[subject.name, subject.path, subject.group, *subject.columns.values()] = subject
 
 
 class _Edit(QUndoCommand):

@@ -1,0 +1,147 @@
+"""The window when other programs, disks or folders don't do what they should."""
+
+import os
+import resource
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from homolog.errors import InputError
+from homolog.files.project import Project
+
+pytestmark = pytest.mark.window
+
+PROGRAM = """
+import sys, time
+from pathlib import Path
+from homolog.errors import InputError
+from homolog.files.project import Project
+try:
+    with Project(Path(sys.argv[1])).locked():
+        print("held", flush=True)
+        time.sleep(float(sys.argv[2]))
+except InputError as error:
+    print(error, flush=True)
+"""
+
+
+@contextmanager
+def other_program(folder, seconds):
+    """Let another program take a project; give what it says."""
+    core = Path(__file__).parents[3] / "core"
+    command = [sys.executable, "-c", PROGRAM, str(folder), str(seconds)]
+    around = os.environ | {"PYTHONPATH": str(core)}
+    with subprocess.Popen(command, env=around, stdout=subprocess.PIPE, text=True) as running:
+        yield running.stdout.readline().strip()
+        running.kill()
+
+
+@pytest.fixture
+def full_disk():
+    """Return a context in which no file of this process can grow."""
+
+    @contextmanager
+    def limit():
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (16, before[1]))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    return limit
+
+
+def test_a_project_that_another_program_has_open_is_not_opened(window, finished, tmp_path, errors):
+    folder = copied(finished, tmp_path)
+    with other_program(folder, 60) as said:
+        assert said == "held"
+        window.library.take([folder])
+        (error,) = errors
+        assert "is in use by another Homolog; close that one or wait" in str(error[1])
+        assert window.desk.session.folder is None
+    window.library.take([folder])
+    assert window.desk.session.folder == folder
+
+
+def test_other_programs_are_kept_out_of_an_open_project_until_it_is_closed(explored):
+    folder = explored.desk.session.folder
+    with other_program(folder, 0) as said:
+        assert "is in use by another Homolog" in said
+    explored.library.leave()
+    with other_program(folder, 0) as said:
+        assert said == "held"
+
+
+def test_a_save_to_a_full_disk_is_told_and_leaves_the_project_as_it_was(explored, full_disk, errors):
+    folder = explored.desk.session.folder
+    before = (folder / "project.json").read_bytes()
+    explored.desk.session.select(["a"])
+    explored.desk.session.set_group("sick")
+    with full_disk():
+        explored.library.save()
+    (error,) = errors
+    assert isinstance(error[1], InputError)
+    assert f"{folder / 'project.json'}: can't be written: File too large; choose a folder" in str(error[1])
+    assert (folder / "project.json").read_bytes() == before
+    assert explored.desk.is_changed
+    explored.library.save()
+    assert Project(folder).read().subjects[0].group == "sick"
+
+
+def test_a_journal_that_cannot_be_written_is_told_and_work_goes_on(beans, full_disk, caplog):
+    beans.desk.write_journal()
+    (path,) = beans.desk.sessions.glob("*/journal.json")
+    before = path.read_bytes()
+    beans.desk.session.select(["a"])
+    beans.desk.session.set_group("sick")
+    with full_disk():
+        beans.desk.write_journal()
+    assert f"no crash recovery: {path}: can't be written: File too large" in caplog.text
+    assert path.read_bytes() == before
+
+
+def test_preferences_that_cannot_be_written_are_told_and_those_before_stay(window, full_disk, caplog):
+    preferences, path = window.desk.preferences, window.desk.home / "preferences.ini"
+    preferences.scheme = "light"
+    before = path.read_bytes()
+    with full_disk():
+        preferences.scheme = "dark"
+    assert f"{path}: can't be written; make room on its disk" in caplog.text
+    assert path.read_bytes() == before
+
+
+def test_the_problem_report_names_nobody_who_was_ever_in_the_session(window, ellipsoids, tmp_path, errors):
+    from homolog_app.window.problem_report import problem_report
+
+    folder = tmp_path / "Klinik Ost"
+    folder.mkdir()
+    (folder / "cohort.csv").write_text(
+        "name,path,group,number\nErika Muster,Muster Erika.nrrd,Borderline,4711007\n"
+        f"Max Beispiel,{ellipsoids / 'a.nrrd'},Gesund,61\n"
+    )
+    window.library.take([folder / "cohort.csv"])
+    session, memory = window.desk.session, window.desk.memory
+    lines = [
+        f"INFO {one.name} {one.subject.path} {one.subject.group} 4711007" for one in session.study.members
+    ]
+    lines.append(f"WARNING {tmp_path}/Otto Normal/table.csv: lacks the column name")
+    lines.append(f'  File "{Path(problem_report.__code__.co_filename)}", line 3')
+    memory.lines.extend((20, line) for line in lines)
+    session.edit("Remove subjects", session.study.without(["Erika Muster"]))
+    window.library.begin()
+    text = problem_report(session, memory, f"InputError: {folder / 'Muster Erika.nrrd'}: cut short")
+    for secret in ("Erika", "Muster", "Max", "Beispiel", "Klinik", "Borderline", "Gesund", "4711007", "Otto"):
+        assert secret not in text, text
+    assert "PATH: lacks the column name" in text
+    assert 'File "homolog_app/window/problem_report.py", line 3' in text
+    assert "cut short" in text
+
+
+def copied(finished, tmp_path):
+    import shutil
+
+    return Path(shutil.copytree(finished, tmp_path / "copy"))
