@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
-from homolog.arrays import FloatArray, IntArray
+from homolog.arrays import FloatArray
 from homolog.inspection.neighbourhood import Neighbourhood
 from homolog.inspection.places import Places
 
@@ -26,22 +26,41 @@ def carried_places(places: Places, usual: Neighbourhood, subject: int) -> FloatA
     return np.asarray(carry(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]), np.float64)
 
 
-def stripes(carried: FloatArray, shape: FloatArray, bands: int = 8) -> IntArray:
-    """Return bands 0, 1, 0, … across the longest axis of the consensus, (V,), for places on it (V, 3)."""
-    along = _along(carried, shape)[:, 0]
-    return np.floor(bands * along).astype(np.int64) % 2
+def stripes(carried: FloatArray, shape: FloatArray, blur: float, bands: int = 8) -> FloatArray:
+    """Return bands across the longest axis of the consensus; parameters and result as of `checkerboard`."""
+    sign, gap = _cells(carried, shape, bands)
+    return np.asarray(np.clip(0.5 + 0.5 * sign[:, 0] * gap[:, 0] / blur, 0.0, 1.0))
 
 
-def checkerboard(carried: FloatArray, shape: FloatArray, bands: int = 8) -> IntArray:
-    """Return the fields 0 and 1 of cubes along the axes of the consensus, (V,), for places on it (V, 3)."""
-    along = _along(carried, shape)
-    fields: IntArray = np.floor(bands * along).astype(np.int64).sum(axis=1) % 2
-    return fields
+def checkerboard(carried: FloatArray, shape: FloatArray, blur: float, bands: int = 8) -> FloatArray:
+    """Return the tones of cubes along the principal axes of the consensus.
+
+    Parameters
+    ----------
+    carried : (V, 3) array
+        Places on the consensus [mm], as `carried_places` gives them.
+    shape : (N, 3) array
+        The consensus.
+    blur : float
+        Half of the width in which a tone changes into the other [mm]: a mesh's edge, so that borders between
+        vertices come out straight.
+    bands : int
+        Cubes along the longest axis.
+
+    Returns
+    -------
+    (V,) float64 array
+        From 0 to 1, most of them either.
+    """
+    sign, gap = _cells(carried, shape, bands)
+    return np.asarray(np.clip(0.5 + 0.5 * sign.prod(axis=1) * gap.min(axis=1) / blur, 0.0, 1.0))
 
 
-def _along(places: FloatArray, shape: FloatArray) -> FloatArray:
-    """Return coordinates along the principal axes, in lengths of the longest."""
+def _cells(places: FloatArray, shape: FloatArray, bands: int) -> tuple[FloatArray, FloatArray]:
+    """Return along each principal axis the sign of the band, in turn, and the distance to its border [mm]."""
     middle = shape.mean(axis=0)
     axes = np.linalg.svd(shape - middle, full_matrices=False)[2]
-    extent = np.ptp((shape - middle) @ axes[0])
-    return np.asarray((places - middle) @ axes.T / extent)
+    width = np.ptp((shape - middle) @ axes[0]) / bands
+    along = (places - middle) @ axes.T / width
+    whole = np.floor(along)
+    return 1.0 - 2.0 * (whole % 2.0), width * (0.5 - np.abs(along - whole - 0.5))

@@ -49,7 +49,11 @@ def test_a_pattern_is_carried_to_the_same_places(make_known):
 def test_stripes_run_across_the_longest_axis_and_checks_along_all(good):
     shape = good.usual.shape
     along = np.linspace(-19, 19, 2000)[:, None] * [1.0, 0.0, 0.0]
-    turned = np.linspace(-11, 11, 2000)[:, None] * [0.0, 0.0, 1.0]
-    assert np.abs(np.diff(stripes(along, shape))).sum() == pytest.approx(8, abs=1)
-    assert np.abs(np.diff(stripes(turned, shape))).sum() <= 1
-    assert np.abs(np.diff(checkerboard(turned, shape))).sum() >= 3
+    turned = np.linspace(-11, 11, 2000)[:, None] * [0.0, 0.0, 1.0] + np.array([2.0, 2.0, 0.0])
+    assert np.abs(np.diff(stripes(along, shape, 0.1))).sum() == pytest.approx(8, abs=1)
+    assert np.abs(np.diff(stripes(turned, shape, 0.1))).sum() <= 1
+    assert np.abs(np.diff(checkerboard(turned, shape, 0.1))).sum() >= 3
+    tones = stripes(along, shape, 0.5)
+    assert tones.min() == 0.0
+    assert tones.max() == 1.0
+    assert np.abs(np.diff(tones)).max() < 0.05

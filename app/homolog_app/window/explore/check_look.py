@@ -50,7 +50,7 @@ class LookAt(QWidget):
         self._others = _NOBODY
         self._distances: Distances | None = None
         self._energies: ParticleEnergies | None = None
-        self._textures: dict[str, dict[str, IntArray]] = {}
+        self._textures: dict[str, dict[str, FloatArray]] = {}
         self.particle, self.subject, self.show_what = QSpinBox(), QComboBox(), QComboBox()
         self.advice = label("", "Hint", wrap=True)
         self._lay_out()
@@ -186,7 +186,7 @@ class LookAt(QWidget):
         self._energies = energies
         self.changed.emit()
 
-    def _take_textures(self, textures: dict[str, dict[str, IntArray]]) -> None:
+    def _take_textures(self, textures: dict[str, dict[str, FloatArray]]) -> None:
         self._textures = textures
         self.changed.emit()
 

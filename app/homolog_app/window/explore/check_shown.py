@@ -19,7 +19,7 @@ ALONG, STRAIGHT = "along the surface", "straight"
 ENERGIES = {"sampling": "crowding", "ensemble": "odd positions", "normals": "odd normals"}
 _PALE = (168, 168, 168)
 _MARK = (214, 30, 130)
-_TONES = np.array([(236, 231, 220), (38, 110, 140)], np.uint8)
+_LIGHT, _DARK = np.array([(236, 231, 220), (38, 110, 140)], float)
 # Viridis (Smith and van der Walt 2015) at nine places.
 _VIRIDIS = np.array(
     [(68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129),
@@ -60,8 +60,8 @@ class Marks:
         … these.
     distances : Distances or None
     energies : ParticleEnergies or None
-    texture : mapping of str to (V,) int array
-        0 or 1 for each vertex of a subject's surface.
+    texture : mapping of str to (V,) array
+        A tone from 0 to 1 for each vertex of a subject's surface.
     """
 
     show: str
@@ -70,7 +70,7 @@ class Marks:
     others: IntArray
     distances: Distances | None = None
     energies: "ParticleEnergies | None" = None
-    texture: Mapping[str, IntArray] | None = None
+    texture: Mapping[str, FloatArray] | None = None
 
 
 def checked_scene(
@@ -93,7 +93,7 @@ def checked_scene(
     if marks.show == "texture" and marks.texture is not None:
         texture = marks.texture
         contents = [
-            replace(one, colours=_TONES[texture[one.name]]) if one.name in texture else one
+            replace(one, colours=_toned(texture[one.name])) if one.name in texture else one
             for one in contents
         ]
         return Shown(contents, particles={})
@@ -165,6 +165,11 @@ def _circles(inspection: "Inspection", m: int, points: FloatArray, normals: Floa
     circle = _RING * spacing * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     rings = (points + _LIFT * spacing * normals)[:, None] + circle @ plane_of(normals)
     return np.asarray(np.stack([rings[:, :-1], rings[:, 1:]], axis=2).reshape(-1, 2, 3))
+
+
+def _toned(tones: FloatArray) -> Array:
+    mixed: Array = np.rint(_LIGHT + tones[:, None] * (_DARK - _LIGHT)).astype(np.uint8)
+    return mixed
 
 
 def _distance_scale(title: str, limit: float, note: str) -> ColourScale:

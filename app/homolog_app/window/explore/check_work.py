@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from homolog.arrays import FloatArray, IntArray
+from homolog.arrays import FloatArray
 from homolog.progress import Tick
 from homolog_app.window.explore.check_shown import Distances
 
@@ -44,14 +44,16 @@ def energies_of(inspection: "Inspection", settings: "OptimizeSettings", tick: Ti
 
 def textures_of(
     inspection: "Inspection", names: tuple[str, ...], tick: Tick
-) -> dict[str, dict[str, IntArray]]:
-    """Return both patterns for each subject: 0 or 1 for each vertex of its surface."""
+) -> dict[str, dict[str, FloatArray]]:
+    """Return both patterns for each subject: a tone from 0 to 1 for each vertex of its surface."""
     from homolog.inspection import carried_places, checkerboard, stripes
 
-    found: dict[str, dict[str, IntArray]] = {"checkerboard": {}, "stripes": {}}
+    found: dict[str, dict[str, FloatArray]] = {"checkerboard": {}, "stripes": {}}
     for m, name in enumerate(names):
         tick(m / len(names), f"texture on {name}")
         carried = carried_places(inspection.places, inspection.usual, m)
-        found["checkerboard"][name] = checkerboard(carried, inspection.usual.shape)
-        found["stripes"][name] = stripes(carried, inspection.usual.shape)
+        matrix = inspection.places.alignments[m, :3, :3]
+        blur = inspection.places.meshes[m].mean_edge * float(np.cbrt(np.linalg.det(matrix)))
+        found["checkerboard"][name] = checkerboard(carried, inspection.usual.shape, blur)
+        found["stripes"][name] = stripes(carried, inspection.usual.shape, blur)
     return found
