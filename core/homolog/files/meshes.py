@@ -46,20 +46,39 @@ def read_mesh(path: Path) -> TriangleMesh:
 
     polydata, space = _read_polydata(path)
     triangles = vtkTriangleFilter(pass_verts=False, pass_lines=False)
-    triangles.SetInputData(polydata)
+    triangles.SetInputData(_sound(path, polydata))
     triangles.Update()
     surface = triangles.GetOutput()
     if surface.GetNumberOfPolys() == 0:
         raise InputError(f"{path}: holds no triangles; export the surface again")
     vertices = vtk_to_numpy(surface.GetPoints().GetData()).astype(np.float64)
     faces = vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3)
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(f"{path}: refers to vertices that it does not hold; export the surface again")
     if not np.isfinite(vertices).all():
         raise InputError(f"{path}: holds coordinates that aren't numbers; export the surface again")
     if space == "RAS":
         vertices[:, :2] *= -1.0
     return TriangleMesh(*_welded(vertices, faces))
+
+
+def _sound(path: Path, polydata: Any) -> Any:  # noqa: ANN401 - VTK objects
+    """Return points and faces alone, refusing faces that VTK's filters would follow out of memory."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonDataModel import vtkPolyData
+
+    count = polydata.GetNumberOfPoints()
+    for cells in (polydata.GetPolys(), polydata.GetStrips()):
+        corners, starts = (
+            vtk_to_numpy(one) for one in (cells.GetConnectivityArray(), cells.GetOffsetsArray())
+        )
+        starts = np.append(starts, len(corners))
+        whole = starts[0] == 0 and starts[-2] == starts[-1] and (np.diff(starts) >= 0).all()
+        if len(starts) > 1 and not (whole and ((corners >= 0) & (corners < count)).all()):
+            raise InputError(f"{path}: refers to vertices that it does not hold; export the surface again")
+    bare = vtkPolyData()
+    bare.SetPoints(polydata.GetPoints())
+    bare.SetPolys(polydata.GetPolys())
+    bare.SetStrips(polydata.GetStrips())
+    return bare
 
 
 def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:

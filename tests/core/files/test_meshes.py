@@ -161,3 +161,15 @@ def test_a_ply_as_text_with_colours_is_read(tmp_path):
         "0 0 0 9\n1 0 0 9\n0 1 0 9\n3 0 1 2\n"
     )
     assert read_mesh(path).area == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("offsets", ["0 3 900000", "0 -3 6", "3 3 6"])
+@pytest.mark.parametrize("cells", ["POLYGONS", "TRIANGLE_STRIPS"])
+def test_faces_that_would_lead_vtk_out_of_memory_are_refused(tmp_path, offsets, cells):
+    path = tmp_path / "a.vtk"
+    path.write_text(
+        "# vtk DataFile Version 5.1\n\nASCII\nDATASET POLYDATA\nPOINTS 3 double\n0 0 0 1 0 0 0 1 0\n"
+        f"{cells} 3 6\nOFFSETS vtktypeint64\n{offsets}\nCONNECTIVITY vtktypeint64\n0 1 2 0 2 1\n"
+    )
+    with pytest.raises(InputError, match="refers to vertices that it does not hold"):
+        read_mesh(path)
