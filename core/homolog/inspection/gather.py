@@ -72,10 +72,9 @@ class Gatherer:
             weight = np.bincount(corners[own].ravel(), np.repeat(severities[bad[own]], 3), len(inside))
             folded = int(self._folded[m, bad[own]].sum())
             count = int(own.sum())
-            words = (
-                f"{count} {'triangles' if count > 1 else 'triangle'} around particle {weight.argmax()} "
-                f"distorted far beyond the usual, {folded or 'none'} of them folded over"
-            )
+            words = f"{count} {'triangles' if count > 1 else 'triangle'} around particle {weight.argmax()} "
+            words += "folded over" if folded == count else "distorted far beyond the usual"
+            words += f", {folded} of them folded over" if 0 < folded < count else ""
             particles = patch[np.argsort(-weight[patch], kind="stable")]
             area = self._area(m, corners[own])
             found.append(self._suspect(Kind.FOLDED, m, particles, severities[bad[own]], words, area))

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from checking import keep_checking
 from PySide6.QtWidgets import QWidget
 
 HERE = Path(__file__).parent
@@ -71,6 +72,7 @@ def main() -> None:
         window.show_step("explore")
         order["view.head"].trigger()
         keep("explore")
+        keep_checking(window, until, keep)
         window.desk.theme.choose("dark")
         keep("dark")
         window.desk.theme.choose("light")
