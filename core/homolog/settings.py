@@ -135,6 +135,13 @@ class OptimizeSettings(_Settings):
             "(also to one size)."
         ),
     ] = Procrustes.OFF
+    landmarks: Annotated[
+        bool,
+        Field(
+            description="Put first particles on the subjects' landmarks (column landmarks of cohort.csv, or "
+            "NAME.mrk.json beside the file)."
+        ),
+    ] = False
     ensemble_weight: Annotated[
         float,
         Field(

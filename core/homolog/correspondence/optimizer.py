@@ -112,6 +112,20 @@ def optimize(
     return journey.result(reason)
 
 
+def _landmarks(shapes: Sequence[Shape], domain: Domain, count: int) -> FloatArray | None:
+    """Return the shapes' landmarks in the optimizer's coordinates, (M, L, 3); None if there are none."""
+    given = [shape.landmarks for shape in shapes if shape.landmarks is not None]
+    if not given:
+        return None
+    numbers = {len(one) for one in given}
+    if len(given) < len(shapes) or len(numbers) > 1 or max(numbers) > count:
+        raise InputError(
+            f"landmarks must be the same on every shape and no more than the {count} first particles; "
+            "give all shapes the same, or run without them"
+        )
+    return np.stack([place.apply(one) for place, one in zip(domain.placements, given, strict=True)])
+
+
 def _check_start(start: Start, shapes: int, particles: int) -> None:
     given = start.local.shape
     if given[0] != shapes or given[1] > particles:
@@ -142,8 +156,10 @@ class _Journey:
         self.domain, self.settings, self.observe, self.keep = domain, settings, observe, keep
         self.start, self.stages = start, stages
         self.alignments = np.stack([shape.alignment for shape in shapes])
+        self.landmarks = _landmarks(shapes, domain, stages[0].count)
         self.start_tick, self.tick = part_of(tick, 0.0, 0.05), part_of(tick, 0.05, 1.0)
-        self.launcher = Launcher(domain.device)
+        self._now = (0.0, "first particles")
+        self.launcher = Launcher(domain.device, breathe=lambda: self.tick(*self._now))
         free = 1.0 if start is None or start.movable is None else float(start.movable.mean())
         self.tolerance = settings.tolerance * free  # the objective is per particle, of all
         self.energies: list[list[float]] = []
@@ -187,7 +203,8 @@ class _Journey:
                 for pose, mesh in zip(self.poses, self.domain.level(count).meshes, strict=True)
             ]
             tick = part_of(self.start_tick, number / rounds, (number + 1) / rounds)
-            posed = first_particles(meshes, count, self.settings.seed, tick)
+            landmarks = None if self.landmarks is None else transformed(self.poses, self.landmarks)
+            posed = first_particles(meshes, count, self.settings.seed, tick, landmarks)
             self.engine = self._engine(count, transformed(inverted(self.poses), posed))
             for _ in range(ALIGNING_ROUNDS):
                 self._align(sliding=SLIDING)
@@ -239,7 +256,7 @@ class _Journey:
         before = math.inf
         while done < plan.iterations:
             times = min(LIST_LIFE, plan.iterations - done)
-            self.engine.iterate(times)
+            self._iterate(index, done, times)
             done += times
             self.iteration += times
             if done % RECORD == 0 or done == plan.iterations:
@@ -250,6 +267,15 @@ class _Journey:
                 self._align(SLIDING if plan.stage is Stage.SPLITTING else 1.0)
             self._report(index, done)
         return Reason.ITERATIONS
+
+    def _iterate(self, index: int, done: int, times: int) -> None:
+        """Move the particles; if that is cancelled on the way, keep where they were before."""
+        before = self.engine.particles() if self.launcher.device == "cpu" else None
+        try:
+            self.engine.iterate(times)
+        except Cancelled:
+            self._checkpoint(index, done, before)
+            raise
 
     def _record(self, plan: Plan) -> float:
         parts = self.engine.energy() * [1.0, plan.weight, plan.normals_weight]
@@ -278,8 +304,9 @@ class _Journey:
             self._checkpoint(index, done)
         plan = self.stages[index]
         behind = self._costs[:index].sum() + self._costs[index] * done / plan.iterations
+        self._now = (behind / self._costs.sum(), f"{plan.stage.value}: {plan.count} particles")
         try:
-            self.tick(behind / self._costs.sum(), f"{plan.stage.value}: {plan.count} particles")
+            self.tick(*self._now)
         except Cancelled:
             self._checkpoint(index, done)
             raise
@@ -300,11 +327,11 @@ class _Journey:
         poses[:, :3, 3] *= self.domain.unit
         return poses @ self.alignments
 
-    def _checkpoint(self, index: int, done: int) -> None:
+    def _checkpoint(self, index: int, done: int, particles: Particles | None = None) -> None:
         self._next_checkpoint = time.monotonic() + KEEP_S
         if self.keep is None:
             return
-        now = self.engine.particles()
+        now = particles or self.engine.particles()
         energies = np.array(self.energies).reshape(-1, 4)
         self.keep(
             Checkpoint(

@@ -22,6 +22,7 @@ __all__ = ["first_particles"]
 
 CONTROL = 400  # points of the reference that drive its deformation
 ROUNDS = 12
+ENOUGH = 6  # landmarks that make a map: four points fix an affine one
 STIFF, SOFT = 1e3, 10.0  # smoothing of the thin-plate map in the first and in the last round
 NORMAL_LENGTH = 20.0  # length, in the optimizer's unit, that a turn of the normal by one radian counts
 
@@ -62,7 +63,11 @@ class SmoothingMap:
 
 
 def first_particles(
-    meshes: Sequence[TriangleMesh], count: int, seed: int = 0, tick: Tick = no_tick
+    meshes: Sequence[TriangleMesh],
+    count: int,
+    seed: int = 0,
+    tick: Tick = no_tick,
+    landmarks: FloatArray | None = None,
 ) -> FloatArray:
     """Return corresponding first particles on coarse meshes.
 
@@ -76,6 +81,9 @@ def first_particles(
         Draws the vertex from which the particles are spread.
     tick : Tick
         Progress and cancelling.
+    landmarks : (M, L, 3) array, optional
+        Corresponding points, L <= count: the first L particles are the vertices nearest to them, and the
+        registrations of the others start from the thin-plate map between them.
 
     Returns
     -------
@@ -86,8 +94,12 @@ def first_particles(
     reference = medoid(meshes)
     source = meshes[reference]
     control = spread_indices(source.vertices, min(CONTROL, len(source.vertices)))
-    begin = int(np.random.default_rng(seed).integers(len(source.vertices)))
-    chosen = spread_indices(source.vertices, count, begin)
+    marked = _marked(meshes, landmarks)
+    if len(marked[reference]):
+        chosen = spread_indices(source.vertices, count, marked[reference])
+    else:
+        begin = int(np.random.default_rng(seed).integers(len(source.vertices)))
+        chosen = spread_indices(source.vertices, count, [begin])
     maps = SmoothingMap.between(source.vertices[control], source.vertices)
     result = np.empty((len(meshes), count, 3))
     for index, (mesh, own) in enumerate(zip(meshes, normals, strict=True)):
@@ -95,10 +107,36 @@ def first_particles(
         if index == reference:
             result[index] = source.vertices[chosen]
             continue
-        deformed = register(source, control, mesh, own, maps)
+        guess = _guess(source, marked[reference], mesh.vertices[marked[index]])
+        deformed = register(source, control, mesh, own, maps, guess)
         moved = features(deformed.vertices, vertex_normals(deformed))[chosen]
-        result[index] = mesh.vertices[cKDTree(features(mesh.vertices, own)).query(moved)[1]]
+        nearest = np.asarray(cKDTree(features(mesh.vertices, own)).query(moved)[1])
+        nearest[: len(marked[index])] = marked[index]
+        result[index] = mesh.vertices[nearest]
     return result
+
+
+def _marked(meshes: Sequence[TriangleMesh], landmarks: FloatArray | None) -> list[IntArray]:
+    """Return the vertices nearest to each shape's landmarks; none for a landmark that shares its vertex."""
+    if landmarks is None:
+        return [np.empty(0, dtype=np.int64) for _ in meshes]
+    pairs = zip(meshes, landmarks, strict=True)
+    vertices = np.array([cKDTree(mesh.vertices).query(points)[1] for mesh, points in pairs])
+    apart = [
+        place
+        for place in range(vertices.shape[1])
+        if not (vertices[:, :place] == vertices[:, place : place + 1]).any()
+    ]
+    return list(vertices[:, apart])
+
+
+def _guess(source: TriangleMesh, marked: IntArray, targets: FloatArray) -> TriangleMesh:
+    """Return the source as the thin-plate map of its marked vertices moves it; as it is if they make none."""
+    points = source.vertices[marked]
+    if len(marked) < ENOUGH or np.linalg.matrix_rank(points - points.mean(axis=0)) < 3:
+        return source
+    maps = SmoothingMap.between(points, source.vertices)
+    return TriangleMesh(maps.moved(targets, SOFT), source.faces)
 
 
 def register(
@@ -107,9 +145,13 @@ def register(
     target: TriangleMesh,
     normals: FloatArray,
     maps: SmoothingMap,
+    guess: TriangleMesh | None = None,
 ) -> TriangleMesh:
-    """Return the source mesh deformed onto the target, by closest points under softening thin plates."""
-    deformed = source
+    """Return the source mesh deformed onto the target, by closest points under softening thin plates.
+
+    The first closest points are those of the guess, a deformed source, or of the source itself.
+    """
+    deformed = source if guess is None else guess
     tree = cKDTree(features(target.vertices, normals))
     for smoothing in np.geomspace(STIFF, SOFT, ROUNDS):
         moving = features(deformed.vertices, vertex_normals(deformed))
@@ -134,10 +176,13 @@ def vertex_normals(mesh: TriangleMesh) -> FloatArray:
     return unit
 
 
-def spread_indices(points: FloatArray, count: int, begin: int = 0) -> IntArray:
-    """Return indices of points far from each other, each the farthest from those before (Gonzalez 1985)."""
-    chosen = [begin]
-    gap = np.linalg.norm(points - points[chosen[0]], axis=1)
+def spread_indices(points: FloatArray, count: int, begin: Sequence[int] | IntArray = (0,)) -> IntArray:
+    """Return indices of points far from each other, each the farthest from those before (Gonzalez 1985).
+
+    Those to begin with come first.
+    """
+    chosen = [int(one) for one in begin]
+    gap = cdist(points, points[chosen]).min(axis=1)
     while len(chosen) < count:
         chosen.append(int(gap.argmax()))
         gap = np.minimum(gap, np.linalg.norm(points - points[chosen[-1]], axis=1))

@@ -28,6 +28,8 @@ class Shape:
         stages, the coarse one a complete table for the first splits, when particles are far apart.
     alignment : (4, 4) float64 array
         Similarity from local to world coordinates.
+    landmarks : (L, 3) float64 array or None
+        Points in local coordinates [mm], the same ones on every shape, that the first particles are put on.
     """
 
     name: str
@@ -35,10 +37,13 @@ class Shape:
     mesh: TriangleMesh
     coarse_mesh: TriangleMesh
     alignment: FloatArray
+    landmarks: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Freeze the alignment."""
+        """Freeze the arrays."""
         object.__setattr__(self, "alignment", frozen(self.alignment, np.float64))
+        if self.landmarks is not None:
+            object.__setattr__(self, "landmarks", frozen(self.landmarks, np.float64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from homolog.errors import InputError
 from homolog.files.atomic import write_text
 from homolog.files.json_files import read_json
 
-__all__ = ["Markups", "read_markups", "write_markups"]
+__all__ = ["Markups", "landmark_table", "read_markups", "write_markups"]
 
 _SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
@@ -137,3 +137,15 @@ def _point(path: Path, one: Any) -> tuple[str, list[float]]:  # noqa: ANN401 - J
     raise InputError(
         f"{path}: point {name or '?'} has no position of three numbers; place it again in Slicer"
     )
+
+
+def landmark_table(markups: Sequence[Markups]) -> tuple[tuple[str, ...], FloatArray]:
+    """Return the names that two or more lists have, and all positions, (M, L, 3), NaN if missing."""
+    every = [name for one in markups for name in one.names]
+    shared = tuple(name for name in dict.fromkeys(every) if every.count(name) > 1)
+    table = np.full((len(markups), len(shared), 3), np.nan)
+    for row, one in zip(table, markups, strict=True):
+        for name, point in zip(one.names, one.points, strict=True):
+            if name in shared:
+                row[shared.index(name)] = point
+    return shared, table

@@ -30,7 +30,8 @@ def content_of(shape: Shape) -> str:
 def fingerprint_of(settings: OptimizeSettings, shapes: Sequence[Shape]) -> str:
     """Return a hash of the settings and of the shapes in their order; the device is not in it."""
     places = [repr(shape.alignment.tolist()) for shape in shapes]
-    text = "\n".join([settings.model_dump_json(), *map(content_of, shapes), *places])
+    marks = [repr(shape.landmarks.tolist()) for shape in shapes if shape.landmarks is not None]
+    text = "\n".join([settings.model_dump_json(), *map(content_of, shapes), *places, *marks])
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 

@@ -18,6 +18,7 @@ from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.control import Control
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
 from homolog.run.identity import fingerprint_of
+from homolog.run.landmarks import with_landmarks
 from homolog.run.result import CANCELLED, Outcome, Study, model_of, write_result
 from homolog.settings import RunSettings
 from homolog.workers import worker_processes
@@ -167,6 +168,8 @@ class Run:
             self._claim(cohort)
             groomed = self._groomed(cohort)
             shapes = self._aligned(groomed, base)
+            if self._settings.optimize.landmarks:
+                shapes = with_landmarks(shapes, cohort)
             fingerprint = fingerprint_of(self._settings.optimize, shapes)
             self._study = Study(cohort, self._settings, groomed, shapes, fingerprint, device)
             found = self._optimized(self._study, base)

@@ -1,0 +1,63 @@
+"""The subjects' landmarks as what the first particles are put on."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from homolog.arrays import FloatArray
+from homolog.cohort import Cohort
+from homolog.correspondence import Shape
+from homolog.errors import InputError
+from homolog.files.markups import landmark_table, read_markups
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["check_landmarks", "with_landmarks"]
+
+_FAR = 0.25  # of the size: landmarks of a surface are not that far from it
+
+
+def with_landmarks(shapes: Sequence[Shape], cohort: Cohort) -> list[Shape]:
+    """Return the shapes with the landmarks that all subjects have.
+
+    Raises
+    ------
+    InputError
+        If a subject has none, its are not on its surface, or there is none that all have.
+    """
+    files = {one.name: one.landmarks for one in cohort.subjects if one.landmarks is not None}
+    without = [one.name for one in cohort.subjects if one.name not in files]
+    if without:
+        raise InputError(
+            f"{', '.join(without)}: has no landmarks; place them in 3D Slicer and save them as NAME.mrk.json "
+            "beside the file, or run without landmarks"
+        )
+    _, table = landmark_table([read_markups(files[one.name]) for one in cohort.subjects])
+    everywhere = np.isfinite(table).all(axis=(0, 2))
+    if not everywhere.any():
+        raise InputError(
+            f"{cohort.folder}: no landmark is there on all subjects; give the same points the same names"
+        )
+    marked = table[:, everywhere]
+    for shape, points in zip(shapes, marked, strict=True):
+        check_landmarks(files[shape.name], shape.name, points, shape.mesh)
+    return [replace(shape, landmarks=points) for shape, points in zip(shapes, marked, strict=True)]
+
+
+def check_landmarks(path: Path, name: str, points: FloatArray, mesh: TriangleMesh) -> None:
+    """Refuse landmarks (n, 3) of another frame or subject: most lie far from the subject's surface.
+
+    Raises
+    ------
+    InputError
+        Naming the file, the subject and how far.
+    """
+    gap = float(np.median(KDTree(mesh.vertices).query(points)[0]))
+    size = np.sqrt(np.square(mesh.vertices - mesh.vertices.mean(axis=0)).sum(axis=1).mean())
+    if gap > _FAR * size:
+        raise InputError(
+            f"{path}: its landmarks lie {gap:.0f} mm from the surface of {name}; give those of this subject, "
+            "in the frame of its file"
+        )
