@@ -30,8 +30,10 @@ def signed(value: float, digits: int = 2) -> str:
 
 
 def short(value: float) -> str:
-    """Return a number with three digits at most and a true minus."""
-    return f"{value:.3g}".replace("-", "−") if abs(value) > 1e-12 else "0"
+    """Return a number with three digits or all those before the point, and a true minus."""
+    if abs(value) <= 1e-12:
+        return "0"
+    return (f"{value:.0f}" if 1000.0 <= abs(value) < 1e6 else f"{value:.3g}").replace("-", "−")
 
 
 def ticks(low: float, high: float, about: int = 5) -> list[float]:

@@ -131,6 +131,66 @@ def explored(window, finished, tmp_path, wait):
     return window
 
 
+@pytest.fixture(scope="session")
+def bean_project(tmp_path_factory):
+    """Return a project of ten coffee beans, those with a wide slot in a group; not to be written to."""
+    from dataclasses import replace
+
+    from homolog.beans.files import write_beans
+    from homolog.beans.generate import draw_beans
+    from homolog.cohort import Cohort
+
+    folder, beans = tmp_path_factory.mktemp("beans"), draw_beans(10)
+    cohort = write_beans(folder, beans, 5)
+    middle = sorted(bean.width for bean in beans)[5]
+    subjects = [
+        replace(one, group="wide" if bean.width >= middle else "slim")
+        for one, bean in zip(cohort.subjects, beans, strict=True)
+    ]
+    project = tmp_path_factory.mktemp("slots") / "project"
+    return run_quickly(project, Cohort(tuple(subjects), folder), alignment="none")
+
+
+@pytest.fixture(scope="session")
+def run():
+    """Return the function that runs a cohort quickly and returns the project's folder."""
+    return run_quickly
+
+
+def run_quickly(folder, cohort, **groom):
+    from concurrent.futures import ThreadPoolExecutor
+
+    from homolog.files.project import Project
+    from homolog.grooming import groom_cohort
+    from homolog.run import Run
+    from homolog.settings import GroomSettings, RunSettings
+
+    settings = RunSettings(
+        groom=GroomSettings(mesh_edge=3.0, **groom), optimize=quick_settings(128), device="cpu", workers=1
+    )
+    project = Project(folder)
+    with ThreadPoolExecutor(1) as executor:  # processes that groom take seconds to start
+        groom_cohort(cohort, settings.groom, executor=executor, cache=project.groomed)
+    Run(project, cohort, settings).execute()
+    return folder
+
+
+@pytest.fixture
+def explore(window, tmp_path, wait):
+    """Return a function that opens a copy of a project on a page of Explore, its model fitted."""
+
+    def open_page(project, page):
+        shutil.copytree(project, tmp_path / project.name)
+        window.library.take([tmp_path / project.name])
+        wait(lambda: window.desk.session.result is not None and window.step == "explore")
+        window.commands[f"explore.{page}"].trigger()
+        explore = window.inspector.explore
+        wait(lambda: explore.fitted.shape is not None)
+        return explore.page
+
+    return open_page
+
+
 @pytest.fixture
 def groomed(beans, wait, groomed_cache):
     """Return the window after grooming."""

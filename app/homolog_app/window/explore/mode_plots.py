@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ScatterPlot", "ScreePlot"]
 
-_MOST_BARS = 16
+_MOST_BARS, _DENSE = 16, 10
 _NEAR_PX = 10.0
 _DRAG_PX = 4.0
 _REACH = 3.0
@@ -51,7 +51,7 @@ class ScreePlot(Plot):
             self._chance = (parallel.threshold * percent)[:_MOST_BARS]
             self._kept = parallel.kept
             shown = len(self._shares)
-            self.x_range, self.x_ticks = (0.4, shown + 0.6), range(1, shown + 1)
+            self.x_range, self.x_ticks = (0.4, shown + 0.6), range(1, shown + 1, 1 + (shown > _DENSE))
             self.y_range = (0.0, 1.08 * float(max(self._shares.max(), self._chance.max())))
             self.title = f"{self._kept} mode{'s' * (self._kept != 1)} above chance"
             self.setAccessibleDescription(
@@ -143,16 +143,12 @@ class ScatterPlot(Plot):
         colours = self.theme.colours
         painter.setPen(QPen(QColor(colours.line), 1))
         self.paint_ground(painter)
-        for (x, y), name, group in zip(self._points, self._names, self._groups, strict=True):
+        for (x, y), group in zip(self._points, self._groups, strict=True):
             index, at = self._order.index(group), self.place(x, y)
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(group_colour(index, self.theme))
             painter.drawPath(marker(index, at, 4.5))
-            if name in self._selected:
-                painter.setPen(QPen(QColor(colours.text), 2))
-                painter.setBrush(Qt.BrushStyle.NoBrush)
-                painter.drawEllipse(at, 9, 9)
-                painter.drawText(at + QPointF(12, -6), name)
+        self._paint_selection(painter)
         self._paint_legend(painter)
         painter.setPen(QPen(QColor(colours.accent), 2))
         self.paint_cursor(painter)
@@ -167,6 +163,18 @@ class ScatterPlot(Plot):
         at = self.place(*self.mark)
         for way in (QPointF(9, 0), QPointF(0, 9)):
             painter.drawLine(at - way, at + way)
+
+    def _paint_selection(self, painter: QPainter) -> None:
+        colours, metrics = self.theme.colours, painter.fontMetrics()
+        for (x, y), name in zip(self._points, self._names, strict=True):
+            if name in self._selected:
+                at = self.place(x, y)
+                words = QRectF(at.x() + 12, at.y() - 20, metrics.horizontalAdvance(name) + 4, 16)
+                painter.fillRect(words, QColor(colours.surface))
+                painter.setPen(QPen(QColor(colours.text), 2))
+                painter.setBrush(Qt.BrushStyle.NoBrush)
+                painter.drawEllipse(at, 9, 9)
+                painter.drawText(words, Qt.AlignmentFlag.AlignCenter, name)
 
     def _paint_legend(self, painter: QPainter) -> None:
         metrics = painter.fontMetrics()

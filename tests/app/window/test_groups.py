@@ -1,0 +1,175 @@
+"""The Groups page on the real window: beans of two widths, and ventricles of patients."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytestmark = [pytest.mark.window, pytest.mark.timeout(900)]
+
+_EACH = 5
+
+
+@pytest.fixture(scope="session")
+def ventricles(data, run, tmp_path_factory):
+    """Return a project of left ventricles: normal, with thick walls (HCM), and widened (DCM)."""
+    from homolog.cohort import Cohort, Subject
+
+    folder = data / "lv_acdc_dev"
+    with (folder / "subjects.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    subjects = [
+        Subject(row["id"], (folder / row["iso"]).resolve(), group)
+        for group in ("NOR", "HCM", "DCM")
+        for row in [one for one in rows if one["group"] == group][:_EACH]
+    ]
+    return run(tmp_path_factory.mktemp("ventricles") / "lv", Cohort(tuple(subjects), folder))
+
+
+@pytest.fixture
+def compare(window, wait, explore):
+    """Return a function that opens a project and compares two of its groups."""
+
+    def tested(project, first, second):
+        page = window.inspector.explore.page
+        if window.desk.session.result is None:
+            page = explore(project, "groups")
+        page.form.first.setCurrentText(first)
+        page.form.second.setCurrentText(second)
+        page.answers = []
+        window.commands["explore.test"].trigger()
+        wait(lambda: bool(page.answers), seconds=300, what="for the test")
+        return page
+
+    return tested
+
+
+def test_beans_with_wide_slots_differ_at_the_slot_and_nowhere_else(compare, bean_project, window):
+    page = compare(bean_project, "slim", "wide")
+    (answer,) = page.answers
+    vertices, outward = answer.shape.mean.vertices, answer.difference.outward
+    below = vertices[:, 2] < -5.0
+    in_slot = np.square(vertices / (40.0, 30.0, 20.0)).sum(axis=1) < 0.85
+    assert np.abs(outward[in_slot]).mean() > 5.0 * np.abs(outward[below]).mean()
+    assert outward[in_slot].mean() < 0.0  # what is carved deeper has contracted
+
+
+def test_the_table_says_what_the_analysis_found(compare, bean_project):
+    page = compare(bean_project, "slim", "wide")
+    (answer,) = page.answers
+    test, texts = answer.pair.test, dict(page.numbers.texts)
+    assert texts["Subjects"] == "5 slim, 5 wide"
+    assert texts["Hotelling's T²"] == f"{test.t_squared:.1f}"
+    assert texts["10000 permutations"].startswith("p = ")
+    assert any(name.startswith("False alarms of F") for name in texts)
+    assert "slim" in page.verdict.text()
+    assert "permutation" in page.words.text()
+
+
+def test_the_slider_goes_from_one_groups_mean_to_the_others(compare, bean_project, window):
+    page = compare(bean_project, "slim", "wide")
+    (answer,) = page.answers
+    scene, result = window.views.stage.scene, answer.shape.result
+    labels = np.array(answer.study.labels)
+    for value, group in ((0, "slim"), (100, "wide")):
+        page.way.setValue(value)
+        (shown,) = scene.shown
+        mean = result.world[labels == group].mean(axis=0)
+        moved = answer.shape.mean.vertices + answer.shape.carried((mean - answer.shape.model.mean)[None])[0]
+        np.testing.assert_allclose(shown.groomed.vertices, moved, atol=0.01)
+
+
+def test_what_is_not_significant_is_grey_with_a_line_around_it(compare, bean_project, window):
+    page = compare(bean_project, "slim", "wide")
+    (answer,) = page.answers
+    scene = window.views.stage.scene
+    assert scene.shown[0].lines is None
+    page.significant.setChecked(True)
+    colours, firm = scene.shown[0].colours.astype(int), answer.difference.significant
+    assert (np.ptp(colours[~firm], axis=1) < 60).all()
+    if firm.any() and not firm.all():
+        assert len(scene.shown[0].lines) > 0
+    scale = scene.bar.scale
+    assert scale.low == -scale.high
+    assert scale.unit == "mm"
+    assert "grey" in scale.note
+
+
+def test_a_second_run_stands_below_with_the_same_colours_and_its_own_numbers(
+    compare, bean_project, window, wait
+):
+    page = compare(bean_project, "slim", "wide")
+    page.fitted.compare_with(bean_project)
+    wait(lambda: len(page.answers) == 2, seconds=300)
+    scene = window.views.stage.scene
+    assert (scene.columns, len(scene.shown)) == (1, 2)
+    np.testing.assert_array_equal(scene.shown[0].colours, scene.shown[1].colours)
+    assert all(len(row) == 3 for row in page.numbers.texts)
+
+
+def test_the_original_method_stands_above_the_proposed_one(compare, bean_project, window):
+    from homolog.settings import Method
+    from homolog_app.window.explore.group_views import GroupScene, group_scene
+
+    (answer,) = compare(bean_project, "slim", "wide").answers
+    original = replace(answer.shape, name="first", method=Method.EUCLIDEAN)
+    both = [answer, replace(answer, shape=original)]
+    shown = group_scene(GroupScene([answer.shape, original], both, "difference", False, 0.0, False, False))
+    assert [one.name for one in shown.contents] == ["first (original)", "project (proposed)"]
+
+
+def test_groups_edited_after_the_run_are_the_ones_compared(compare, bean_project, window, explore):
+    page = explore(bean_project, "groups")
+    session = window.desk.session
+    names = [one.name for one in session.study.members]
+    session.select(names[:4])
+    session.set_group("early")
+    session.select(names[4:])
+    session.set_group("late")
+    page = compare(bean_project, "early", "late")
+    assert page.answers[0].pair.counts == {"early": 4, "late": 6}
+
+
+def test_too_few_subjects_are_said_and_nothing_breaks(explore, finished, window, errors, wait):
+    page = explore(finished, "groups")
+    session = window.desk.session
+    for names, group in ((("a", "b"), "x"), (("c", "d"), "y")):
+        session.select(names)
+        session.set_group(group)
+    window.commands["explore.test"].trigger()
+    wait(lambda: bool(errors))
+    assert "degrees of freedom" in str(errors[0][1])
+    assert not page.answers
+
+
+def test_a_test_can_be_cancelled(explore, bean_project, window, wait):
+    page = explore(bean_project, "groups")
+    window.commands["explore.test"].trigger()
+    wait(lambda: page.progress.isVisible())
+    window.commands["run.cancel"].trigger()
+    wait(lambda: not window.desk.work.is_busy)
+    assert not page.answers
+    assert page.go.isVisible()
+
+
+def walls(answer):
+    """Return which vertices are on the inner wall: their normals point to the cavity's long axis."""
+    shape = answer.shape
+    centred = shape.mean.vertices - shape.mean.vertices.mean(axis=0)
+    _, _, axes = np.linalg.svd(centred, full_matrices=False)
+    across = centred - np.outer(centred @ axes[0], axes[0])
+    return (across * shape.mean_normals).sum(axis=1) < 0.0
+
+
+def test_ventricles_with_thick_walls_expand_and_widened_ones_move_outward(compare, ventricles):
+    (thick,) = compare(ventricles, "NOR", "HCM").answers
+    outward = thick.difference.outward
+    assert (outward > 0.0).mean() > 0.6
+    assert outward.mean() > 0.3
+    page = compare(ventricles, "NOR", "DCM")
+    (wide,) = page.answers
+    inner = walls(wide)
+    assert wide.difference.outward[inner].mean() < -0.5  # the cavity's wall goes away from its axis
+    assert wide.difference.outward[~inner].mean() > 0.5
+    assert {one for one, _ in page.numbers.texts} >= {"Hotelling's T²", "Effect", "Size"}

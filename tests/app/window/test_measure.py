@@ -1,0 +1,98 @@
+"""The Measure page: distance, volume and area along a mode and for each subject."""
+
+import csv
+
+import numpy as np
+import pytest
+
+pytestmark = [pytest.mark.window, pytest.mark.timeout(300)]
+
+
+@pytest.fixture
+def page(explore, finished, wait):
+    page = explore(finished, "measure")
+    wait(lambda: page.table.rowCount() == 4 and not page.charts.volume.is_empty)
+    return page
+
+
+def cells(page):
+    model = page.table
+    return [
+        [model.data(model.index(row, column), 0x0100) for column in range(model.columnCount())]
+        for row in range(model.rowCount())
+    ]
+
+
+def test_subjects_have_the_volume_and_area_of_their_own_surfaces(page, window):
+    surfaces = window.desk.session.result.surfaces
+    for name, _, _, volume, area in cells(page):
+        mesh = surfaces[name][0]
+        assert volume == pytest.approx(mesh.volume / 1000.0)
+        assert area == pytest.approx(mesh.area / 100.0)
+    volumes = {row[0]: row[3] for row in cells(page)}
+    for name, axes in (("a", (9, 7, 6)), ("b", (10, 7, 5)), ("c", (8, 7.5, 6)), ("d", (9.5, 6, 6.5))):
+        assert volumes[name] == pytest.approx(4.0 / 3.0 * np.pi * np.prod(axes) / 1000.0, rel=0.05)
+
+
+def test_the_distance_is_that_of_the_chosen_particles(page, window):
+    local = window.desk.session.result.result.local
+    for first, second in ((0, 16), (3, 30)):
+        page.particles[0].setValue(first)
+        page.particles[1].setValue(second)
+        expected = np.linalg.norm(local[:, first] - local[:, second], axis=1)
+        np.testing.assert_allclose([row[2] for row in cells(page)], expected)
+
+
+def test_clicks_on_the_shape_set_the_two_particles_in_turn(page):
+    from homolog_app.window.scene.picking import Pick
+
+    for particle in (5, 9, 12):
+        page.take_pick(Pick("x", np.zeros(3), particle))
+    assert page.pair == (12, 9)
+
+
+def test_curves_along_a_mode_are_those_of_the_shapes_that_are_shown(page, window):
+    shape, charts = page.fitted.shape, page.charts
+    page.place.setValue(150)
+    (shown,) = window.views.stage.scene.shown
+    at = 1.5
+    assert np.interp(at, charts.volume._x, charts.volume._y) == pytest.approx(
+        shown.groomed.volume / 1000.0, rel=1e-3
+    )
+    assert np.interp(at, charts.area._x, charts.area._y) == pytest.approx(
+        shown.groomed.area / 100.0, rel=1e-3
+    )
+    first, second = shape.model.shape(np.array([at]))[list(page.pair)]
+    assert np.interp(at, charts.distance._x, charts.distance._y) == pytest.approx(
+        np.linalg.norm(second - first), rel=1e-3
+    )
+    np.testing.assert_allclose(shown.lines[0], [first, second])
+
+
+def test_the_exported_table_is_that_of_the_command_line(page, window, finished, tmp_path, monkeypatch):
+    from homolog_app.cli import main
+
+    page.particles[1].setValue(7)
+    path, other = tmp_path / "window.csv", tmp_path / "line.csv"
+    monkeypatch.setattr("PySide6.QtWidgets.QFileDialog.getSaveFileName", lambda *_: (str(path), ""))
+    window.commands["explore.table"].trigger()
+    assert main(["export", "measures", str(finished), "--particles", "0", "7", "--out", str(other)]) == 0
+    assert path.read_bytes() == other.read_bytes()
+    with path.open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["name"] for row in rows] == ["a", "b", "c", "d"]
+    assert float(rows[0]["volume_ml"]) == pytest.approx(cells(page)[0][3])
+
+
+def test_a_particle_that_is_not_there_is_refused(finished, tmp_path, capsys):
+    from homolog_app.cli import main
+
+    out = tmp_path / "x.csv"
+    assert main(["export", "measures", str(finished), "--particles", "0", "99", "--out", str(out)]) != 0
+    assert "no particle 99" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_row_selects_its_subject(page, window):
+    page.view.selectRow(2)
+    assert window.desk.session.selection == ("c",)

@@ -1,0 +1,238 @@
+"""The Modes page on the real window: what varies, seen and measured on the shapes that are shown."""
+
+import numpy as np
+import pytest
+
+pytestmark = [pytest.mark.window, pytest.mark.timeout(600)]
+
+
+@pytest.fixture
+def page(explore, bean_project):
+    return explore(bean_project, "modes")
+
+
+@pytest.fixture
+def scene(window):
+    return window.views.stage.scene
+
+
+def slot(vertices, body=(40.0, 30.0, 20.0)):
+    """Return where the slot's middle is along y, and how wide it is there [mm]."""
+    carved = (np.square(vertices / body).sum(axis=1) < 0.9) & (np.abs(vertices[:, 0]) < 14.0)
+    across = vertices[carved, 1]
+    low, high = np.percentile(across, (2, 98))
+    return (low + high) / 2.0, high - low
+
+
+def shape(scene):
+    return scene.shown[-1].groomed.vertices
+
+
+def move(page, mode, value):
+    page.sliders.show_values([])
+    page.sliders.show_value(mode, value)
+
+
+def test_the_first_mode_of_the_beans_moves_the_slot_and_the_second_changes_its_width(page, scene):
+    ends = {}
+    for mode in (0, 1):
+        for value in (-1.5, 1.5):
+            move(page, mode, value)
+            ends[mode, value] = slot(shape(scene))
+    moved = [abs(ends[mode, 1.5][0] - ends[mode, -1.5][0]) for mode in (0, 1)]
+    widened = [abs(ends[mode, 1.5][1] - ends[mode, -1.5][1]) for mode in (0, 1)]
+    assert moved[0] > 12.0 > 4.0 > moved[1]
+    assert widened[1] > 3.0
+    assert widened[1] > 2.0 * widened[0]
+
+
+def test_the_modes_follow_the_truth_of_the_beans(page):
+    from homolog.beans.generate import draw_beans
+
+    beans, scores = draw_beans(10), page.fitted.shape.model.scores
+    position, width = (np.array([getattr(one, name) for one in beans]) for name in ("position", "width"))
+    assert abs(np.corrcoef(scores[:, 0], position)[0, 1]) > 0.99
+    assert abs(np.corrcoef(scores[:, 1], width)[0, 1]) > 0.9
+
+
+def test_there_are_as_many_sliders_as_modes_above_chance_and_more_on_demand(page):
+    kept = page.fitted.shape.parallel.kept
+    assert len(page.sliders.values) == max(1, kept)
+    page.sliders.more.click()
+    assert len(page.sliders.values) == max(1, kept) + 3
+
+
+def test_sliders_combine_and_mean_shape_puts_them_back(page, scene, window):
+    model = page.fitted.shape
+    page.sliders.show_value(0, 1.0)
+    page.sliders.show_value(1, -2.0)
+    expected = model.mean.vertices + model.moved(np.array([1.0, -2.0]))
+    np.testing.assert_allclose(shape(scene), expected, atol=1e-4)
+    window.commands["explore.mean"].trigger()
+    np.testing.assert_allclose(shape(scene), model.mean.vertices, atol=1e-4)
+
+
+def test_the_surface_follows_the_particles_of_the_model(page):
+    from scipy.spatial import KDTree
+
+    model = page.fitted.shape
+    for mode in (0, 1):
+        deviations = np.eye(2)[mode]
+        particles = model.model.shape(deviations)
+        vertices = model.mean.vertices + model.moved(deviations)
+        gaps, _ = KDTree(vertices).query(particles)
+        assert gaps.max() < model.mean.mean_edge
+
+
+def test_normals_computed_for_shading_are_those_of_the_surface(page, scene):
+    page.sliders.show_value(0, 1.5)
+    content = scene.shown[-1]
+    np.testing.assert_allclose(content.normals, content.groomed.vertex_normals, atol=1e-3)
+
+
+def test_colours_are_blue_where_the_shape_moves_outward_and_yellow_where_inward(page, scene):
+    page.sliders.show_value(0, 2.0)
+    content, model = scene.shown[-1], page.fitted.shape
+    outward = model.outward(model.moved(page.sliders.values))
+    red, blue = (content.colours[:, channel].astype(int) for channel in (0, 2))
+    limit = scene.bar.scale.high
+    assert scene.bar.scale.low == -limit
+    assert (blue - red)[outward > 0.3 * limit].min() > 30
+    assert (red - blue)[outward < -0.3 * limit].min() > 30
+    page.colours.setChecked(False)
+    assert scene.shown[-1].colours is None
+    assert not scene.bar.isVisible()
+
+
+def test_arrows_lie_outside_of_the_surface_and_point_where_it_goes(page, scene):
+    page.sliders.show_value(0, 2.0)
+    assert scene.shown[-1].arrows is None
+    page.arrows.setChecked(True)
+    arrows, model = scene.shown[-1].arrows, page.fitted.shape
+    ways = model.moved(page.sliders.values)[model.arrows_at]
+    lengths = np.linalg.norm(ways, axis=1)
+    assert ((arrows.vectors * ways).sum(axis=1) >= 0.99 * lengths**2).all()
+    assert np.linalg.norm(arrows.vectors, axis=1).max() > 0.0
+
+
+def test_a_subject_is_shown_beside_its_reconstruction(page, scene, window):
+    page.who.setCurrentText("bean_04")
+    page.who.activated.emit(page.who.currentIndex())
+    own, built = scene.shown
+    assert own.name == "bean_04"
+    assert window.desk.session.selection == ("bean_04",)
+    model = page.fitted.shape
+    index = model.result.names.index("bean_04")
+    scores = model.model.scores[index] / model.model.standard_deviations
+    np.testing.assert_allclose(page.sliders.values, scores[: len(page.sliders.values)], atol=0.006)
+    assert "mm from its particles" in built.note
+
+
+def test_playing_moves_the_chosen_mode_until_it_is_held(page, window, wait):
+    seen = set()
+    page.sliders.moved.connect(lambda: seen.add(round(page.sliders.values[0], 2)))
+    window.commands["run.play"].trigger()
+    assert page.player.is_playing
+    wait(lambda: min(seen, default=0.0) < -0.3 < 0.3 < max(seen), what="for a swing to both sides")
+    window.commands["run.play"].trigger()
+    assert not page.player.is_playing
+
+
+def test_without_loop_it_ends_at_the_mean_by_itself(page, window, wait):
+    page.player.loop.setChecked(False)
+    page.player.speed.setCurrentIndex(2)
+    window.commands["run.play"].trigger()
+    wait(lambda: not page.player.is_playing)
+    assert page.sliders.values[0] == 0.0
+
+
+def test_leaving_the_page_stops_playing_and_shows_the_subjects_again(page, window, scene):
+    window.commands["run.play"].trigger()
+    window.inspector.explore.tabs.setCurrentIndex(0)
+    assert not page.player.is_playing
+    assert [one.name for one in scene.shown] == ["bean_01", "bean_02", "bean_03", "bean_04"]
+    assert not scene.bar.isVisible()
+
+
+def test_a_click_in_the_scatter_selects_the_subject_everywhere(page, window, qapp):
+    from PySide6.QtCore import Qt
+    from PySide6.QtTest import QTest
+
+    scatter, model = page.charts.scatter, page.fitted.shape
+    scores = model.model.scores / model.model.standard_deviations
+    at = scatter.place(scores[6, 0], scores[6, 1]).toPoint()
+    QTest.mouseClick(scatter, Qt.MouseButton.LeftButton, pos=at)
+    assert window.desk.session.selection == (model.result.names[6],)
+    QTest.keyClick(scatter, Qt.Key.Key_Right)
+    assert window.desk.session.selection == (model.result.names[7],)
+
+
+def test_a_drag_in_the_scatter_morphs_the_shape(page, qapp):
+    from PySide6.QtCore import QPoint, Qt
+    from PySide6.QtTest import QTest
+
+    scatter = page.charts.scatter
+    start, end = scatter.place(0.0, 0.0).toPoint(), scatter.place(1.5, -1.0).toPoint()
+    QTest.mousePress(scatter, Qt.MouseButton.LeftButton, pos=start)
+    QTest.mouseMove(scatter, start + QPoint(9, 3))
+    QTest.mouseMove(scatter, end)
+    qapp.processEvents()
+    QTest.mouseRelease(scatter, Qt.MouseButton.LeftButton, pos=end)
+    np.testing.assert_allclose(page.sliders.values[:2], (1.5, -1.0), atol=0.1)
+
+
+def test_groups_in_the_scatter_differ_in_shape_and_colour(page):
+    from PySide6.QtCore import QPointF
+
+    from homolog_app.window.explore.plot import MARKERS, group_colour, marker
+
+    theme = page.desk.theme
+    assert page.charts.scatter._order == ["slim", "wide"]
+    assert len({group_colour(index, theme).name() for index in range(7)}) == 7
+    paths = [marker(index, QPointF(0, 0), 5.0) for index in range(len(MARKERS))]
+    assert len({(round(one.boundingRect().width(), 2), one.elementCount(), one.contains(QPointF(3.4, 3.4)))
+                for one in paths}) >= 5  # fmt: skip
+
+
+def test_another_run_stands_beside_with_modes_that_go_the_same_way(page, scene, bean_project, wait):
+    page.fitted.compare_with(bean_project)
+    wait(lambda: page.fitted.other is not None)
+    page.sliders.show_value(0, 1.0)
+    mine, other = scene.shown
+    np.testing.assert_allclose(mine.groomed.vertices, other.groomed.vertices, atol=1e-3)
+    page.views.setCurrentIndex(1)
+    page.views.activated.emit(1)
+    assert scene.columns == 6
+    assert len(scene.shown) == 12
+    page.compare.leave.click()
+    assert page.fitted.other is None
+    assert len(scene.shown) == 6
+
+
+def test_a_folder_that_is_no_project_is_refused_by_name(page, window, tmp_path, errors, monkeypatch):
+    monkeypatch.setattr(
+        "PySide6.QtWidgets.QFileDialog.getExistingDirectory", lambda *_: str(tmp_path / "nothing")
+    )
+    window.commands["explore.compare"].trigger()
+    ((_, error),) = errors
+    assert "nothing" in str(error)
+    assert page.fitted.other is None
+
+
+def test_every_control_can_be_reached_by_key_and_has_a_name(page):
+    from PySide6.QtCore import Qt
+    from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox
+
+    found = [
+        one
+        for root in (page, page.plots)
+        for kind in (QAbstractButton, QAbstractSlider, QComboBox)
+        for one in root.findChildren(kind)
+        if one.isVisible() and not one.objectName().startswith("qt_")
+        and type(one).__name__ != "QScrollBar"
+    ]  # fmt: skip
+    assert len(found) > 10
+    for one in found:
+        assert one.focusPolicy() & Qt.FocusPolicy.TabFocus, one
+        words = one.accessibleName() or (one.text() if isinstance(one, QAbstractButton) else "")
+        assert words, one
