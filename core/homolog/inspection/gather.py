@@ -46,6 +46,8 @@ class Gatherer:
         for pair in exchanged_pairs(m, candidates, self._places, self._usual):
             touched = np.isin(corners, pair).any(axis=1)
             own = np.concatenate([normals[pair], neighbours[pair], triangles[touched & (triangles >= 1.0)]])
+            if own.max() < 1.0:
+                continue
             words = f"particles {pair[0]} and {pair[1]} stand in each other's place"
             total = np.array([own.sum()])  # no accident, so its signs add up plainly
             found.append(self._suspect(Kind.EXCHANGED, m, pair, total, words))

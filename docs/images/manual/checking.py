@@ -28,10 +28,13 @@ def keep_checking(
     until(lambda: page.checked.inspection is not None and not work.is_busy)
     order["check.next"].trigger()
     keep("check")
-    for what, name in (("distances", "check_distances"), ("checkerboard", "check_texture")):
+    for what, name, view in (
+        ("distances", "check_distances", "view.reset"),
+        ("checkerboard", "check_texture", "view.head"),
+    ):
         page.look.show_what.setCurrentIndex(page.look.show_what.findData(what))
         until(lambda: not work.is_busy)
-        order["view.head"].trigger()
+        order[view].trigger()
         keep(name)
     page.look.show_what.setCurrentIndex(0)
     session.result = loaded
