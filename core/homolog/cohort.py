@@ -1,6 +1,7 @@
 """Who is studied: the subjects' names, files and groups."""
 
 import csv
+import os
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ __all__ = [
     "MESH_SUFFIXES",
     "Cohort",
     "Subject",
+    "checked_path",
     "dicom_files",
     "is_dicom_seg",
     "landmarks_beside",
@@ -28,6 +30,7 @@ MANIFEST = "cohort.csv"
 _OWN_COLUMNS = ("name", "path", "group", "landmarks")
 _MARKUPS = ".mrk.json"
 _SEG_CLASS = b"1.2.840.10008.5.1.4.1.1.66.4"
+_LONGEST_PATH, _LONGEST_PART = 4000, 255  # characters; bytes between two slashes
 _BAD_IN_NAMES = set('/\\:*?"<>|') | {chr(code) for code in range(32)}
 
 
@@ -199,6 +202,18 @@ def _read_manifest(path: Path) -> Cohort:
     return Cohort(tuple(subjects), path.parent)
 
 
+def checked_path(text: str) -> str:
+    """Return the text of a path; raises ValueError if no system would take it for one."""
+    parts = text.replace("\\", "/").split("/")
+    if (
+        "\0" in text
+        or len(text) > _LONGEST_PATH
+        or any(len(os.fsencode(one)) > _LONGEST_PART for one in parts)
+    ):
+        raise ValueError("can't be a path: it is too long, or holds characters that no path has")
+    return text
+
+
 def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:
     for column in ("name", "path"):
         if not row[column]:
@@ -206,6 +221,11 @@ def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:
     bad = sorted(_BAD_IN_NAMES & set(row["name"]))
     if bad or row["name"] in (".", ".."):
         raise InputError(f"{manifest}, line {line}: {row['name']!r} can't be a file name; rename the subject")
+    try:
+        for column in ("path", "landmarks"):
+            checked_path(row.get(column) or "")
+    except ValueError as error:
+        raise InputError(f"{manifest}, line {line}: the {column} {error}; correct it") from error
     further = {key: value for key, value in row.items() if key not in _OWN_COLUMNS}
     path, landmarks = manifest.parent / row["path"], row.get("landmarks")
     return Subject(

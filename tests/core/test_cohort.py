@@ -100,3 +100,10 @@ def test_a_single_image_is_refused_with_the_remedy(folder):
 def test_a_mesh_is_known_by_its_suffix(tmp_path):
     assert Subject("a", tmp_path / "a.VTP").is_mesh
     assert not Subject("a", tmp_path / "a.seg.nrrd").is_mesh
+
+
+@pytest.mark.parametrize("path", ["a" * 300 + ".nrrd", "ä" * 200 + ".nrrd", "a/" * 3000])
+def test_a_path_that_no_system_takes_is_refused_with_its_line(tmp_path, path):
+    (tmp_path / "cohort.csv").write_text(f"name,path\na,a.nrrd\nb,{path}\n")
+    with pytest.raises(InputError, match=r"cohort\.csv, line 3: the path can't be a path: it is too long"):
+        read_cohort(tmp_path / "cohort.csv")

@@ -2,8 +2,9 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from homolog.cohort import checked_path
 from homolog.settings import RunSettings
 
 __all__ = ["FORMAT_VERSION", "IMPORTED", "ProjectRecord", "ResultRecord", "ResultSubject", "SubjectRecord"]
@@ -13,6 +14,7 @@ IMPORTED = "imported"
 """How a result `ended` that another program made."""
 
 _Row = Annotated[list[float], Field(min_length=4, max_length=4)]
+_Path = Annotated[str, AfterValidator(checked_path)]
 _Stem = Annotated[str, Field(pattern=r"^\w[\w.-]*$", max_length=120)]
 
 
@@ -24,10 +26,10 @@ class SubjectRecord(_Record):
     """A subject of the project's cohort; paths start at the project's folder, with forward slashes."""
 
     name: str
-    path: str
+    path: _Path
     group: str | None = None
     columns: dict[str, str] = {}
-    landmarks: str | None = None
+    landmarks: _Path | None = None
 
 
 class ResultSubject(_Record):

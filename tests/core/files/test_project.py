@@ -265,3 +265,11 @@ def test_what_a_killed_writer_left_is_removed(tmp_path):
     with Project(tmp_path).locked():
         pass
     assert contents(tmp_path) == {"a.vtp": "whole", "groomed/a.vtp": "whole"}
+
+
+@pytest.mark.parametrize("path", ["a\0b", "a" * 300, "../" + "ä" * 200])
+def test_a_path_that_no_system_takes_is_refused(tmp_path, path):
+    content = {"format": "homolog-project", "version": 1, "subjects": [{"name": "a", "path": path}]}
+    (tmp_path / "project.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"subjects\.0\.path: Value error, can't be a path"):
+        Project(tmp_path).read()

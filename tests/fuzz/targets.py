@@ -1,0 +1,227 @@
+"""Every reader of files that others may have made, with good files to begin from."""
+
+import csv
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from harness import Target
+
+from homolog.cohort import read_cohort
+from homolog.exchange import import_model, read_markups, write_markups
+from homolog.files.arrays import read_arrays, write_arrays
+from homolog.files.meshes import read_mesh, write_mesh
+from homolog.files.particles import read_particles, write_particles
+from homolog.files.project import Project
+from homolog.grooming.images import read_segmentation
+from homolog.run.checkpoints import read_checkpoint, write_checkpoint
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["NATIVE", "TARGETS"]
+
+
+def octahedron() -> TriangleMesh:
+    corners = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
+    faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+    return TriangleMesh(corners, np.array(faces))
+
+
+def good_project(folder: Path) -> None:
+    """A project with a result of three subjects."""
+    good_swproj(folder / "foreign")
+    import_model(folder / "foreign" / "a.swproj", Project(folder / "project"))
+    shutil.rmtree(folder / "foreign")
+
+
+def read_project(folder: Path) -> object:
+    project = Project(folder / "project")
+    record = project.read()
+    return record, project.cohort(), project.describe(project.cohort())
+
+
+def good_swproj(folder: Path) -> None:
+    """Three subjects with particles."""
+    (folder / "particles").mkdir(parents=True)
+    points = octahedron().vertices @ np.diag([9.0, 7.0, 5.0])
+    rows = []
+    for name, size in (("a", 1.0), ("b", 1.1), ("c", 0.9)):
+        for frame in ("local", "world"):
+            write_particles(folder / "particles" / f"{name}_{frame}.particles", size * points + (name == "b"))
+        rows.append(
+            {"name": name, "group_sex": "f", "age": "61"}
+            | {f"{frame}_particles_1": f"particles/{name}_{frame}.particles" for frame in ("local", "world")}
+        )
+    content = {"data": rows, "optimize": {"number_of_particles": "6"}, "project": {"version": "2"}}
+    (folder / "a.swproj").write_text(json.dumps(content, indent=4))
+
+
+def good_xlsx(folder: Path) -> None:
+    """The same as a workbook."""
+    import openpyxl
+
+    good_swproj(folder)
+    rows = json.loads((folder / "a.swproj").read_text())["data"]
+    book = openpyxl.Workbook()
+    book.active.title = "data"
+    for row in (list(rows[0]), *(list(one.values()) for one in rows)):
+        book["data"].append(row)
+    book.save(folder / "a.xlsx")
+
+
+def importing(name: str) -> Callable[[Path], object]:
+    def read(folder: Path) -> object:
+        shutil.rmtree(folder / "made", ignore_errors=True)
+        return import_model(folder / name, Project(folder / "made"))
+
+    return read
+
+
+def good_checkpoint(folder: Path) -> None:
+    from dataclasses import fields
+
+    from homolog.correspondence import Checkpoint
+
+    arrays = {
+        "positions": np.zeros((2, 5, 3), np.float32),
+        "widths": np.ones((2, 5), np.float32),
+        "means": np.ones((5, 3), np.float32),
+        "poses": np.stack([np.eye(4)] * 2),
+        "faces": np.zeros((2, 5), np.int32),
+        "energies": np.zeros((1, 4)),
+    }
+    counts = {one.name: 1 for one in fields(Checkpoint) if one.name not in arrays}
+    write_checkpoint(folder / "checkpoint.npz", Checkpoint(**arrays, **counts), "f")
+
+
+def good_report(folder: Path) -> None:
+    good_project(folder)
+    write_table(folder / "project" / "energies.csv")
+
+
+def write_table(path: Path) -> None:
+    with path.open("w", newline="") as stream:
+        csv.writer(stream).writerows([["iteration", "sampling", "ensemble", "normals"], [1, 2.0, 3.0, 4.0]])
+
+
+def read_journal(folder: Path) -> object:
+    from homolog_app.window.journal import find_lost
+    from homolog_app.window.study_files import study_of
+
+    return [study_of(one.record.study, one.base) for one in find_lost(folder / "sessions")]
+
+
+def good_journal(folder: Path) -> None:
+    from homolog_app.window.journal import JournalRecord
+    from homolog_app.window.study_files import StudyRecord
+
+    study = StudyRecord.model_validate({"subjects": [{"name": "a", "path": "a.nrrd"}], "excluded": ["a"]})
+    (folder / "sessions" / "one").mkdir(parents=True)
+    record = JournalRecord(folder=None, study=study, running=True)
+    (folder / "sessions" / "one" / "journal.json").write_text(record.model_dump_json())
+
+
+def good_window(folder: Path) -> None:
+    good_project(folder)
+    study = {"subjects": [{"name": "d", "path": "../d.nrrd"}], "excluded": ["d"]}
+    (folder / "project" / "window.json").write_text(json.dumps(study))
+
+
+def read_window(folder: Path) -> object:
+    from homolog_app.window.study_files import open_project
+
+    return open_project(Project(folder / "project"))
+
+
+def good_preferences(folder: Path) -> None:
+    from homolog_app.window.preferences import Preferences
+
+    preferences = Preferences(folder / "preferences.ini")
+    preferences.scheme = "dark"
+    preferences.remember(folder)
+    preferences._store.sync()
+
+
+def read_preferences(folder: Path) -> object:
+    from homolog_app.window.preferences import Preferences
+
+    one = Preferences(folder / "preferences.ini")
+    return one.scheme, one.ask_on_close, one.recent, one.geometry
+
+
+def good_study(folder: Path) -> None:
+    from homolog_app.report.request import StudyRequest, write_request
+
+    write_request(Project(folder / "project"), StudyRequest(between=("f", "m")))
+    (found,) = (folder / "project").rglob("study.json")
+    found.parent.rename(found.parent.with_name("study"))
+
+
+def read_study(folder: Path) -> object:
+    from homolog_app.report.request import read_requests
+
+    return read_requests(Project(folder / "project"))
+
+
+def image(name: str) -> Target:
+    def write(folder: Path) -> None:
+        import SimpleITK
+
+        axes = np.stack(np.meshgrid(*[np.arange(-3.0, 4.0)] * 3, indexing="ij"))
+        inside = (np.square(axes).sum(axis=0) <= 6.0).astype(np.uint8)
+        SimpleITK.WriteImage(SimpleITK.GetImageFromArray(inside), folder / name)
+
+    return Target(name, write, lambda folder: read_segmentation(folder / name, None))
+
+
+def mesh(name: str) -> Target:
+    return Target(
+        name, lambda folder: write_mesh(folder / name, octahedron()), lambda folder: read_mesh(folder / name)
+    )
+
+
+TARGETS = {
+    "project.json": Target("project/project.json", good_project, read_project),
+    "cohort.csv": Target(
+        "cohort.csv",
+        lambda folder: (folder / "cohort.csv").write_text(
+            "name,path,group,age\na,a.nrrd,f,61\nb,b.nrrd,m,\n"
+        ),
+        lambda folder: read_cohort(folder / "cohort.csv"),
+    ),
+    ".particles": Target(
+        "a.particles",
+        lambda folder: write_particles(folder / "a.particles", octahedron().vertices),
+        lambda folder: read_particles(folder / "a.particles"),
+    ),
+    ".swproj": Target("a.swproj", good_swproj, importing("a.swproj")),
+    ".xlsx": Target("a.xlsx", good_xlsx, importing("a.xlsx")),
+    ".mrk.json": Target(
+        "a.mrk.json",
+        lambda folder: write_markups(folder / "a.mrk.json", octahedron().vertices),
+        lambda folder: read_markups(folder / "a.mrk.json"),
+    ),
+    "archive .npz": Target(
+        "a.npz",
+        lambda folder: write_arrays(folder / "a.npz", {"points": np.eye(3), "name": "a"}),
+        lambda folder: read_arrays(folder / "a.npz"),
+    ),
+    "checkpoint.npz": Target(
+        "checkpoint.npz", good_checkpoint, lambda folder: read_checkpoint(folder / "checkpoint.npz", "f")
+    ),
+    "study.json": Target("project/analysis/study/study.json", good_study, read_study),
+    "window.json": Target("project/window.json", good_window, read_window),
+    "journal.json": Target("sessions/one/journal.json", good_journal, read_journal),
+    "preferences.ini": Target("preferences.ini", good_preferences, read_preferences),
+}
+"""Readers written in Python, or used in every session."""
+
+NATIVE = {
+    one.file: one
+    for one in (
+        *map(image, ("a.nrrd", "a.nhdr", "a.nii", "a.nii.gz", "a.mha", "a.mhd")),
+        *map(mesh, ("a.vtp", "a.vtk", "a.ply", "a.stl", "a.obj")),
+    )
+}
+"""Readers of SimpleITK and VTK, which can end the whole process: to be tried in one of their own."""
