@@ -25,7 +25,7 @@ from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.cli import main
 
-SMALL = ["--width", "320", "--height", "240", "--progress", "none"]
+SMALL = ["--width", "480", "--height", "320", "--progress", "none"]
 QUICK = ["--permutations", "99", "--progress", "none"]
 
 
@@ -106,7 +106,7 @@ def test_a_film_moves_and_lies_whole_within_its_borders(export, decode, words):
     code, path, _ = export("film", "film.mp4", *words, "--fps", "10", "--seconds", "1", *SMALL)
     assert code == 0
     facts, frames = decode(path)
-    assert frames.shape == (10, 240, 320, 3)
+    assert frames.shape == (10, 320, 480, 3)
     assert " 10 fps" in facts
     assert np.abs(frames[1:] - frames[:-1]).max() > 30
     for edge in (frames[:, 0], frames[:, -1], frames[:, :, 0], frames[:, :, -1]):

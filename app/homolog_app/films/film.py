@@ -9,7 +9,7 @@ from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog_app.films.board import Board, Box
 from homolog_app.films.motion import Motion
-from homolog_app.films.plan import make_plan, turned
+from homolog_app.films.plan import SCALE_SHARE, make_plan, turned
 from homolog_app.films.settings import Background, Colouring, FilmSettings, PictureSettings
 from homolog_app.pictures import (
     DARK,
@@ -91,7 +91,7 @@ class Film:
             self._board.text(x, y, name, room=room, size=0.8)
         if settings.scale_bar:
             em = self._board.em
-            most = 0.16 * settings.width
+            most = SCALE_SHARE * settings.width
             self._board.scale_bar(0.8 * em, settings.height - 0.9 * em, most, plan.millimetres)
         if plan.bar is not None and limit is not None:
             self._board.colour_bar(plan.bar, limit)

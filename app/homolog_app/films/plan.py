@@ -10,7 +10,10 @@ from homolog_app.films.board import Box
 from homolog_app.films.motion import Motion
 from homolog_app.pictures.views import Frame, View, frame_around
 
-__all__ = ["Cell", "Plan", "make_plan", "turned"]
+__all__ = ["SCALE_SHARE", "Cell", "Plan", "make_plan", "turned"]
+
+SCALE_SHARE = 0.12
+"""Most of the page's width that the scale bar takes."""
 
 _STRIP = 2.0  # caption and scale bar of the page [em]
 _BAR_STRIP = 7.0  # colour bar and its words [em]
@@ -109,7 +112,8 @@ def make_plan(
     )
     middle = area.x + area.width / 2.0
     if len(motions) == 1:
-        captions = [(middle, height - edge - 0.6 * em, 0.62 * area.width)]
+        room = area.width - 2.0 * (SCALE_SHARE * width + 1.5 * em)
+        captions = [(middle, height - edge - 0.6 * em, room)]
     else:
         captions = [_below(boxes[at : at + len(views)], em) for at in range(0, len(boxes), len(views))]
     names = [

@@ -34,10 +34,10 @@ class PictureSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     width: Annotated[
-        int, Field(ge=320, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="Even number.")
+        int, Field(ge=480, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="Even number.")
     ] = 1280
     height: Annotated[
-        int, Field(ge=240, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="Even number.")
+        int, Field(ge=320, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="Even number.")
     ] = 720
     deviations: Annotated[
         float,

@@ -165,11 +165,12 @@ def smooth_edges(
     scene: Scene,
     relief: wp.array2d(dtype=wp.vec4),
     first_row: int,
+    first_column: int,
     image: wp.array2d(dtype=wp.vec4),
 ):
-    """Draw edges and creases again: mean colour of the rays that hit (premultiplied), and their share."""
-    index, column = wp.tid()
-    row = first_row + index
+    """Draw edges and creases again: mean colour of the rays that hit, and their share as opacity."""
+    down, along = wp.tid()
+    row, column = first_row + down, first_column + along
     back = wp.cross(scene.right, scene.up)
     edge = breaks(relief, row, column, row - 1, column, back, scene.step)
     edge = edge or breaks(relief, row, column, row + 1, column, back, scene.step)
@@ -184,7 +185,10 @@ def smooth_edges(
                 float(row) + float((5 + 4 * ray + 2 * (ray // 2)) % 8) / 8.0,
             )
             total += wp.vec4(seen.colour[0], seen.colour[1], seen.colour[2], seen.opacity)
-        image[row, column] = total / float(SAMPLES)
+        hits = wp.max(total[3], 1.0)
+        image[row, column] = wp.vec4(
+            total[0] / hits, total[1] / hits, total[2] / hits, total[3] / float(SAMPLES)
+        )
 
 
 @wp.kernel

@@ -71,24 +71,26 @@ class Renderer:
         image, relief = (wp.empty((height, width), dtype=wp.vec4, device=_DEVICE) for _ in range(2))
         nearest = wp.empty((height, width), dtype=int, device=_DEVICE)
         way = self._vertices - corner
-        places = warp_vectors(np.stack([way @ right / step, way @ -up / step, way @ -back], axis=1))
+        places = np.stack([way @ right / step, way @ -up / step, way @ -back], axis=1)
+        on_page = warp_vectors(places)
         rows = -(-height // (_BANDS * cores()))
+        left, top = np.clip(np.floor(places[:, :2].min(axis=0)) - 1, 0, (width, height)).astype(int)
+        end, bottom = np.clip(np.ceil(places[:, :2].max(axis=0)) + 1, 0, (width, height)).astype(int)
 
         def fill_band(band: int) -> None:
-            inputs = [scene, places, rows, band, nearest, relief, image]
+            inputs = [scene, on_page, rows, band, nearest, relief, image]
             wp.launch(kernels.fill, 1, inputs=inputs, device=_DEVICE)
 
         def smooth_band(band: int) -> None:
-            count = min(rows, height - band * rows)
-            inputs = [scene, relief, band * rows, image]
-            wp.launch(kernels.smooth_edges, (count, width), inputs=inputs, device=_DEVICE)
+            first, last = max(band * rows, top), min((band + 1) * rows, bottom)
+            if first < last and left < end:  # elsewhere is nothing
+                inputs = [scene, relief, int(first), int(left), image]
+                wp.launch(kernels.smooth_edges, (last - first, end - left), inputs=inputs, device=_DEVICE)
 
         with ThreadPoolExecutor(cores()) as pool:
             for draw_band in (fill_band, smooth_band):
                 list(pool.map(draw_band, range(-(-height // rows))))
-        pixels = np.array(image.numpy())
-        pixels[..., :3] /= np.maximum(pixels[..., 3:], 1e-6)
-        return pixels
+        return np.array(image.numpy())
 
 
 def render(solids: Sequence[Solid], frame: Frame, width: int) -> NDArray[np.float32]:

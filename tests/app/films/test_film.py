@@ -60,7 +60,7 @@ def test_the_scale_bar_is_as_long_as_it_says(bulging):
     page = film.draw(0.5)[..., :3].max(axis=-1)
     shape = page[: 480 - 60].min(axis=0) < 240
     bar = (page[450:] < 60).sum(axis=1).max()
-    assert bar * 30.0 / np.count_nonzero(shape) == pytest.approx(10.0, rel=0.03)
+    assert bar * 30.0 / np.count_nonzero(shape) == pytest.approx(5.0, rel=0.03)
 
 
 def test_the_caption_says_what_is_shown_and_changes_as_it_moves(bulging):
@@ -106,5 +106,5 @@ def test_a_transparent_picture_has_no_paper_and_soft_edges(bulging):
 
 
 def test_a_page_too_small_for_its_pictures_is_refused(bulging):
-    with pytest.raises(InputError, match="320 x 240 pixels are too few for 160 pictures"):
-        Film([bulging] * 20, SIGHTS, PictureSettings(width=320, height=240))
+    with pytest.raises(InputError, match="480 x 320 pixels are too few for 160 pictures"):
+        Film([bulging] * 20, SIGHTS, PictureSettings(width=480, height=320))

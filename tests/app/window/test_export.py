@@ -31,7 +31,7 @@ def dialog(qapp, finished):
 
 def small(dialog, **changes):
     """Make an export small and quick."""
-    dialog._edit("", dialog.settings.model_copy(update={"width": 320, "height": 240, **changes}))
+    dialog._edit("", dialog.settings.model_copy(update={"width": 480, "height": 320, **changes}))
 
 
 def export(dialog, wait):
@@ -52,7 +52,7 @@ def test_a_film_is_the_same_file_as_the_command_line_makes(dialog, wait, tmp_pat
     film.child.progressed.connect(lambda fraction, _: seen.append(fraction))
     assert export(film, wait) == "done", film.note.text()
     facts, frames = decode(tmp_path / "film.mp4")
-    assert frames.shape == (5, 240, 320, 3)
+    assert frames.shape == (5, 320, 480, 3)
     assert "h264" in facts
     assert seen[-1] == 1.0
     words = shlex.split(film.line.text())

@@ -15,7 +15,7 @@ __all__ = ["Preview"]
 
 _SIZE = 448
 _PAUSE_MS = 400
-_LEAST = 320, 240
+_LEAST = 480, 320
 
 
 class Preview(QLabel):
