@@ -19,9 +19,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
-from scipy.spatial import cKDTree
 
+from homolog.analysis.landmarks import landmark_errors as errors_of_landmarks
 from homolog.beans.evaluate import evaluate
 from homolog.beans.generate import NARROW, WIDE, draw_beans
 from homolog.correspondence import Shape, optimize
@@ -33,6 +32,7 @@ from homolog.device import choose_device, describe_device
 from homolog.settings import GroomSettings, Method, OptimizeSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.snapping import snapping
 
 DATA = Path(os.environ.get("HOMOLOG_DATA", Path(__file__).parents[3] / "shared" / "data"))
 COHORTS = (1, 2, 3, 5, 12)
@@ -182,18 +182,8 @@ def landmark_errors(shapes, particles):
         for row in csv.DictReader(file):
             table.setdefault(row["id"], {})[row["landmark"]] = [float(row[axis]) for axis in "xyz"]
     own = [np.array([v for _, v in sorted(table[shape.name.split("_")[0]].items())]) for shape in shapes]
-    weights = np.random.default_rng(0).dirichlet(np.ones(3), 12)
-    surfaces = [
-        np.einsum("sk,fkd->fsd", weights, s.mesh.vertices[s.mesh.faces]).reshape(-1, 3) for s in shapes
-    ]
-    errors = []
-    for a, source in enumerate(own):
-        for b, target in enumerate(own):
-            if a != b:
-                carried = RBFInterpolator(particles[a], particles[b], kernel="linear", degree=1)(source)
-                snapped = surfaces[b][cKDTree(surfaces[b]).query(carried)[1]]
-                errors.append(np.linalg.norm(snapped - target, axis=1))
-    return np.array(errors)
+    found = errors_of_landmarks(particles, np.array(own), [snapping(shape.mesh) for shape in shapes])
+    return found[~np.eye(len(shapes), dtype=bool)]
 
 
 def opposed(normals):

@@ -1,10 +1,8 @@
 """A project's landmarks: read from the subjects' markups, compared through the correspondence."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from homolog.analysis.landmarks import landmark_errors
 from homolog.arrays import FloatArray, frozen
@@ -13,11 +11,9 @@ from homolog.files.meshes import read_mesh
 from homolog.files.project import Project
 from homolog.files.results import read_result, surface_file
 from homolog.run.landmarks import check_landmarks
-from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.snapping import snapping
 
-__all__ = ["LandmarkErrors", "project_landmark_errors", "snapping"]
-
-_SAMPLES = 12  # points drawn on each face, for nearest points of a surface
+__all__ = ["LandmarkErrors", "project_landmark_errors"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,11 +82,3 @@ def project_landmark_errors(project: Project) -> LandmarkErrors | None:
     snap = [snapping(mesh) for mesh in meshes]
     errors = landmark_errors(result.local[chosen], table, snap)
     return LandmarkErrors(names, tuple(result.names[index] for index in chosen), frozen(errors))
-
-
-def snapping(mesh: TriangleMesh) -> Callable[[FloatArray], FloatArray]:
-    """Return a function that takes points (n, 3) to near ones of a surface, to a fraction of its edges."""
-    weights = np.random.default_rng(0).dirichlet(np.ones(3), _SAMPLES)
-    points = np.einsum("sk,fkd->fsd", weights, mesh.vertices[mesh.faces]).reshape(-1, 3)
-    tree = KDTree(points)
-    return lambda wanted: points[np.asarray(tree.query(wanted)[1])]
