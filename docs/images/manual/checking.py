@@ -4,8 +4,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from homolog.arrays import frozen
+
 if TYPE_CHECKING:
     from homolog.files.results import Result
+    from homolog.inspection import Inspection
     from homolog_app.window.main_window import MainWindow
 
 SUBJECT, APART = 2, 60
@@ -28,24 +33,27 @@ def keep_checking(
     until(lambda: page.checked.inspection is not None and not work.is_busy)
     order["check.next"].trigger()
     keep("check")
-    for what, name, view in (
-        ("distances", "check_distances", "view.reset"),
-        ("checkerboard", "check_texture", "view.head"),
-    ):
+    for what, name in (("checkerboard", "check_texture"), ("distances", "check_distances")):
         page.look.show_what.setCurrentIndex(page.look.show_what.findData(what))
+        if what == "distances":
+            page.look.mark(_beside_slot(page.checked.inspection), SUBJECT)
         until(lambda: not work.is_busy)
-        order[view].trigger()
+        order["view.head"].trigger()
         keep(name)
     page.look.show_what.setCurrentIndex(0)
     session.result = loaded
     session.facts_changed.emit()
 
 
+def _beside_slot(inspection: "Inspection | None") -> int:
+    """Return the particle nearest to the axis of those that face the head."""
+    assert inspection is not None
+    world, normals = inspection.places.world[SUBJECT], inspection.places.normals[SUBJECT]
+    off_axis = np.hypot(*(world - world.mean(axis=0))[:, :2].T)
+    return int(np.where(normals[:, 2] > 0.85, off_axis, np.inf).argmin())
+
+
 def _exchanged(result: "Result") -> "Result":
-    import numpy as np
-
-    from homolog.arrays import frozen
-
     first = int(result.world[SUBJECT][:, 2].argmax())
     pair = [first, (first + APART) % result.world.shape[1]]
     changed = []

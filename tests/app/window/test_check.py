@@ -189,6 +189,19 @@ def test_distances_along_the_surface_stand_beside_straight_ones_on_one_scale(che
     assert again.along.min() < 1.0
 
 
+def test_the_last_of_several_places_clicked_in_a_row_is_the_one_that_is_measured(checking, wait):
+    from homolog_app.window.scene.picking import Pick
+
+    page, names = page_of(checking), checking.desk.session.result.result.names
+    world = page.checked.inspection.places.world
+    page.look.show_what.setCurrentIndex(page.look.show_what.findData("distances"))
+    for m, particle in ((0, 3), (1, 30), (2, 50)):
+        page.take_pick(Pick(names[m], world[m, particle], particle))
+    wait(lambda: page.look.marks.distances is not None)
+    assert page.look.marks.distances.subject == 2
+    np.testing.assert_array_equal(page.look.marks.distances.place, world[2, 50])
+
+
 def test_each_part_of_the_energy_colours_the_particles(checking, wait):
     page, scene = page_of(checking), checking.views.stage.scene
     names = checking.desk.session.result.result.names

@@ -48,6 +48,7 @@ class LookAt(QWidget):
         self._found: Inspection | None = None
         self._names: tuple[str, ...] = ()
         self._others = _NOBODY
+        self._picked: tuple[int, FloatArray] | None = None
         self._distances: Distances | None = None
         self._energies: ParticleEnergies | None = None
         self._textures: dict[str, dict[str, FloatArray]] = {}
@@ -73,7 +74,7 @@ class LookAt(QWidget):
             particle=self.chosen,
             subject=self.subject.currentIndex(),
             others=self._others,
-            distances=self._distances,
+            distances=self._distances if self._is_measured else None,
             energies=self._energies,
             texture=texture,
         )
@@ -81,7 +82,7 @@ class LookAt(QWidget):
     def show_inspection(self, found: "Inspection | None", names: tuple[str, ...]) -> None:
         """Take what is known of a result; particle and subject stay if they can."""
         self._found, self._others = found, _NOBODY
-        self._distances, self._energies, self._textures = None, None, {}
+        self._picked, self._distances, self._energies, self._textures = None, None, None, {}
         if names != self._names:
             self._names = names
             self.subject.clear()
@@ -92,7 +93,7 @@ class LookAt(QWidget):
 
     def mark(self, particle: int, subject: int, others: IntArray = _NOBODY) -> None:
         """Choose a particle on a subject, and mark others there."""
-        self._others, self._distances = others, None
+        self._others, self._picked = others, None
         self.subject.setCurrentIndex(subject)
         self._quietly(lambda: self.particle.setValue(particle))
         self._refresh()
@@ -105,9 +106,26 @@ class LookAt(QWidget):
             return
         if self._mode == "distances":
             self.subject.setCurrentIndex(at)
-            self._measure(at, pick.place)
+            self._picked = at, pick.place
+            self._refresh()
         elif pick.particle is not None:
             self.mark(pick.particle, at)
+
+    @property
+    def _origin(self) -> tuple[int, FloatArray] | None:
+        """Subject and place that distances are wanted from: what was clicked, or the chosen particle."""
+        if self._picked is not None or self._found is None or self.chosen is None:
+            return self._picked
+        m = self.subject.currentIndex()
+        return m, self._found.places.world[m, self.chosen]
+
+    @property
+    def _is_measured(self) -> bool:
+        """Whether the distances are those that are wanted; others may have been chosen meanwhile."""
+        known, origin = self._distances, self._origin
+        if known is None or origin is None:
+            return False
+        return known.subject == origin[0] and np.array_equal(known.place, origin[1])
 
     @property
     def _mode(self) -> str:
@@ -141,7 +159,7 @@ class LookAt(QWidget):
 
     def _look(self) -> None:
         """Show another particle or subject, and go there."""
-        self._others, self._distances = _NOBODY, None
+        self._others, self._picked = _NOBODY, None
         self._refresh()
         if self._found is not None and self.chosen is not None:
             m = self.subject.currentIndex()
@@ -154,11 +172,17 @@ class LookAt(QWidget):
 
     def _compute(self) -> None:
         """Have computed what is to be shown and not known yet."""
-        found, mode, m = self._found, self._mode, self.subject.currentIndex()
+        found, mode, origin = self._found, self._mode, self._origin
         if found is None or self._desk.work.is_busy or not self.isVisible():
             return
-        if mode == "distances" and self._distances is None and self.chosen is not None:
-            self._measure(m, found.places.world[m, self.chosen])
+        if mode == "distances" and origin is not None and not self._is_measured:
+            m, place = origin
+            self._desk.work.compute(
+                "distances",
+                lambda tick: distances_on(found, m, place, self._names[m], tick),
+                "distances",
+                self._take_distances,
+            )
         elif mode in ENERGIES and self._energies is None:
             settings = self._desk.session.study.settings.optimize
             self._desk.work.compute(
@@ -169,14 +193,6 @@ class LookAt(QWidget):
             self._desk.work.compute(
                 "texture", lambda tick: textures_of(found, names, tick), "texture", self._take_textures
             )
-
-    def _measure(self, m: int, place: FloatArray) -> None:
-        found, name = self._found, self._names[m]
-        if found is not None:
-            self._desk.work.compute(
-                "distances", lambda tick: distances_on(found, m, place, name, tick), "distances",
-                self._take_distances,
-            )  # fmt: skip
 
     def _take_distances(self, distances: Distances) -> None:
         self._distances = distances
