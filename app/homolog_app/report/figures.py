@@ -12,6 +12,7 @@ from homolog.analysis.evaluation import compactness, generalization, specificity
 from homolog.analysis.parallel import ParallelAnalysis, parallel_analysis
 from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
+from homolog.errors import InputError
 from homolog.files.names import file_stems
 from homolog.files.project import Project
 from homolog.files.results import Result
@@ -179,7 +180,11 @@ def _scree_caption(parallel: ParallelAnalysis) -> str:
 
 
 def _energies(project: Project) -> dict[str, FloatArray]:
-    with (project.folder / "energies.csv").open(newline="") as stream:
-        rows = list(csv.DictReader(stream))
+    path = project.folder / "energies.csv"
     names = ("iteration", "sampling", "ensemble", "normals")
-    return {name: np.array([float(row[name]) for row in rows]) for name in names}
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+        return {name: np.array([float(row[name]) for row in rows]) for name in names}
+    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
+        raise InputError(f"{path}: can't be read: {error}; run again") from error
