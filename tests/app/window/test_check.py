@@ -248,3 +248,22 @@ def test_every_control_can_be_reached_by_key_and_has_a_name(checking):
             continue
         assert one.accessibleName() or getattr(one, "text", lambda: "")(), one
     assert page.table.focusPolicy() & Qt.FocusPolicy.TabFocus
+
+
+def test_two_subjects_are_told_to_be_too_few(explored, errors, wait):
+    from dataclasses import replace
+
+    session = explored.desk.session
+    settled(explored, wait)
+    two = session.result.result
+    kept = {name: session.result.surfaces[name] for name in two.names[:2]}
+    result = replace(
+        two, names=two.names[:2], groups=two.groups[:2], columns=two.columns[:2], local=two.local[:2],
+        world=two.world[:2], alignments=two.alignments[:2],
+    )  # fmt: skip
+    session.result = replace(session.result, result=result, surfaces=kept)
+    session.facts_changed.emit()
+    explored.commands["explore.check"].trigger()
+    settled(explored, wait)
+    assert "takes three" in page_of(explored).state.text()
+    assert not errors

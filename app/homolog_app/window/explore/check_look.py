@@ -184,9 +184,9 @@ class LookAt(QWidget):
                 self._take_distances,
             )
         elif mode in ENERGIES and self._energies is None:
-            settings = self._desk.session.study.settings.optimize
+            project = self._desk.project
             self._desk.work.compute(
-                "energies", lambda tick: energies_of(found, settings, tick), "energies", self._take_energies
+                "energies", lambda tick: energies_of(found, project, tick), "energies", self._take_energies
             )
         elif mode in ("checkerboard", "stripes") and not self._textures:
             names = self._names

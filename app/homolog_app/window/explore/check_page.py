@@ -132,12 +132,14 @@ class CheckPage(ExplorePage):
         for widget in (self.table, self.export):
             widget.setEnabled(found is not None)
         self.mend.setEnabled(self._suspect is not None and not work.is_busy)
-        self.again.setVisible(found is None)
+        self.again.setVisible(found is None and self.checked.is_possible)
         for one in (self.keep, self.unsaved):
             one.setVisible(not self.checked.is_written)
         self.keep.setEnabled(not work.is_busy)
         if work.kind in _WORK and work.status is not None:
             self.state.setText(f"{work.status.message}: {100 * work.status.fraction:.0f} %")
+        elif not self.checked.is_possible:
+            self.state.setText("Suspects are found by comparing subjects; it takes three.")
         elif found is None:
             self.state.setText("Not looked for suspects yet.")
         elif not found.suspects:

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Checked"]
 
+FEWEST = 3
+"""Subjects that the inspection takes."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Version:
@@ -51,6 +54,12 @@ class Checked(QObject):
         """What the inspection says of the open result; None until it is done."""
         version = self._version
         return version.inspection if version is not None else None
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether there are enough subjects to say which of them is the odd one."""
+        result = self._desk.session.result
+        return result is not None and len(result.result.names) >= FEWEST
 
     @property
     def is_written(self) -> bool:
@@ -149,6 +158,8 @@ class Checked(QObject):
                 self._versions, self._written = [], result
             self.changed.emit()
         if known or not self._wanted or result is None or result is self._asked or work.is_busy:
+            return
+        if not self.is_possible:
             return
         self._asked = result
 

@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.arrays import FloatArray
+from homolog.errors import InputError
+from homolog.files.project import Project
 from homolog.progress import Tick
 from homolog_app.window.explore.check_shown import Distances
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, ParticleEnergies
-    from homolog.settings import OptimizeSettings
 
 __all__ = ["distances_on", "energies_of", "textures_of"]
 
@@ -34,12 +35,15 @@ def distances_on(
     return Distances(subject, place, normal / np.linalg.norm(normal), along, straight)
 
 
-def energies_of(inspection: "Inspection", settings: "OptimizeSettings", tick: Tick) -> "ParticleEnergies":
-    """Return what each particle adds to the energies."""
+def energies_of(inspection: "Inspection", project: Project, tick: Tick) -> "ParticleEnergies":
+    """Return what each particle adds to the energies, by the settings of the project's result."""
     from homolog.inspection import particle_energies
 
     tick(0.0, "energies of particles")
-    return particle_energies(inspection.places, inspection.usual, settings)
+    record = project.read().result
+    if record is None:
+        raise InputError(f"{project.folder}: has no result any more; run again")
+    return particle_energies(inspection.places, inspection.usual, record.settings.optimize)
 
 
 def textures_of(

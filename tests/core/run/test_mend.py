@@ -1,0 +1,75 @@
+"""A result with particles optimized again takes the place of the one before, whole or not at all."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog.files.results import read_result
+from homolog.run.mend import mean_of, read_study, write_mended
+
+
+@pytest.fixture
+def project(finished_run, tmp_path):
+    """Return a copy of a finished project."""
+    copy = Project(tmp_path / "project")
+    shutil.copytree(finished_run.folder, copy.folder, ignore=shutil.ignore_patterns(".lock"))
+    return copy
+
+
+def moved(local):
+    """Return the particles with the first two of the first subject exchanged."""
+    changed = local.copy()
+    changed[0, :2] = local[0, 1::-1]
+    return changed
+
+
+def test_a_written_result_is_read_back_with_its_note_and_its_history(project):
+    before, local = project.read(), moved(read_result(project).local)
+    write_mended(project, local, {"a": "exchanged by a test"})
+    after, result = project.read(), read_result(project)
+    np.testing.assert_array_equal(result.local, local)
+    world = np.einsum("mij,mnj->mni", result.alignments[:, :3, :3], local) + result.alignments[:, None, :3, 3]
+    np.testing.assert_allclose(result.world, world, atol=1e-9)
+    assert after.result.subjects[0].notes[-1] == "exchanged by a test"
+    kept = {"iterations", "ended", "fingerprint", "settings", "seconds", "particles"}
+    assert after.result.model_dump(include=kept) == before.result.model_dump(include=kept)
+    assert (after.subjects, after.settings, after.unfinished) == (
+        before.subjects, before.settings, before.unfinished,
+    )  # fmt: skip
+
+
+def test_a_result_that_cannot_be_written_leaves_the_former_one(project, monkeypatch):
+    before = {path: path.read_bytes() for path in project.folder.rglob("*") if path.is_file()}
+
+    def fails(*_):
+        raise InputError("the disk is full")
+
+    monkeypatch.setattr("homolog.run.result.write_table", fails)
+    with pytest.raises(InputError, match="disk is full"):
+        write_mended(project, moved(read_result(project).local), {})
+    after = {path: path.read_bytes() for path in project.folder.rglob("*") if path.is_file()}
+    assert {path: after.get(path) for path in before} == before
+
+
+def test_the_input_files_are_not_needed(project):
+    record = project.read()
+    gone = [one.model_copy(update={"path": f"../nowhere/{one.name}.nrrd"}) for one in record.subjects]
+    project.write(record.model_copy(update={"subjects": gone}))
+    study = read_study(project)
+    assert [one.name for one in study.shapes] == ["a", "b", "c", "d"]
+    np.testing.assert_array_equal(study.shapes[1].alignment, read_result(project).alignments[1])
+
+
+def test_a_missing_surface_is_named(project):
+    (project.groomed / "c.npz").unlink()
+    with pytest.raises(InputError, match=r"c\.npz"):
+        read_study(project)
+
+
+def test_the_mean_surface_is_the_one_that_the_run_made(project):
+    study, result = read_study(project), read_result(project)
+    mean = mean_of(result.world, [one.mesh for one in study.shapes], result.alignments)
+    np.testing.assert_allclose(mean.vertices, result.mean_surface.vertices, atol=1e-4)
