@@ -93,10 +93,13 @@ def prepare(
     free = np.full(len(shapes), True) if moving is None else moving
     geodesic = settings.method.uses_geodesics
     few, many = [n for n in counts if n < FINE_FROM], [n for n in counts if n >= FINE_FROM]
-    between = 1.0 if not many else 0.3 if few else 0.0
+    between = 1.0 if not many else 0.4 if few else 0.1
 
     def level(originals: Sequence[TriangleMesh], limits: Sequence[float], tick: Tick) -> Level:
-        meshes = [ordered(mesh) for mesh in originals]
+        meshes = []
+        for mesh, shape in zip(originals, shapes, strict=True):
+            tick(0.0, f"mesh of {shape.name}")
+            meshes.append(ordered(mesh))
         tables: list[GeodesicTable | None] = [None] * len(shapes)
         if geodesic:
             chosen = [k for k, one in enumerate(free) if one]
@@ -118,8 +121,8 @@ def prepare(
         names=tuple(shape.name for shape in shapes),
         unit=unit,
         placements=placements,
-        fields=field_array(shapes, placements, device),
-        coarse=level([s.coarse_mesh for s in shapes], complete, part_of(tick, 0.0, between)) if few else None,
+        fields=field_array(shapes, placements, device, part_of(tick, 0.0, 0.1)),
+        coarse=level([s.coarse_mesh for s in shapes], complete, part_of(tick, 0.1, between)) if few else None,
         fine=level([s.mesh for s in shapes], enough, part_of(tick, between, 1.0)) if many else None,
         geodesic=geodesic,
         device=device,

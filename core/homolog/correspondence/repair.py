@@ -16,7 +16,7 @@ from homolog.correspondence.start import SmoothingMap, features, register, sprea
 from homolog.correspondence.surfaces import Placement, length_unit
 from homolog.correspondence.types import Correspondence, Observe, Shape, Start
 from homolog.errors import InputError
-from homolog.progress import Tick, no_tick
+from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -154,13 +154,15 @@ def fitting_start(
     points = [mesh.vertices[:: max(1, len(mesh.vertices) // CONTROL)] for mesh in coarse]
     unknown = np.flatnonzero(~known).tolist()
     for number, k in enumerate(unknown):
-        tick(number / len(unknown), f"first particles of {shapes[k].name}")
+        here = part_of(tick, number / len(unknown), (number + 1) / len(unknown))
+        here(0.0, f"first particles of {shapes[k].name}")
         tree = cKDTree(coarse[k].vertices)
         costs = [float(np.mean(tree.query(points[j])[0])) for j in np.flatnonzero(known)]
         nearest = int(np.flatnonzero(known)[int(np.argmin(costs))])
         fine = _moved(shapes[nearest].mesh, placements[nearest])
         particles = placements[nearest].apply(start[nearest])
-        moved, normals = _carried(coarse[nearest], coarse[k], particles, _normals_at(fine, particles))
+        normals = _normals_at(fine, particles)
+        moved, normals = _carried(coarse[nearest], coarse[k], particles, normals, here)
         snapped = _snapped(moved, normals, _moved(shapes[k].mesh, placements[k]))
         start[k] = placements[k].invert(snapped)
     return Start(start, np.repeat(~known[:, None], local.shape[1], axis=1))
@@ -201,12 +203,12 @@ def _normals_at(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
 
 
 def _carried(
-    source: TriangleMesh, target: TriangleMesh, points: FloatArray, normals: FloatArray
+    source: TriangleMesh, target: TriangleMesh, points: FloatArray, normals: FloatArray, tick: Tick
 ) -> tuple[FloatArray, FloatArray]:
     """Return points and normals on one coarse mesh carried towards another, (n, 3) each."""
     control = spread_indices(source.vertices, min(CONTROL, len(source.vertices)))
     maps = SmoothingMap.between(source.vertices[control], source.vertices)
-    deformed = register(source, control, target, vertex_normals(target), maps)
+    deformed = register(source, control, target, vertex_normals(target), maps, tick=tick)
     through = SmoothingMap.between(source.vertices[control], points)
     near = cKDTree(features(source.vertices, vertex_normals(source))).query(features(points, normals))[1]
     return through.moved(deformed.vertices[control], TIGHT), vertex_normals(deformed)[near]

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.progress import Tick, no_tick
+from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["first_particles"]
@@ -91,7 +91,7 @@ def first_particles(
         Vertices of the meshes.
     """
     normals = [vertex_normals(mesh) for mesh in meshes]
-    reference = medoid(meshes)
+    reference = medoid(meshes, tick=part_of(tick, 0.0, 0.1))
     source = meshes[reference]
     control = spread_indices(source.vertices, min(CONTROL, len(source.vertices)))
     marked = _marked(meshes, landmarks)
@@ -103,12 +103,13 @@ def first_particles(
     maps = SmoothingMap.between(source.vertices[control], source.vertices)
     result = np.empty((len(meshes), count, 3))
     for index, (mesh, own) in enumerate(zip(meshes, normals, strict=True)):
-        tick(index / len(meshes), "first particles")
+        here = part_of(tick, 0.1 + 0.9 * index / len(meshes), 0.1 + 0.9 * (index + 1) / len(meshes))
+        here(0.0, "first particles")
         if index == reference:
             result[index] = source.vertices[chosen]
             continue
         guess = _guess(source, marked[reference], mesh.vertices[marked[index]])
-        deformed = register(source, control, mesh, own, maps, guess)
+        deformed = register(source, control, mesh, own, maps, guess, here)
         moved = features(deformed.vertices, vertex_normals(deformed))[chosen]
         nearest = np.asarray(cKDTree(features(mesh.vertices, own)).query(moved)[1])
         nearest[: len(marked[index])] = marked[index]
@@ -146,6 +147,7 @@ def register(
     normals: FloatArray,
     maps: SmoothingMap,
     guess: TriangleMesh | None = None,
+    tick: Tick = no_tick,
 ) -> TriangleMesh:
     """Return the source mesh deformed onto the target, by closest points under softening thin plates.
 
@@ -153,7 +155,8 @@ def register(
     """
     deformed = source if guess is None else guess
     tree = cKDTree(features(target.vertices, normals))
-    for smoothing in np.geomspace(STIFF, SOFT, ROUNDS):
+    for number, smoothing in enumerate(np.geomspace(STIFF, SOFT, ROUNDS)):
+        tick(number / ROUNDS, "first particles")
         moving = features(deformed.vertices, vertex_normals(deformed))
         matched = target.vertices[tree.query(moving[control])[1]]
         deformed = TriangleMesh(maps.moved(matched, float(smoothing)), source.faces)
@@ -189,14 +192,20 @@ def spread_indices(points: FloatArray, count: int, begin: Sequence[int] | IntArr
     return np.array(chosen)
 
 
-def medoid(meshes: Sequence[TriangleMesh], candidates: int = 40, samples: int = 200) -> int:
+def medoid(
+    meshes: Sequence[TriangleMesh], candidates: int = 40, samples: int = 200, tick: Tick = no_tick
+) -> int:
     """Return the index of the shape that is nearest to all others (of at most so many candidates)."""
     step = max(1, len(meshes) // candidates)
     trees = [cKDTree(mesh.vertices) for mesh in meshes]
-    points = [mesh.vertices[spread_indices(mesh.vertices, samples)] for mesh in meshes]
+    points = []
+    for index, mesh in enumerate(meshes):
+        tick(0.5 * index / len(meshes), "most typical shape")
+        points.append(mesh.vertices[spread_indices(mesh.vertices, samples)])
     indices = range(0, len(meshes), step)
     costs = []
     for k in indices:
+        tick(0.5 + 0.5 * k / len(meshes), "most typical shape")
         away = [np.mean(np.asarray(trees[k].query(other)[0])) for other in points]
         back = [np.mean(np.asarray(tree.query(points[k])[0])) for tree in trees]
         costs.append(float(np.sum(away) + np.sum(back)))

@@ -18,6 +18,7 @@ from homolog.correspondence.kernels import Surface
 from homolog.correspondence.types import Shape
 from homolog.errors import NumericalError
 from homolog.geodesics import GeodesicTable
+from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Level", "Placement", "build_level", "field_array", "length_unit", "nearest_faces"]
@@ -68,9 +69,14 @@ def length_unit(shapes: Sequence[Shape]) -> float:
     return 0.01 * float(np.sqrt(np.mean(areas)))
 
 
-def field_array(shapes: Sequence[Shape], placements: Sequence[Placement], device: str) -> DeviceArray:
+def field_array(
+    shapes: Sequence[Shape], placements: Sequence[Placement], device: str, tick: Tick = no_tick
+) -> DeviceArray:
     """Bring the distance fields to the device as cubic B-spline coefficients."""
-    keep = [_field_data(s, f, device) for s, f in zip(shapes, placements, strict=True)]
+    keep = []
+    for index, (shape, placement) in enumerate(zip(shapes, placements, strict=True)):
+        tick(index / len(shapes), f"distance field of {shape.name}")
+        keep.append(_field_data(shape, placement, device))
     fields = wp.array(keep, dtype=FieldData, device=device)
     fields.keep = keep  # an array of structs holds addresses only
     return fields

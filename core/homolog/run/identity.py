@@ -7,6 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from homolog import __version__
 from homolog.correspondence import Shape
+from homolog.progress import Tick, no_tick
 from homolog.settings import OptimizeSettings
 
 __all__ = ["content_of", "fingerprint_of", "versions"]
@@ -27,11 +28,15 @@ def content_of(shape: Shape) -> str:
     return digest.hexdigest()
 
 
-def fingerprint_of(settings: OptimizeSettings, shapes: Sequence[Shape]) -> str:
+def fingerprint_of(settings: OptimizeSettings, shapes: Sequence[Shape], tick: Tick = no_tick) -> str:
     """Return a hash of the settings and of the shapes in their order; the device is not in it."""
+    contents = []
+    for index, shape in enumerate(shapes):
+        tick(index / len(shapes), f"surface of {shape.name}")
+        contents.append(content_of(shape))
     places = [repr(shape.alignment.tolist()) for shape in shapes]
     marks = [repr(shape.landmarks.tolist()) for shape in shapes if shape.landmarks is not None]
-    text = "\n".join([settings.model_dump_json(), *map(content_of, shapes), *places, *marks])
+    text = "\n".join([settings.model_dump_json(), *contents, *places, *marks])
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 

@@ -5,14 +5,23 @@ from collections.abc import Sequence
 import numpy as np
 
 from homolog.cohort import Cohort
-from homolog.correspondence import Checkpoint, Correspondence, Frame, Shape, inverted, optimize, transformed
+from homolog.correspondence import (
+    Checkpoint,
+    Correspondence,
+    Frame,
+    Shape,
+    inverted,
+    load_kernels,
+    optimize,
+    transformed,
+)
 from homolog.device import choose_device, cores, device_faults
 from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import writing
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord
 from homolog.grooming import GroomedSubject, align, check_cohort, groom_cohort
-from homolog.progress import no_tick
+from homolog.progress import no_tick, patiently
 from homolog.run.base import Base, read_base
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.control import Control
@@ -170,7 +179,7 @@ class Run:
             shapes = self._aligned(groomed, base)
             if self._settings.optimize.landmarks:
                 shapes = with_landmarks(shapes, cohort)
-            fingerprint = fingerprint_of(self._settings.optimize, shapes)
+            fingerprint = fingerprint_of(self._settings.optimize, shapes, self._control.tick)
             self._study = Study(cohort, self._settings, groomed, shapes, fingerprint, device)
             found = self._optimized(self._study, base)
             self._control.enter(Phase.MODELING, "principal components")
@@ -178,7 +187,9 @@ class Run:
                 self._study, found.world, found.local, found.alignments, found.energies,
                 found.iterations, found.reason.value, self._control.seconds,
             )  # fmt: skip
-            model, surface = model_of(outcome, self._control.tick)
+            model, surface = patiently(
+                lambda tick: model_of(outcome, tick), self._control.tick, "principal components"
+            )
             self._control.enter(Phase.WRITING, "writing")
             write_result(self.project, outcome, model, surface, self._control.tick)
             self.project.checkpoint.unlink(missing_ok=True)
@@ -236,7 +247,9 @@ class Run:
 
     def _aligned(self, groomed: Sequence[GroomedSubject], base: Base | None) -> list[Shape]:
         self._control.enter(Phase.ALIGNING, "aligning")
-        alignments = align(groomed, self._settings.groom)
+        alignments = patiently(
+            lambda tick: align(groomed, self._settings.groom, tick), self._control.tick, "aligning"
+        )
         self._control.tick(1.0, "aligned")
         shapes = [
             Shape(one.name, one.field, one.mesh, one.coarse_mesh, alignment)
@@ -259,6 +272,7 @@ class Run:
             self._energies = checkpoint.energies
             write_checkpoint(path, checkpoint, study.fingerprint)
 
+        patiently(lambda _: load_kernels(study.device), self._control.tick, "preparing compute kernels")
         start = None if base is None else base.start(study.shapes, self._control.tick)
         with device_faults(study.device):
             return optimize(

@@ -1,0 +1,57 @@
+import threading
+import time
+
+import pytest
+
+from homolog.errors import Cancelled
+from homolog.progress import part_of, patiently
+
+
+def test_a_part_of_a_tick_covers_its_span():
+    heard = []
+    part_of(lambda fraction, message: heard.append((fraction, message)), 0.2, 0.6)(0.5, "half")
+    assert heard == [(pytest.approx(0.4), "half")]
+
+
+def test_patient_work_returns_its_result_and_its_progress_is_passed_on_in_the_callers_thread():
+    heard = []
+
+    def work(tick):
+        tick(0.5, "half")
+        time.sleep(0.12)
+        return 42
+
+    def tick(fraction, message):
+        heard.append((fraction, message, threading.get_ident()))
+
+    assert patiently(work, tick, "begin") == 42
+    assert heard[-1] == (0.5, "half", threading.get_ident())
+    assert len(heard) >= 2
+
+
+def test_patient_work_that_never_ticks_is_left_at_once_and_ends_by_itself_at_its_next_tick():
+    left, ended = threading.Event(), threading.Event()
+
+    def work(tick):
+        left.wait(10)
+        try:
+            tick(1.0, "late")
+        except Cancelled:
+            ended.set()
+            raise
+
+    def tick(fraction, message):
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        patiently(work, tick, "begin")
+    left.set()
+    assert ended.wait(10)
+
+
+def test_errors_of_patient_work_are_the_callers():
+    def work(tick):
+        raise ValueError("broken")
+
+    with pytest.raises(ValueError, match="broken"):
+        patiently(work, lambda fraction, message: None, "begin")
