@@ -6,6 +6,7 @@ a subject, columns of files and transforms end in the name of their domain (anat
 
 import zipfile
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,11 @@ class ShapeWorksProject:
                 return list(dict.fromkeys(found))
         return ["1"]
 
+    def table(self, key: str) -> Row:
+        """Return one of the other tables, such as ``optimize``; empty if it is not there or no table."""
+        found = self.others.get(key)
+        return {str(name): _text(value) for name, value in found.items()} if isinstance(found, dict) else {}
+
     def inputs(self, row: Row, domain: str) -> list[str]:
         """Return the paths of a subject's groomed and original shape, as far as they are given."""
         values = [row.get(f"{prefix}{domain}", "") for prefix in ("groomed_", *INPUTS)]
@@ -106,9 +112,11 @@ def _from_xlsx(path: Path) -> tuple[list[Row], dict[str, Any]]:
                 raise InputError(
                     f"{path}: unpacks to more than a ShapeWorks project holds; choose another file"
                 )
-        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-        sheets = {sheet.title: _table(path, sheet.iter_rows(values_only=True)) for sheet in book.worksheets}
-        book.close()
+        sheets = {}
+        with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
+            for sheet in book.worksheets:
+                sheet.reset_dimensions()  # what a sheet claims of its size would be filled with blanks
+                sheets[sheet.title] = _table(path, sheet.iter_rows(values_only=True))
     except InputError:
         raise
     except Exception as error:  # what zip, XML and openpyxl raise on damaged files is no short list
