@@ -12,9 +12,10 @@ from PySide6.QtWidgets import QApplication
 from homolog.arrays import FloatArray
 from homolog.correspondence.types import Frame
 from homolog_app.window.loaded import Loaded
+from homolog_app.window.scene.cameras import VIEWS
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.picking import Pick
-from homolog_app.window.scene.scene import LAYOUTS, VIEWS
+from homolog_app.window.scene.scene import LAYOUTS
 from homolog_app.window.screenshot import save_picture
 from homolog_app.window.session import Groomed, Session
 

@@ -46,8 +46,10 @@ def test_the_distance_is_that_of_the_chosen_particles(page, window):
 def test_clicks_on_the_shape_set_the_two_particles_in_turn(page):
     from homolog_app.window.scene.picking import Pick
 
+    page.place.setValue(100)
+    particles = page.fitted.shape.model.shape(np.array([1.0]))
     for particle in (5, 9, 12):
-        page.take_pick(Pick("x", np.zeros(3), particle))
+        page.take_pick(Pick("x", particles[particle] + 0.1, None))
     assert page.pair == (12, 9)
 
 

@@ -148,9 +148,11 @@ class MeasurePage(ExplorePage):
         self._measure()
 
     def take_pick(self, pick: "Pick") -> None:
-        """Set the first or the second particle, in turn."""
-        if pick.particle is not None:
-            self.particles[self._next].setValue(pick.particle)
+        """Set the first or the second particle to the nearest one, in turn."""
+        if self.fitted.shape is not None:
+            particles = self.fitted.shape.model.shape(self._deviations(self.fitted.shape))
+            nearest = int(np.square(particles - pick.place).sum(axis=1).argmin())
+            self.particles[self._next].setValue(nearest)
             self._next = 1 - self._next
 
     def shown(self, subjects: Sequence[Content]) -> Shown:

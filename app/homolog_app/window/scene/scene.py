@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 from vtkmodules.vtkRenderingCore import vtkRenderer
 
 from homolog.arrays import Array, FloatArray
+from homolog_app.window.scene.cameras import Cameras
 from homolog_app.window.scene.cell import Cell
 from homolog_app.window.scene.colour_bar import ColourBar
 from homolog_app.window.scene.colours import colours_by_place
@@ -18,20 +19,9 @@ from homolog_app.window.scene.interactor import SMOOTH, Interactor
 from homolog_app.window.scene.picking import Picker, aim
 from homolog_app.window.theme import Colours, rgb
 
-__all__ = ["LAYOUTS", "VIEWS", "Scene"]
+__all__ = ["LAYOUTS", "Scene"]
 
 LAYOUTS = (1, 4, 9, 16)
-VIEWS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
-    "right": ((-1, 0, 0), (0, 0, 1)),
-    "left": ((1, 0, 0), (0, 0, 1)),
-    "front": ((0, -1, 0), (0, 0, 1)),
-    "back": ((0, 1, 0), (0, 0, 1)),
-    "feet": ((0, 0, -1), (0, -1, 0)),
-    "head": ((0, 0, 1), (0, -1, 0)),
-    "corner": ((-0.45, -1, 0.75), (0, 0, 1)),
-}
-"""Where the eye is (LPS) and what is up."""
-
 _SLOW_MS = 40.0
 _LIVE_MS = (30.0, 55.0)
 _MOST_CELLS = LAYOUTS[-1]
@@ -77,7 +67,7 @@ class Scene(QWidget):
         self._tints: Array | Mapping[str, Array] | None = None
         self._radius = 1.0
         self._layout, self._columns = 1, 0
-        self._page, self._linked = 0, True
+        self._page = 0
         self._told = (-1, 0, 0)
         self._raw, self._groomed, self._balls, self._opacity = True, True, True, 1.0
         self._quick = False
@@ -86,10 +76,8 @@ class Scene(QWidget):
         self._fitted = False
         self._refine = QTimer(self, interval=_REFINE_MS, singleShot=True)
         self._refine.timeout.connect(self._draw_fine)
-        for cell in self._cells:
-            cell.renderer.GetActiveCamera().ParallelProjectionOn()
+        self._cameras = Cameras(self._cells)
         self.set_layout(4)
-        self.set_linked(True)
         self._plot.iren.add_observer("StartInteractionEvent", self._draw_quick)
         self._plot.iren.add_observer("EndInteractionEvent", lambda *_: self._refine.start())
 
@@ -218,35 +206,19 @@ class Scene(QWidget):
 
     def set_linked(self, linked: bool) -> None:
         """Turn all views together, or each alone."""
-        self._linked = linked
-        camera = self._cells[0].renderer.GetActiveCamera()
-        for cell in self._cells[1:]:
-            if linked:
-                cell.renderer.SetActiveCamera(camera)
-            else:
-                alone = camera.NewInstance()
-                alone.DeepCopy(camera)
-                cell.renderer.SetActiveCamera(alone)
+        self._cameras.link(linked)
         self._plot.update()
 
     def look(self, view: str) -> None:
         """Look from one of `VIEWS` and fit the shapes."""
-        eye, up = VIEWS[view]
-        for camera in self._cameras():
-            camera.SetFocalPoint(0.0, 0.0, 0.0)
-            camera.SetPosition(*eye)
-            camera.SetViewUp(*up)
+        self._cameras.turn(view)
         self.fit()
 
     def fit(self) -> None:
         """Show the whole shapes, as large as the largest allows."""
-        cells = self._cells[: self._count]
-        points = np.concatenate([cell.points for cell in cells])
-        if not len(points):
-            return
-        self._fitted = True
-        for cell in cells[: 1 if self._linked else None]:
-            cell.fit(points, self._cell_shape)
+        rows, columns = self._grid
+        shape = self._plot.width() * rows / max(1, self._plot.height() * columns)
+        self._fitted = self._cameras.fit(self._count, shape) or self._fitted
         self._plot.update()
 
     def go_to(self, name: str, place: FloatArray, normal: FloatArray) -> None:
@@ -255,7 +227,7 @@ class Scene(QWidget):
         bounds = self._bounds()
         if bounds is not None:
             height = _CLOSE_UP * max(bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4])
-            for camera in self._cameras():
+            for camera in self._cameras.each:
                 aim(camera, place, normal, height)
             self._plot.update()
 
@@ -295,12 +267,6 @@ class Scene(QWidget):
         self._cells.clear()  # the picker holds the same list
         self._plot.close()
 
-    @property
-    def _cell_shape(self) -> float:
-        """Width of a view by its height."""
-        rows, columns = self._grid
-        return float(self._plot.width() * rows / max(1, self._plot.height() * columns))
-
     def _place_cells(self) -> None:
         rows, columns = self._grid
         for index, cell in enumerate(self._cells):
@@ -308,10 +274,6 @@ class Scene(QWidget):
             left, bottom = column / columns, 1.0 - (row + 1) / rows
             box = (left + _GAP, bottom + _GAP, left + 1.0 / columns - _GAP, bottom + 1.0 / rows - _GAP)
             cell.place(box if index < self._count else None)
-
-    def _cameras(self) -> list[Any]:
-        cells = self._cells[:1] if self._linked else self._cells
-        return [cell.renderer.GetActiveCamera() for cell in cells]
 
     def _refresh(self) -> None:
         self._after_drawing()

@@ -1,0 +1,82 @@
+"""Where the views look from: one camera for all of them, or one each."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from homolog_app.window.scene.cell import Cell
+
+__all__ = ["VIEWS", "Cameras"]
+
+VIEWS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
+    "right": ((-1, 0, 0), (0, 0, 1)),
+    "left": ((1, 0, 0), (0, 0, 1)),
+    "front": ((0, -1, 0), (0, 0, 1)),
+    "back": ((0, 1, 0), (0, 0, 1)),
+    "feet": ((0, 0, -1), (0, -1, 0)),
+    "head": ((0, 0, 1), (0, -1, 0)),
+    "corner": ((-0.45, -1, 0.75), (0, 0, 1)),
+}
+"""Where the eye is (LPS) and what is up."""
+
+
+class Cameras:
+    """The cameras of all views, linked at first."""
+
+    def __init__(self, cells: "Sequence[Cell]") -> None:
+        self._cells = cells
+        self._linked = True
+        for cell in cells:
+            cell.renderer.GetActiveCamera().ParallelProjectionOn()
+        self.link(True)
+
+    @property
+    def each(self) -> list[Any]:
+        """The camera of all views, or those of each if they are not linked."""
+        return [cell.renderer.GetActiveCamera() for cell in self._first(self._cells)]
+
+    def link(self, linked: bool) -> None:
+        """Turn all views together, or each alone."""
+        self._linked = linked
+        camera = self._cells[0].renderer.GetActiveCamera()
+        for cell in self._cells[1:]:
+            if linked:
+                cell.renderer.SetActiveCamera(camera)
+            else:
+                alone = camera.NewInstance()
+                alone.DeepCopy(camera)
+                cell.renderer.SetActiveCamera(alone)
+
+    def turn(self, view: str) -> None:
+        """Look from one of `VIEWS`."""
+        eye, up = VIEWS[view]
+        for camera in self.each:
+            camera.SetFocalPoint(0.0, 0.0, 0.0)
+            camera.SetPosition(*eye)
+            camera.SetViewUp(*up)
+
+    def fit(self, count: int, shape: float) -> bool:
+        """Show the whole shapes of the first views, as large as the largest allows.
+
+        Parameters
+        ----------
+        count : int
+            Number of views.
+        shape : float
+            Width of a view by its height.
+
+        Returns
+        -------
+        bool
+            Whether there is anything to show.
+        """
+        cells = self._cells[:count]
+        points = np.concatenate([cell.points for cell in cells])
+        for cell in self._first(cells) if len(points) else ():
+            cell.fit(points, shape)
+        return len(points) > 0
+
+    def _first(self, cells: "Sequence[Cell]") -> "Sequence[Cell]":
+        return cells[: 1 if self._linked else None]
