@@ -11,6 +11,7 @@ from PySide6.QtCore import QObject, QTimer, Signal
 
 from homolog.errors import Cancelled
 from homolog.progress import Tick
+from homolog.reins import Reins
 
 __all__ = ["Ended", "Job", "Runner", "Status", "Task"]
 
@@ -71,9 +72,7 @@ class Task:
     def __init__(self, work: Callable[[Tick], Any], message: str) -> None:
         self._work = work
         self._status: Status = TaskStatus(message=message)
-        self._wishes = threading.Condition()
-        self._cancelled = False
-        self._paused = False
+        self._reins = Reins()
 
     def execute(self) -> Any:  # noqa: ANN401
         """Do the work."""
@@ -86,22 +85,18 @@ class Task:
 
     def cancel(self) -> None:
         """End at the next tick."""
-        with self._wishes:
-            self._cancelled = True
-            self._wishes.notify_all()
+        self._reins.cancel()
 
     def set_paused(self, paused: bool) -> None:
         """Wait at the next tick, or go on."""
-        with self._wishes:
-            self._paused = paused
-            self._wishes.notify_all()
+        self._reins.set_paused(paused)
 
     def _tick(self, fraction: float, message: str) -> None:
-        with self._wishes:
-            self._status = TaskStatus(fraction=fraction, message=message, paused=self._paused)
-            self._wishes.wait_for(lambda: self._cancelled or not self._paused)
-        if self._cancelled:
-            raise Cancelled("cancelled")
+        self._status = TaskStatus(fraction=fraction, message=message)
+        self._reins.obey(lambda: self._say_waiting(fraction, message))
+
+    def _say_waiting(self, fraction: float, message: str) -> None:
+        self._status = TaskStatus(fraction=fraction, message=message, paused=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,10 +1,9 @@
 """The reins of a run: progress out, pause and cancel in, from any thread."""
 
-import threading
 import time
 from dataclasses import replace
 
-from homolog.errors import Cancelled
+from homolog.reins import Reins
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
 
 __all__ = ["Control"]
@@ -28,17 +27,14 @@ _ETA_AFTER_S = 2.0
 class Control:
     """The status of one run, and the wishes of those who watch it.
 
-    The working thread calls `enter`, `tick` and `finish`; any thread may call `cancel`, `set_paused` and
-    read `status`.
+    The working thread calls `enter`, `tick` and `finish`; any thread may pull the `reins` and read `status`.
     """
 
     def __init__(self) -> None:
         self.observer: Observer = ignore
         self.seconds: dict[str, float] = {}
         self._status = RunStatus()
-        self._wishes = threading.Condition()
-        self._cancelled = False
-        self._paused = False
+        self.reins = Reins()
         self._span = (0.0, 0.0)
         self._entered = self._reported = time.monotonic()
         self._pace_from = (self._entered, 0.0)
@@ -47,18 +43,6 @@ class Control:
     def status(self) -> RunStatus:
         """The newest status; frozen, so it may be read from any thread."""
         return self._status
-
-    def cancel(self) -> None:
-        """Ask the run to end at its next tick; may be called often and at any time."""
-        with self._wishes:
-            self._cancelled = True
-            self._wishes.notify_all()
-
-    def set_paused(self, paused: bool) -> None:
-        """Ask the run to wait at its next tick, or to go on."""
-        with self._wishes:
-            self._paused = paused
-            self._wishes.notify_all()
 
     def enter(self, phase: Phase, message: str, until: Phase | None = None) -> None:
         """Begin a phase, or several that are ticked as one, up to and with `until`."""
@@ -79,8 +63,10 @@ class Control:
 
     def tick(self, fraction: float, message: str) -> None:
         """Take the progress of the phase; wait while paused, raise `Cancelled` if cancelled."""
-        if self._paused or self._cancelled:
-            self._obey(message)
+        began = time.monotonic()
+        waiting = replace(self._status, message=message, eta_s=None, paused=True)
+        if self.reins.obey(lambda: self._tell(waiting)):
+            self._forget(time.monotonic() - began)
         now = time.monotonic()
         if now - self._reported < _REPORT_S and fraction < 1.0:
             return
@@ -105,19 +91,12 @@ class Control:
         self._status = status
         self.observer(status)
 
-    def _obey(self, message: str) -> None:
-        if not self._cancelled:
-            self._tell(replace(self._status, message=message, eta_s=None, paused=True))
-            began = time.monotonic()
-            with self._wishes:
-                self._wishes.wait_for(lambda: self._cancelled or not self._paused)
-            idle = time.monotonic() - began
-            self._entered += idle
-            self._pace_from = (self._pace_from[0] + idle, self._pace_from[1])
-            self._reported = 0.0
-            self._status = replace(self._status, paused=False)
-        if self._cancelled:
-            raise Cancelled("cancelled")
+    def _forget(self, idle: float) -> None:
+        """Take seconds of waiting out of the account."""
+        self._entered += idle
+        self._pace_from = (self._pace_from[0] + idle, self._pace_from[1])
+        self._reported = 0.0
+        self._status = replace(self._status, paused=False)
 
     def _eta(self, now: float, whole: float) -> float | None:
         since, start = self._pace_from

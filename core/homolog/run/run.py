@@ -104,11 +104,11 @@ class Run:
 
     def cancel(self) -> None:
         """End the run as soon as possible; what is done so far stays for `resume`."""
-        self._control.cancel()
+        self._control.reins.cancel()
 
     def set_paused(self, paused: bool) -> None:
         """Hold the run, or let it go on."""
-        self._control.set_paused(paused)
+        self._control.reins.set_paused(paused)
 
     def execute(self, observer: Observer = ignore) -> FinishReason:
         """Do the work; returns whether it was completed or cancelled.
