@@ -11,7 +11,7 @@ from homolog.analysis.reconstruction import MeanSurface, mean_surface, medoid
 from homolog.analysis.shape_model import ShapeModel, fit_shape_model
 from homolog.arrays import Array, FloatArray
 from homolog.cohort import Cohort, Subject
-from homolog.errors import InputError
+from homolog.errors import InputError, NumericalError
 from homolog.exchange.model import ForeignModel, ForeignSubject, moved, with_alignments
 from homolog.exchange.shapes import Drawn, surfaces_of
 from homolog.exchange.shapeworks_files import ShapeWorksProject, read_shapeworks_file
@@ -117,7 +117,10 @@ def _write(project: Project, model: ForeignModel, tick: Tick) -> list[str]:
     drawn = surfaces_of(model.subjects, local, world, alignments, part_of(tick, 0.1, 0.6))
     cohort = _cohort(project, model, stems, drawn)
     shapes = fit_shape_model(np.array(world), names=[one.name for one in model.subjects])
-    surface = _mean(shapes, np.array(world), drawn, alignments, part_of(tick, 0.6, 0.7))
+    try:
+        surface = _mean(shapes, np.array(world), drawn, alignments, part_of(tick, 0.6, 0.7))
+    except NumericalError as error:
+        raise InputError(f"{model.source}: is no model of shapes ({error}); export it again") from error
     with project.replacing_result() as new:
         for stem, near, there, one in zip(stems, local, world, drawn, strict=True):
             write_particles(particle_file(new, stem, "local"), near)

@@ -13,6 +13,7 @@ from homolog.files.particles import read_particles
 
 __all__ = ["ForeignModel", "ForeignSubject", "particles_of", "similarity", "with_alignments"]
 
+_FARTHEST = 1e6  # mm
 _FITS = 1e-3  # of the size: rounding to six digits, but no other transform
 
 
@@ -94,12 +95,21 @@ def with_alignments(
                 f"{name}: has {len(points)} particles, and {given[0][0]} has {len(given[0][1])}; import a "
                 "model whose particles correspond"
             )
-    world = _world(subjects)
+        _check_near(name, points)
+    with np.errstate(all="ignore"):  # of a matrix that makes no sense
+        world = _world(subjects)
+    for one, points in zip(subjects, world, strict=True):
+        _check_near(one.name, points)
     local = [points if one.local is None else one.local for one, points in zip(subjects, world, strict=True)]
     alignments = [
         _alignment(one, near, there) for one, near, there in zip(subjects, local, world, strict=True)
     ]
     return local, world, np.array(alignments)
+
+
+def _check_near(name: str, points: FloatArray) -> None:
+    if not np.abs(points).max() <= _FARTHEST:
+        raise InputError(f"{name}: has particles more than a kilometre away; export the model again in mm")
 
 
 def _world(subjects: tuple[ForeignSubject, ...]) -> list[FloatArray]:
@@ -120,7 +130,9 @@ def _alignment(one: ForeignSubject, local: FloatArray, world: FloatArray) -> Flo
     candidates = [] if one.alignment is None else [one.alignment]
     for matrix in (*candidates, similarity(local, world), similarity(local, world, mirrored=True)):
         matrix[3] = [0.0, 0.0, 0.0, 1.0]
-        if np.abs(moved(local, matrix) - world).max() <= _FITS * size:
+        with np.errstate(all="ignore"):  # of a matrix that makes no sense
+            fits = np.abs(moved(local, matrix) - world).max() <= _FITS * size
+        if fits:
             return matrix
     raise InputError(
         f"{one.name}: its local and world particles are not the same shape; export the model again, or "

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.exchange.shapeworks_files import INPUTS, PREFIXES, Row
+from homolog.exchange.shapeworks_files import INPUTS, PREFIXES, Row, ShapeWorksProject
 from homolog.exchange.shapeworks_kept import kept, moved_paths
 from homolog.files.atomic import replacing, write_text
 from homolog.files.names import file_stems
@@ -62,7 +62,7 @@ def write_shapeworks(project: Project, folder: Path, tick: Tick = no_tick) -> Pa
         row |= target.write_transforms(subject)
         row |= target.write_surface(row, surface_file(project, subject.file))
         rows.append(row)
-    content = {"data": rows} | _settings(source.others, record, domain)
+    content = {"data": rows} | _settings(source, record, domain)
     path = folder / f"{name}.swproj"
     write_text(path, json.dumps(content, indent=4) + "\n")
     return path
@@ -115,7 +115,7 @@ def _described(row: Row, subject: ResultSubject) -> Row:
     return columns
 
 
-def _settings(others: dict[str, Any], record: ResultRecord, domain: str) -> dict[str, Any]:
+def _settings(source: ShapeWorksProject, record: ResultRecord, domain: str) -> dict[str, Any]:
     """Return the tables beside the rows: those that were imported, with what this result changes."""
     method = record.settings.optimize.method
     own = {
@@ -130,7 +130,7 @@ def _settings(others: dict[str, Any], record: ResultRecord, domain: str) -> dict
         "deepssm": {},
         "landmarks": [],
     }
-    tables = empty | {key: value for key, value in others.items() if value}
-    tables["optimize"] = (others.get("optimize") or own) | {"number_of_particles": str(record.particles)}
-    tables["project"] = {"version": "2"} | (others.get("project") or {})
+    tables = empty | {key: value for key, value in source.others.items() if value}
+    tables["optimize"] = (source.table("optimize") or own) | {"number_of_particles": str(record.particles)}
+    tables["project"] = {"version": "2"} | source.table("project")
     return tables

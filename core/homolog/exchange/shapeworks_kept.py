@@ -57,5 +57,5 @@ def _moved(value: str, old: Path, new: Path) -> str:
     plain = PurePosixPath(value.replace("\\", "/"))
     try:
         return Path(os.path.relpath(old.resolve() / plain, new.resolve())).as_posix()
-    except ValueError:  # another drive
+    except ValueError:  # another drive, or no path
         return (old.resolve() / plain).as_posix()

@@ -5,6 +5,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from homolog.arrays import FloatArray
+from homolog.cohort import checked_path
 from homolog.errors import InputError
 from homolog.exchange.model import ForeignModel, ForeignSubject, particles_of
 from homolog.exchange.shapeworks_files import PREFIXES, Row, ShapeWorksProject
@@ -35,17 +36,18 @@ def model_of_project(source: ShapeWorksProject, domain: str) -> ForeignModel:
     )
     if outside:
         notes.append(f"{outside} of its paths lead out of its folder")
-    optimize = source.others.get("optimize") or {}
+    optimize = source.table("optimize")
+    listed = source.others.get("landmarks")
     landmarks = [
         str(one.get("name", ""))
-        for one in source.others.get("landmarks") or []
+        for one in (listed if isinstance(listed, list) else [])
         if isinstance(one, dict) and str(one.get("domain", domain)) == domain
     ]
     return ForeignModel(
         f"the ShapeWorks project {source.path.name}",
         subjects,
-        str(optimize.get("use_geodesic_distance", "false")).lower() in _YES,
-        str(optimize.get("use_normals", "false")).lower() in _YES,
+        optimize.get("use_geodesic_distance", "").lower() in _YES,
+        optimize.get("use_normals", "").lower() in _YES,
         tuple(landmarks),
         tuple(notes),
     )
@@ -147,4 +149,8 @@ def _matrix(path: Path, text: str) -> FloatArray:
 
 
 def _plain(path: str) -> str:
-    return path.replace("\\", "/").replace("%20", " ")
+    """Return a path with the slashes and blanks that it means."""
+    try:
+        return checked_path(path.replace("\\", "/").replace("%20", " "))
+    except ValueError as error:
+        raise InputError(f"the path {path[:80]!r} {error}; save the project again") from error

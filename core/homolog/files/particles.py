@@ -48,7 +48,7 @@ def read_particles(path: Path) -> FloatArray:
         if path.stat().st_size > _LARGEST:
             raise InputError(f"{path}: is too large for particles; choose another file")
         lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:  # the latter of a path or a text that is none
         raise InputError(f"{path}: can't be read as particles: {error}") from error
     points = []
     for number, line in enumerate(lines, start=1):

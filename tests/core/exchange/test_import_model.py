@@ -223,6 +223,13 @@ def test_landmarks_come_with_their_names(exported, change, project):
         ),
         (lambda c: c["data"][1].update(alignment_1="1 2 3"), "3 numbers in place of 16"),
         (lambda c: c["data"][1].update(alignment_1="one"), "a transform is damaged"),
+        (lambda c: c["data"][1].update(world_particles_1="a\0b"), "can't be a path"),
+        (
+            lambda c: (
+                c["data"][1].update(name=None, optimize=[]) or c.update(optimize=[], landmarks=3, data=[3])
+            ),
+            "data",
+        ),
         (
             lambda c: c["data"][1].update(local_particles_1=c["data"][0]["local_particles_1"]),
             "b: its local and world particles are not the same shape",
@@ -242,6 +249,14 @@ def test_other_files_and_existing_projects_are_refused(exported, project, finish
         import_model(exported, finished_run)
     with pytest.raises(InputError, match="holds no particles"):
         import_model(exported.parent, project)
+
+
+def test_particles_in_one_plane_are_no_model(bare, project):
+    folder = bare("*_world.particles")
+    for path in folder.iterdir():
+        write_particles(path, read_particles(path) * [1.0, 1.0, 0.0])
+    with pytest.raises(InputError, match="is no model of shapes"):
+        import_model(folder, project)
 
 
 def test_subjects_with_other_numbers_of_particles_are_refused(bare, project):
