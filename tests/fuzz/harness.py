@@ -12,7 +12,7 @@ from pathlib import Path
 
 from homolog.errors import InputError
 
-SLOWEST_S = 5.0
+SLOWEST_S = 5.0  # of processor time: other work on the machine does not count
 
 _WRITING = {
     "os.rename",
@@ -65,14 +65,14 @@ def attempt(target: Target, folder: Path, content: bytes) -> str:
     path = folder / target.file
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
-    began, outcome = time.monotonic(), "read"
+    began, outcome = time.process_time(), "read"
     with watched(folder) as done:
         try:
             target.read(folder)
         except InputError as error:
             outcome = "refused" if str(error).strip() else "refused without a word"
     assert outcome != "refused without a word"
-    assert time.monotonic() - began < SLOWEST_S, "took too long"
+    assert time.process_time() - began < SLOWEST_S, "took too long"
     assert not done, f"did what a reader must not: {done}"
     return outcome
 
