@@ -1,6 +1,7 @@
 """Surface meshes as files: VTP, VTK, PLY, STL and OBJ, through VTK's own readers and writers."""
 
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,8 @@ import numpy as np
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.files.atomic import replacing, write_text
-from homolog.files.ply import check_ply, write_ply
+from homolog.files.ply import read_ply, write_ply
+from homolog.memory import check_fits
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["read_mesh", "write_mesh"]
@@ -23,6 +25,7 @@ _MODULES = {
     ".stl": ("vtkIOGeometry", "vtkSTL"),
     ".obj": ("vtkIOGeometry", "vtkOBJ"),
 }
+_DEFLATED = 1032  # bytes that one compressed byte can stand for
 _LPS_HEADER = "SPACE=LPS"  # 3D Slicer's mark for the patient frame used here
 
 
@@ -41,6 +44,27 @@ def read_mesh(path: Path) -> TriangleMesh:
         If the file is missing or can't be read, or holds no triangles or values that aren't finite.
         Whether the surface is closed is not looked at.
     """
+    path = Path(path)
+    vertices, faces, space = _read_ply(path) if path.suffix.lower() == ".ply" else _read_vtk(path)
+    if not len(faces):
+        raise InputError(f"{path}: holds no triangles; export the surface again")
+    if not np.isfinite(vertices).all():
+        raise InputError(f"{path}: holds coordinates that aren't numbers; export the surface again")
+    if space == "RAS":
+        vertices[:, :2] *= -1.0
+    return TriangleMesh(*_welded(vertices, faces))
+
+
+def _read_ply(path: Path) -> tuple[FloatArray, IntArray, str]:
+    if not path.is_file():
+        raise _missing(path)
+    vertices, faces, header = read_ply(path)
+    if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
+        raise InputError(f"{path}: refers to vertices that it does not hold; export the surface again")
+    return vertices, faces, "RAS" if "SPACE=RAS" in header else "LPS"
+
+
+def _read_vtk(path: Path) -> tuple[FloatArray, IntArray, str]:
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 
@@ -49,15 +73,13 @@ def read_mesh(path: Path) -> TriangleMesh:
     triangles.SetInputData(_sound(path, polydata))
     triangles.Update()
     surface = triangles.GetOutput()
-    if surface.GetNumberOfPolys() == 0:
-        raise InputError(f"{path}: holds no triangles; export the surface again")
     vertices = vtk_to_numpy(surface.GetPoints().GetData()).astype(np.float64)
     faces = vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3)
-    if not np.isfinite(vertices).all():
-        raise InputError(f"{path}: holds coordinates that aren't numbers; export the surface again")
-    if space == "RAS":
-        vertices[:, :2] *= -1.0
-    return TriangleMesh(*_welded(vertices, faces))
+    return vertices, faces, space
+
+
+def _missing(path: Path) -> InputError:
+    return InputError(f"{path}: there is no such file; correct the path or leave it out")
 
 
 def _sound(path: Path, polydata: Any) -> Any:  # noqa: ANN401 - VTK objects
@@ -149,12 +171,11 @@ def _piece(path: Path, kind: str) -> Any:  # noqa: ANN401 - VTK has no common ty
 
 def _read_polydata(path: Path) -> tuple[Any, str]:
     """Return what the file holds and its frame, ``"LPS"`` or ``"RAS"``."""
-    path = Path(path)
     reader = _piece(path, "Reader")
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file; correct the path or leave it out")
-    if path.suffix.lower() == ".ply":
-        check_ply(path)
+        raise _missing(path)
+    if path.suffix.lower() == ".vtp":
+        _check_counts(path)
     complaints: list[str] = []
     for event in ("ErrorEvent", "WarningEvent"):  # observed, so that nothing is printed either
         reader.AddObserver(event, lambda *_: complaints.append("cut short"))
@@ -164,6 +185,15 @@ def _read_polydata(path: Path) -> tuple[Any, str]:
     if complaints or reader.GetErrorCode() or polydata is None or polydata.GetNumberOfPoints() == 0:
         raise InputError(f"{path}: can't be read as a mesh (cut short, or of another kind?); export it again")
     return polydata, "RAS" if "SPACE=RAS" in _header(reader, polydata, path) else "LPS"
+
+
+def _check_counts(path: Path) -> None:
+    """Refuse an XML file that claims more than it can hold; VTK would end the program for lack of memory."""
+    content = path.read_bytes()
+    claims = [int(one) for one in re.findall(rb'NumberOf\w+\s*=\s*["\']\s*\+?(\d{1,30})', content)]
+    if max(claims, default=0) > _DEFLATED * len(content):
+        raise InputError(f"{path}: claims more points or faces than it can hold; export it again")
+    check_fits(path, 64.0 * max(claims, default=0), "simplify the surface")
 
 
 def _header(reader: Any, polydata: Any, path: Path) -> str:  # noqa: ANN401 - VTK objects

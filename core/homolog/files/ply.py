@@ -1,51 +1,61 @@
-"""PLY surfaces where VTK falls short: it writes single precision only, and crashes on files cut short."""
+"""PLY surfaces where VTK falls short: it writes single precision only, and crashes on damaged files."""
 
-import struct
+import io
+import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from homolog.arrays import Array, FloatArray
+from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.files.atomic import replacing
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["check_ply", "write_ply"]
-
-_CODES = {
-    "char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "float": "f",
-    "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f",
-    "double": "d", "float64": "d",
-}  # fmt: skip
+__all__ = ["read_ply", "write_ply"]
 
 
-def check_ply(path: Path) -> None:
-    """Refuse a PLY file whose body is shorter than its header says.
+def read_ply(path: Path) -> tuple[FloatArray, IntArray, str]:
+    """Read a PLY file, text or binary, through trimesh.
+
+    Returns
+    -------
+    vertices : (V, 3) float64 array
+    faces : (F, 3) int array
+        Polygons are split; indices are as in the file.
+    header : str
 
     Raises
     ------
     InputError
-        If the header can't be understood or the body is cut short.
+        If the file can't be understood or is cut short.
     """
-    head, _, body = path.read_bytes().partition(b"end_header")
-    lines = [line.split() for line in head.decode("latin-1").splitlines()]
-    body = body.partition(b"\n")[2]
+    from trimesh.exchange.ply import load_ply
+
+    content = path.read_bytes()
+    header = content.partition(b"end_header")[0].decode("latin-1")
     try:
-        form = next(line[1] for line in lines if line[:1] == ["format"])
-        elements = _elements(lines)
-        if form == "ascii":
-            whole = len(body.split(b"\n")) >= sum(count for count, _ in elements)
-        else:
-            whole = len(body) >= _length(elements, body, "<" if form == "binary_little_endian" else ">")
-    except (StopIteration, IndexError, KeyError, ValueError) as error:
+        counts = {kind: int(count) for kind, count in re.findall(r"element\s+(\w+)\s+(\d+)", header)}
+        if max(counts["vertex"], counts["face"]) > len(content):
+            raise ValueError("fewer bytes than points or faces")
+        found = load_ply(io.BytesIO(content), skip_materials=True)
+        vertices = np.array(found["vertices"], dtype=np.float64).reshape(-1, 3)
+        faces = _triangles(found["faces"])
+        if len(vertices) != counts["vertex"] or len(faces) < counts["face"]:
+            raise ValueError("fewer points or faces than the header says")
+    except Exception as error:  # what trimesh raises on damaged files is no short list
         raise InputError(
-            f"{path}: can't be read as a mesh, its header is damaged; export it again"
+            f"{path}: can't be read as a mesh (cut short or damaged: {error}); copy or export it again"
         ) from error
-    except struct.error:
-        whole = False
-    if not whole:
-        raise InputError(f"{path}: can't be read as a mesh, it is cut short; copy or export it again")
+    return vertices, faces, header
+
+
+def _triangles(polygons: Any) -> IntArray:  # noqa: ANN401 - an array, or a list of polygons
+    if isinstance(polygons, np.ndarray) and polygons.ndim == 2 and polygons.shape[1] == 3:
+        return polygons.astype(np.int64)
+    corners = [(one[0], one[place], one[place + 1]) for one in polygons for place in range(1, len(one) - 1)]
+    return np.array(corners, dtype=np.int64).reshape(-1, 3)
 
 
 def write_ply(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array], comment: str) -> None:
@@ -71,33 +81,3 @@ def write_ply(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array], c
     ]  # fmt: skip
     with replacing(path) as part:
         part.write_bytes("\n".join(header).encode() + points.tobytes() + triangles.tobytes())
-
-
-def _elements(lines: list[list[str]]) -> list[tuple[int, list[tuple[str, str]]]]:
-    """Return each element's count and properties: type codes of a list's length ("" if none) and value."""
-    elements: list[tuple[int, list[tuple[str, str]]]] = []
-    for line in lines:
-        if line[:1] == ["element"]:
-            elements.append((int(line[2]), []))
-        elif line[:2] == ["property", "list"]:
-            elements[-1][1].append((_CODES[line[2]], _CODES[line[3]]))
-        elif line[:1] == ["property"]:
-            elements[-1][1].append(("", _CODES[line[1]]))
-    return elements
-
-
-def _length(elements: list[tuple[int, list[tuple[str, str]]]], body: bytes, order: str) -> int:
-    """Return how many bytes the elements take, following the lengths of lists through the body."""
-    at = 0
-    for count, properties in elements:
-        if not any(length for length, _ in properties):
-            at += count * struct.calcsize(order + "".join(value for _, value in properties))
-            continue
-        for _ in range(count):
-            for length, value in properties:
-                many = 1
-                if length:
-                    (many,) = struct.unpack_from(order + length, body, at)
-                    at += struct.calcsize(order + length)
-                at += many * struct.calcsize(order + value)
-    return at

@@ -153,6 +153,43 @@ def test_a_ply_cut_short_anywhere_is_refused(mesh, tmp_path, share):
         read_mesh(path)
 
 
+@pytest.mark.parametrize("faces", ["3 0 1 99", "3 -1 0 1", "2000000000 0 1 2"])
+def test_a_ply_whose_faces_make_no_sense_is_no_crash(tmp_path, faces):
+    """VTK's reader would follow them out of memory, or try for minutes."""
+    path = tmp_path / "a.ply"
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n{faces}\n"
+    )
+    if faces.startswith("2"):
+        assert read_mesh(path).area == pytest.approx(0.5)
+        return
+    with pytest.raises(InputError, match="refers to vertices that it does not hold"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("count", ["99999999999", "9" * 25])
+def test_a_vtp_that_claims_too_much_is_refused_before_memory_is_asked_for(mesh, tmp_path, count):
+    path = tmp_path / "a.vtp"
+    write_mesh(path, mesh)
+    path.write_bytes(path.read_bytes().replace(b'NumberOfPoints="4"', f'NumberOfPoints="{count}"'.encode()))
+    with pytest.raises(InputError, match="claims more points or faces than it can hold"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize(("corners", "area"), [(4, 2.0), (6, 2.598076211353316)])
+def test_polygons_of_a_ply_are_split(tmp_path, corners, area):
+    angles = 2.0 * np.pi * np.arange(corners) / corners
+    points = "".join(f"{x:.15f} {y:.15f} 0\n" for x, y in zip(np.cos(angles), np.sin(angles), strict=True))
+    path = tmp_path / "a.ply"
+    path.write_text(
+        f"ply\nformat ascii 1.0\nelement vertex {corners}\nproperty double x\nproperty double y\n"
+        "property double z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        f"{points}{corners} {' '.join(map(str, range(corners)))}\n"
+    )
+    assert read_mesh(path).area == pytest.approx(area)
+
+
 def test_a_ply_as_text_with_colours_is_read(tmp_path):
     path = tmp_path / "a.ply"
     path.write_text(
