@@ -30,8 +30,8 @@ from homolog.files.project import Project
 
 PHASES = ("reading", "grooming", "aligning", "geodesics", "splitting", "optimizing", "modeling", "writing")
 _SETTINGS = (
-    "--device cpu --workers 1 --particles 320 --split-iterations 40 --anneal-iterations 200 "
-    "--settle-iterations 60 --no-figures --progress json"
+    "--device cpu --workers 1 --particles 128 --mesh-edge 2 --alignment center --split-iterations 40 "
+    "--anneal-iterations 200 --settle-iterations 60 --no-figures --progress json"
 )
 
 
@@ -157,13 +157,13 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def write_cohort(folder: Path) -> None:
-    """Write six ellipsoids."""
+    """Write four ellipsoids."""
     import SimpleITK
 
     folder.mkdir()
-    grid = np.stack(np.meshgrid(*[np.arange(-24.0, 25.0)] * 3, indexing="ij"))
-    for number in range(6):
-        axes = np.array([20.0, 15.0, 12.0]) + random.Random(number).random() * np.array([2.0, -2.0, 3.0])
+    grid = np.stack(np.meshgrid(*[np.arange(-19.0, 20.0)] * 3, indexing="ij"))
+    for number in range(4):
+        axes = np.array([15.0, 12.0, 10.0]) + random.Random(number).random() * np.array([2.0, -2.0, 3.0])
         inside = (np.square(grid) / np.square(axes)[:, None, None, None]).sum(axis=0) <= 1.0
         image = SimpleITK.GetImageFromArray(inside.astype(np.uint8))
         SimpleITK.WriteImage(image, folder / f"shape{number}.nrrd")

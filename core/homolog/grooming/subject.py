@@ -108,9 +108,15 @@ def read_source(subject: Subject, settings: GroomSettings) -> Segmentation | Tri
     InputError
         Naming the file, what is wrong and the remedy.
     """
-    if not subject.is_mesh:
-        return read_segmentation(subject.path, settings.label, settings.segment)
-    mesh = read_mesh(subject.path)
+    try:
+        if not subject.is_mesh:
+            return read_segmentation(subject.path, settings.label, settings.segment)
+        mesh = read_mesh(subject.path)
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(
+            f"{subject.path}: can't be read: {reason}; check its permissions and disk"
+        ) from error
     pieces = face_components(mesh.faces)
     check_mesh(_piece(mesh, pieces == 0), str(subject.path))
     return mesh

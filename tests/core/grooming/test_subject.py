@@ -1,4 +1,5 @@
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -233,3 +234,16 @@ def test_crumbs_of_a_mesh_are_dropped_and_an_open_one_refused(sphere_volume, tmp
     write_mesh(tmp_path / "open.vtp", TriangleMesh(mesh.vertices, mesh.faces[1:]))
     with pytest.raises(InputError, match=r"open\.vtp: the mesh is not closed: 3 edges"):
         groomed(tmp_path / "open.vtp")
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.nrrd"])
+def test_a_file_that_the_system_does_not_hand_out_is_named(tmp_path, monkeypatch, name):
+    (tmp_path / name).write_bytes(b"content")
+
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refuse)
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    with pytest.raises(InputError, match=rf"{name}: can't be read: Permission denied; check its permissions"):
+        groom_subject(Subject("a", tmp_path / name), SETTINGS)
