@@ -180,7 +180,7 @@ def _below(boxes: Sequence[Box], em: float) -> tuple[float, float, float]:
     """Return middle and room of the line below the pictures of one motion."""
     left, right = boxes[0].x, boxes[-1].x + boxes[-1].width
     bottom = boxes[-1].y + boxes[-1].height
-    return (left + right) / 2.0, bottom + 0.7 * em, 0.96 * (right - left)
+    return (left + right) / 2.0, bottom + 0.7 * em, 0.88 * (right - left)
 
 
 def _bar(area: Box, width: int, edge: int, em: float) -> Box:

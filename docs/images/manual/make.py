@@ -11,6 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from checking import keep_checking
+from exploring import keep_exploring
+from exporting import keep_exporting
 from PySide6.QtWidgets import QWidget
 
 HERE = Path(__file__).parent
@@ -72,7 +74,9 @@ def main() -> None:
         window.show_step("explore")
         order["view.head"].trigger()
         keep("explore")
+        keep_exploring(window, until, keep)
         keep_checking(window, until, keep)
+        keep_exporting(window, until, keep)
         window.desk.theme.choose("dark")
         keep("dark")
         window.desk.theme.choose("light")
