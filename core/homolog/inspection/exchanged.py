@@ -9,8 +9,8 @@ from homolog.inspection.signs import misfits, stretch_of
 
 __all__ = ["exchanged_pairs"]
 
-_BETTER = 0.5
-"""An exchange has to leave no more than this part of the misfit of either."""
+_BOTH, _EITHER = 0.5, 0.8
+"""An exchange has to leave no more than this part of the misfit of both together, and of either."""
 
 
 def exchanged_pairs(
@@ -33,12 +33,13 @@ def exchanged_pairs(
         return []
     standing, stands_for = (one.ravel() for one in np.meshgrid(candidates, candidates, indexing="ij"))
     fit = misfits(stretch_of(standing, stands_for, subject, places, usual)).reshape(n, n)
-    better = np.maximum(fit / now[None, :], fit.T / now[:, None])  # of the two the one that gains less
+    left = (fit + fit.T) / (now[:, None] + now[None, :])
+    left[np.maximum(fit / now[None, :], fit.T / now[:, None]) > _EITHER] = np.inf
     pairs = []
     taken: set[int] = set()
-    for at in np.argsort(better, axis=None, kind="stable"):
+    for at in np.argsort(left, axis=None, kind="stable"):
         i, j = divmod(int(at), n)
-        if better[i, j] > _BETTER:
+        if left[i, j] > _BOTH:
             break
         if i < j and not taken & {i, j}:
             taken |= {i, j}

@@ -45,7 +45,8 @@ class Gatherer:
         candidates = np.argsort(-worst, kind="stable")[: min(_MOST, int((worst > _CANDIDATE).sum()))]
         for pair in exchanged_pairs(m, candidates, self._places, self._usual):
             touched = np.isin(corners, pair).any(axis=1)
-            own = np.concatenate([normals[pair], neighbours[pair], triangles[touched & (triangles >= 1.0)]])
+            bad = self._triangles[m][touched & (self._triangles[m] >= 1.0)]
+            own = np.concatenate([self._normals[m, pair], self._neighbours[m, pair], bad])
             if own.max() < 1.0:
                 continue
             words = f"particles {pair[0]} and {pair[1]} stand in each other's place"
