@@ -136,8 +136,10 @@ class Engine:
         self._poses: DeviceArray = wp.zeros(self.shapes, dtype=kernels.Pose, **make)
 
     def _start_walks(self) -> None:
-        pairs = zip(self.level.meshes, self.host_positions(), self.host_normals(), strict=True)
-        faces = [nearest_faces(mesh, points, normals) for mesh, points, normals in pairs]
+        faces = []
+        for parts in zip(self.level.meshes, self.host_positions(), self.host_normals(), strict=True):
+            self.launch.breathe()
+            faces.append(nearest_faces(*parts))
         self.faces = wp.array(np.concatenate(faces), dtype=int, device=self.launch.device)
         normals = self.posed_normals()
         mean = normals.sum(axis=0)

@@ -34,7 +34,7 @@ class Launcher:
     threads : int, optional
         On the CPU; one a core if not given.
     breathe : callable, optional
-        Called before every launch on the CPU, which it may stop by raising.
+        Called before every launch on the CPU, and within long work on the host, which it may stop by raising.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Launcher:
     ) -> None:
         self.device = device
         self.cores = 1 if device != "cpu" else threads or cores()
-        self._breathe = breathe if device == "cpu" else None
+        self.breathe = breathe or (lambda: None)
         self._pool = ThreadPoolExecutor(self.cores) if self.cores > 1 else None
 
     def __call__(self, kernel: Any, count: int, inputs: Sequence[Any]) -> None:  # noqa: ANN401 - Warp has no types
@@ -51,8 +51,7 @@ class Launcher:
             wp.launch(kernel, dim=count, inputs=[0, *inputs], device=self.device)
             return
         for begin in range(0, count, LARGE * self.cores):
-            if self._breathe is not None:
-                self._breathe()
+            self.breathe()
             self._launch(kernel, begin, min(count, begin + LARGE * self.cores), inputs)
 
     def _launch(self, kernel: Any, begin: int, end: int, inputs: Sequence[Any]) -> None:  # noqa: ANN401

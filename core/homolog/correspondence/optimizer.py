@@ -182,7 +182,12 @@ class _Journey:
         for index in range(begin, len(self.stages)):
             plan = self.stages[index]
             if plan.count != self.engine.count:
-                self._split(plan)
+                try:
+                    self._split(plan)
+                except Cancelled:
+                    if index > 0:
+                        self._checkpoint(index - 1, self.stages[index - 1].iterations)
+                    raise
             reason = self._stage(index, done)
             self._check_particles()
             done = 0

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.progress import Tick, no_tick, part_of
+from homolog.progress import Tick, no_tick, part_of, patiently
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["first_particles"]
@@ -100,7 +100,11 @@ def first_particles(
     else:
         begin = int(np.random.default_rng(seed).integers(len(source.vertices)))
         chosen = spread_indices(source.vertices, count, [begin])
-    maps = SmoothingMap.between(source.vertices[control], source.vertices)
+    maps = patiently(
+        lambda _: SmoothingMap.between(source.vertices[control], source.vertices),
+        part_of(tick, 0.1, 0.1),
+        "first particles",
+    )
     result = np.empty((len(meshes), count, 3))
     for index, (mesh, own) in enumerate(zip(meshes, normals, strict=True)):
         here = part_of(tick, 0.1 + 0.9 * index / len(meshes), 0.1 + 0.9 * (index + 1) / len(meshes))
