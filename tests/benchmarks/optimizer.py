@@ -4,15 +4,18 @@
     python tests/benchmarks/optimizer.py quality FOLDER  every method on five bean cohorts
     python tests/benchmarks/optimizer.py seeds FOLDER    256 particles, 20 seeds; the narrow beans
     python tests/benchmarks/optimizer.py real FOLDER     landmarks of vertebrae, walls of ventricles
-    python tests/benchmarks/optimizer.py speed FOLDER    time and memory against shapes and particles
+    python tests/benchmarks/optimizer.py speed FOLDER    time and memory by shapes and particles (--plot PNG)
+    python tests/benchmarks/optimizer.py whole FOLDER    seconds of whole optimizations
 
 All but the first take --device; they need only numpy, scipy, warp-lang and pydantic.
 """
 
 import argparse
 import csv
+import json
 import os
 import resource
+import subprocess
 import sys
 import tempfile
 import time
@@ -27,6 +30,7 @@ from homolog.correspondence import Shape, optimize
 from homolog.correspondence.domain import AREA, prepare
 from homolog.correspondence.engine import Engine, Weights
 from homolog.correspondence.launcher import Launcher
+from homolog.correspondence.sampling import LIST_LIFE
 from homolog.correspondence.start import spread_indices
 from homolog.device import choose_device, describe_device
 from homolog.settings import GroomSettings, Method, OptimizeSettings
@@ -211,38 +215,113 @@ def wall_swaps(found):
     return 100.0 * swapped / both, int(on_both.sum())
 
 
-def speed(folder, device):
-    """Milliseconds an iteration against shapes and particles, and the peak memory of this process."""
+SIZES = ("10x256", "10x1024", "10x4096", "10x8192", "50x1024", "100x1024", "200x1024", "500x1024")
+
+
+def speed(folder, device, sizes, iterations, plot):
+    """Time and memory of an iteration against shapes and particles, each size in a process of its own."""
+    print("| shapes | particles | ms an iteration | processor ms | prepared s | tables GB | peak GB |")
+    print("|" + "---|" * 7, flush=True)
+    rows = []
+    for size in sizes:
+        words = [sys.executable, __file__, "size", str(folder), "--device", device, "--sizes", size]
+        words += ["--iterations", str(iterations)]
+        row = json.loads(
+            subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True).stdout.splitlines()[-1]
+        )
+        rows.append(row)
+        print(
+            "| {shapes} | {particles} | {wall:.1f} | {processor:.1f} | {prepared:.1f} | {tables:.2f} "
+            "| {peak:.2f} |".format(**row),
+            flush=True,
+        )
+    if plot is not None:
+        draw_growth(rows, device, plot)
+
+
+def one_size(folder, device, size, iterations):
+    """Measure one size and print it as JSON."""
     import warp as wp
 
     base = load(folder / "wide5.npz")
-    print("| shapes | particles | ms an iteration | prepared in s | peak memory GB |\n|---|---|---|---|---|")
-    sizes = [(10, 256), (10, 1024), (10, 4096), (10, 8192), (50, 1024), (100, 1024), (200, 1024)]
-    for count, particles in sizes if device != "cpu" else sizes[:5]:
-        shapes = [base[k % 10] for k in range(count)]
-        start = time.perf_counter()
-        domain = prepare(shapes, OptimizeSettings(particles=particles), device=device)
-        ready = time.perf_counter() - start
-        level = domain.level(particles)
-        meshes = [mesh.vertices for mesh in level.meshes]
-        chosen = [spread_indices(v, min(particles, len(v))) for v in meshes[:10]]
-        rows = [np.resize(chosen[k % 10], particles) for k in range(count)]
-        jitter = np.random.default_rng(0).normal(scale=0.3, size=(count, particles, 3))
-        positions = np.stack([v[row] for v, row in zip(meshes, rows, strict=True)]) + jitter
-        launcher = Launcher(device)
-        engine = Engine(domain.fields, level, positions, geodesic=True, area=AREA, launcher=launcher)
-        engine.start_stage([Weights(0.02, 0.05, 1.0, 0.1, 0.5)] * 400)
-        for _ in range(20):
-            engine.iterate()
-        wp.synchronize()
-        start = time.perf_counter()
-        for _ in range(20):
-            engine.iterate()
-        wp.synchronize()
-        each = (time.perf_counter() - start) * 10.0
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-        print(f"| {count} | {particles} | {each:.2f} | {ready:.2f} | {peak:.2f} |", flush=True)
-        launcher.close()
+    count, particles = map(int, size.split("x"))
+    shapes = [base[k % len(base)] for k in range(count)]
+    before = memory()
+    start = time.perf_counter()
+    domain = prepare(shapes, OptimizeSettings(particles=particles), device=device)
+    prepared, tables = time.perf_counter() - start, memory() - before
+    level = domain.level(particles)
+    chosen = [spread_indices(m.vertices, min(particles, len(m.vertices))) for m in level.meshes[: len(base)]]
+    rows = [np.resize(chosen[k % len(base)], particles) for k in range(count)]
+    jitter = np.random.default_rng(0).normal(scale=0.3, size=(count, particles, 3))
+    positions = np.stack([m.vertices[row] for m, row in zip(level.meshes, rows, strict=True)]) + jitter
+    launcher = Launcher(device)
+    engine = Engine(domain.fields, level, positions, geodesic=True, area=AREA, launcher=launcher)
+    groups = max(1, iterations // LIST_LIFE)
+    engine.start_stage([Weights(0.02, 0.05, 1.0, 0.1, 0.5)] * (3 * groups * LIST_LIFE))
+    for _ in range(groups):
+        engine.iterate()
+    wp.synchronize()
+    wall, processor = time.perf_counter(), time.process_time()
+    for _ in range(groups):
+        engine.iterate()
+    wp.synchronize()
+    each = 1000.0 / (groups * LIST_LIFE)
+    row = {
+        "shapes": count,
+        "particles": particles,
+        "wall": (time.perf_counter() - wall) * each,
+        "processor": (time.process_time() - processor) * each,
+        "prepared": prepared,
+        "tables": tables,
+        "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
+    }
+    launcher.close()
+    print(json.dumps(row))
+
+
+def memory():
+    """Memory of this process [GB]."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 2**30
+
+
+def draw_growth(rows, device, path):
+    """Draw time and memory against the number of particles in all."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
+    kinds = (
+        ("10 shapes, more particles", "o", lambda r: r["shapes"] == 10),
+        ("1024 particles, more shapes", "s", lambda r: r["particles"] == 1024),
+    )
+    key = "processor" if device == "cpu" else "wall"
+    for label, marker, chosen in kinds:
+        some = [row for row in rows if chosen(row)]
+        totals = [row["shapes"] * row["particles"] for row in some]
+        left.loglog(totals, [row[key] for row in some], marker + "-", label=label)
+        right.loglog(totals, [row["peak"] for row in some], marker + "-", label=label)
+    ends = np.array(
+        [min(r["shapes"] * r["particles"] for r in rows), max(r["shapes"] * r["particles"] for r in rows)]
+    )
+    middle = next(row for row in rows if (row["shapes"], row["particles"]) == (10, 1024))
+    left.loglog(ends, middle[key] * ends / 10240.0, "k:", lw=1, label="linear")
+    left.set(
+        xlabel="particles on all shapes", ylabel=f"{'processor ' if device == 'cpu' else ''}ms an iteration"
+    )
+    right.set(xlabel="particles on all shapes", ylabel="peak memory of the process (GB)")
+    left.legend(frameon=False)
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=130)
+
+
+def whole(folder, device):
+    """Time whole optimizations."""
+    base = load(folder / "wide5.npz")
     for particles in (256, 1024):
         timed(base, device, particles=particles)
         found, seconds = timed(base, device, particles=particles)
@@ -257,21 +336,29 @@ def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=["shapes", "quality", "seeds", "real", "speed"])
+    parser.add_argument("what", choices=["shapes", "quality", "seeds", "real", "speed", "size", "whole"])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--device", default="auto")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--sizes", nargs="+", default=SIZES)
+    parser.add_argument("--iterations", type=int, default=100)
+    parser.add_argument("--plot", type=Path)
     arguments = parser.parse_args()
     if arguments.what == "shapes":
         arguments.folder.mkdir(parents=True, exist_ok=True)
         make_shapes(arguments.folder)
         return 0
     device = choose_device(arguments.device)
+    if arguments.what == "size":
+        one_size(arguments.folder, device, arguments.sizes[0], arguments.iterations)
+        return 0
     print(describe_device(device))
     if arguments.what == "quality":
         quality(arguments.folder, device, arguments.seeds)
+    elif arguments.what == "speed":
+        speed(arguments.folder, device, arguments.sizes, arguments.iterations, arguments.plot)
     else:
-        {"seeds": many_seeds, "real": real, "speed": speed}[arguments.what](arguments.folder, device)
+        {"seeds": many_seeds, "real": real, "whole": whole}[arguments.what](arguments.folder, device)
     return 0
 
 
