@@ -4,10 +4,12 @@ import shutil
 import uuid
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from filelock import FileLock, Timeout
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
+from homolog.cohort import checked_path
 from homolog.files.atomic import write_text
 from homolog.files.project import Project
 from homolog_app.window.study_files import StudyRecord
@@ -22,7 +24,7 @@ class JournalRecord(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    folder: str | None
+    folder: Annotated[str, AfterValidator(checked_path)] | None
     study: StudyRecord
     running: bool
 
