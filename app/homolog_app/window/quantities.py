@@ -1,8 +1,9 @@
 """Numbers as people type and read them: both decimal signs are understood, a point is written."""
 
 import math
+from collections.abc import Sequence
 
-__all__ = ["duration", "parse_number", "short", "signed", "ticks"]
+__all__ = ["duration", "parse_number", "short", "signed", "tick_words", "ticks"]
 
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 
@@ -34,6 +35,15 @@ def short(value: float) -> str:
     if abs(value) <= 1e-12:
         return "0"
     return (f"{value:.0f}" if 1000.0 <= abs(value) < 1e6 else f"{value:.3g}").replace("-", "−")
+
+
+def tick_words(values: Sequence[float]) -> list[str]:
+    """Return the words of evenly spaced ticks, all with as many digits as tell them apart."""
+    step = values[1] - values[0] if len(values) > 1 else 1.0
+    digits = next(
+        digits for digits in range(10) if digits == 9 or abs(round(step, digits) - step) < 1e-3 * step
+    )
+    return [f"{value + 0.0:.{digits}f}".replace("-", "−") for value in values]
 
 
 def ticks(low: float, high: float, about: int = 5) -> list[float]:

@@ -1,9 +1,20 @@
 """The small parts that panels are made of; distances are multiples of 8 pixels."""
 
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QFrame, QLabel, QPushButton, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
+from collections.abc import Mapping
 
-__all__ = ["GRID", "Panel", "button", "label", "rule", "set_primary"]
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import (
+    QComboBox,
+    QFrame,
+    QLabel,
+    QPushButton,
+    QScrollArea,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
+
+__all__ = ["GRID", "Panel", "button", "choice", "label", "rule", "set_primary"]
 
 GRID = 8
 
@@ -32,6 +43,24 @@ def set_primary(one: QPushButton, primary: bool) -> None:
         one.setProperty("primary", wanted)
         one.style().unpolish(one)
         one.style().polish(one)
+
+
+def choice(name: str, words: Mapping[str, object] | None = None) -> QComboBox:
+    """Return a box to choose from, with its accessible name; it gets as narrow as the panel is.
+
+    Parameters
+    ----------
+    name : str
+    words : mapping of str to object, optional
+        What is offered, and the data behind it.
+    """
+    box = QComboBox()
+    box.setAccessibleName(name)
+    box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+    box.setMinimumContentsLength(4)
+    for text, data in (words or {}).items():
+        box.addItem(text, data)
+    return box
 
 
 def rule() -> QFrame:

@@ -1,6 +1,6 @@
 """The answer to a question about groups, carried to the surface where it is drawn. Knows no Qt."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -14,9 +14,8 @@ from homolog_app.report.findings import LEVEL
 from homolog_app.report.request import StudyRequest
 from homolog_app.report.study import Study, run_study
 from homolog_app.window.explore.model_shape import ModelShape
-from homolog_app.window.study import Study as Cohort
 
-__all__ = ["GroupAnswer", "GroupMap", "answer_groups", "with_present_table"]
+__all__ = ["GroupAnswer", "GroupMap", "answer_groups"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,17 +73,6 @@ class GroupAnswer:
     discriminant: GroupMap | None
     places: FloatArray | None
     limit: float
-
-
-def with_present_table(result: Result, cohort: Cohort) -> Result:
-    """Return a result with groups and columns as the cohort's table has them now, by subject."""
-    present = {one.name: one.subject for one in cohort.members}
-    groups, columns = [], []
-    for name, group, values in zip(result.names, result.groups, result.columns, strict=True):
-        known = present.get(name)
-        groups.append(known.group if known is not None else group)
-        columns.append(known.columns if known is not None else values)
-    return replace(result, groups=tuple(groups), columns=tuple(columns))
 
 
 def answer_groups(shape: ModelShape, result: Result, request: StudyRequest, tick: Tick) -> GroupAnswer:

@@ -1,11 +1,11 @@
 """The question: which column, from which group to which."""
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QWidget
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QWidget
 
 from homolog_app.window.session import Session
 from homolog_app.window.study import Study
-from homolog_app.window.widgets import GRID
+from homolog_app.window.widgets import GRID, choice
 
 __all__ = ["GroupForm", "values_of"]
 
@@ -27,7 +27,8 @@ class GroupForm(QWidget):
     def __init__(self, session: Session) -> None:
         super().__init__()
         self._session = session
-        self.column, self.first, self.second = QComboBox(), QComboBox(), QComboBox()
+        self.column = choice("Column of the comparison")
+        self.first, self.second = choice("From"), choice("To")
         self.every = QCheckBox("Test all groups of the column (Holm's correction)")
         self.every.setToolTip("Test for any difference, then each two groups, corrected for their number")
         self.scaling = QCheckBox("Take size out of the shapes")
@@ -42,7 +43,6 @@ class GroupForm(QWidget):
         ):
             name = QLabel(words)
             name.setBuddy(box)
-            box.setAccessibleName(f"{words} of the comparison")
             grid.addWidget(name, row, at)
             grid.addWidget(box, row, at + 1, 1, span)
         grid.addWidget(self.every, 2, 0, 1, 4)

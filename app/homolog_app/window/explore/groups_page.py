@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QSlider
+from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QSlider
 
 from homolog.progress import Tick, part_of
 from homolog_app.window.actions import Actions
@@ -18,17 +18,18 @@ from homolog_app.window.explore.group_words import number_rows
 from homolog_app.window.explore.numbers_table import NumbersTable
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.player import Player
+from homolog_app.window.explore.present import with_present_table
 from homolog_app.window.progress import Progress
 from homolog_app.window.scene.content import Content, Shown
-from homolog_app.window.widgets import GRID, button, label, rule
+from homolog_app.window.widgets import GRID, button, choice, label, rule
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.group_answer import GroupAnswer
 
 __all__ = ["GroupsPage"]
 
-_MAPS = {"Difference of the means": "difference", "Linear discriminant": "discriminant"}
-_LAYOUTS = {"The map": "map", "Both means and the map": "means"}
+_MAPS = {"Mean difference": "difference", "Discriminant": "discriminant"}
+_LAYOUTS = {"The map": "map", "Means and the map": "means"}
 _WHOLE = 100
 
 
@@ -49,11 +50,7 @@ class GroupsPage(ExplorePage):
         for one in (self.verdict, self.words, self.cautions):
             one.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.numbers = NumbersTable()
-        self.map, self.views = QComboBox(), QComboBox()
-        for box, choices, name in ((self.map, _MAPS, "Map"), (self.views, _LAYOUTS, "Views")):
-            box.setAccessibleName(name)
-            for words, value in choices.items():
-                box.addItem(words, value)
+        self.map, self.views = choice("Map", _MAPS), choice("Views", _LAYOUTS)
         self.significant = QCheckBox("Grey where not significant")
         self.arrows = QCheckBox("Arrows")
         self.way = QSlider(Qt.Orientation.Horizontal)
@@ -137,7 +134,7 @@ class GroupsPage(ExplorePage):
 
         def answer(tick: Tick) -> "list[GroupAnswer]":
             from homolog_app.report.request import StudyRequest
-            from homolog_app.window.explore.group_answer import answer_groups, with_present_table
+            from homolog_app.window.explore.group_answer import answer_groups
 
             share = 1.0 / len(models)
             return [

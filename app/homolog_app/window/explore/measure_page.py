@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PySide6.QtCore import QModelIndex, QSortFilterProxyModel, Qt
 from PySide6.QtWidgets import (
-    QComboBox,
     QGridLayout,
     QHBoxLayout,
     QHeaderView,
@@ -27,11 +26,12 @@ from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.measure_plot import MeasurePlot
 from homolog_app.window.explore.model_content import Look, model_content
 from homolog_app.window.explore.page import ExplorePage
+from homolog_app.window.explore.present import with_present_table
 from homolog_app.window.explore.subject_table import SORTED_BY, SubjectTable
 from homolog_app.window.quantities import signed
 from homolog_app.window.scene.content import Arrows, Content, Shown
 from homolog_app.window.theme import Theme
-from homolog_app.window.widgets import GRID, button, label, rule
+from homolog_app.window.widgets import GRID, button, choice, label, rule
 
 if TYPE_CHECKING:
     from homolog_app.exports.measures import Measures
@@ -77,7 +77,7 @@ class MeasurePage(ExplorePage):
         self._asked: tuple[object, int] = (None, -1)
         self._next = 0
         self.particles = (QSpinBox(), QSpinBox())
-        self.mode, self.place = QComboBox(), QSlider(Qt.Orientation.Horizontal)
+        self.mode, self.place = choice("Mode"), QSlider(Qt.Orientation.Horizontal)
         self.at = label("")
         self.table = SubjectTable(_HEADS, self)
         self._rows = QSortFilterProxyModel(self)
@@ -100,7 +100,7 @@ class MeasurePage(ExplorePage):
             name.setBuddy(box)
             grid.addWidget(name, row, 0)
             grid.addWidget(box, row, 1)
-        self.mode.setAccessibleName("Mode")
+        self.mode.setMinimumContentsLength(8)
         self.place.setRange(round(-_REACH * _STEPS), round(_REACH * _STEPS))
         self.place.setSingleStep(_STEPS // 10)
         self.place.setPageStep(_STEPS // 2)
@@ -132,6 +132,7 @@ class MeasurePage(ExplorePage):
     def _connect(self, actions: Actions) -> None:
         self.fitted.changed.connect(self._show_model)
         self.desk.work.changed.connect(self._measure)
+        self.desk.session.study_changed.connect(self._show_table)
         for box in self.particles:
             box.valueChanged.connect(self._show_measures)
         self.mode.currentIndexChanged.connect(self._show_mode)
@@ -173,7 +174,8 @@ class MeasurePage(ExplorePage):
 
         result = self.desk.session.result
         if result is not None and self._subjects is not None:
-            write_measures(path, result.result, self._subjects, *self.pair)
+            present = with_present_table(result.result, self.desk.session.study)
+            write_measures(path, present, self._subjects, *self.pair)
 
     @property
     def pair(self) -> tuple[int, int]:
@@ -190,10 +192,11 @@ class MeasurePage(ExplorePage):
         shape = self.fitted.shape
         if shape is not self._of:
             self._of, self._subjects, self._along, self._asked = shape, None, {}, (None, -1)
-            count = shape.model.mean.shape[0] if shape else 1
-            for box, value in zip(self.particles, (0, count // 2), strict=True):
-                box.setRange(0, count - 1)
-                box.setValue(value)
+            mean = shape.model.mean if shape else np.zeros((1, 3))
+            along = mean[:, np.ptp(mean, axis=0).argmax()]
+            for box, value in zip(self.particles, (along.argmin(), along.argmax()), strict=True):
+                box.setRange(0, len(mean) - 1)
+                box.setValue(int(value))
             self.mode.clear()
             self.mode.addItems([f"Mode {mode + 1}" for mode in range(shape.modes if shape else 0)])
             self.place.setValue(0)
@@ -266,7 +269,7 @@ class MeasurePage(ExplorePage):
             return
         from homolog_app.exports.measures import distances
 
-        result, measures = loaded.result, self._subjects
+        result, measures = with_present_table(loaded.result, self.desk.session.study), self._subjects
         columns = (distances(result.local, *self.pair), measures.volumes, measures.areas)
         groups = [group or "" for group in result.groups]
         rows = zip(result.names, groups, *(column.tolist() for column in columns), strict=True)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel
+from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel
 
 from homolog.arrays import FloatArray
 from homolog_app.window.actions import Actions
@@ -17,7 +17,7 @@ from homolog_app.window.explore.mode_views import ModeScene, mode_scene
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.player import Player
 from homolog_app.window.scene.content import Content, Shown
-from homolog_app.window.widgets import GRID, label
+from homolog_app.window.widgets import GRID, choice, label
 
 __all__ = ["ModesPage"]
 
@@ -37,11 +37,7 @@ class ModesPage(ExplorePage):
         super().__init__(desk, actions, fitted)
         self.sliders = ModeSliders()
         self.player = Player(actions, lambda: fitted.draw_ms, _RANGES)
-        self.who, self.views = QComboBox(), QComboBox()
-        self.who.setAccessibleName("Shape that is shown")
-        self.views.setAccessibleName("Views")
-        for words, value in _LAYOUTS.items():
-            self.views.addItem(words, value)
+        self.who, self.views = choice("Shape that is shown"), choice("Views", _LAYOUTS)
         self.colours = QCheckBox("Displacement colours")
         self.colours.setChecked(True)
         self.arrows = QCheckBox("Arrows")

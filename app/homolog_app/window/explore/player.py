@@ -5,10 +5,10 @@ import time
 from collections.abc import Callable, Mapping
 
 from PySide6.QtCore import QTimer, Signal
-from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QWidget
 
 from homolog_app.window.actions import Actions
-from homolog_app.window.widgets import GRID, button
+from homolog_app.window.widgets import GRID, button, choice
 
 __all__ = ["Player"]
 
@@ -41,12 +41,10 @@ class Player(QWidget):
         self.go = button("Play")
         self.go.setToolTip("Play (Space)")
         self.go.clicked.connect(actions["run.play"].trigger)
-        self.speed, self.reach = QComboBox(), QComboBox()
-        for box, choices, name in ((self.speed, _SPEEDS, "Speed"), (self.reach, ranges, "Range")):
-            for words, value in choices.items():
-                box.addItem(words, value)
+        self.speed, self.reach = choice("Speed", _SPEEDS), choice("Range", ranges)
+        for box in (self.speed, self.reach):
+            box.setMinimumContentsLength(8)
             box.setCurrentIndex(min(1, box.count() - 1))
-            box.setAccessibleName(name)
         self.reach.setVisible(len(ranges) > 1)
         self.loop = QCheckBox("Loop")
         self.loop.setChecked(True)

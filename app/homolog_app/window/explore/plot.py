@@ -6,7 +6,7 @@ from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QPainter, QPainterPath, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QWidget
 
-from homolog_app.window.quantities import short, ticks
+from homolog_app.window.quantities import tick_words, ticks
 from homolog_app.window.theme import Theme
 
 __all__ = ["MARKERS", "Plot", "group_colour", "marker"]
@@ -121,18 +121,18 @@ class Plot(QWidget):
         painter.drawLine(frame.bottomLeft(), frame.bottomRight())
         painter.drawLine(frame.bottomLeft(), frame.topLeft())
         painter.setPen(QColor(colours.dim))
-        for x in (
-            self.x_ticks if self.x_ticks is not None else ticks(*self.x_range, self._about(frame.width()))
-        ):
+        xs = self.x_ticks if self.x_ticks is not None else ticks(*self.x_range, self._about(frame.width()))
+        for x, words in zip(xs, tick_words(xs), strict=True):
             at = self.place(x, self.y_range[0])
             painter.drawLine(at, at + QPointF(0, 4))
-            painter.drawText(QRectF(at.x() - 30, at.y() + 4, 60, 16), Qt.AlignmentFlag.AlignCenter, short(x))
+            painter.drawText(QRectF(at.x() - 30, at.y() + 4, 60, 16), Qt.AlignmentFlag.AlignCenter, words)
         right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
         most = max(2, int(frame.height() // 36))
-        for y in self.y_ticks if self.y_ticks is not None else ticks(*self.y_range, most):
+        ys = self.y_ticks if self.y_ticks is not None else ticks(*self.y_range, most)
+        for y, words in zip(ys, tick_words(ys), strict=True):
             at = self.place(self.x_range[0], y)
             painter.drawLine(at, at - QPointF(4, 0))
-            painter.drawText(QRectF(at.x() - 46, at.y() - 8, 38, 16), right, short(y))
+            painter.drawText(QRectF(at.x() - 46, at.y() - 8, 38, 16), right, words)
         below = QRectF(frame.left(), frame.bottom() + 20, frame.width(), 18)
         painter.drawText(below, Qt.AlignmentFlag.AlignCenter, self.x_label)
         if self.y_label:

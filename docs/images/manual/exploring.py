@@ -1,0 +1,43 @@
+"""Pictures of the pages Modes, Groups and Measure, for `make.py`."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from homolog_app.window.main_window import MainWindow
+
+__all__ = ["keep_exploring"]
+
+
+def keep_exploring(
+    window: "MainWindow", until: Callable[[Callable[[], object]], None], keep: Callable[[str], None]
+) -> None:
+    """Keep a picture of each of the three pages; the result of the coffee beans is open."""
+    from homolog.beans.generate import draw_beans
+
+    order, session, explore = window.commands, window.desk.session, window.inspector.explore
+    names = [one.name for one in session.study.members]
+    beans = dict(zip(names, draw_beans(len(names)), strict=True))
+    for group, side in (("anterior", -1.0), ("posterior", 1.0)):
+        session.select(name for name, bean in beans.items() if side * bean.position > 0.0)
+        session.set_group(group)
+    order["explore.modes"].trigger()
+    until(lambda: explore.fitted.shape is not None)
+    modes = explore.page
+    modes.sliders.choose(1)
+    modes.sliders.show_value(0, 1.5)
+    session.select(["bean_04"])
+    keep("modes")
+    order["explore.groups"].trigger()
+    groups = explore.page
+    order["explore.test"].trigger()
+    until(lambda: groups.answers)
+    groups.arrows.setChecked(True)
+    groups.way.setValue(50)
+    keep("groups")
+    order["explore.measure"].trigger()
+    measure = explore.page
+    until(lambda: measure.table.rowCount() > 0)
+    measure.place.setValue(100)
+    keep("measure")
+    explore.tabs.setCurrentIndex(0)

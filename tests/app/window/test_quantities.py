@@ -1,0 +1,27 @@
+"""Numbers as people read them."""
+
+import pytest
+
+from homolog_app.window.quantities import short, signed, tick_words, ticks
+
+
+def test_ticks_are_round_and_have_zero_among_them():
+    assert ticks(-3.2, 3.2, 7) == [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0]
+    assert ticks(93.0, 101.0, 3) == [95.0, 100.0]
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [([79.75, 79.76, 79.77], ["79.75", "79.76", "79.77"]), ([0.0, 2.5, 5.0], ["0.0", "2.5", "5.0"]),
+     ([-20.0, 0.0, 20.0], ["−20", "0", "20"]), ([], [])],
+)  # fmt: skip
+def test_ticks_have_as_many_digits_as_tell_them_apart(values, words):
+    assert tick_words(values) == words
+
+
+def test_numbers_have_a_true_minus_and_no_exponent_that_people_would_not_write():
+    assert signed(-0.5) == "−0.50"
+    assert signed(-0.001) == "0.00"
+    assert signed(1.234, 1) == "+1.2"
+    assert short(-5379.4) == "−5379"
+    assert short(0.07061) == "0.0706"
