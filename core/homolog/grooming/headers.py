@@ -89,5 +89,5 @@ def _check_beside(path: Path, name: str) -> None:
     place = PurePosixPath(os.path.normpath(name.replace("\\", "/")))
     if place.is_absolute() or ".." in place.parts or ":" in name:
         raise InputError(f"{path}: its voxels are said to be in {name}; put that file beside it")
-    if not (path.parent / place).is_file():
+    if not os.path.isfile(path.parent / place):  # no name is too long for it
         raise InputError(f"{path}: its voxels are in {name}, which is not there; put that file beside it")
