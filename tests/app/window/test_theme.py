@@ -1,0 +1,34 @@
+"""Both schemes can be read."""
+
+import pytest
+
+from homolog_app.window.explore.plot import _ON_DARK, _ON_LIGHT
+from homolog_app.window.theme import DARK, LIGHT, rgb
+
+TEXT, GRAPHICS = 4.5, 3.0  # WCAG 2.2, level AA
+
+
+def contrast(one, other):
+    first, second = (
+        sum(
+            part * (x / 12.92 if x <= 0.03928 else ((x + 0.055) / 1.055) ** 2.4)
+            for part, x in zip((0.2126, 0.7152, 0.0722), rgb(colour), strict=True)
+        )
+        for colour in (one, other)
+    )
+    return (max(first, second) + 0.05) / (min(first, second) + 0.05)
+
+
+@pytest.mark.parametrize("colours", [LIGHT, DARK], ids=["light", "dark"])
+@pytest.mark.parametrize("ink", ["text", "dim", "accent", "danger", "warning"])
+@pytest.mark.parametrize(
+    "ground", ["window", "surface", "raised", "sunken", "field", "zebra", "selected", "scene"]
+)
+def test_texts_stand_out_from_every_ground(colours, ink, ground):
+    assert contrast(getattr(colours, ink), getattr(colours, ground)) >= TEXT
+
+
+@pytest.mark.parametrize(("colours", "groups"), [(LIGHT, _ON_LIGHT), (DARK, _ON_DARK)], ids=["light", "dark"])
+def test_markers_of_groups_stand_out_from_the_plot_and_text_from_buttons(colours, groups):
+    assert min(contrast(one, colours.surface) for one in groups) >= GRAPHICS
+    assert contrast(colours.on_accent, colours.accent) >= TEXT
