@@ -80,7 +80,7 @@ def mode_file(project: Project, mode: int, side: str) -> Path:
 
 
 def read_result(project: Project) -> Result:
-    """Read the last result of a project.
+    """Read the last result of a project, with groups and columns as the cohort's table has them now.
 
     Raises
     ------
@@ -89,6 +89,8 @@ def read_result(project: Project) -> Result:
     """
     record = _result_of(project)
     subjects = record.subjects
+    present = {one.name: one for one in project.read().subjects}
+    listed = [present.get(one.name, one) for one in subjects]
     world, local = (
         [read_particles(particle_file(project, one.file, frame)) for one in subjects]
         for frame in ("world", "local")
@@ -100,8 +102,8 @@ def read_result(project: Project) -> Result:
             )
     return Result(
         names=tuple(one.name for one in subjects),
-        groups=tuple(one.group for one in subjects),
-        columns=tuple(one.columns for one in subjects),
+        groups=tuple(one.group for one in listed),
+        columns=tuple(one.columns for one in listed),
         world=frozen(np.array(world)),
         local=frozen(np.array(local)),
         alignments=frozen(np.array([one.alignment for one in subjects])),

@@ -119,6 +119,29 @@ def test_the_menu_opens_each_export_with_the_project_and_its_groups(explored):
         one.close()
 
 
+def test_groups_given_after_the_run_are_exported_once_they_are_saved(explored, tmp_path):
+    from homolog_app.cli import main
+    from homolog_app.window.export.dialog import ExportDialog
+
+    def opened():
+        explored.commands["export.particles"].trigger()
+        (dialog,) = [one for one in explored.findChildren(ExportDialog) if one.isVisible()]
+        what, _ = dialog._what, dialog.close()
+        return what
+
+    assert opened().caution == ""
+    for names, group in ((["a", "c"], "thin"), (["b", "d"], "thick")):
+        explored.desk.session.select(names)
+        explored.desk.session.set_group(group)
+    assert opened().columns["group"] == ["thin", "thick"] * 2
+    assert opened().caution == "Unsaved edits are exported only after the project is saved."
+    explored.library.save()
+    assert opened().caution == ""
+    project, out = str(explored.desk.project.folder), str(tmp_path / "still.png")
+    words = ["--group", "group", "thin", "thick", "--width", "480", "--height", "320"]
+    assert main(["export", "still", project, *words, "--out", out, "--progress", "none"]) == 0
+
+
 def test_what_is_wrong_is_said_and_nothing_can_be_started(dialog, tmp_path):
     film = dialog("film")
     (tmp_path / "mine.txt").write_text("")

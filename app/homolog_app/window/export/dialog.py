@@ -48,6 +48,8 @@ class Exported:
         How many modes there are, and the one to begin with.
     columns : mapping of str to sequence of str
         Columns of the cohort's table with a value for each subject.
+    caution : str
+        What of the open study is not in the project's folder; may be empty.
     """
 
     project: Path
@@ -56,6 +58,7 @@ class Exported:
     modes: int
     mode: int
     columns: Mapping[str, Sequence[str]]
+    caution: str = ""
 
 
 class ExportDialog(QDialog):
@@ -153,6 +156,8 @@ class ExportDialog(QDialog):
         layout.setSpacing(2 * GRID)
         layout.addWidget(label(self.kind.title, "PanelTitle"))
         layout.addWidget(label(self.kind.hint, "Hint", wrap=True))
+        if what.caution:
+            layout.addWidget(label(what.caution, "Problem", wrap=True))
         layout.addLayout(middle, 1)
         if self.kind.place:
             browse = button("Browse…")

@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING
 
 from homolog.files.names import file_stems
 from homolog_app.window.asking import Part, reported
+from homolog_app.window.explore.check_page import CheckPage
 from homolog_app.window.explore.modes_page import ModesPage
+from homolog_app.window.explore.present import with_present_table
 from homolog_app.window.export.kinds import KINDS
+from homolog_app.window.study_files import ViewRecord, save_project
 
 if TYPE_CHECKING:
     from homolog_app.window.export.dialog import Exported
@@ -36,7 +39,7 @@ class Exporting(Part):
 
         session, project = self._desk.session, self._desk.project
         assert session.result is not None, "the commands need a result"
-        result = session.result.result
+        result = with_present_table(session.result.result, session.study)
         columns = list(dict.fromkeys(name for one in result.columns for name in one))
         explore = self._window.inspector.explore
         shape = explore.fitted.shape
@@ -49,4 +52,17 @@ class Exporting(Part):
             modes=modes,
             mode=min(explore.page_of(ModesPage).sliders.chosen + 1, modes),
             columns={name: column_of(result, name) for name in ("group", *columns)},
+            caution=self._caution(),
         )
+
+    def _caution(self) -> str:
+        """Put the table into a draft, which is the window's own, and say what else is not in the folder."""
+        desk, session = self._desk, self._desk.session
+        if session.folder is None and not desk.work.is_busy:
+            save_project(desk.project, session.study, ViewRecord())
+        missing = []
+        if session.folder is not None and not session.undo.isClean():
+            missing.append("Unsaved edits")
+        if not self._window.inspector.explore.page_of(CheckPage).checked.is_written:
+            missing.append("Particles optimized again")
+        return f"{' and '.join(missing)} are exported only after the project is saved." if missing else ""
