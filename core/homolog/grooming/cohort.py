@@ -1,6 +1,7 @@
 """All subjects of a cohort: checked before any work, groomed side by side, cached."""
 
 import logging
+from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import nullcontext
@@ -12,6 +13,7 @@ from homolog.device import cores
 from homolog.errors import InputError, NumericalError
 from homolog.files.markups import read_markups
 from homolog.grooming.cache import content_key, is_outdated, load_groomed, save_groomed
+from homolog.grooming.images import Segmentation
 from homolog.grooming.subject import GroomedSubject, groom, read_source
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
@@ -39,15 +41,35 @@ def check_cohort(cohort: Cohort, settings: GroomSettings, tick: Tick = no_tick) 
     into memory, or nothing left after smoothing.
     """
     problems = []
+    called: dict[str, str] = {}
     for index, subject in enumerate(cohort.subjects):
         tick(index / len(cohort.subjects), f"checking {subject.name}")
         try:
-            read_source(subject, settings)
+            source = read_source(subject, settings)
+            if isinstance(source, Segmentation) and source.name:
+                called[subject.name] = source.name.strip()
             if subject.landmarks is not None:
                 read_markups(subject.landmarks)
         except InputError as error:
             problems.append(Problem(subject.name, str(error)))
-    return problems
+    problems += _of_other_names(called)
+    order = {one.name: index for index, one in enumerate(cohort.subjects)}
+    return sorted(problems, key=lambda one: order[one.subject])
+
+
+def _of_other_names(called: dict[str, str]) -> list[Problem]:
+    """Return the subjects whose files call the structure otherwise than most do: a value may mean another."""
+    names = Counter(one.casefold() for one in called.values())
+    usual = max(names, key=names.__getitem__, default="")
+    return [
+        Problem(
+            subject,
+            f"{subject}: what has this label is called {name!r} here, and {usual!r} in most other "
+            "files; choose the structure by its name (segment)",
+        )
+        for subject, name in called.items()
+        if name.casefold() != usual
+    ]
 
 
 def groom_cohort(

@@ -37,6 +37,8 @@ class Segmentation:
         Centre of voxel (0, 0, 0) [mm, LPS].
     notes : tuple of str
         What the user should know of the file.
+    name : str
+        What the file calls the structure, if anything.
     """
 
     mask: BoolArray
@@ -44,6 +46,7 @@ class Segmentation:
     spacing: FloatArray
     origin: FloatArray
     notes: tuple[str, ...] = ()
+    name: str = ""
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -123,18 +126,16 @@ class Volume:
             were to be taken together.
         """
         if segment is not None and (self.named or label is None):
-            mask = self._mask_of([one for one in self.named if _same(one.name, segment)], repr(segment))
-        elif label is not None:
+            return self._one([one for one in self.named if _same(one.name, segment)], repr(segment))
+        if label is not None:
             named = [one for one in self.named if one.value == label]
-            mask = self._mask_of(named or self._plain(label), f"label {label}")
-        else:
-            mask = self._everything()
-        return self._placed(mask)
+            return self._one(named or self._plain(label), f"label {label}")
+        return self._placed(self._everything())
 
     def _plain(self, label: int) -> list[Segment]:
         return [Segment("", label)] if len(self.layers) == 1 else []
 
-    def _mask_of(self, found: Sequence[Segment], wanted: str) -> BoolArray:
+    def _one(self, found: Sequence[Segment], wanted: str) -> Segmentation:
         if len(found) > 1:
             raise InputError(
                 f"{self.path}: {wanted} is {' and '.join(one.words for one in found)}; choose one by its "
@@ -143,8 +144,8 @@ class Volume:
         for one in found:
             layer = self.layers[one.layer]
             _check_values(self.path, layer)
-            if (mask := layer == one.value).any():
-                return np.asarray(mask)
+            if (layer == one.value).any():
+                return self.placed(one)
         listed = ", ".join(one.words for one in self.segments()[:10])
         remedy = f"it holds {listed}" if listed else "segment the structure or leave the subject out"
         raise InputError(f"{self.path}: has no voxel of {wanted}; {remedy}")
@@ -173,9 +174,9 @@ class Volume:
 
     def placed(self, segment: Segment) -> Segmentation:
         """Return the voxels of one of `segments`."""
-        return self._placed(np.asarray(self.layers[segment.layer] == segment.value))
+        return self._placed(np.asarray(self.layers[segment.layer] == segment.value), segment.name)
 
-    def _placed(self, mask: BoolArray) -> Segmentation:
+    def _placed(self, mask: BoolArray, name: str = "") -> Segmentation:
         """Put the mask in its place, on right-handed axes."""
         axes, origin = self.index_to_world[:3, :3], self.index_to_world[:3, 3]
         spacing = np.linalg.norm(axes, axis=0)
@@ -190,7 +191,7 @@ class Volume:
             mask = mask[::-1]
             origin = origin + axes[:, 0] * (len(mask) - 1)
             rotation = rotation * [-1.0, 1.0, 1.0]
-        return Segmentation(mask, rotation, spacing, origin, self.notes)
+        return Segmentation(mask, rotation, spacing, origin, self.notes, name)
 
 
 def check_size(path: Path, shape: Sequence[int], voxel_bytes: float) -> None:

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from homolog.cohort import read_cohort
 from homolog.errors import InputError
+from homolog.grooming import check_cohort
 from homolog.grooming.images import read_segmentation, read_volume
+from homolog.settings import GroomSettings
 
 
 @pytest.fixture
@@ -104,3 +107,14 @@ def save_picture(tmp_path):
         return tmp_path / "ct.nrrd"
 
     return write
+
+
+def test_a_value_that_means_different_structures_is_refused_by_name(blocks, write_nrrd, named, tmp_path):
+    write_nrrd("a.seg.nrrd", blocks, named(("heart", 1, 0), ("lung", 2, 0)))
+    write_nrrd("b.seg.nrrd", blocks, named(("Heart ", 1, 0), ("lung", 2, 0)))
+    write_nrrd("c.seg.nrrd", blocks, named(("lung", 1, 0), ("heart", 2, 0)))
+    cohort = read_cohort(tmp_path)
+    assert [one.name for one in cohort.subjects] == ["a", "b", "c"]
+    (problem,) = check_cohort(cohort, GroomSettings(label=1))
+    assert (problem.subject, "'lung' here, and 'heart' in most" in problem.message) == ("c", True)
+    assert check_cohort(cohort, GroomSettings(segment="heart")) == []
