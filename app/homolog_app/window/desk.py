@@ -54,7 +54,8 @@ class Desk(QObject):
         """Whether something would be lost by closing."""
         session = self.session
         unsaved = session.folder is None and bool(session.study.members)
-        return unsaved or not session.undo.isClean()
+        writing = self.work.kind == "keep"
+        return unsaved or writing or not session.undo.isClean()
 
     def hold(self, folder: Path | None) -> None:
         """Keep other programs out of the project that is open, and let go of the one before.

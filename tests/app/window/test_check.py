@@ -116,6 +116,28 @@ def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
     assert not errors
 
 
+def test_particles_that_could_not_be_written_count_as_unsaved(checking, monkeypatch, errors, wait):
+    from homolog.errors import InputError
+
+    def fails(*_):
+        raise InputError("the disk is full")
+
+    session = checking.desk.session
+    before = session.result
+    checking.commands["check.next"].trigger()
+    checking.commands["check.mend"].trigger()
+    wait(lambda: session.result is not before)
+    settled(checking, wait)
+    monkeypatch.setattr("homolog.run.result.write_table", fails)
+    checking.commands["file.save"].trigger()
+    assert checking.desk.is_changed  # a window that is closed now would still be asked
+    wait(lambda: errors)
+    settled(checking, wait)
+    assert "disk is full" in str(errors[0][1])
+    assert checking.desk.is_changed
+    assert page_of(checking).keep.isVisible()
+
+
 def test_cancelling_the_search_leaves_it_to_be_asked_for_again(window, swapped, errors, wait):
     window.library.take([swapped])
     wait(lambda: window.desk.session.result is not None and window.step == "explore")

@@ -152,6 +152,8 @@ class Checked(QObject):
     def _look(self) -> None:
         result, work = self._desk.session.result, self._desk.work
         known = self._version is not None
+        if known and not work.is_busy and self._desk.session.undo.isClean() and not self.is_written:
+            self._desk.session.undo.resetClean()  # writing was cancelled or failed
         if result is not self._seen:
             self._seen = result
             if not known:
