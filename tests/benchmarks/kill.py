@@ -2,10 +2,10 @@
 
     python tests/benchmarks/kill.py [--tries 24 --seed 0]
 
-A cohort of ellipsoids is run once without disturbance. Then each try starts the same run in a process of its
-own, kills it (SIGKILL) at a random moment of a random phase, looks whether the project can still be read, how
-old the newest saved state is, resumes it and compares every file of the result. Prints a row a try and a
-table for docs/reliability.md.
+A cohort of ellipsoids is run once without disturbance. Then each try runs a copy of the project again in a
+process of its own, kills it (SIGKILL) at a random moment of a phase, looks whether the last result can still
+be read and how old the newest saved state is, resumes the run and compares every file of its result. Prints a
+row a try and a table for docs/reliability.md.
 """
 
 import argparse
@@ -27,11 +27,12 @@ import numpy as np
 
 from homolog.errors import InputError
 from homolog.files.project import Project
+from homolog.files.results import read_result
 
 PHASES = ("reading", "grooming", "aligning", "geodesics", "splitting", "optimizing", "modeling", "writing")
 _SETTINGS = (
     "--device cpu --workers 1 --particles 128 --mesh-edge 2 --alignment center --split-iterations 40 "
-    "--anneal-iterations 200 --settle-iterations 60 --no-figures --progress json"
+    "--anneal-iterations 200 --settle-iterations 60"
 )
 
 
@@ -55,7 +56,7 @@ def main() -> None:
         folder = Path(name)
         write_cohort(folder / "scans")
         began = time.monotonic()
-        spans = dict(follow(start(folder / "scans", folder / "whole")))
+        spans = dict(follow(start(folder / "scans", "--out", folder / "whole", *_SETTINGS.split())))
         print(f"undisturbed: {time.monotonic() - began:.0f} s; phases from", spans, flush=True)
         tries = []
         for number in range(options.tries):
@@ -71,13 +72,11 @@ def main() -> None:
     sys.exit(not all(one.readable and one.equal and one.lost_s <= 30.0 for one in tries))
 
 
-def start(*arguments: object) -> subprocess.Popen[str]:
-    """Start a run; the first argument is the cohort, a second the project, or the project with --resume."""
-    source, *rest = map(str, arguments)
-    how = ["--resume", "--progress", "json", "--no-figures"] if rest == ["--resume"] else []
-    how = how or ["--out", *rest, *_SETTINGS.split()]
+def start(source: Path, *how: object) -> subprocess.Popen[str]:
+    """Start a run of a cohort or project."""
+    words = [source, *how, "--progress", "json", "--no-figures"]
     return subprocess.Popen(
-        [sys.executable, "-m", "homolog_app", "run", source, *how],
+        [sys.executable, "-m", "homolog_app", "run", *map(str, words)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 
@@ -98,17 +97,22 @@ def follow(running: subprocess.Popen[str]) -> Iterator[tuple[str, float]]:
 
 
 def one_try(folder: Path, phase: str, spans: dict[str, float]) -> Try:
-    """Kill a run in a phase and resume it."""
-    project = Project(folder / "killed")
+    """Kill a new run of the finished project in a phase and resume it."""
+    project, whole = Project(folder / "killed"), contents(folder / "whole")
     shutil.rmtree(project.folder, ignore_errors=True)
+    shutil.copytree(folder / "whole", project.folder)
+    if phase in ("reading", "grooming"):
+        for archive in list(project.groomed.glob("*.npz"))[::2]:
+            archive.unlink()
     began = time.time()
-    reached, killed_at = kill_in(start(folder / "scans", project.folder), phase, spans[phase])
-    saved = [one.stat().st_mtime for one in saved_files(project) if one.stat().st_mtime <= killed_at]
-    lost = killed_at - max(saved, default=began)
+    reached, killed_at = kill_in(start(project.folder), phase, spans[phase])
+    saved = [
+        one.stat().st_mtime for one in (project.checkpoint, *project.groomed.glob("*.npz")) if one.is_file()
+    ]
+    lost = killed_at - max(one for one in (*saved, began) if one <= killed_at)
     readable = is_readable(project)
-    again = ["--resume"] if readable and project.exists and project.read().unfinished else []
-    dict(follow(start(project.folder, *again) if again else start(folder / "scans", project.folder)))
-    return Try(reached, readable, lost, contents(project.folder) == contents(folder / "whole"))
+    dict(follow(start(project.folder, *(["--resume"] if project.read().unfinished else []))))
+    return Try(reached, readable, lost, contents(project.folder) == whole)
 
 
 def kill_in(running: subprocess.Popen[str], phase: str, span: float) -> tuple[str, float]:
@@ -129,18 +133,10 @@ def kill_in(running: subprocess.Popen[str], phase: str, span: float) -> tuple[st
     return reached, time.time()
 
 
-def saved_files(project: Project) -> list[Path]:
-    """Return what a run leaves for its resumption."""
-    return [one for one in (project.checkpoint, *project.groomed.glob("*.npz")) if one.is_file()]
-
-
 def is_readable(project: Project) -> bool:
-    """Return whether the project can be opened, or was not begun."""
-    if not project.folder.exists() or not any(one.name != ".lock" for one in project.folder.iterdir()):
-        return True
+    """Return whether the project can be opened and shows its last result."""
     try:
-        project.recover()
-        project.read()
+        read_result(project)
     except InputError as error:
         print(error)
         return False
