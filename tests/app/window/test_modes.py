@@ -217,22 +217,3 @@ def test_a_folder_that_is_no_project_is_refused_by_name(page, window, tmp_path, 
     ((_, error),) = errors
     assert "nothing" in str(error)
     assert page.fitted.other is None
-
-
-def test_every_control_can_be_reached_by_key_and_has_a_name(page):
-    from PySide6.QtCore import Qt
-    from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QComboBox
-
-    found = [
-        one
-        for root in (page, page.plots)
-        for kind in (QAbstractButton, QAbstractSlider, QComboBox)
-        for one in root.findChildren(kind)
-        if one.isVisible() and not one.objectName().startswith("qt_")
-        and type(one).__name__ != "QScrollBar"
-    ]  # fmt: skip
-    assert len(found) > 10
-    for one in found:
-        assert one.focusPolicy() & Qt.FocusPolicy.TabFocus, one
-        words = one.accessibleName() or (one.text() if isinstance(one, QAbstractButton) else "")
-        assert words, one

@@ -32,3 +32,9 @@ def test_texts_stand_out_from_every_ground(colours, ink, ground):
 def test_markers_of_groups_stand_out_from_the_plot_and_text_from_buttons(colours, groups):
     assert min(contrast(one, colours.surface) for one in groups) >= GRAPHICS
     assert contrast(colours.on_accent, colours.accent) >= TEXT
+
+
+@pytest.mark.parametrize("colours", [LIGHT, DARK], ids=["light", "dark"])
+def test_arrows_stand_out_from_the_views_and_from_white_surfaces(colours):
+    assert contrast(colours.mark, colours.scene) >= GRAPHICS
+    assert contrast(colours.mark, "#ffffff") >= GRAPHICS

@@ -78,7 +78,8 @@ class ModesPage(ExplorePage):
         self.sliders.moved.connect(self._follow_sliders)
         self.player.swung.connect(lambda value: self.sliders.show_value(self.sliders.chosen, value))
         self.who.activated.connect(lambda _: self._choose_subject(self.who.currentText()))
-        self.views.activated.connect(lambda _: self.shown_changed.emit())
+        for box in (self.views, self.player.reach):
+            box.activated.connect(lambda _: self.shown_changed.emit())
         for tick in (self.colours, self.arrows):
             tick.toggled.connect(self.shown_changed)
         self.charts.scree.mode_chosen.connect(self.sliders.choose)
@@ -156,7 +157,8 @@ class ModesPage(ExplorePage):
         values = self.sliders.values
         at = [float(values[mode]) if mode < len(values) else 0.0 for mode in (first, second)]
         self.charts.scatter.show_cursor(at[0], at[1])
-        self.shown_changed.emit()
+        if self.views.currentData() == "shape":  # the rows of modes don't depend on the sliders
+            self.shown_changed.emit()
 
     def _morph(self, x: float, y: float) -> None:
         self.player.stop()

@@ -160,7 +160,7 @@ class Cell:
         self._surfaces["groomed"].GetProperty().SetColor(*rgb(colours.bone))
         self._surfaces["raw"].GetProperty().SetColor(*rgb(colours.raw))
         for actor in (self._arrows.actor, self._lines.actor):
-            actor.GetProperty().SetColor(*rgb(colours.text))
+            actor.GetProperty().SetColor(*rgb(colours.mark))
         self._caption.GetTextProperty().SetColor(*rgb(colours.text))
         for actor in self._letters:
             actor.GetTextProperty().SetColor(*rgb(colours.accent))

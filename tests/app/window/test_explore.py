@@ -1,0 +1,66 @@
+"""What all pages of Explore have in common."""
+
+import pytest
+
+pytestmark = pytest.mark.window
+
+
+@pytest.mark.parametrize("name", ["modes", "groups", "check", "measure"])
+def test_every_control_can_be_reached_by_key_and_has_a_name(explore, finished, name):
+    from PySide6.QtCore import Qt
+    from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QScrollBar
+
+    page = explore(finished, name)
+    kinds = (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox)
+    found = [
+        one
+        for root in (page, page.plots)
+        if root is not None
+        for kind in kinds
+        for one in root.findChildren(kind)
+        if one.isVisible() and not isinstance(one, QScrollBar) and not one.objectName().startswith("qt_")
+    ]
+    assert len(found) > 4
+    for one in found:
+        assert one.focusPolicy() & Qt.FocusPolicy.TabFocus, one
+        words = one.accessibleName() or (one.text() if isinstance(one, QAbstractButton) else "")
+        assert words, one
+
+
+def test_tabs_say_which_page_is_open_and_keys_turn_them(explore, finished, window):
+    page = explore(finished, "modes")
+    tabs = window.inspector.explore.tabs
+    assert tabs.tabText(tabs.currentIndex()) == page.title == "Modes"
+    window.commands["explore.measure"].trigger()
+    assert tabs.tabText(tabs.currentIndex()) == "Measure"
+    assert window.inspector.explore.page.isVisible()
+
+
+def test_a_new_result_is_fitted_again_and_nothing_of_the_old_one_is_shown(explore, finished, window, wait):
+    from dataclasses import replace
+
+    explore(finished, "modes")
+    session, fitted = window.desk.session, window.inspector.explore.fitted
+    before = fitted.shape
+    session.result = replace(session.result)
+    session.facts_changed.emit()
+    assert fitted.shape is None
+    wait(lambda: fitted.shape is not None)
+    assert fitted.shape is not before
+
+
+def test_a_cancelled_fit_is_not_begun_again_until_the_page_is_opened_again(explore, finished, window, wait):
+    explore(finished, "modes")
+    session, work = window.desk.session, window.desk.work
+    from dataclasses import replace
+
+    session.result = replace(session.result)
+    session.facts_changed.emit()
+    work.cancel()
+    wait(lambda: not work.is_busy)
+    fitted = window.inspector.explore.fitted
+    if fitted.shape is None:  # it may have been faster than the wish to end it
+        assert "open this page again" in window.inspector.explore.page.state.text()
+        window.inspector.explore.tabs.setCurrentIndex(0)
+        window.commands["explore.modes"].trigger()
+    wait(lambda: fitted.shape is not None)
