@@ -57,10 +57,12 @@ def inspect(
 def judge(places: Places, tick: Tick = no_tick) -> Inspection:
     """Look for suspects among particles whose places are known; `inspect` from its second step on."""
     tick(0.0, "neighbours on most subjects")
-    usual = neighbourhood_of(places)
-    tick(0.5, "suspects")
+    usual = neighbourhood_of(places, part_of(tick, 0.0, 0.5))
     gatherer = Gatherer(places, usual)
-    suspects = [one for m in range(len(places.meshes)) for one in gatherer.suspects(m)]
-    suspects += uncovered(places, part_of(tick, 0.6, 1.0))
+    suspects = []
+    for m in range(len(places.meshes)):
+        tick(0.5 + 0.3 * m / len(places.meshes), "suspects")
+        suspects += gatherer.suspects(m)
+    suspects += uncovered(places, part_of(tick, 0.8, 1.0))
     suspects.sort(key=lambda one: -one.severity)
     return Inspection(tuple(suspects), places, usual)

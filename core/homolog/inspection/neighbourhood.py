@@ -10,6 +10,7 @@ from scipy.spatial import Delaunay
 from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.errors import InputError
 from homolog.inspection.places import REACH, Places, mean_normals
+from homolog.progress import Tick, no_tick
 
 __all__ = ["NEIGHBOURS", "Neighbourhood", "flattened", "neighbourhood_of"]
 
@@ -53,12 +54,12 @@ class Neighbourhood:
         return np.union1d(near.ravel(), particles)
 
 
-def neighbourhood_of(places: Places) -> Neighbourhood:
+def neighbourhood_of(places: Places, tick: Tick = no_tick) -> Neighbourhood:
     """Return the consensus of all subjects."""
     neighbours, usual = _nearest(places.distances)
     shape = np.median(places.world, axis=0)
     normals = mean_normals(places.normals)
-    triangles = _triangles(shape, normals, neighbours, usual)
+    triangles = _triangles(shape, normals, neighbours, usual, tick)
     return Neighbourhood(*map(frozen, (neighbours, usual, shape, normals, triangles)))
 
 
@@ -96,7 +97,9 @@ def _keys(distances: csr_array) -> IntArray:
     return keys
 
 
-def _triangles(shape: FloatArray, normals: FloatArray, neighbours: IntArray, usual: FloatArray) -> IntArray:
+def _triangles(
+    shape: FloatArray, normals: FloatArray, neighbours: IntArray, usual: FloatArray, tick: Tick
+) -> IntArray:
     """Return the triangles that the local Delaunay triangulations around their corners agree on.
 
     Around each particle its neighbours are laid out in the plane of the mean normal: in the direction in
@@ -104,6 +107,7 @@ def _triangles(shape: FloatArray, normals: FloatArray, neighbours: IntArray, usu
     """
     found = []
     for i, (others, far) in enumerate(zip(neighbours, usual, strict=True)):
+        tick(i / len(shape), "triangles of neighbours")
         there = np.isfinite(far)
         if there.sum() < 3:
             continue
