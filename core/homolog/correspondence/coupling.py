@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from homolog.arrays import DeviceArray, Float32Array, FloatArray
-from homolog.correspondence import dual_kernels, kernels
+from homolog.correspondence import dual_kernels, kernels, step_kernels
 from homolog.correspondence.dual import covariance, solve_duals
 from homolog.correspondence.launcher import Launcher
 
@@ -44,7 +44,7 @@ class Coupling(ABC):
             return
         total = self.shapes * self.count
         inputs = [self.layout, stage, iteration, self.movable, *self._step_matrices(), steps, damped]
-        self.launch(kernels.damp_held, total, inputs)
+        self.launch(step_kernels.damp_held, total, inputs)
 
     @abstractmethod
     def _damp_all(self, steps: DeviceArray, damped: DeviceArray) -> None:
@@ -171,7 +171,7 @@ class DeviceCoupling(Coupling):
 
     def _mix(self, matrix: DeviceArray, source: DeviceArray, target: DeviceArray) -> None:
         total = self.shapes * self.count
-        self.launch(kernels.mix, total, [self.count, self.shapes, matrix, source, target])
+        self.launch(step_kernels.mix, total, [self.count, self.shapes, matrix, source, target])
 
 
 def coupling(layout: kernels.Layout, movable: DeviceArray, held: bool, launcher: Launcher) -> Coupling:

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from homolog.arrays import BoolArray, DeviceArray, Float32Array, FloatArray, IntArray
-from homolog.correspondence import kernels
+from homolog.correspondence import kernels, step_kernels
 from homolog.correspondence.coupling import coupling
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.sampling import LIST_LIFE, REACH, Sampling
@@ -258,12 +258,14 @@ class Engine:
         surface = [self._poses, self.positions, self.normals]
         self._locate()
         sampling.repel(self.positions, self.normals, self.feet)
-        self.launch(kernels.mean_normals, self.count, [layout, *surface, self.means, self.centred, self.logs])
+        self.launch(
+            step_kernels.mean_normals, self.count, [layout, *surface, self.means, self.centred, self.logs]
+        )
         coupling.solve(*knobs, self.centred, self.logs)
         coupling.directions(self.centred, self.logs, self.ensemble_part, self.normals_part)
         parts = [sampling.forces, self.ensemble_part, self.normals_part]
         self.launch(
-            kernels.combine,
+            step_kernels.combine,
             self.total,
             [
                 layout,
@@ -281,12 +283,12 @@ class Engine:
         coupling.damp(*knobs, self.steps, self.ensemble_part)
         widths = [sampling.widths, sampling.next_widths]
         self.launch(
-            kernels.move,
+            step_kernels.move,
             self.total,
             [self.count, *knobs, self.ensemble_part, self._poses, self.normals, *widths, self.positions],
         )
         self._project()
-        wp.launch(kernels.advance, dim=1, inputs=[self.iteration], device=self.launch.device)
+        wp.launch(step_kernels.advance, dim=1, inputs=[self.iteration], device=self.launch.device)
 
 
 def turns_of(poses: FloatArray) -> FloatArray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from homolog.correspondence import kernels
+from homolog.correspondence import kernels, step_kernels
 from homolog.correspondence.domain import AREA, prepare
 from homolog.correspondence.engine import Engine
 from homolog.correspondence.launcher import Launcher
@@ -86,7 +86,9 @@ def means_and_logs(means, *normals):
     held, given = vectors(means), vectors(np.concatenate(normals))
     centred, logs = (wp.zeros(given.size, dtype=wp.vec3, device="cpu") for _ in range(2))
     LAUNCHER(
-        kernels.mean_normals, len(means), [layout, unmoved(len(normals)), given, given, held, centred, logs]
+        step_kernels.mean_normals,
+        len(means),
+        [layout, unmoved(len(normals)), given, given, held, centred, logs],
     )
     return held.numpy(), logs.numpy().reshape(len(normals), -1, 3)
 
@@ -148,7 +150,7 @@ def pulled_back(means, normals, gradients):
     out = wp.zeros(count, dtype=wp.vec3, device="cpu")
     bends = wp.array(np.tile(np.eye(3, dtype=np.float32), (count, 1, 1)), dtype=wp.mat33, device="cpu")
     LAUNCHER(
-        kernels.combine,
+        step_kernels.combine,
         count,
         [
             layout,

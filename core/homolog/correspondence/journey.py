@@ -1,0 +1,292 @@
+"""The way through the stages: iterations, splits, and what is reported and kept meanwhile."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from homolog.arrays import FloatArray
+from homolog.correspondence.domain import AREA, Domain
+from homolog.correspondence.engine import Engine, Particles
+from homolog.correspondence.launcher import Launcher
+from homolog.correspondence.poses import inverted, procrustes, transformed
+from homolog.correspondence.sampling import LIST_LIFE
+from homolog.correspondence.schedule import Plan
+from homolog.correspondence.splitting import split
+from homolog.correspondence.start import first_particles
+from homolog.correspondence.types import (
+    Checkpoint,
+    Correspondence,
+    Frame,
+    Observe,
+    Reason,
+    Shape,
+    Stage,
+    Start,
+)
+from homolog.errors import Cancelled, InputError, NumericalError
+from homolog.progress import Tick, part_of
+from homolog.settings import OptimizeSettings, Procrustes
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["Journey", "Keep"]
+
+RECORD = 20  # iterations between two rows of the energy table
+KEEP_S = 30.0  # seconds between two checkpoints
+FRAME_S = 0.05  # seconds between two frames
+LOST = 5.0  # optimizer lengths from the mesh, of a particle that is not on the surface any more
+SPLIT_OFFSET = 0.25  # of the Parzen width
+START_ROUNDS, ALIGNING_ROUNDS = 4, 5  # of first particles and poses in turn, where poses may change
+SLIDING = 0.01  # of distances in the surface, for poses while particles are still few
+
+Keep = Callable[[Checkpoint], None]
+
+
+class Journey:
+    """The loop over stages and iterations, with its clocks."""
+
+    def __init__(
+        self,
+        shapes: Sequence[Shape],
+        domain: Domain,
+        settings: OptimizeSettings,
+        stages: Sequence[Plan],
+        start: Start | None,
+        tick: Tick,
+        observe: Observe | None,
+        keep: Keep | None,
+    ) -> None:
+        self.domain, self.settings, self.observe, self.keep = domain, settings, observe, keep
+        self.start, self.stages = start, stages
+        self.alignments = np.stack([shape.alignment for shape in shapes])
+        self.landmarks = _landmarks(shapes, domain, stages[0].count)
+        self.start_tick, self.tick = part_of(tick, 0.0, 0.05), part_of(tick, 0.05, 1.0)
+        self._now = (0.0, "first particles")
+        self.launcher = Launcher(domain.device, breathe=lambda: self.tick(*self._now))
+        free = 1.0 if start is None or start.movable is None else float(start.movable.mean())
+        self.tolerance = settings.tolerance * free  # the objective is per particle, of all
+        self.energies: list[list[float]] = []
+        self.iteration = 0
+        self.poses = np.tile(np.eye(4), (len(domain.names), 1, 1))
+        self._next_frame = self._next_checkpoint = 0.0
+        self._costs = np.array([plan.iterations * (plan.count + 256.0) for plan in self.stages])
+
+    def run(self, resume: Checkpoint | None) -> Reason:
+        """Go through the stages, the first or the rest of them."""
+        begin, done = 0, 0
+        if resume is None:
+            self._begin()
+        else:
+            begin, done = self._stage_of(resume), resume.done
+            self.iteration, self.energies = resume.iteration, resume.energies.tolist()
+            self.poses = resume.poses
+            self.engine = self._engine(self.stages[begin].count, _particles(resume))
+        reason = Reason.ITERATIONS
+        for index in range(begin, len(self.stages)):
+            plan = self.stages[index]
+            if plan.count != self.engine.count:
+                try:
+                    self._split(plan)
+                except Cancelled:
+                    if index > 0:
+                        self._checkpoint(index - 1, self.stages[index - 1].iterations)
+                    raise
+            reason = self._stage(index, done)
+            self._check_particles()
+            done = 0
+        return reason
+
+    def _begin(self) -> None:
+        """Place the particles to begin with."""
+        count = self.stages[0].count
+        if self.start is not None:
+            pairs = zip(self.domain.placements, self.start.local, strict=True)
+            self.engine = self._engine(count, np.stack([place.apply(one) for place, one in pairs]))
+            self._align(sliding=1.0)
+            return
+        rounds = 1 if self.settings.procrustes is Procrustes.OFF else START_ROUNDS
+        for number in range(rounds):
+            meshes = [
+                TriangleMesh(transformed(pose[None], mesh.vertices[None])[0], mesh.faces)
+                for pose, mesh in zip(self.poses, self.domain.level(count).meshes, strict=True)
+            ]
+            tick = part_of(self.start_tick, number / rounds, (number + 1) / rounds)
+            landmarks = None if self.landmarks is None else transformed(self.poses, self.landmarks)
+            posed = first_particles(meshes, count, self.settings.seed, tick, landmarks)
+            self.engine = self._engine(count, transformed(inverted(self.poses), posed))
+            for _ in range(ALIGNING_ROUNDS):
+                self._align(sliding=SLIDING)
+
+    def _stage_of(self, resume: Checkpoint) -> int:
+        index = len(self.stages) - 1 - resume.left
+        expected = (len(self.domain.names), self.stages[max(index, 0)].count)
+        if index < 0 or resume.positions.shape[:2] != expected:
+            raise InputError("the checkpoint belongs to another cohort or other settings; start the run anew")
+        return index
+
+    def _engine(self, count: int, particles: Particles | FloatArray) -> Engine:
+        return Engine(
+            self.domain.fields,
+            self.domain.level(count),
+            particles,
+            geodesic=self.domain.geodesic,
+            area=AREA,
+            launcher=self.launcher,
+            poses=self.poses,
+            movable=None if self.start is None else self.start.movable,
+        )
+
+    def _align(self, sliding: float) -> None:
+        """Bring the shapes onto their mean, if they may be aligned on the way."""
+        if self.settings.procrustes is Procrustes.OFF:
+            return
+        free = np.full(len(self.poses), True)
+        if self.start is not None and self.start.movable is not None:
+            free = np.all(self.start.movable, axis=1)
+        scaling = self.settings.procrustes is Procrustes.SIMILARITY
+        posed = self.engine.posed_positions(), self.engine.posed_normals()
+        self.poses = procrustes(*posed, self.poses, free, scaling=scaling, sliding=sliding)
+        self.engine.pose(self.poses)
+
+    def _split(self, plan: Plan) -> None:
+        old = self.engine
+        random = np.random.default_rng([self.settings.seed, plan.count])
+        offset = SPLIT_OFFSET * old.width
+        posed = split(old.posed_positions(), old.posed_normals(), plan.count, offset, random)
+        self.engine = self._engine(plan.count, transformed(inverted(self.poses), posed))
+
+    def _stage(self, index: int, done: int) -> Reason:
+        plan = self.stages[index]
+        self.engine.start_stage([plan.weights(i) for i in range(plan.iterations)], done)
+        self._next_frame = 0.0  # a stage is seen however short it is
+        if done == 0:
+            self._checkpoint(index, done)
+        before = math.inf
+        while done < plan.iterations:
+            times = min(LIST_LIFE, plan.iterations - done)
+            self._iterate(index, done, times)
+            done += times
+            self.iteration += times
+            if done % RECORD == 0 or done == plan.iterations:
+                objective = self._record(plan)
+                if plan.until_converged and abs(before - objective) < self.tolerance:
+                    return Reason.CONVERGED
+                before = objective
+                self._align(SLIDING if plan.stage is Stage.SPLITTING else 1.0)
+            self._report(index, done)
+        return Reason.ITERATIONS
+
+    def _iterate(self, index: int, done: int, times: int) -> None:
+        """Move the particles; if that is cancelled on the way, keep where they were before."""
+        before = self.engine.particles() if self.launcher.device == "cpu" else None
+        try:
+            self.engine.iterate(times)
+        except Cancelled:
+            self._checkpoint(index, done, before)
+            raise
+
+    def _record(self, plan: Plan) -> float:
+        parts = self.engine.energy() * [1.0, plan.weight, plan.normals_weight]
+        if not np.isfinite(parts).all():
+            self._check_particles()
+        self.energies.append([float(self.iteration), *parts.tolist()])
+        return float(parts.sum())
+
+    def _check_particles(self) -> None:
+        """Refuse to go on with particles that are not on their surfaces."""
+        gaps = self.engine.gaps()
+        names = [name for name, gap in zip(self.domain.names, gaps, strict=True) if not gap < LOST]
+        if names:
+            raise NumericalError(
+                f"{', '.join(names)}: particles left the surface by iteration {self.iteration}; look at the "
+                "groomed surface, or run with another seed"
+            )
+
+    def _report(self, index: int, done: int) -> None:
+        """Frame, checkpoint and tick, when they are due."""
+        now = time.monotonic()
+        if self.observe is not None and now >= self._next_frame and self.energies:
+            self._next_frame = now + FRAME_S
+            self.observe(self._frame(index))
+        if now >= self._next_checkpoint:
+            self._checkpoint(index, done)
+        plan = self.stages[index]
+        behind = self._costs[:index].sum() + self._costs[index] * done / plan.iterations
+        self._now = (behind / self._costs.sum(), f"{plan.stage.value}: {plan.count} particles")
+        try:
+            self.tick(*self._now)
+        except Cancelled:
+            self._checkpoint(index, done)
+            raise
+
+    def _frame(self, index: int) -> Frame:
+        world = self.engine.posed_positions() * self.domain.unit
+        return Frame(
+            self.stages[index].stage,
+            self.iteration,
+            world,
+            np.array(self.energies[-1][1:]),
+            self._alignments(),
+        )
+
+    def _alignments(self) -> FloatArray:
+        """Return the similarities from file to world coordinates, as they are now, (M, 4, 4)."""
+        poses = self.poses.copy()
+        poses[:, :3, 3] *= self.domain.unit
+        return poses @ self.alignments
+
+    def _checkpoint(self, index: int, done: int, particles: Particles | None = None) -> None:
+        self._next_checkpoint = time.monotonic() + KEEP_S
+        if self.keep is None:
+            return
+        now = particles or self.engine.particles()
+        energies = np.array(self.energies).reshape(-1, 4)
+        self.keep(
+            Checkpoint(
+                left=len(self.stages) - 1 - index,
+                done=done,
+                iteration=self.iteration,
+                positions=now.positions,
+                widths=now.widths,
+                means=now.means,
+                poses=self.poses,
+                faces=now.faces,
+                energies=energies,
+            )
+        )
+
+    def result(self, reason: Reason) -> Correspondence:
+        """Return the particles in millimetres."""
+        positions = self.engine.host_positions().astype(np.float64)
+        local = np.stack([p.invert(one) for p, one in zip(self.domain.placements, positions, strict=True)])
+        if self.start is not None and self.start.movable is not None:
+            local = np.where(self.start.movable[..., None], local, self.start.local)
+        alignments = self._alignments()
+        return Correspondence(
+            world=transformed(alignments, local),
+            local=local,
+            normals=self.engine.posed_normals(),
+            energies=np.array(self.energies).reshape(-1, 4),
+            alignments=alignments,
+            iterations=self.iteration,
+            reason=reason,
+        )
+
+
+def _particles(saved: Checkpoint) -> Particles:
+    return Particles(saved.positions, saved.widths, saved.means, saved.faces)
+
+
+def _landmarks(shapes: Sequence[Shape], domain: Domain, count: int) -> FloatArray | None:
+    """Return the shapes' landmarks in the optimizer's coordinates, (M, L, 3); None if there are none."""
+    given = [shape.landmarks for shape in shapes if shape.landmarks is not None]
+    if not given:
+        return None
+    numbers = {len(one) for one in given}
+    if len(given) < len(shapes) or len(numbers) > 1 or max(numbers) > count:
+        raise InputError(
+            f"landmarks must be the same on every shape and no more than the {count} first particles; "
+            "give all shapes the same, or run without them"
+        )
+    return np.stack([place.apply(one) for place, one in zip(domain.placements, given, strict=True)])

@@ -1,0 +1,166 @@
+"""One step of all particles across the shapes (conventions as in `kernels`)."""
+
+import warp as wp
+
+from homolog.correspondence.functions import log_adjoint, log_map, tangent
+from homolog.correspondence.kernels import Knobs, Layout, Pose
+
+wp.set_module_options({"enable_backward": False, "fast_math": False})
+
+__all__ = ["advance", "combine", "damp_held", "mean_normals", "mix", "move"]
+
+
+@wp.kernel
+def mean_normals(
+    first: int,
+    c: Layout,
+    poses: wp.array(dtype=Pose),
+    positions: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    means: wp.array(dtype=wp.vec3),
+    centred: wp.array(dtype=wp.vec3),
+    logs: wp.array(dtype=wp.vec3),
+):
+    """Centre the positions over shapes; Fréchet mean of the normals (one Karcher step) and their Logs."""
+    i = first + wp.tid()
+    total = wp.vec3(0.0, 0.0, 0.0)
+    for k in range(c.shapes):
+        p = k * c.per_shape + i
+        posed = poses[k].linear * positions[p] + poses[k].shift
+        centred[p] = posed
+        total += posed
+    middle = total / float(c.shapes)
+    for k in range(c.shapes):
+        centred[k * c.per_shape + i] = centred[k * c.per_shape + i] - middle
+    mean = means[i]
+    for _round in range(2):
+        shift = wp.vec3(0.0, 0.0, 0.0)
+        for k in range(c.shapes):
+            shift += log_map(mean, poses[k].turn * normals[k * c.per_shape + i])
+        shift = shift / float(c.shapes)
+        angle = wp.length(shift)
+        if angle > 1.0e-7:
+            mean = wp.normalize(wp.cos(angle) * mean + wp.sin(angle) / angle * shift)
+    means[i] = mean
+    for k in range(c.shapes):
+        logs[k * c.per_shape + i] = log_map(mean, poses[k].turn * normals[k * c.per_shape + i])
+
+
+@wp.kernel
+def combine(
+    first: int,
+    c: Layout,
+    stage: wp.array(dtype=Knobs),
+    iteration: wp.array(dtype=int),
+    movable: wp.array(dtype=int),
+    stiffness: wp.array(dtype=float),
+    poses: wp.array(dtype=Pose),
+    normals: wp.array(dtype=wp.vec3),
+    means: wp.array(dtype=wp.vec3),
+    bends: wp.array(dtype=wp.mat33),
+    forces: wp.array(dtype=wp.vec3),
+    ensemble: wp.array(dtype=wp.vec3),
+    log_gradients: wp.array(dtype=wp.vec3),
+    steps: wp.array(dtype=wp.vec3),
+):
+    """Sum of the three descent directions times tau, in the tangent plane; zero where held.
+
+    Steps are turned as the shapes are compared, so that they can be mixed across shapes. The normals' part
+    is divided by 1 + its own stiffness, else it overshoots at sharp rims.
+    """
+    p = first + wp.tid()
+    n = normals[p]
+    bend = bends[p]
+    pose = poses[p // c.per_shape]
+    upright = wp.transpose(pose.turn)
+    turned = bend * (upright * log_adjoint(means[p % c.per_shape], pose.turn * n, log_gradients[p]))
+    size = wp.ddot(bend, bend)
+    knobs = stage[iteration[0]]
+    damping = 1.0 + knobs.step * knobs.normals_weight * size * stiffness[0]
+    pulled = wp.transpose(pose.linear) * ensemble[p]
+    total = forces[p] - knobs.ensemble_weight * pulled - knobs.normals_weight / damping * turned
+    steps[p] = float(movable[p]) * knobs.step * (pose.turn * tangent(total, n))
+
+
+@wp.kernel
+def mix(
+    first: int,
+    per_shape: int,
+    shapes: int,
+    matrix: wp.array(dtype=float, ndim=2),
+    source: wp.array(dtype=wp.vec3),
+    target: wp.array(dtype=wp.vec3),
+):
+    """target[k] = sum_l matrix[k, l] source[l], per particle: a small matrix across the shapes."""
+    p = first + wp.tid()
+    i = p % per_shape
+    k = p // per_shape
+    total = wp.vec3(0.0, 0.0, 0.0)
+    for other in range(shapes):
+        total += matrix[k, other] * source[other * per_shape + i]
+    target[p] = total
+
+
+@wp.kernel
+def damp_held(
+    first: int,
+    c: Layout,
+    stage: wp.array(dtype=Knobs),
+    iteration: wp.array(dtype=int),
+    movable: wp.array(dtype=int),
+    gradient: wp.array(dtype=float, ndim=2),
+    damping: wp.array(dtype=float, ndim=2),
+    steps: wp.array(dtype=wp.vec3),
+    damped: wp.array(dtype=wp.vec3),
+):
+    """Apply the implicit part of the step where some particles are held.
+
+    (I + pW)^-1 across the shapes where a particle may move on all of them; else, on each alone, 1 / (1 + p r)
+    with r the sum of |W| over the shapes on which it may move (Gershgorin's bound, exact for one shape).
+    """
+    p = first + wp.tid()
+    i = p % c.per_shape
+    k = p // c.per_shape
+    together = wp.vec3(0.0, 0.0, 0.0)
+    bound = float(0.0)
+    free = int(0)
+    for other in range(c.shapes):
+        q = other * c.per_shape + i
+        together += damping[k, other] * steps[q]
+        bound += wp.abs(gradient[k, other]) * float(movable[q])
+        free += movable[q]
+    if free == c.shapes:
+        damped[p] = together
+    else:
+        knobs = stage[iteration[0]]
+        damped[p] = steps[p] / (1.0 + knobs.step * knobs.ensemble_weight * bound)
+
+
+@wp.kernel
+def move(
+    first: int,
+    per_shape: int,
+    stage: wp.array(dtype=Knobs),
+    iteration: wp.array(dtype=int),
+    steps: wp.array(dtype=wp.vec3),
+    poses: wp.array(dtype=Pose),
+    normals: wp.array(dtype=wp.vec3),
+    widths: wp.array(dtype=float),
+    next_widths: wp.array(dtype=float),
+    positions: wp.array(dtype=wp.vec3),
+):
+    """Take the step in the tangent plane, no longer than a part of the Parzen width."""
+    p = first + wp.tid()
+    d = tangent(wp.transpose(poses[p // per_shape].turn) * steps[p], normals[p])
+    length = wp.length(d)
+    limit = stage[iteration[0]].most * widths[p]
+    if length > limit:
+        d = d * (limit / length)
+    positions[p] = positions[p] + d
+    widths[p] = next_widths[p]
+
+
+@wp.kernel
+def advance(iteration: wp.array(dtype=int)):
+    """Go to the next iteration's knobs."""
+    iteration[0] = iteration[0] + 1
