@@ -157,6 +157,8 @@ class CohortModel(QAbstractTableModel):
         groomed = self._session.groomed.get(member.name)
         if survey is None:
             return "Reading…", ""
+        if survey.awaits_choice:
+            return "Choose a label", "warning"
         if survey.problem:
             return survey.problem, "error"
         if groomed is None:

@@ -86,7 +86,8 @@ class CohortPanel(Panel):
     def _count(self) -> None:
         members = self._session.study.members
         surveys = [self._session.surveys.get(one.name) for one in members]
-        bad = [one for one in surveys if one is not None and one.problem]
+        waiting = sum(one is not None and one.awaits_choice for one in surveys)
+        bad = [one for one in surveys if one is not None and one.problem and not one.awaits_choice]
         included = len(self._session.study.included)
         groups = self._session.study.groups
         text = f"{included} of {len(members)} subjects included"
@@ -94,9 +95,11 @@ class CohortPanel(Panel):
         listed = "; ".join(f"{one.subject.name}: {one.problem}" for one in bad[:3])
         more = f" and {len(bad) - 3} more, see the table" if len(bad) > 3 else ""
         plural = "file" if len(bad) == 1 else "files"
-        self.problems.setText(f"{len(bad)} {plural} left out. {listed}{more}" if bad else "")
-        self.problems.setVisible(bool(bad))
-        self._proceed.setEnabled(included >= 2)
+        lines = [f"{len(bad)} {plural} left out. {listed}{more}"] if bad else []
+        lines += [f"The labels of {waiting} files overlap; choose one above."] if waiting else []
+        self.problems.setText("\n".join(lines))
+        self.problems.setVisible(bool(lines))
+        self._proceed.setEnabled(included >= 2 and not waiting)
 
     def _tell_selection(self) -> None:
         if self._following:

@@ -77,6 +77,7 @@ class Library(Part):
         self._desk.hold(folder)
         elsewhere = self._asked_where(opened.study)
         self._desk.work.forget()
+        self._desk.work.awaits_result = opened.has_result
         self._desk.journal.clear()
         study = opened.study if elsewhere is None else opened.study.relocated(elsewhere)
         self._desk.session.open(study, folder)

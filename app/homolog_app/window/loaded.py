@@ -9,6 +9,7 @@ from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.project import Project
+from homolog.files.records import ResultRecord
 from homolog.files.results import Result, read_result
 from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
@@ -110,13 +111,19 @@ def load_result(project: Project) -> Loaded:
         mesh = read_mesh(project.groomed / f"{one.file}.vtp")
         surfaces[one.name] = (mesh, simplified(mesh, COARSE_VERTICES))
     summary = f"{record.particles} particles on {len(record.subjects)} shapes, " + (
-        f"imported from {record.source}"
+        f"imported from {record.source}{_remarks(record)}"
         if record.source
         else f"{record.metric} distances, {record.iterations} iterations in "
         f"{sum(record.seconds.values()):.0f} s on {record.device}"
     )
     method = record.settings.optimize.method
     return Loaded(result, surfaces, _energies(project), _frames(project), summary, method)
+
+
+def _remarks(record: ResultRecord) -> str:
+    """Say what can't be shown of an imported model as it was."""
+    noted = [one for one in record.subjects if one.notes]
+    return f". {len(noted)} of them: {noted[0].notes[0]}" if noted else ""
 
 
 def _energies(project: Project) -> FloatArray:

@@ -53,6 +53,7 @@ class Work(QObject):
         self._arrived: SimpleQueue[Survey] = SimpleQueue()
         self._prepared = False
         self.cancelled_run: RunJob | None = None
+        self.awaits_result = False  # the study being opened has one, which shows subjects without their files
         session.study_changed.connect(self.go_on)
 
     @property
@@ -181,6 +182,7 @@ class Work(QObject):
         """End what is done for the study, which is about to be closed."""
         self._next = None
         self.cancelled_run = None
+        self.awaits_result = False
         self.runner.cancel()
 
     def pause_or_go_on(self) -> None:
@@ -252,13 +254,12 @@ class Work(QObject):
         ]
         self._session.surveys |= {one.subject.name: one for one in current}
         result = self._session.result
-        opening = "open" in (self.kind, self._next[0] if self._next is not None else "")
         seen = result.result.names if result is not None else ()  # a result is shown also without its files
         bad = {
             one.subject.name: replace(members[one.subject.name], included=False)
             for one in current
             if one.problem
-            and not (one.awaits_choice or opening)
+            and not (one.awaits_choice or self.awaits_result)
             and members[one.subject.name].included
             and one.subject.name not in seen
         }
@@ -279,6 +280,7 @@ class Work(QObject):
     def _take_result(self, ended: Ended) -> None:
         loaded: Loaded | None = ended.result
         self.cancelled_run = None
+        self.awaits_result = False
         if loaded is None:
             _log.warning("there are too few particles to keep")
             return
