@@ -118,6 +118,7 @@ class MainWindow(QMainWindow):
             return
         self.setEnabled(False)
         self.status.say("Stopping…")
+        self.exporting.close()
         if self.isVisible():
             self.desk.preferences.keep_geometry(self.saveGeometry(), self.saveState())
         if self.views is not None:

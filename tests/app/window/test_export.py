@@ -80,6 +80,20 @@ def test_a_cancelled_film_leaves_nothing(dialog, wait, tmp_path, qapp):
     assert film.go.isEnabled()
 
 
+def test_closing_the_window_ends_an_export(explored, wait, close, tmp_path):
+    from homolog_app.window.export.dialog import ExportDialog
+
+    explored.commands["export.film"].trigger()
+    (film,) = explored.findChildren(ExportDialog)
+    small(film, fps=60, seconds=600.0)
+    (tmp_path / "films").mkdir()
+    film.place.setText(str(tmp_path / "films" / "film.gif"))
+    film.go.click()
+    wait(lambda: list((tmp_path / "films").iterdir()))
+    close(explored)
+    assert not list((tmp_path / "films").iterdir())
+
+
 def test_the_first_frame_is_previewed(dialog, wait):
     film = dialog("film")
     wait(lambda: not film.preview.pixmap().isNull(), what=film.preview.text())

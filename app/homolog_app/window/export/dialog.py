@@ -20,8 +20,8 @@ from PySide6.QtWidgets import (
 )
 
 from homolog_app.cli.options import options_of
-from homolog_app.exports.settings import PlotSettings
-from homolog_app.films.settings import FilmSettings, PictureSettings
+from homolog_app.films.settings import PictureSettings
+from homolog_app.window.export.checks import content_problem, place_problem
 from homolog_app.window.export.child import Child
 from homolog_app.window.export.choosers import GroupChooser, MotionChooser
 from homolog_app.window.export.kinds import ExportKind
@@ -120,45 +120,14 @@ class ExportDialog(QDialog):
         self.child.stop()
 
     def _lay_out(self) -> None:
-        left = QVBoxLayout()
-        left.setSpacing(2 * GRID)
-        form = QVBoxLayout()
-        form.setContentsMargins(0, 0, 2 * GRID, 0)
-        form.setSpacing(2 * GRID)
-        what = self._what
-        if self.kind.content == "motion":
-            self.chooser = MotionChooser(what.modes, what.mode, what.columns)
-        elif self.kind.content == "groups":
-            self.chooser = GroupChooser(what.columns, optional=True)
-        if self.chooser is not None:
-            form.addWidget(self.chooser)
-        if self.kind.settings is not None:
-            model, main = self.kind.settings, self.kind.main
-            rows = SettingsPair(model, main) if main else SettingsForm(model)
-            rows.show_values(model())
-            rows.edited.connect(self._edit)
-            form.addWidget(rows)
-        form.addStretch()
-        inner = QWidget()
-        inner.setLayout(form)
-        scroll = QScrollArea(widgetResizable=True)
-        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        scroll.setWidget(inner)
-        scroll.setVisible(form.count() > 1)
-        middle = QHBoxLayout()
-        middle.setSpacing(2 * GRID)
-        middle.addWidget(scroll, 1)
-        if self.kind.content == "motion":
-            self.preview = Preview(what.project)
-            middle.addWidget(self.preview, 0, Qt.AlignmentFlag.AlignTop)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
         layout.setSpacing(2 * GRID)
         layout.addWidget(label(self.kind.title, "PanelTitle"))
         layout.addWidget(label(self.kind.hint, "Hint", wrap=True))
-        if what.caution:
-            layout.addWidget(label(what.caution, "Problem", wrap=True))
-        layout.addLayout(middle, 1)
+        if self._what.caution:
+            layout.addWidget(label(self._what.caution, "Problem", wrap=True))
+        layout.addLayout(self._make_middle(), 1)
         if self.kind.place:
             browse = button("Browse…")
             browse.clicked.connect(self._browse)
@@ -173,10 +142,42 @@ class ExportDialog(QDialog):
         buttons.addWidget(self.go)
         layout.addLayout(buttons)
         self.bar.hide()
+        self.bar.setAccessibleName("Progress of the export")
         self.show_.hide()
         self.go.setDefault(True)
-        self.bar.setAccessibleName("Progress of the export")
         self.resize(940 if self.preview else 560, 760 if self.chooser else 300)
+
+    def _make_middle(self) -> QHBoxLayout:
+        """Return what is chosen, the form made from the settings, and the preview."""
+        form = QVBoxLayout()
+        form.setContentsMargins(0, 0, 2 * GRID, 0)
+        form.setSpacing(2 * GRID)
+        what, model, main = self._what, self.kind.settings, self.kind.main
+        if self.kind.content == "motion":
+            self.chooser = MotionChooser(what.modes, what.mode, what.columns)
+            self.preview = Preview(what.project)
+        elif self.kind.content == "groups":
+            self.chooser = GroupChooser(what.columns, optional=True)
+        if self.chooser is not None:
+            form.addWidget(self.chooser)
+        if model is not None:
+            rows = SettingsPair(model, main) if main else SettingsForm(model)
+            rows.show_values(model())
+            rows.edited.connect(self._edit)
+            form.addWidget(rows)
+        form.addStretch()
+        inner = QWidget()
+        inner.setLayout(form)
+        scroll = QScrollArea(widgetResizable=True)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        scroll.setWidget(inner)
+        scroll.setVisible(form.count() > 1)
+        middle = QHBoxLayout()
+        middle.setSpacing(2 * GRID)
+        middle.addWidget(scroll, 1)
+        if self.preview is not None:
+            middle.addWidget(self.preview, 0, Qt.AlignmentFlag.AlignTop)
+        return middle
 
     def _connect(self) -> None:
         self.go.clicked.connect(self._start)
@@ -214,37 +215,8 @@ class ExportDialog(QDialog):
             self.preview.want(self.chooser.arguments() if self.chooser else [], self.settings)
 
     def _problem(self) -> str:
-        out, suffixes = self.out, self.kind.suffixes
-        content = self._content_problem()
-        if content:
-            return content
-        if not self.kind.place:
-            return ""
-        if out is None:
-            return "Say where to save."
-        if suffixes and out.suffix.lower() not in suffixes:
-            kinds = ", ".join(one or "no ending for a folder of pictures" for one in suffixes)
-            return f"The name must end in {kinds}."
-        is_folder = not suffixes or not out.suffix
-        if is_folder and out.exists() and (not out.is_dir() or any(out.iterdir())):
-            return "That folder is there already; choose a new name."
-        return ""
-
-    def _content_problem(self) -> str:
-        """Return what is wrong with what is chosen to be exported, or nothing."""
-        if self.chooser is None:
-            return ""
-        if isinstance(self.settings, FilmSettings) and not self._moves(self.settings):
-            return "The mean shape stands still: switch the turntable on."
-        if isinstance(self.settings, PlotSettings):
-            named = bool(self.chooser.arguments())
-            if named != self.settings.kind.needs_groups:
-                return "This plot compares no groups." if named else "Choose two groups to compare."
-        return self.chooser.problem
-
-    def _moves(self, settings: FilmSettings) -> bool:
-        still = isinstance(self.chooser, MotionChooser) and self.chooser.kind == "mean"
-        return settings.turntable or not still
+        content = content_problem(self.chooser, self.settings) if self.chooser else ""
+        return content or (place_problem(self.out, self.kind.suffixes) if self.kind.place else "")
 
     def _warning(self) -> str:
         return "Replaces the file that is there." if self.out is not None and self.out.is_file() else ""

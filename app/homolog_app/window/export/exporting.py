@@ -33,6 +33,13 @@ class Exporting(Part):
 
         ExportDialog(self._window, KINDS[name], self._exported()).show()
 
+    def close(self) -> None:
+        """Close the dialogs and end what they export."""
+        from homolog_app.window.export.dialog import ExportDialog
+
+        for dialog in self._window.findChildren(ExportDialog):
+            dialog.close()
+
     def _exported(self) -> "Exported":
         from homolog_app.report.study import column_of
         from homolog_app.window.export.dialog import Exported
