@@ -28,10 +28,12 @@ def _placed(record: ResultRecord) -> str:
         )
     method = record.settings.optimize.method
     ended = "converged" if record.ended == "converged" else "was stopped before convergence"
+    marked = ", first points on landmarks" if record.settings.optimize.landmarks else ""
     return (
         f"Corresponding points were placed with {program} on {count} by entropy-based particle optimization "
         f"with {record.metric} distances between particles on a shape (method {method}, seed "
-        f"{record.settings.optimize.seed}). The optimizer {ended} after {record.iterations} iterations."
+        f"{record.settings.optimize.seed}{marked}). The optimizer {ended} after {record.iterations} "
+        "iterations."
     )
 
 

@@ -1,0 +1,70 @@
+"""``homolog import``, and what follows it."""
+
+import csv
+import shutil
+
+import pytest
+
+from homolog.exchange import write_markups, write_shapeworks
+from homolog.files.project import Project
+from homolog.files.results import read_result
+from homolog_app.cli import main
+
+
+@pytest.fixture
+def exported(finished_run, tmp_path):
+    """Return the finished run as a ShapeWorks project."""
+    return write_shapeworks(finished_run, tmp_path / "out")
+
+
+def test_an_imported_model_is_described_analyzed_and_reported(exported, tmp_path, capsys):
+    folder, project = exported.parent / f"{exported.stem}_particles", tmp_path / "imported"
+    assert main(["import", str(folder), str(project), "--progress", "none"]) == 0
+    printed = capsys.readouterr()
+    assert "4 subjects x 48 particles" in printed.out
+    assert "came without a surface; shown as discs" in printed.err
+    assert main(["info", str(project)]) == 0
+    facts = capsys.readouterr().out
+    assert "source       particles in the folder project_particles" in facts
+    assert "imported, not optimized here" in facts
+    options = ["--permutations", "99", "--null", "20", "--size", "with", "--progress", "none"]
+    assert main(["analyze", str(project), "--regress", "size", *options]) == 0
+    with (project / "analysis" / "regression_size" / "subjects.csv").open() as file:
+        assert [row["name"] for row in csv.DictReader(file)] == ["a", "b", "c", "d"]
+    assert main(["report", str(project), "--progress", "none"]) == 0
+    page = (project / "report" / "report.html").read_text(encoding="utf-8")
+    assert "were placed by another program and imported" in page
+    assert "entropy-based particle optimization" not in page
+
+
+def test_a_bad_source_is_one_line(tmp_path, capsys):
+    assert main(["import", str(tmp_path / "gone.swproj"), str(tmp_path / "p"), "--progress", "none"]) == 2
+    assert (
+        capsys.readouterr().err
+        == f"homolog: {tmp_path / 'gone.swproj'}: there is no such file; correct the path\n"
+    )
+    assert not (tmp_path / "p").exists()
+
+
+def test_landmark_errors_are_in_info_and_report(finished_run, ellipsoids, tmp_path, capsys):
+    shutil.copytree(ellipsoids, tmp_path / "scans")
+    shutil.copytree(finished_run.folder, tmp_path / "project")
+    project = Project(tmp_path / "project")
+    for name, points in zip(*[getattr(read_result(project), one) for one in ("names", "local")], strict=True):
+        write_markups(tmp_path / "scans" / f"{name}.mrk.json", points[[2, 9]], ("tip <b>", "base"))
+    record = project.read()
+    subjects = [
+        one.model_copy(update={"landmarks": f"../scans/{one.name}.mrk.json"}) for one in record.subjects
+    ]
+    project.write(record.model_copy(update={"subjects": subjects}))
+    assert main(["info", str(project.folder)]) == 0
+    assert "2 landmarks of 4 subjects, carried to each other: mean error" in capsys.readouterr().out
+    assert main(["report", str(project.folder), "--progress", "none"]) == 0
+    page = (project.folder / "report" / "report.html").read_text(encoding="utf-8")
+    assert "95th percentile (mm)" in page
+    assert "tip &lt;b&gt;" in page
+    assert "tip <b>" not in page
+    (tmp_path / "scans" / "b.mrk.json").write_text("no markups")
+    capsys.readouterr()
+    assert main(["info", str(project.folder)]) == 0
+    assert "b.mrk.json: can't be read as a Slicer markups file" in capsys.readouterr().out
