@@ -185,7 +185,7 @@ def plot_quality(
     for index, (axes, numbers, values, name) in enumerate(curves):
         _dress(axes, theme)
         axes.plot(numbers, values, color=_COLOURS[index], marker=".", linewidth=1.2)
-        axes.set_ylim(bottom=0.0, top=104.0 if index == 0 else None)
+        axes.set_ylim(0.0, 104.0 if index == 0 else 1.08 * float(np.max(values)))
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlabel("modes")
         axes.set_ylabel(name)
