@@ -176,6 +176,8 @@ def _read_polydata(path: Path) -> tuple[Any, str]:
         raise _missing(path)
     if path.suffix.lower() == ".vtp":
         _check_counts(path)
+    if path.suffix.lower() == ".vtk":
+        _check_parts(path)
     complaints: list[str] = []
     for event in ("ErrorEvent", "WarningEvent"):  # observed, so that nothing is printed either
         reader.AddObserver(event, lambda *_: complaints.append("cut short"))
@@ -185,6 +187,13 @@ def _read_polydata(path: Path) -> tuple[Any, str]:
     if complaints or reader.GetErrorCode() or polydata is None or polydata.GetNumberOfPoints() == 0:
         raise InputError(f"{path}: can't be read as a mesh (cut short, or of another kind?); export it again")
     return polydata, "RAS" if "SPACE=RAS" in _header(reader, polydata, path) else "LPS"
+
+
+def _check_parts(path: Path) -> None:
+    """Refuse a legacy file without points and faces: VTK crashes on some that end before them."""
+    content = path.read_bytes()
+    if b"POINTS" not in content or not any(one in content for one in (b"POLYGONS", b"TRIANGLE_STRIPS")):
+        raise InputError(f"{path}: can't be read as a mesh (cut short, or of another kind?); export it again")
 
 
 def _check_counts(path: Path) -> None:
