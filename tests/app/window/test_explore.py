@@ -6,11 +6,13 @@ pytestmark = pytest.mark.window
 
 
 @pytest.mark.parametrize("name", ["modes", "groups", "check", "measure"])
-def test_every_control_can_be_reached_by_key_and_has_a_name(explore, finished, name):
+def test_every_control_can_be_reached_by_key_and_has_a_name(explore, finished, window, name):
     from PySide6.QtCore import Qt
     from PySide6.QtWidgets import QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QScrollBar
 
-    page = explore(finished, name)
+    explore(finished, "modes")
+    window.commands[f"explore.{name}"].trigger()
+    page = window.inspector.explore.page
     kinds = (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox)
     found = [
         one

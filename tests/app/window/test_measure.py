@@ -74,6 +74,7 @@ def test_curves_along_a_mode_are_those_of_the_shapes_that_are_shown(page, window
 def test_the_exported_table_is_that_of_the_command_line(page, window, finished, tmp_path, monkeypatch):
     from homolog_app.cli import main
 
+    page.particles[0].setValue(0)
     page.particles[1].setValue(7)
     path, other = tmp_path / "window.csv", tmp_path / "line.csv"
     monkeypatch.setattr("PySide6.QtWidgets.QFileDialog.getSaveFileName", lambda *_: (str(path), ""))
