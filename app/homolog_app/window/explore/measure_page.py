@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
     QSlider,
     QSpinBox,
     QTableView,
-    QWidget,
 )
 
 from homolog.arrays import FloatArray
@@ -23,14 +22,13 @@ from homolog.progress import Tick, part_of
 from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
 from homolog_app.window.explore.fitted import Fitted
-from homolog_app.window.explore.measure_plot import MeasurePlot
+from homolog_app.window.explore.measure_plot import MeasurePlots
 from homolog_app.window.explore.model_content import Look, model_content
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.present import with_present_table
 from homolog_app.window.explore.subject_table import SORTED_BY, SubjectTable
 from homolog_app.window.quantities import signed
 from homolog_app.window.scene.content import Arrows, Content, Shown
-from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID, button, choice, label, rule
 
 if TYPE_CHECKING:
@@ -45,22 +43,6 @@ _SAMPLES = 13
 _STEPS = 100
 _PIN = 0.12
 _HEADS = ("Subject", "Group", "mm", "ml", "cm²")
-
-
-class MeasurePlots(QWidget):
-    """The three measures side by side."""
-
-    def __init__(self, theme: Theme) -> None:
-        super().__init__()
-        self.distance = MeasurePlot(theme, "Distance", "mm")
-        self.volume = MeasurePlot(theme, "Volume", "ml")
-        self.area = MeasurePlot(theme, "Area", "cm²")
-        self.each = (self.distance, self.volume, self.area)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(0)
-        for plot in self.each:
-            row.addWidget(plot)
 
 
 class MeasurePage(ExplorePage):

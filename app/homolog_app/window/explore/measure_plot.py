@@ -1,15 +1,16 @@
-"""A measure along the range of a mode."""
+"""Measures along the range of a mode."""
 
 import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QMouseEvent, QPainter, QPen, QPolygonF
+from PySide6.QtWidgets import QHBoxLayout, QWidget
 
 from homolog.arrays import FloatArray
 from homolog_app.window.explore.plot import Plot, group_colour
 from homolog_app.window.quantities import short, signed
 from homolog_app.window.theme import Theme
 
-__all__ = ["MeasurePlot"]
+__all__ = ["MeasurePlot", "MeasurePlots"]
 
 _ROOM = 0.08
 
@@ -66,3 +67,19 @@ class MeasurePlot(Plot):
         if len(self._x):
             at = self.value(event.position())[0]
             self.chosen.emit(float(np.clip(at, self._x[0], self._x[-1])))
+
+
+class MeasurePlots(QWidget):
+    """The three measures side by side."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.distance = MeasurePlot(theme, "Distance", "mm")
+        self.volume = MeasurePlot(theme, "Volume", "ml")
+        self.area = MeasurePlot(theme, "Area", "cm²")
+        self.each = (self.distance, self.volume, self.area)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(0)
+        for plot in self.each:
+            row.addWidget(plot)
