@@ -3,9 +3,11 @@
 import csv
 import shutil
 
+import numpy as np
 import pytest
 
 from homolog.exchange import write_markups, write_shapeworks
+from homolog.files.particles import read_particles, write_particles
 from homolog.files.project import Project
 from homolog.files.results import read_result
 from homolog_app.cli import main
@@ -19,9 +21,13 @@ def exported(finished_run, tmp_path):
 
 def test_an_imported_model_is_described_analyzed_and_reported(exported, tmp_path, capsys):
     folder, project = exported.parent / f"{exported.stem}_particles", tmp_path / "imported"
+    points = read_particles(folder / "a_world.particles")  # four are too few for a test
+    for name, factor in (("e", 1.02), ("f", 0.97)):
+        noise = np.random.default_rng(ord(name)).normal(scale=0.3, size=points.shape)
+        write_particles(folder / f"{name}_world.particles", points * [factor, 1.0, 2.0 - factor] + noise)
     assert main(["import", str(folder), str(project), "--progress", "none"]) == 0
     printed = capsys.readouterr()
-    assert "4 subjects x 48 particles" in printed.out
+    assert "6 subjects x 48 particles" in printed.out
     assert "came without a surface; shown as discs" in printed.err
     assert main(["info", str(project)]) == 0
     facts = capsys.readouterr().out
@@ -30,7 +36,7 @@ def test_an_imported_model_is_described_analyzed_and_reported(exported, tmp_path
     options = ["--permutations", "99", "--null", "20", "--size", "with", "--progress", "none"]
     assert main(["analyze", str(project), "--regress", "size", *options]) == 0
     with (project / "analysis" / "regression_size" / "subjects.csv").open() as file:
-        assert [row["name"] for row in csv.DictReader(file)] == ["a", "b", "c", "d"]
+        assert [row["name"] for row in csv.DictReader(file)] == ["a", "b", "c", "d", "e", "f"]
     assert main(["report", str(project), "--progress", "none"]) == 0
     page = (project / "report" / "report.html").read_text(encoding="utf-8")
     assert "were placed by another program and imported" in page

@@ -38,7 +38,7 @@ def rao_f(
     between = p * q
     within = root * (error_dof - (p - q + 1.0) / 2.0) - between / 2.0 + 1.0
     power = np.asarray(wilks) ** (1.0 / root)
-    f: FloatArray = (1.0 - power) / np.maximum(power, np.finfo(float).tiny) * within / between
+    f: FloatArray = (1.0 - power) / np.maximum(power, 1e-290) * within / between
     return f, np.broadcast_to(between, f.shape), np.broadcast_to(within, f.shape)
 
 
