@@ -190,9 +190,9 @@ def _read_polydata(path: Path) -> tuple[Any, str]:
 
 
 def _check_parts(path: Path) -> None:
-    """Refuse a legacy file without points and faces: VTK crashes on some that end before them."""
-    content = path.read_bytes()
-    if b"POINTS" not in content or not any(one in content for one in (b"POLYGONS", b"TRIANGLE_STRIPS")):
+    """Refuse a legacy file without version, points and faces: VTK crashes on some that lack them."""
+    parts = rb"# vtk DataFile Version [1-5]\.\d\r?\n.*POINTS.*(POLYGONS|TRIANGLE_STRIPS)"
+    if not re.match(parts, path.read_bytes(), re.DOTALL):
         raise InputError(f"{path}: can't be read as a mesh (cut short, or of another kind?); export it again")
 
 
