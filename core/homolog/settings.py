@@ -169,7 +169,7 @@ class OptimizeSettings(_Settings):
     ] = 600
     settle_iterations: Annotated[
         int, Field(ge=5, le=100000, description="At most so many iterations after that, until converged.")
-    ] = 400
+    ] = 1000
     tolerance: Annotated[
         float,
         Field(

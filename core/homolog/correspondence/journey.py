@@ -70,7 +70,7 @@ class Journey:
         self.iteration = 0
         self.poses = np.tile(np.eye(4), (len(domain.names), 1, 1))
         self._next_frame = self._next_checkpoint = 0.0
-        self._costs = np.array([plan.iterations * (plan.count + 256.0) for plan in self.stages])
+        self._costs = np.array([plan.usual * (plan.count + 256.0) for plan in self.stages])
 
     def run(self, resume: Checkpoint | None) -> Reason:
         """Go through the stages, the first or the rest of them."""
@@ -212,7 +212,7 @@ class Journey:
         if now >= self._next_checkpoint:
             self._checkpoint(index, done)
         plan = self.stages[index]
-        behind = self._costs[:index].sum() + self._costs[index] * done / plan.iterations
+        behind = self._costs[:index].sum() + self._costs[index] * min(1.0, done / plan.usual)
         self._now = (behind / self._costs.sum(), f"{plan.stage.value}: {plan.count} particles")
         try:
             self.tick(*self._now)

@@ -10,6 +10,7 @@ from homolog.settings import OptimizeSettings
 __all__ = ["Plan", "particle_counts", "plan_stages"]
 
 STEP = 0.5  # tau, of the squared Parzen width
+SHRINK = 400  # iterations over which it shrinks to e^-3 when all is annealed
 FIRST = 256  # at most so many particles are placed by registration; the others come by splitting
 MEAN_PULL = 0.02  # strength of that pull, per squared optimizer length
 HUGE = 1.0e4  # a regularisation under which H(Z) is the squared distance to the mean shape
@@ -45,6 +46,11 @@ class Plan:
     normals: tuple[float, float]
     until_converged: bool = False
 
+    @property
+    def usual(self) -> int:
+        """Iterations to reckon with."""
+        return min(self.iterations, SHRINK) if self.until_converged else self.iterations
+
     def weights(self, iteration: int) -> Weights:
         """Return the weights of one of the stage's iterations."""
         done = iteration / self.iterations
@@ -53,7 +59,7 @@ class Plan:
             normals=self.normals_weight,
             regularization=self.ensemble[0] * (self.ensemble[1] / self.ensemble[0]) ** done,
             normals_regularization=self.normals[0] * (self.normals[1] / self.normals[0]) ** done,
-            step=STEP * math.exp(-3.0 * done) if self.until_converged else STEP,
+            step=STEP * math.exp(-3.0 * min(1.0, iteration / SHRINK)) if self.until_converged else STEP,
         )
 
 
