@@ -215,5 +215,5 @@ def test_faces_that_would_lead_vtk_out_of_memory_are_refused(tmp_path, offsets, 
 def test_a_legacy_file_that_ends_in_its_header_is_refused(tmp_path):
     path = tmp_path / "a.vtk"
     path.write_text("# vtk DataFile Version 5.1\n\nBINARY\nDATASET POLYDATA\nFIELD FieldData 1\nSPACE 1 1 ")
-    with pytest.raises(InputError, match="can.t be read as a mesh"):
+    with pytest.raises(InputError, match=r"can.t be read as a mesh"):
         read_mesh(path)
