@@ -41,6 +41,7 @@ def keep_checking(
         order["view.head"].trigger()
         keep(name)
     page.look.show_what.setCurrentIndex(0)
+    window.inspector.explore.tabs.setCurrentIndex(0)
     session.result = loaded
     session.facts_changed.emit()
 

@@ -55,6 +55,10 @@ class CheckPage(ExplorePage):
         """Look for suspects unless that was done."""
         self.checked.want()
 
+    def stop(self) -> None:
+        """Leave results that come while another page is open alone."""
+        self.checked.want_no_more()
+
     def take_pick(self, pick: "Pick") -> None:
         """Choose what was clicked."""
         self.look.take_pick(pick)

@@ -77,6 +77,10 @@ class Checked(QObject):
         self._wanted, self._asked = True, None
         self._look()
 
+    def want_no_more(self) -> None:
+        """Inspect no further results by itself."""
+        self._wanted = False
+
     def mend(self, suspect: "Suspect") -> None:
         """Optimize the particles around a suspect again; `mended` follows, and it can be undone."""
         version, desk = self._version, self._desk
