@@ -1,6 +1,8 @@
 """Exports from the window: the same command in a child process."""
 
 import shlex
+import subprocess
+import sys
 
 import pytest
 
@@ -78,6 +80,20 @@ def test_a_cancelled_film_leaves_nothing(dialog, wait, tmp_path, qapp):
     assert ended == ["cancelled"]
     assert not list((tmp_path / "films").iterdir())
     assert film.go.isEnabled()
+
+
+def test_the_report_is_written_into_the_project_which_is_held_again_after(explored, wait):
+    from homolog_app.window.export.dialog import ExportDialog
+
+    explored.commands["export.report"].trigger()
+    (report,) = explored.findChildren(ExportDialog)
+    assert export(report, wait) == "done", report.note.text()
+    folder = explored.desk.project.folder
+    assert (folder / "report" / "report.html").is_file()
+    words = [sys.executable, "-m", "homolog_app", "report", str(folder)]
+    refused = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert "in use by another Homolog" in refused.stderr
+    report.close()
 
 
 def test_closing_the_window_ends_an_export(explored, wait, close, tmp_path):

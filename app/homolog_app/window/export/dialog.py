@@ -64,6 +64,7 @@ class Exported:
 class ExportDialog(QDialog):
     """Makes the line of ``homolog export``, runs it and shows how far it is."""
 
+    started_export = Signal()
     finished_export = Signal(str)
 
     def __init__(self, parent: QWidget, kind: ExportKind, what: Exported) -> None:
@@ -241,6 +242,7 @@ class ExportDialog(QDialog):
         self.bar.setValue(0)
         self._switch(running=True)
         self.note.setText("Starting…")
+        self.started_export.emit()
         self.child.start(self.arguments(), self.out)
 
     @Slot(float, str)

@@ -31,7 +31,13 @@ class Exporting(Part):
         """Open the dialog of an export."""
         from homolog_app.window.export.dialog import ExportDialog
 
-        ExportDialog(self._window, KINDS[name], self._exported()).show()
+        kind = KINDS[name]
+        dialog = ExportDialog(self._window, kind, self._exported())
+        if not kind.place:  # written into the project, which the window holds meanwhile for itself
+            folder = self._desk.session.folder
+            dialog.started_export.connect(lambda: self._desk.hold(None))
+            dialog.finished_export.connect(lambda _: self._hold_again(folder))
+        dialog.show()
 
     def close(self) -> None:
         """Close the dialogs and end what they export."""
@@ -39,6 +45,11 @@ class Exporting(Part):
 
         for dialog in self._window.findChildren(ExportDialog):
             dialog.close()
+
+    @reported
+    def _hold_again(self, folder: Path | None) -> None:
+        if folder == self._desk.session.folder and not self._desk.closed:
+            self._desk.hold(folder)
 
     def _exported(self) -> "Exported":
         from homolog_app.report.study import column_of
