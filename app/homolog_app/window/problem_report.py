@@ -28,7 +28,7 @@ _PACKAGES = (
 )
 _LINES = 200
 _ID_LENGTH = 5  # digits that may be somebody's number rather than an age
-_OWN = (*(Path(one.__file__).parents[1] for one in (homolog, homolog_app)), sys.prefix, sys.base_prefix)
+_OWN = (*(Path(str(one.__file__)).parents[1] for one in (homolog, homolog_app)), sys.prefix, sys.base_prefix)
 _PATH = re.compile(r"""(?<![\w.<>])(?:/|[A-Za-z]:[\\/])[^\n:"'<>|]*""")  # up to what ends a path in messages
 
 
