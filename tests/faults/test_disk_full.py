@@ -86,7 +86,7 @@ def test_a_run_whose_disk_fills_up_leaves_the_last_result_and_goes_on_later(
 
 
 def test_a_disk_that_is_really_full_is_told_and_the_project_can_be_read(
-    mounted, project, command, contents, short_settings
+    mounted, project, contents, short_settings
 ):
     disk = Project(mounted("-t", "tmpfs", "-o", "size=400k", "tmpfs") / "project")
     run = Run(disk, read_cohort(project.folder.parent / "scans"), short_settings)
