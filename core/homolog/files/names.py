@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-__all__ = ["file_stems"]
+__all__ = ["checked_stem", "file_stems"]
 
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 _LONGEST = 100
@@ -19,7 +19,7 @@ def file_stems(names: Sequence[str]) -> list[str]:
     taken: set[str] = set()
     for name in names:
         plain = re.sub(r"[^\w.-]", "_", name)[:_LONGEST].strip(".") or "_"
-        if _RESERVED.fullmatch(plain):
+        if _RESERVED.fullmatch(plain) or plain.startswith("-"):
             plain = f"_{plain}"
         stem, number = plain, 1
         while stem.casefold() in taken:
@@ -28,3 +28,10 @@ def file_stems(names: Sequence[str]) -> list[str]:
         taken.add(stem.casefold())
         stems.append(stem)
     return stems
+
+
+def checked_stem(text: str) -> str:
+    """Return a file name without suffix; raises ValueError if `file_stems` gives none like it."""
+    if len(text) > _LONGEST + 20 or not re.fullmatch(r"\w[\w.-]*", text):
+        raise ValueError("is no plain name of a file")
+    return text

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from homolog.cohort import checked_path
+from homolog.files.names import checked_stem
 from homolog.settings import RunSettings
 
 __all__ = ["FORMAT_VERSION", "IMPORTED", "ProjectRecord", "ResultRecord", "ResultSubject", "SubjectRecord"]
@@ -15,7 +16,7 @@ IMPORTED = "imported"
 
 _Row = Annotated[list[float], Field(min_length=4, max_length=4)]
 _Path = Annotated[str, AfterValidator(checked_path)]
-_Stem = Annotated[str, Field(pattern=r"^\w[\w.-]*$", max_length=120)]
+_Stem = Annotated[str, AfterValidator(checked_stem)]
 
 
 class _Record(BaseModel):

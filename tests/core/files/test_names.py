@@ -1,9 +1,9 @@
 import re
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
-from homolog.files.names import file_stems
+from homolog.files.names import checked_stem, file_stems
 
 
 def test_plain_names_stay_as_they_are():
@@ -25,3 +25,10 @@ def test_any_names_give_distinct_stems_that_stay_in_their_folder(names):
     stems = file_stems(names)
     assert len({stem.casefold() for stem in stems}) == len(names)
     assert all(re.fullmatch(r"[\w-][\w.-]*", stem) and not stem.endswith(".") for stem in stems)
+
+
+@given(st.lists(st.text(min_size=1, max_size=150), max_size=5))
+@example(["-1", "a²", "½", "-", "con", "x" * 150, "x" * 149])
+def test_records_take_every_stem(names):
+    for stem in file_stems(names):
+        assert checked_stem(stem) == stem
