@@ -303,7 +303,7 @@ def draw_growth(rows, device, path):
         some = [row for row in rows if chosen(row)]
         totals = [row["shapes"] * row["particles"] for row in some]
         left.loglog(totals, [row[key] for row in some], marker + "-", label=label)
-        right.loglog(totals, [row["peak"] for row in some], marker + "-", label=label)
+        right.semilogx(totals, [row["peak"] for row in some], marker + "-", label=label)
     ends = np.array(
         [min(r["shapes"] * r["particles"] for r in rows), max(r["shapes"] * r["particles"] for r in rows)]
     )
@@ -313,6 +313,7 @@ def draw_growth(rows, device, path):
         xlabel="particles on all shapes", ylabel=f"{'processor ' if device == 'cpu' else ''}ms an iteration"
     )
     right.set(xlabel="particles on all shapes", ylabel="peak memory of the process (GB)")
+    right.set_ylim(bottom=0.0)
     left.legend(frameon=False)
     for axes in (left, right):
         axes.grid(alpha=0.3)
