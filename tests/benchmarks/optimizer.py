@@ -38,7 +38,7 @@ from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.snapping import snapping
 
-DATA = Path(os.environ.get("HOMOLOG_DATA", Path(__file__).parents[3] / "shared" / "data"))
+DATA = Path(os.environ.get("HOMOLOG_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 COHORTS = (1, 2, 3, 5, 12)
 REAL = {
     "vertebrae": ("vertebra_l1_verse/meshes", {}),
