@@ -42,7 +42,6 @@ if __name__ == "__main__":  # workers import this file too
     [
         ("grooming", "-b.npz", 1),
         ("splitting", "-checkpoint.npz", 3),
-        ("saving", "-scores.csv", 1),
         ("moving the new result into place", ".next/model", 1),
     ],
 )

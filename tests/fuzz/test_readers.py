@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from targets import TARGETS
 
-_SLOW = {".swproj": 8, ".xlsx": 8}  # a good one is imported, with surfaces
+_SLOW = {".swproj": 5, ".xlsx": 5}  # a good one is imported, with surfaces
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -17,7 +17,7 @@ def test_a_good_file_is_read_and_changed_ones_are_read_or_refused(name, tmp_path
     assert attempt(target, tmp_path, good) == "read"
 
     @settings(
-        max_examples=_SLOW.get(name, 25),
+        max_examples=_SLOW.get(name, 15),
         deadline=None,
         database=None,
         suppress_health_check=[HealthCheck.too_slow],
