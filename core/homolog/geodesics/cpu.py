@@ -12,6 +12,7 @@ import warp as wp
 from homolog.errors import InputError
 from homolog.geodesics import kernels, sweep_kernels
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
+from homolog.geodesics.intrinsic import triangulate
 from homolog.geodesics.lookup import LANES, MISSING
 from homolog.geodesics.plan import TablePlan, Task
 from homolog.geodesics.table import GeodesicTable
@@ -63,8 +64,8 @@ def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> Geode
     report(0.0)
     for module in (kernels, sweep_kernels):  # before the threads, which would each load them
         wp.load_module(module, device="cpu")
-    fans = build_fans([task.mesh], "cpu")
-    clusters = find_clusters(fans)
+    delaunay = triangulate([task.mesh])
+    fans, clusters = build_fans([task.mesh], delaunay, "cpu"), find_clusters(delaunay)
     members = wp.array(clusters.members, dtype=wp.int32, ndim=2, device="cpu")
     problem = Problem(task, fans, clusters, members, task.kernel_reach(), plan.element_code)
     arrays = (_solve_dense if plan.dense else _solve_blocks)(problem, threads, report)

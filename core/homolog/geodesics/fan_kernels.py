@@ -13,7 +13,7 @@ UNSEEN = wp.constant(-1)
 IN_FRONT = wp.constant(-2)
 
 
-BENT = wp.constant(wp.float64(0.015))
+BENT = wp.constant(wp.float64(0.03))
 """Curvature of a vertex [rad] from which its surroundings are looked at two triangles deep."""
 
 
@@ -97,7 +97,7 @@ def gather(
     base: int,
     cluster: int,
     fan: wp.array(dtype=wp.int32),
-    corners: wp.array(dtype=Corner),
+    neighbour: wp.array(dtype=wp.int32),
     slot: wp.array(dtype=wp.int32),
     seen: wp.array(dtype=wp.int32),
     queue: wp.array(dtype=wp.int32),
@@ -121,7 +121,7 @@ def gather(
             members[cluster, found] = v - base
             found += 1
         for k in range(fan[v], fan[v + 1]):
-            y = corners[k].a + base
+            y = neighbour[k]
             if seen[y + 1] != stamp:
                 seen[y + 1] = stamp
                 queue[tail] = y
@@ -135,7 +135,7 @@ def grow_clusters(
     near: int,
     far: int,
     fan: wp.array(dtype=wp.int32),
-    corners: wp.array(dtype=Corner),
+    neighbour: wp.array(dtype=wp.int32),
     slot: wp.array(dtype=wp.int32),
     seen: wp.array(dtype=wp.int32),
     queue: wp.array(dtype=wp.int32),
@@ -156,7 +156,7 @@ def grow_clusters(
             seed = front[head]
             head += 1
             if slot[seed] < 0:
-                got = gather(seed, near, base, n_clusters, fan, corners, slot, seen, queue, members)
+                got = gather(seed, near, base, n_clusters, fan, neighbour, slot, seen, queue, members)
                 if got[0] == LANES:
                     for lane in range(LANES):
                         slot[members[n_clusters, lane] + base] = n_clusters * LANES + lane
@@ -170,7 +170,7 @@ def grow_clusters(
                         tail += 1
         for v in range(base, first[s + 1]):
             if slot[v] < 0:
-                got = gather(v, far, base, n_clusters, fan, corners, slot, seen, queue, members)
+                got = gather(v, far, base, n_clusters, fan, neighbour, slot, seen, queue, members)
                 for lane in range(LANES):
                     if lane < got[0]:
                         slot[members[n_clusters, lane] + base] = n_clusters * LANES + lane

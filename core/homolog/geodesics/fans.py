@@ -9,7 +9,7 @@ import warp as wp
 
 from homolog.arrays import IntArray, frozen
 from homolog.geodesics.fan_kernels import UNSEEN, count_corners, fill_corners, grow_clusters
-from homolog.geodesics.intrinsic import triangulate
+from homolog.geodesics.intrinsic import Triangulation
 from homolog.geodesics.kernels import Corner
 from homolog.geodesics.lookup import LANES
 from homolog.surfaces.mesh import TriangleMesh
@@ -45,16 +45,11 @@ class Fans:
     corners: Any
 
 
-def build_fans(meshes: Sequence[TriangleMesh], device: str) -> Fans:
-    """Return the fans of checked meshes (see `homolog.surfaces.topology.check_mesh`).
-
-    They are those of the surface's intrinsic Delaunay triangulation.
-    """
-    counts = [len(mesh.vertices) for mesh in meshes]
-    first = np.concatenate([[0], np.cumsum(counts)])
+def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: str) -> Fans:
+    """Return the fans of checked meshes (see `homolog.surfaces.topology.check_mesh`)."""
+    first = delaunay.first
     centred = np.concatenate([mesh.vertices - mesh.vertices.mean(axis=0) for mesh in meshes])
     face_first = np.repeat(first[:-1], [len(mesh.faces) for mesh in meshes])
-    delaunay = triangulate(meshes)
     sides = delaunay.on_device(device)
     with wp.ScopedDevice(device):
         turn = wp.array(delaunay.turn, dtype=wp.float64)
@@ -88,12 +83,12 @@ class Clusters:
     slot: IntArray
 
 
-def find_clusters(fans: Fans) -> Clusters:
-    """Return clusters of at most LANES vertices each, grown over edges; fans are on the CPU.
+def find_clusters(delaunay: Triangulation) -> Clusters:
+    """Return clusters of at most LANES vertices each, grown over edges, on the host.
 
     In space the two walls of a thin shape would fall into one cluster; over edges they don't.
     """
-    n_vertices = int(fans.first[-1])
+    n_vertices = len(delaunay.turn)
     members = np.empty((n_vertices, LANES), np.int32)
     shape = np.empty(n_vertices, np.int32)
     slot = np.full(n_vertices, UNSEEN, np.int32)
@@ -104,7 +99,7 @@ def find_clusters(fans: Fans) -> Clusters:
         grow_clusters,
         1,
         inputs=[
-            fans.first.astype(np.int32), NEAR_VISITS, FAR_VISITS, fans.start, fans.corners,
+            delaunay.first.astype(np.int32), NEAR_VISITS, FAR_VISITS, *delaunay.neighbours(),
             slot, seen, queue, front, members, shape, size,
         ],
         device="cpu",

@@ -12,6 +12,7 @@ from homolog.errors import InputError
 from homolog.geodesics import front_kernels, kernels
 from homolog.geodesics.cuda import run_front
 from homolog.geodesics.fans import build_fans
+from homolog.geodesics.intrinsic import triangulate
 from homolog.geodesics.plan import Task
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
@@ -61,7 +62,7 @@ def distances_from(
         raise InputError(f"{name}: sources have to be vertices of the mesh, 0 … {n - 1}")
     reach = Task(name, mesh, np.inf, 1.0, mesh.mean_edge).kernel_reach()
     reach.stored = float(kernels.FAR)
-    fans = build_fans([mesh], "cpu")
+    fans = build_fans([mesh], triangulate([mesh]), "cpu")
     with wp.ScopedDevice("cpu"):
         values = np.full((1, n, 1), float(kernels.FAR), np.float32)
         np.minimum.at(values[0, :, 0], where, 0.0 if start is None else np.asarray(start, np.float32))

@@ -8,7 +8,7 @@ then both quicker and more exact: slivers are what it has to go over again, and 
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ import warp as wp
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.device import cores
-from homolog.geodesics.intrinsic_kernels import Sides, add_angles, flip_to_delaunay, list_sides, pair_sides
+from homolog.geodesics.intrinsic_kernels import Sides, add_angles, flip_to_delaunay, pair_sides
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Triangulation", "triangulate"]
@@ -28,6 +28,8 @@ class Triangulation:
 
     Attributes
     ----------
+    first : (S + 1,) int64 array
+        First vertex of each shape.
     tail : (3F,) int32 array
         Vertex that each side starts from, counted through all shapes.
     twin : (3F,) int32 array
@@ -38,10 +40,17 @@ class Triangulation:
         Sum of the angles around each vertex; a full turn where the surface is flat.
     """
 
+    first: IntArray
     tail: IntArray
     twin: IntArray
     length: FloatArray
     turn: FloatArray
+
+    def neighbours(self) -> tuple[IntArray, IntArray]:
+        """Return the first entry of each vertex in a list, (N + 1,), and the list of all their neighbours."""
+        start = _starts(self.tail, len(self.turn))
+        head = self.tail.reshape(-1, 3)[:, [1, 2, 0]].ravel()
+        return start, head[np.argsort(self.tail, kind="stable")]
 
     def on_device(self, device: str) -> Any:  # noqa: ANN401 - a wp.struct has no type
         """Return the `Sides` for kernels."""
@@ -56,35 +65,39 @@ def triangulate(meshes: Sequence[TriangleMesh]) -> Triangulation:
 
     Vertices stay where they are. Two of them may come to be joined by several edges, or one to itself.
     """
-    first = np.concatenate([[0], np.cumsum([len(mesh.vertices) for mesh in meshes])])
-    ends = np.concatenate([[0], np.cumsum([3 * len(mesh.faces) for mesh in meshes])])
-    tail = np.concatenate(
-        [mesh.faces.ravel() + at for mesh, at in zip(meshes, first[:-1], strict=True)], dtype=np.int32
-    )
-    length = np.concatenate([_lengths(mesh) for mesh in meshes])
-    result = Triangulation(tail, _twins(tail, int(first[-1])), length, np.zeros(first[-1]))
-    sides = result.on_device("cpu")
-    waiting, stack = (wp.zeros(len(tail), dtype=wp.int32, device="cpu") for _ in range(2))
-
-    def flip(shape: int) -> None:
-        begin, end = int(ends[shape]), int(ends[shape + 1])
-        wp.launch(flip_to_delaunay, 1, inputs=[sides, begin, end, waiting, stack[begin:end]], device="cpu")
-
     wp.load_module(flip_to_delaunay.module, device="cpu")  # before the threads, which would each load it
     with ThreadPoolExecutor(min(cores(), len(meshes))) as pool:
-        list(pool.map(flip, range(len(meshes))))
-    wp.launch(add_angles, len(tail), inputs=[sides, result.turn], device="cpu")
-    return Triangulation(sides.tail.numpy(), sides.twin.numpy(), sides.length.numpy(), result.turn)
+        parts = list(pool.map(_triangulate, meshes))
+    first = np.concatenate([[0], np.cumsum([len(part.turn) for part in parts])])
+    sides = np.concatenate([[0], np.cumsum([len(part.tail) for part in parts])])
+    return Triangulation(
+        first,
+        np.concatenate([part.tail + at for part, at in zip(parts, first[:-1], strict=True)], dtype=np.int32),
+        np.concatenate([part.twin + at for part, at in zip(parts, sides[:-1], strict=True)], dtype=np.int32),
+        np.concatenate([part.length for part in parts]),
+        np.concatenate([part.turn for part in parts]),
+    )
+
+
+def _triangulate(mesh: TriangleMesh) -> Triangulation:
+    n = len(mesh.vertices)
+    tail = np.array(mesh.faces.ravel())
+    twin, waiting, stack = np.zeros((3, len(tail)), np.int32)
+    turn = np.zeros(n)
+    start = _starts(tail, n)
+    listed = np.argsort(tail, kind="stable").astype(np.int32)
+    wp.launch(pair_sides, len(tail), inputs=[tail, start, listed, twin], device="cpu")
+    result = Triangulation(np.array([0, n]), tail, twin, _lengths(mesh), turn)
+    sides = result.on_device("cpu")
+    wp.launch(flip_to_delaunay, 1, inputs=[sides, waiting, stack], device="cpu")
+    wp.launch(add_angles, len(tail), inputs=[sides, turn], device="cpu")
+    return replace(result, tail=sides.tail.numpy(), twin=sides.twin.numpy(), length=sides.length.numpy())
 
 
 def _lengths(mesh: TriangleMesh) -> FloatArray:
     corners = mesh.vertices[mesh.faces]
-    return np.asarray(np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).ravel())
+    return np.asarray(np.linalg.norm(corners[:, [1, 2, 0]] - corners, axis=2).ravel())
 
 
-def _twins(tail: IntArray, n_vertices: int) -> IntArray:
-    start = np.concatenate([[0], np.cumsum(np.bincount(tail, minlength=n_vertices))]).astype(np.int32)
-    listed, twin = np.empty((2, len(tail)), np.int32)
-    wp.launch(list_sides, len(tail), inputs=[tail, start[:-1].copy(), listed], device="cpu")
-    wp.launch(pair_sides, len(tail), inputs=[tail, start, listed, twin], device="cpu")
-    return twin
+def _starts(tail: IntArray, n_vertices: int) -> IntArray:
+    return np.concatenate([[0], np.cumsum(np.bincount(tail, minlength=n_vertices))]).astype(np.int32)

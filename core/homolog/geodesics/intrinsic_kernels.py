@@ -42,15 +42,6 @@ def apex(sides: Sides, side: int) -> wp.vec2d:
 
 
 @wp.kernel
-def list_sides(
-    tail: wp.array(dtype=wp.int32), free: wp.array(dtype=wp.int32), listed: wp.array(dtype=wp.int32)
-):
-    """List the sides that leave each vertex."""
-    side = wp.tid()
-    listed[wp.atomic_add(free, tail[side], 1)] = side
-
-
-@wp.kernel
 def pair_sides(
     tail: wp.array(dtype=wp.int32),
     start: wp.array(dtype=wp.int32),
@@ -137,15 +128,10 @@ def await_turn(
 
 
 @wp.kernel
-def flip_to_delaunay(
-    sides: Sides, begin: int, end: int, waiting: wp.array(dtype=wp.int32), stack: wp.array(dtype=wp.int32)
-):
-    """Flip edges of the sides begin … end until the angles that face each edge sum to at most 180 degrees.
-
-    `stack` is the part of its array that belongs to these sides.
-    """
+def flip_to_delaunay(sides: Sides, waiting: wp.array(dtype=wp.int32), stack: wp.array(dtype=wp.int32)):
+    """Flip edges until the angles that face each of them sum to at most 180 degrees."""
     n = int(0)
-    for side in range(begin, end):
+    for side in range(sides.tail.shape[0]):
         n = await_turn(sides, side, waiting, stack, n)
     left = MOST_FLIPS * n
     while n > 0 and left > 0:
