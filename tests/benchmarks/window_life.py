@@ -67,8 +67,12 @@ def play(options: argparse.Namespace, folder: Path) -> None:
     """Play a finished run and turn the views."""
     app, project = prepare(folder)
     window, until = open_window(app, folder, project)
-    window.commands["run.start"].trigger()
-    until(lambda: not window.desk.work.is_busy)
+    until(lambda: len(window.desk.session.surveys) == 4)
+    for order in ("run.groom", "run.start"):
+        window.commands[order].trigger()
+        until(lambda: not window.desk.work.is_busy)
+    if window.desk.session.result is None:
+        raise SystemExit("the run came to no result")
     window.show_step("explore")
     print("| minutes | memory MB | moments shown |")
     print("|---|---|---|")
