@@ -97,6 +97,10 @@ def test_a_checkpoint_of_another_cohort_is_refused(ellipsoid_shapes):
     optimize(ellipsoid_shapes, QUICK, checkpoint=kept.append)
     with pytest.raises(InputError, match="another cohort"):
         optimize(ellipsoid_shapes[:4], QUICK, resume=kept[-1])
+    faces = kept[-1].faces.copy()
+    faces[2, 3] = 10**6
+    with pytest.raises(InputError, match="another cohort"):
+        optimize(ellipsoid_shapes, QUICK, resume=dataclasses.replace(kept[-1], faces=faces))
 
 
 def test_frames_show_the_stages_in_order(ellipsoid_shapes):
