@@ -13,8 +13,9 @@ __all__ = ["add_parser", "run"]
 
 _MODULES = {
     "film": "export_film", "still": "export_still", "plot": "export_plot", "meshes": "export_meshes",
-    "table": "export_table", "measures": "export_measures", "particles": "export_points",
-    "markups": "export_points", "shapeworks": "export_points", "report": "report",
+    "cohort": "export_cohort", "table": "export_table", "measures": "export_measures",
+    "particles": "export_points", "markups": "export_points", "shapeworks": "export_points",
+    "report": "report",
 }  # fmt: skip
 """The module of each kind."""
 

@@ -277,19 +277,9 @@ class Library(Part):
     @reported
     def export_table(self, path: Path) -> None:
         """Write names, files, groups and covariates; the file can be read as a cohort again."""
-        from homolog.files.tables import write_table
+        from homolog_app.exports.cohort import write_cohort
 
-        study = self._desk.session.study
-        relative = Project(path.parent).describe(study.whole)
-        columns = study.columns
-        write_table(
-            path,
-            ["name", "path", "group", *columns],
-            (
-                [one.name, one.path, one.group, *(one.columns.get(name) for name in columns)]
-                for one in relative
-            ),
-        )
+        write_cohort(path, self._desk.session.study.whole)
         self._window.status.say(f"Table written to {path}")
 
     def _group(self) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
+from homolog_app.cli import main
 
 HEAVY = ("warp", "SimpleITK", "pyvista", "pyvistaqt", "vtkmodules", "matplotlib", "skimage")
 
@@ -93,6 +94,11 @@ def test_an_exported_table_is_read_as_the_same_cohort(beans, tmp_path):
     assert [(one.name, one.group) for one in again] == [("a", None), ("b", "NOR"), ("c", None), ("d", None)]
     assert [one.path.resolve() for one in again] == [one.subject.path for one in session.study.members]
     assert again[0].columns["age"] == "61"
+    beans.library.save_to(tmp_path / "study")
+    same = tmp_path / "out" / "same.csv"
+    words = ["export", "cohort", str(tmp_path / "study"), "--out", str(same), "--progress", "none"]
+    assert main(words) == 0
+    assert same.read_bytes() == (tmp_path / "out" / "table.csv").read_bytes()
 
 
 @pytest.mark.window

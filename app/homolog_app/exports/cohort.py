@@ -1,0 +1,32 @@
+"""The cohort's table: names, files, groups and covariates."""
+
+from pathlib import Path
+
+from homolog.cohort import Cohort
+from homolog.files.project import Project
+from homolog.files.tables import write_table
+
+__all__ = ["write_cohort"]
+
+
+def write_cohort(path: Path, cohort: Cohort) -> None:
+    """Write a cohort as CSV; the file can be read as a cohort again.
+
+    Parameters
+    ----------
+    path : Path
+        File to make or replace. Paths in it start at its folder.
+    cohort : Cohort
+
+    Raises
+    ------
+    InputError
+        If the file can't be written.
+    """
+    relative = Project(path.parent).describe(cohort)
+    columns = list(dict.fromkeys(name for one in relative for name in one.columns))
+    write_table(
+        path,
+        ["name", "path", "group", *columns],
+        ([one.name, one.path, one.group, *(one.columns.get(name) for name in columns)] for one in relative),
+    )
