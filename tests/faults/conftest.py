@@ -60,14 +60,21 @@ def results():
 
 @pytest.fixture
 def files_up_to():
-    """Return a function after which the system lets no file of this process grow beyond some bytes."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    """Return a block in which the system lets no file of this process grow beyond some bytes.
 
+    The limit has to be gone before pytest itself writes: its output may go to a file.
+    """
+
+    @contextmanager
     def limit(size):
-        resource.setrlimit(resource.RLIMIT_FSIZE, (before[0] if size is None else size, before[1]))
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
-    yield limit
-    limit(None)
+    return limit
 
 
 @pytest.fixture

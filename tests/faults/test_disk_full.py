@@ -1,6 +1,7 @@
 """Every kind of write, where files can't grow: the message names file and remedy, what was there stays."""
 
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -52,18 +53,16 @@ WRITES = {
 @pytest.mark.parametrize("name", WRITES)
 def test_a_file_that_cannot_grow_is_named_and_the_one_before_stays(name, project, contents, files_up_to):
     before = contents(project.folder)
-    files_up_to(64)
-    with pytest.raises(InputError, match=f"{name}: {FULL}"):
+    with files_up_to(64), pytest.raises(InputError, match=f"{name}: {FULL}"):
         WRITES[name](project)
-    files_up_to(None)
     assert contents(project.folder) == before
 
 
 def test_a_groomed_cache_that_cannot_grow_is_named(project, short_settings, files_up_to):
     (project.groomed / "a.npz").unlink()
     cohort = read_cohort(project.folder.parent / "scans")
-    files_up_to(2000)
-    with ThreadPoolExecutor(1) as executor, pytest.raises(InputError, match=rf"groomed/a\.\w+: {FULL}"):
+    refused = pytest.raises(InputError, match=rf"groomed/a\.\w+: {FULL}")
+    with files_up_to(2000), ThreadPoolExecutor(1) as executor, refused:
         groom_cohort(cohort, short_settings.groom, executor=executor, cache=project.groomed)
 
 
@@ -75,11 +74,10 @@ def test_a_run_whose_disk_fills_up_leaves_the_last_result_and_goes_on_later(
 
     def fill_up(status):
         if status.phase is phase and status.reason is None:
-            files_up_to(64)
+            full.enter_context(files_up_to(64))
 
-    with pytest.raises(InputError, match=FULL):
+    with ExitStack() as full, pytest.raises(InputError, match=FULL):
         run_of(project).execute(fill_up)
-    files_up_to(None)
     assert results(project.folder) == before
     run_of(project, resume=project.read().unfinished).execute()
     assert results(project.folder) == before

@@ -26,12 +26,12 @@ OPTIMIZE = OptimizeSettings(
 TURNED = Rotation.from_euler("xyz", [25.0, -35.0, 50.0], degrees=True).as_matrix()
 SWAPPED = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
-# Directions of the grid's axes, spacing [mm], file suffix; mean and single distance of surfaces [mm] and
-# change of volume that are allowed.
+# Directions of the grid's axes, spacing [mm], file suffix; mean and single distance of surfaces [mm], change
+# of volume and of the first mode's share that are allowed.
 FORMS = {
-    "oblique": (TURNED, (1.0, 1.0, 1.0), ".nii.gz", 0.12, 0.6, 0.02),
-    "axes exchanged and mirrored": (SWAPPED, (1.0, 1.0, 1.0), ".nii", 0.12, 0.6, 0.02),
-    "oblique and anisotropic": (TURNED, (0.8, 0.8, 2.0), ".nhdr", 0.25, 1.6, 0.06),
+    "oblique": (TURNED, (1.0, 1.0, 1.0), ".nii.gz", 0.12, 0.6, 0.02, 0.02),
+    "axes exchanged and mirrored": (SWAPPED, (1.0, 1.0, 1.0), ".nii", 0.12, 0.6, 0.02, 0.02),
+    "oblique and anisotropic": (TURNED, (0.8, 0.8, 2.0), ".nhdr", 0.25, 1.6, 0.06, 0.05),
 }
 
 
@@ -88,7 +88,7 @@ def axial(tmp_path_factory):
 
 @pytest.mark.parametrize("form", FORMS)
 def test_the_way_a_volume_is_stored_does_not_change_the_shape_model(form, axial, tmp_path):
-    directions, spacing, suffix, mean, most, change = FORMS[form]
+    directions, spacing, suffix, mean, most, change, share = FORMS[form]
     paths = [write(tmp_path / f"{knob}{suffix}", knob, directions, spacing) for knob in KNOBS]
     (meshes, model), (original_meshes, original) = model_of(paths), axial
     for mesh, one in zip(meshes, original_meshes, strict=True):
@@ -99,7 +99,7 @@ def test_the_way_a_volume_is_stored_does_not_change_the_shape_model(form, axial,
     sign = np.sign(model.scores[:, 0] @ original.scores[:, 0])
     assert sign * np.corrcoef(model.scores[:, 0], original.scores[:, 0])[0, 1] > 0.995
     assert model.standard_deviations[0] == pytest.approx(original.standard_deviations[0], rel=0.12)
-    assert model.explained[0] == pytest.approx(original.explained[0], abs=0.02)
+    assert model.explained[0] == pytest.approx(original.explained[0], abs=share)
     for knob, own in ((-1, 0), (1, -1)):  # the first mode's ends look like the first and the last subject
         extreme = original.scores[:, 0].argsort()[own]
         shape = model.mean + sign * knob * abs(original.scores[extreme, 0]) * model.modes[0]
