@@ -104,6 +104,6 @@ def test_a_mesh_is_known_by_its_suffix(tmp_path):
 
 @pytest.mark.parametrize("path", ["a" * 300 + ".nrrd", "ä" * 200 + ".nrrd", "a/" * 3000])
 def test_a_path_that_no_system_takes_is_refused_with_its_line(tmp_path, path):
-    (tmp_path / "cohort.csv").write_text(f"name,path\na,a.nrrd\nb,{path}\n")
+    (tmp_path / "cohort.csv").write_text(f"name,path\na,a.nrrd\nb,{path}\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"cohort\.csv, line 3: the path can't be a path: it is too long"):
         read_cohort(tmp_path / "cohort.csv")
