@@ -19,6 +19,7 @@ def run(*command):
         cwd=ROOT,
         capture_output=True,
         text=True,
+        encoding="utf-8",
         check=False,
         env={**os.environ, "PYTHONPATH": PATHS},
     )

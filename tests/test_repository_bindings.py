@@ -27,6 +27,7 @@ def test_calls_into_qt_do_not_use_up_the_references_to_none():
         env=os.environ | {"QT_QPA_PLATFORM": "offscreen"},
         capture_output=True,
         text=True,
+        encoding="utf-8",
         check=True,
     )
     assert int(done.stdout) < 100
