@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
-from scipy.spatial import ConvexHull
 
 from homolog.analysis.shape_model import fit_shape_model
 from homolog.files.meshes import read_mesh, write_mesh
@@ -34,10 +33,10 @@ AXES = np.array([20.0, 15.0, 10.0])
 
 
 @pytest.fixture(scope="module")
-def project(tmp_path_factory):
+def project(tmp_path_factory, unit_sphere):
     """Twelve ellipsoids, ``long`` and ``short`` in turn, in files 5 mm beside where they are aligned."""
     project = Project(tmp_path_factory.mktemp("export") / "study")
-    points, faces = _sphere()
+    points, faces = unit_sphere(VERTICES)
     shift = np.eye(4)
     shift[:3, 3] = [5.0, 0.0, 0.0]
     subjects = []
@@ -67,20 +66,6 @@ def project(tmp_path_factory):
 
 
 _LENGTHS = [0.9, 1.1, 0.93, 1.15, 0.88, 1.08, 0.95, 1.12, 0.91, 1.05, 0.97, 1.16]
-
-
-def _sphere():
-    index = np.arange(VERTICES)
-    height = 1.0 - (2.0 * index + 1.0) / VERTICES
-    turn = np.pi * (1.0 + 5**0.5) * index
-    radius = np.sqrt(1.0 - height**2)
-    points = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
-    faces = ConvexHull(points).simplices.copy()
-    corners = points[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("fi,fi->f", normals, corners.mean(axis=1)) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    return points, faces
 
 
 @pytest.fixture

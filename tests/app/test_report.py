@@ -5,7 +5,6 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
 
 from homolog.files.meshes import write_mesh
 from homolog.files.particles import write_particles
@@ -21,30 +20,16 @@ HOSTILE = "<script>alert('x')</script> & co"
 QUICK = ["--permutations", "199", "--null", "50", "--progress", "none"]
 
 
-def _sphere(count):
-    index = np.arange(count)
-    height = 1.0 - (2.0 * index + 1.0) / count
-    turn = np.pi * (1.0 + 5**0.5) * index
-    radius = np.sqrt(1.0 - height**2)
-    points = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
-    faces = ConvexHull(points).simplices.copy()
-    corners = points[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("fi,fi->f", normals, corners.mean(axis=1)) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    return points, faces
-
-
 @pytest.fixture
-def project(tmp_path):
+def project(tmp_path, unit_sphere):
     """A finished project: 18 spheres of 20 mm in three groups; those of C bulge upward by 4 mm."""
-    return _project(tmp_path / "study")
+    return _project(tmp_path / "study", unit_sphere)
 
 
-def _project(folder):
+def _project(folder, unit_sphere):
     project = Project(folder)
     generator = np.random.default_rng(0)
-    points, faces = _sphere(300)
+    points, faces = unit_sphere(300)
     base = 20.0 * points[::5]
     subjects = []
     for index in range(18):
@@ -168,9 +153,9 @@ class _Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory):
+def report(tmp_path_factory, unit_sphere):
     """The report's path, after a study of two groups."""
-    project = _project(tmp_path_factory.mktemp("report") / "study")
+    project = _project(tmp_path_factory.mktemp("report") / "study", unit_sphere)
     assert _analyze(project, "--between", "A", "C", "--size", "with") == 0
     assert main(["report", str(project.folder), "--progress", "none"]) == 0
     return project.folder / "report" / "report.html"
