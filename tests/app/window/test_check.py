@@ -160,7 +160,7 @@ def test_a_clicked_particle_is_ringed_on_every_shape_with_its_normals(checking, 
     scene.picture()
     world = checking.desk.session.result.result.world
     nearest = int(world[0][:, 1].argmin())
-    renderer = scene._cells[0].renderer
+    renderer = scene._grid.cells[0].renderer
     renderer.SetWorldPoint(*world[0][nearest], 1.0)
     renderer.WorldToDisplay()
     x, y, _ = renderer.GetDisplayPoint()
@@ -181,7 +181,7 @@ def test_neighbours_are_coloured_by_the_distances_of_their_own_shape(checking, w
     names = checking.desk.session.result.result.names
     places = page.checked.inspection.places
     for m, name in enumerate(names[:4]):
-        tints = scene._tints[name]
+        tints = scene._grid.tints[name]
         near = places.distances[m][[7]].toarray()[0] > 0.0
         assert (tints[~near][np.arange(len(tints))[~near] != 7] == 168).all()
         assert (tints[near] != 168).any(axis=1).all()
@@ -233,7 +233,7 @@ def test_each_part_of_the_energy_colours_the_particles(checking, wait):
         assert scene.bar.scale.title.lower().startswith(part)
         values = getattr(page.look.marks.energies, part)
         m, worst = np.unravel_index(values.argmax(), values.shape)
-        assert tuple(scene._tints[names[m]][worst]) == tuple(scene.bar.scale.table[-1])
+        assert tuple(scene._grid.tints[names[m]][worst]) == tuple(scene.bar.scale.table[-1])
 
 
 def test_a_pattern_has_the_same_share_of_each_tone_on_all_shapes(checking, wait):

@@ -18,7 +18,7 @@ def scene(explored):
 
 def screen_place(scene, point):
     """Return where a point is seen in the first view, in pixels of the widget."""
-    renderer = scene._cells[0].renderer
+    renderer = scene._grid.cells[0].renderer
     renderer.SetWorldPoint(*point, 1.0)
     renderer.WorldToDisplay()
     x, y, _ = renderer.GetDisplayPoint()

@@ -95,7 +95,7 @@ class TestViews:
         scene.picture()
         scene._plot.last_ms, scene._share = 1000.0, 1
         drawn = []
-        for cell in scene._cells[:4]:
+        for cell in scene._grid.cells[:4]:
             cell.renderer.AddObserver("StartEvent", lambda *_, cell=cell: drawn.append(cell))
         scene.show_particles(last, live=True)
         scene._refine.stop()

@@ -3,7 +3,7 @@
 import pytest
 
 from homolog_app.window.explore.plot import _ON_DARK, _ON_LIGHT
-from homolog_app.window.theme import DARK, LIGHT, rgb
+from homolog_app.window.scheme import DARK, LIGHT, rgb
 
 TEXT, GRAPHICS = 4.5, 3.0  # WCAG 2.2, level AA
 

@@ -23,7 +23,7 @@ from homolog_app.window.scene.surface import (
     surface_actor,
     surface_data,
 )
-from homolog_app.window.theme import Colours, rgb
+from homolog_app.window.scheme import Colours, rgb
 
 __all__ = ["Cell"]
 

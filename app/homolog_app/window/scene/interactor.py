@@ -7,10 +7,10 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QWidget
 from pyvistaqt import QtInteractor
 
-__all__ = ["SMOOTH", "Interactor"]
+from homolog_app.window.scene.offscreen import SMOOTH
 
-SMOOTH = 8
-"""Samples a pixel for smooth edges."""
+__all__ = ["Interactor"]
+
 
 _CELLS = (4, 4)
 _SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "swrast", "basic render")

@@ -1,0 +1,70 @@
+"""How the views are looked at, as numbers and words that a file or a command line can hold."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+__all__ = ["CameraState", "Canvas"]
+
+_Point = tuple[float, float, float]
+
+
+class CameraState(BaseModel):
+    """From where a view looks, in parallel projection [mm]."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    at: _Point
+    eye: _Point
+    up: _Point
+    height: float
+
+    @classmethod
+    def of(cls, camera: Any) -> "CameraState":  # noqa: ANN401 - VTK is untyped
+        """Return what a camera of VTK does."""
+        return cls(
+            at=camera.GetFocalPoint(), eye=camera.GetPosition(), up=camera.GetViewUp(),
+            height=2.0 * camera.GetParallelScale(),
+        )  # fmt: skip
+
+    def set(self, camera: Any) -> None:  # noqa: ANN401
+        """Let a camera of VTK do this."""
+        camera.SetFocalPoint(*self.at)
+        camera.SetPosition(*self.eye)
+        camera.SetViewUp(*self.up)
+        camera.SetParallelScale(self.height / 2.0)
+
+
+class Canvas(BaseModel):
+    """Size, layout and look of the views.
+
+    Attributes
+    ----------
+    width, height : int
+        Of the views on the screen, in its pixels …
+    ratio : float
+        … of which each takes so many of the picture.
+    scheme : str
+    layout, page : int
+        Number of subjects a page, and which one is open; shapes of the model have a layout of their own.
+    raw, groomed, particles : bool
+        What is shown.
+    opacity : float
+        Of the surfaces.
+    cameras : tuple of CameraState
+        One for all views, or one each.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    width: int = 1280
+    height: int = 720
+    ratio: float = 1.0
+    scheme: Literal["light", "dark"] = "light"
+    layout: Literal[1, 4, 9, 16] = 4
+    page: int = 0
+    raw: bool = True
+    groomed: bool = True
+    particles: bool = True
+    opacity: float = 1.0
+    cameras: tuple[CameraState, ...] = ()

@@ -1,0 +1,81 @@
+"""The colour scale as a picture: title, unit, ticks and what its ends mean. The window shows it, too."""
+
+import importlib.util
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from homolog_app.window.quantities import tick_words
+from homolog_app.window.scene.colour_scale import ColourScale
+from homolog_app.window.scheme import Colours
+
+__all__ = ["HEIGHT", "MOST", "SIDE", "scale_picture"]
+
+HEIGHT, MOST, SIDE = 64, 520, 120
+"""Height of the strip, most of the bar's length, and room at its sides [pixels of a usual screen]."""
+
+_BAR, _TOP = 12, 24
+_TICKS = 5
+_LETTERS = 12
+
+
+def scale_picture(
+    scale: ColourScale, colours: Colours, width: int, ratio: float, *, transparent: bool = False
+) -> NDArray[np.uint8]:
+    """Return the scale as a strip of a picture, shape (height, width, 4).
+
+    Parameters
+    ----------
+    scale : ColourScale
+    colours : Colours
+        Of the scheme.
+    width : int
+        Of the picture [pixels].
+    ratio : float
+        How many times as large as on a usual screen.
+    transparent : bool
+        Whether there is no background.
+    """
+    paper = "#00000000" if transparent else colours.scene
+    page = Image.new("RGBA", (width, round(HEIGHT * ratio)), paper)
+    draw = ImageDraw.Draw(page)
+    font = _font(round(_LETTERS * ratio))
+    line = f"{scale.title} ({scale.unit})" if scale.unit else scale.title
+    line += f" · {scale.note}" if scale.note else ""
+    draw.text((width / 2, 12 * ratio), line, colours.text, font, anchor="mm")
+    length = round(min(MOST * ratio, width - 2 * SIDE * ratio))
+    left, top = round((width - length) / 2), round(_TOP * ratio)
+    bottom = top + round(_BAR * ratio)
+    thin = max(1, round(ratio))
+    table = Image.fromarray(np.ascontiguousarray(scale.table[None]))
+    page.paste(table.resize((length, bottom - top), Image.Resampling.BILINEAR), (left, top))
+    draw.rectangle((left, top, left + length, bottom), outline=colours.dim, width=thin)
+    middle = (top + bottom) / 2
+    draw.text((left - 8 * ratio, middle), scale.low_words, colours.text, font, anchor="rm")
+    draw.text((left + length + 8 * ratio, middle), scale.high_words, colours.text, font, anchor="lm")
+    values = np.linspace(scale.low, scale.high, _TICKS).tolist()
+    for value, words in zip(values, _words(values), strict=True):
+        x = left + length * (value - scale.low) / (scale.high - scale.low)
+        draw.line((x, bottom, x, bottom + 4 * ratio), colours.text, thin)
+        draw.text((x, bottom + 13 * ratio), words, colours.text, font, anchor="mm")
+    return np.array(page)
+
+
+def _words(values: list[float]) -> list[str]:
+    """Return the ticks' words with three digits at the ends, and as many places in all."""
+    most = max(abs(value) for value in values)
+    places = max(0, 2 - int(np.floor(np.log10(most)))) if most else 0
+    return tick_words([round(value, places) for value in values])
+
+
+@cache
+def _font(size: int) -> ImageFont.FreeTypeFont:
+    """Return the font that matplotlib brings, so that pictures look alike on all machines."""
+    home = importlib.util.find_spec("matplotlib")
+    assert home is not None
+    assert home.origin is not None
+    path = Path(home.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf"
+    return ImageFont.truetype(str(path), max(size, 6))

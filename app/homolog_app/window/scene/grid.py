@@ -1,0 +1,182 @@
+"""A grid of views in a window of VTK: what each shows, and from where. Knows no Qt."""
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from vtkmodules.vtkRenderingCore import vtkRenderer
+
+from homolog.arrays import Array, FloatArray
+from homolog_app.window.scene.cameras import Cameras
+from homolog_app.window.scene.cell import Cell
+from homolog_app.window.scene.colours import colours_by_place
+from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scheme import Colours, rgb
+
+__all__ = ["LAYOUTS", "Grid"]
+
+LAYOUTS = (1, 4, 9, 16)
+"""Numbers of views that the user can choose."""
+
+_GAP = 0.0015
+
+
+class Grid:
+    """Shows a page of contents, one a view.
+
+    Subjects are paged through in the user's layout; shapes of the model come in columns of their own.
+
+    Parameters
+    ----------
+    window : vtkRenderWindow
+    renderers : sequence of vtkRenderer
+        Of the sixteen views.
+    """
+
+    def __init__(self, window: Any, renderers: Sequence[Any]) -> None:  # noqa: ANN401 - VTK is untyped
+        self._window = window
+        self._backdrop = vtkRenderer()
+        self._backdrop.InteractiveOff()
+        self.cells = [Cell(renderer) for renderer in renderers]
+        for renderer in (self._backdrop, *renderers):
+            window.AddRenderer(renderer)
+        self._observer = window.AddObserver("StartEvent", self._before_drawing)
+        self.ratio = 1.0
+        """Pixels of the picture for each of a usual screen: names and letters keep their size."""
+        self.quick = False
+        """Whether light surfaces are drawn in place of full ones."""
+        self._contents: Sequence[Content] = ()
+        self.particles: Mapping[str, FloatArray] = {}
+        self.tints: Array | Mapping[str, Array] | None = None
+        self.radius = 1.0
+        self.layout, self.columns, self.page = 1, 0, 0
+        self.raw, self.groomed, self.balls, self.opacity = True, True, True, 1.0
+        self.cameras = Cameras(self.cells)
+
+    @property
+    def count(self) -> int:
+        """Number of views."""
+        rows, columns = self.shape
+        return rows * columns
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of views."""
+        if self.columns:
+            return max(1, -(-len(self._contents) // self.columns)), self.columns
+        side = round(self.layout**0.5)
+        return side, side
+
+    @property
+    def pages(self) -> int:
+        """Number of pages."""
+        return max(1, -(-len(self._contents) // self.count))
+
+    @property
+    def contents(self) -> Sequence[Content]:
+        """Those of all pages."""
+        return self._contents
+
+    @property
+    def shown(self) -> Sequence[Content]:
+        """The contents of the page."""
+        return self._contents[self.page * self.count : (self.page + 1) * self.count]
+
+    def take(self, shown: Shown) -> None:
+        """Have other contents; `show_page` follows."""
+        self._contents, self.columns = shown.contents, shown.columns or 0
+        if shown.particles is not None:
+            self.take_particles(shown.particles, shown.tints)
+        self.place_cells()
+
+    def take_particles(
+        self, particles: Mapping[str, FloatArray], tints: Array | Mapping[str, Array] | None
+    ) -> None:
+        """Have other particles, each coloured by its place if no colours are given."""
+        if particles and tints is None:
+            tints = colours_by_place(np.mean([np.asarray(one) for one in particles.values()], axis=0))
+        self.particles, self.tints = particles, tints
+
+    def show_page(self, page: int) -> None:
+        """Fill the views with the contents of a page."""
+        self.page = max(0, min(page, self.pages - 1))
+        shown = self.shown
+        for index, cell in enumerate(self.cells):
+            cell.fill(shown[index] if index < min(len(shown), self.count) else None)
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show surfaces, particles and words as they are to be seen now."""
+        self.radius = self._ball_radius(len(next(iter(self.particles.values()), ())))
+        size = {1: 16, 4: 15, 9: 13}.get(self.count, 12) * self.ratio
+        for cell in self.cells[: self.count]:
+            cell.show(self.raw, self.groomed, self.quick, self.opacity)
+            cell.show_words(round(size), small=self.count > 4)
+        self.refresh_particles(range(self.count))
+
+    def refresh_particles(self, chosen: Collection[int]) -> None:
+        """Move the particles of some views."""
+        for index in chosen:
+            cell = self.cells[index]
+            cell.show_particles(self.particles_of(cell)[0], self._tints_of(cell), self.radius)
+
+    def particles_of(self, cell: Cell) -> tuple[FloatArray | None, float]:
+        """Return the particles that a view shows, and how large."""
+        content = cell.content if self.balls else None
+        return self.particles.get(content.name) if content is not None else None, self.radius
+
+    def fit(self, width: float, height: float) -> bool:
+        """Show the whole shapes as large as the largest allows; return whether there is anything to show."""
+        rows, columns = self.shape
+        return self.cameras.fit(self.count, width * rows / max(1.0, height * columns))
+
+    def paint(self, colours: Colours) -> None:
+        """Take the colours of the scheme."""
+        self._backdrop.SetBackground(*rgb(colours.line))
+        for cell in self.cells:
+            cell.paint(colours)
+
+    def show_backdrop(self, shown: bool) -> None:
+        """Draw what is behind the views, the lines between them, or not."""
+        self._backdrop.SetDraw(shown)
+
+    def place_cells(self) -> None:
+        """Give each view its part of the window."""
+        rows, columns = self.shape
+        for index, cell in enumerate(self.cells):
+            row, column = divmod(index, columns)
+            left, bottom = column / columns, 1.0 - (row + 1) / rows
+            box = (left + _GAP, bottom + _GAP, left + 1.0 / columns - _GAP, bottom + 1.0 / rows - _GAP)
+            cell.place(box if index < self.count else None)
+
+    def close(self) -> None:
+        """Let go of the graphics."""
+        self._window.RemoveObserver(self._observer)
+        self.cells.clear()  # the picker holds the same list
+
+    @property
+    def bounds(self) -> tuple[float, ...] | None:
+        """Extent of all that is in the views [mm]; None if there is nothing."""
+        boxes = [box for cell in self.cells[: self.count] if (box := cell.bounds) is not None]
+        if not boxes:
+            return None
+        return tuple(pick(box[at] for box in boxes) for at, pick in enumerate((min, max) * 3))
+
+    def _before_drawing(self, *_: object) -> None:
+        bounds = self.bounds
+        if bounds is not None:
+            for cell in self.cells[: self.count]:
+                cell.face_camera(bounds)
+
+    def _tints_of(self, cell: Cell) -> Array | None:
+        if isinstance(self.tints, Mapping):
+            return self.tints.get(cell.content.name) if cell.content is not None else None
+        return self.tints
+
+    def _ball_radius(self, count: int) -> float:
+        """Return a radius that leaves half of the surface free, whatever the number of particles."""
+        bounds = self.bounds
+        if bounds is None or not count:
+            return 1.0
+        size = float(np.mean([bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4]]))
+        return float(np.clip(0.42 * size / np.sqrt(count), 0.006 * size, 0.035 * size))

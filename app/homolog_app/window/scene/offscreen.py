@@ -1,0 +1,95 @@
+"""The views as a picture of any size, drawn aside: the same on a screen, without one, and from a command."""
+
+import os
+import sys
+from typing import Any
+
+import numpy as np
+import vtkmodules.vtkRenderingFreeType
+import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 - loads what draws
+from numpy.typing import NDArray
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
+
+from homolog_app.window.scene.canvas import Canvas
+from homolog_app.window.scene.colour_scale_picture import scale_picture
+from homolog_app.window.scene.content import Shown
+from homolog_app.window.scene.grid import LAYOUTS, Grid
+from homolog_app.window.scheme import DARK, LIGHT
+
+__all__ = ["SMOOTH", "drawn"]
+
+SMOOTH = 8
+"""Samples a pixel for smooth edges."""
+
+_NO_DISPLAY = "VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow"
+
+
+def drawn(shown: Shown, canvas: Canvas, scale: int = 1, *, transparent: bool = False) -> NDArray[np.uint8]:
+    """Draw the views.
+
+    Parameters
+    ----------
+    shown : Shown
+        With its particles.
+    canvas : Canvas
+        How they are looked at.
+    scale : int
+        How many times as large as on the screen.
+    transparent : bool
+        Whether there is no background.
+
+    Returns
+    -------
+    (height, width, 4) uint8 array
+        Red, green, blue, opacity; the colour scale, if there is one, at the lower edge.
+    """
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        os.environ.setdefault(*_NO_DISPLAY)
+    colours = DARK if canvas.scheme == "dark" else LIGHT
+    ratio = scale * canvas.ratio
+    window: Any = vtkRenderWindow()
+    window.SetOffScreenRendering(True)
+    window.SetMultiSamples(SMOOTH)
+    window.SetAlphaBitPlanes(True)
+    window.SetNumberOfLayers(1)
+    window.SetSize(round(canvas.width * ratio), round(canvas.height * ratio))
+    grid = Grid(window, [vtkRenderer() for _ in range(LAYOUTS[-1])])
+    grid.ratio, grid.layout = ratio, canvas.layout
+    grid.raw, grid.groomed, grid.balls = canvas.raw, canvas.groomed, canvas.particles
+    grid.opacity = canvas.opacity
+    grid.paint(colours)
+    grid.show_backdrop(not transparent)
+    grid.take(shown)
+    _look(grid, canvas)
+    grid.show_page(canvas.page)
+    window.Render()
+    pixels = _pixels(window)
+    grid.close()
+    window.Finalize()
+    if not transparent:
+        pixels[..., 3] = 255
+    if shown.scale is not None:
+        strip = scale_picture(shown.scale, colours, pixels.shape[1], ratio, transparent=transparent)
+        pixels = np.concatenate([pixels, strip])
+    return pixels
+
+
+def _look(grid: Grid, canvas: Canvas) -> None:
+    if len(canvas.cameras) > 1:
+        grid.cameras.link(False)
+    for camera, state in zip(grid.cameras.each, canvas.cameras, strict=False):
+        state.set(camera)
+    if not canvas.cameras:
+        grid.show_page(canvas.page)  # there must be something to look at
+        grid.cameras.turn("corner")
+        grid.fit(canvas.width, canvas.height)
+
+
+def _pixels(window: Any) -> NDArray[np.uint8]:  # noqa: ANN401 - VTK is untyped
+    width, height = window.GetSize()
+    held = vtkUnsignedCharArray()
+    window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, held)
+    flat = vtk_to_numpy(held).reshape(height, width, 4)
+    return np.array(flat[::-1])
