@@ -1,8 +1,10 @@
-"""Surface meshes as files: VTP, VTK, PLY, STL and OBJ, through VTK's own readers and writers."""
+"""Surface meshes as files: VTP, VTK, PLY, STL and OBJ.
+
+VTK's readers follow damaged files out of memory, which ends the program; here files are read without it.
+"""
 
 import os
-import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,21 +13,24 @@ import numpy as np
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.files.atomic import replacing, write_text
+from homolog.files.legacy_vtk import read_legacy_vtk
 from homolog.files.ply import read_ply, write_ply
+from homolog.files.polygons import Polygons
+from homolog.files.stl_obj import read_obj, read_stl
+from homolog.files.vtp import read_vtp
 from homolog.memory import check_fits
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["read_mesh", "write_mesh"]
 
-# (module, class name) pieces of `vtkmodules`, by suffix: reader and writer.
-_MODULES = {
-    ".vtp": ("vtkIOXML", "vtkXMLPolyData"),
-    ".vtk": ("vtkIOLegacy", "vtkPolyData"),
-    ".ply": ("vtkIOPLY", "vtkPLY"),
-    ".stl": ("vtkIOGeometry", "vtkSTL"),
-    ".obj": ("vtkIOGeometry", "vtkOBJ"),
+_READERS: dict[str, Callable[[bytes], Polygons]] = {
+    ".vtp": read_vtp,
+    ".vtk": read_legacy_vtk,
+    ".ply": read_ply,
+    ".stl": read_stl,
+    ".obj": read_obj,
 }
-_DEFLATED = 1032  # bytes that one compressed byte can stand for
+_READ_BYTES = 16  # of memory for each byte of a file, at most about
 _LPS_HEADER = "SPACE=LPS"  # 3D Slicer's mark for the patient frame used here
 
 
@@ -45,62 +50,27 @@ def read_mesh(path: Path) -> TriangleMesh:
         Whether the surface is closed is not looked at.
     """
     path = Path(path)
-    vertices, faces, space = _read_ply(path) if path.suffix.lower() == ".ply" else _read_vtk(path)
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise _unknown(path)
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file; correct the path or leave it out")
+    check_fits(path, _READ_BYTES * path.stat().st_size, "simplify the surface")
+    content = path.read_bytes()
+    try:
+        surface = reader(content)
+        faces = surface.triangles() if np.isfinite(surface.points).all() else None
+    except Exception as error:  # what parsers raise on damaged files is no short list
+        raise InputError(
+            f"{path}: can't be read as a mesh (cut short, damaged or of another kind: {error}); "
+            "copy or export it again"
+        ) from error
+    if faces is None:
+        raise InputError(f"{path}: holds coordinates that aren't numbers; export the surface again")
     if not len(faces):
         raise InputError(f"{path}: holds no triangles; export the surface again")
-    if not np.isfinite(vertices).all():
-        raise InputError(f"{path}: holds coordinates that aren't numbers; export the surface again")
-    if space == "RAS":
-        vertices[:, :2] *= -1.0
-    return TriangleMesh(*_welded(vertices, faces))
-
-
-def _read_ply(path: Path) -> tuple[FloatArray, IntArray, str]:
-    if not path.is_file():
-        raise _missing(path)
-    vertices, faces, header = read_ply(path)
-    if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
-        raise InputError(f"{path}: refers to vertices that it does not hold; export the surface again")
-    return vertices, faces, "RAS" if "SPACE=RAS" in header else "LPS"
-
-
-def _read_vtk(path: Path) -> tuple[FloatArray, IntArray, str]:
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkFiltersCore import vtkTriangleFilter
-
-    polydata, space = _read_polydata(path)
-    triangles = vtkTriangleFilter(pass_verts=False, pass_lines=False)
-    triangles.SetInputData(_sound(path, polydata))
-    triangles.Update()
-    surface = triangles.GetOutput()
-    vertices = vtk_to_numpy(surface.GetPoints().GetData()).astype(np.float64)
-    faces = vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3)
-    return vertices, faces, space
-
-
-def _missing(path: Path) -> InputError:
-    return InputError(f"{path}: there is no such file; correct the path or leave it out")
-
-
-def _sound(path: Path, polydata: Any) -> Any:  # noqa: ANN401 - VTK objects
-    """Return points and faces alone, refusing faces that VTK's filters would follow out of memory."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkCommonDataModel import vtkPolyData
-
-    count = polydata.GetNumberOfPoints()
-    for cells in (polydata.GetPolys(), polydata.GetStrips()):
-        corners, starts = (
-            vtk_to_numpy(one) for one in (cells.GetConnectivityArray(), cells.GetOffsetsArray())
-        )
-        starts = np.append(starts, len(corners))
-        whole = starts[0] == 0 and starts[-2] == starts[-1] and (np.diff(starts) >= 0).all()
-        if len(starts) > 1 and not (whole and ((corners >= 0) & (corners < count)).all()):
-            raise InputError(f"{path}: refers to vertices that it does not hold; export the surface again")
-    bare = vtkPolyData()
-    bare.SetPoints(polydata.GetPoints())
-    bare.SetPolys(polydata.GetPolys())
-    bare.SetStrips(polydata.GetStrips())
-    return bare
+    turn = (-1.0, -1.0, 1.0) if "SPACE=RAS" in surface.header else (1.0, 1.0, 1.0)
+    return TriangleMesh(*_welded(surface.points * turn, faces))
 
 
 def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
@@ -139,7 +109,7 @@ def write_mesh(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array] |
     if suffix == ".obj":
         _write_obj(path, mesh)
         return
-    writer = _piece(path, "Writer")
+    writer = _writer(path)
     for one in (writer, writer.GetExecutive()):
         one.AddObserver("ErrorEvent", lambda *_: None)  # observed, so that nothing is printed
     writer.SetInputData(_as_polydata(mesh, point_data or {}))
@@ -160,60 +130,19 @@ def _write_obj(path: Path, mesh: TriangleMesh) -> None:
     write_text(path, "\n".join(lines) + "\n")
 
 
-def _piece(path: Path, kind: str) -> Any:  # noqa: ANN401 - VTK has no common type for its readers
-    import importlib
-
-    if path.suffix.lower() not in _MODULES:
-        raise InputError(f"{path}: is no mesh file; known are {', '.join(_MODULES)}")
-    module, name = _MODULES[path.suffix.lower()]
-    return getattr(importlib.import_module(f"vtkmodules.{module}"), name + kind)()
+def _unknown(path: Path) -> InputError:
+    return InputError(f"{path}: is no mesh file; known are {', '.join(_READERS)}")
 
 
-def _read_polydata(path: Path) -> tuple[Any, str]:
-    """Return what the file holds and its frame, ``"LPS"`` or ``"RAS"``."""
-    reader = _piece(path, "Reader")
-    if not path.is_file():
-        raise _missing(path)
-    if path.suffix.lower() == ".vtp":
-        _check_counts(path)
-    if path.suffix.lower() == ".vtk":
-        _check_parts(path)
-    complaints: list[str] = []
-    for event in ("ErrorEvent", "WarningEvent"):  # observed, so that nothing is printed either
-        reader.AddObserver(event, lambda *_: complaints.append("cut short"))
-    reader.SetFileName(os.fspath(path))
-    reader.Update()
-    polydata = reader.GetOutput()
-    if complaints or reader.GetErrorCode() or polydata is None or polydata.GetNumberOfPoints() == 0:
-        raise InputError(f"{path}: can't be read as a mesh (cut short, or of another kind?); export it again")
-    return polydata, "RAS" if "SPACE=RAS" in _header(reader, polydata, path) else "LPS"
+def _writer(path: Path) -> Any:  # noqa: ANN401 - VTK has no common type for its writers
+    from vtkmodules.vtkIOGeometry import vtkSTLWriter
+    from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
-
-def _check_parts(path: Path) -> None:
-    """Refuse a legacy file without version, points and faces: VTK crashes on some that lack them."""
-    parts = rb"# vtk DataFile Version [1-5]\.\d\r?\n.*POINTS.*(POLYGONS|TRIANGLE_STRIPS)"
-    if not re.match(parts, path.read_bytes(), re.DOTALL):
-        raise InputError(f"{path}: can't be read as a mesh (cut short, or of another kind?); export it again")
-
-
-def _check_counts(path: Path) -> None:
-    """Refuse an XML file that claims more than it can hold; VTK would end the program for lack of memory."""
-    content = path.read_bytes()
-    claims = [int(one) for one in re.findall(rb'NumberOf\w+\s*=\s*["\']\s*\+?(\d{1,30})', content)]
-    if max(claims, default=0) > _DEFLATED * len(content):
-        raise InputError(f"{path}: claims more points or faces than it can hold; export it again")
-    check_fits(path, 64.0 * max(claims, default=0), "simplify the surface")
-
-
-def _header(reader: Any, polydata: Any, path: Path) -> str:  # noqa: ANN401 - VTK objects
-    """Return the text in which 3D Slicer notes the frame, for the formats that carry one."""
-    array = polydata.GetFieldData().GetAbstractArray("SPACE")
-    if array is not None:
-        return f"SPACE={array.GetValue(0)}"
-    if path.suffix.lower() in (".vtk", ".stl"):
-        return str(reader.GetHeader() or "")
-    with path.open("rb") as stream:
-        return stream.read(2000).decode("latin-1")
+    writers = {".vtp": vtkXMLPolyDataWriter, ".vtk": vtkPolyDataWriter, ".stl": vtkSTLWriter}
+    if path.suffix.lower() not in writers:
+        raise _unknown(path)
+    return writers[path.suffix.lower()]()
 
 
 def _as_polydata(mesh: TriangleMesh, point_data: Mapping[str, Array]) -> Any:  # noqa: ANN401

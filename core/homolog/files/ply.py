@@ -4,58 +4,39 @@ import io
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from homolog.arrays import Array, FloatArray, IntArray
-from homolog.errors import InputError
+from homolog.arrays import Array, FloatArray
 from homolog.files.atomic import replacing
+from homolog.files.polygons import Cells, Polygons
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["read_ply", "write_ply"]
 
 
-def read_ply(path: Path) -> tuple[FloatArray, IntArray, str]:
+def read_ply(content: bytes) -> Polygons:
     """Read a PLY file, text or binary, through trimesh.
-
-    Returns
-    -------
-    vertices : (V, 3) float64 array
-    faces : (F, 3) int array
-        Polygons are split; indices are as in the file.
-    header : str
 
     Raises
     ------
-    InputError
-        If the file can't be understood or is cut short.
+    ValueError
+        If the file is cut short. trimesh raises others on damaged ones.
     """
     from trimesh.exchange.ply import load_ply
 
-    content = path.read_bytes()
     header = content.partition(b"end_header")[0].decode("latin-1")
-    try:
-        counts = {kind: int(count) for kind, count in re.findall(r"element\s+(\w+)\s+(\d+)", header)}
-        if max(counts["vertex"], counts["face"]) > len(content):
-            raise ValueError("fewer bytes than points or faces")
-        found = load_ply(io.BytesIO(content), skip_materials=True)
-        vertices = np.array(found["vertices"], dtype=np.float64).reshape(-1, 3)
-        faces = _triangles(found["faces"])
-        if len(vertices) != counts["vertex"] or len(faces) < counts["face"]:
-            raise ValueError("fewer points or faces than the header says")
-    except Exception as error:  # what trimesh raises on damaged files is no short list
-        raise InputError(
-            f"{path}: can't be read as a mesh (cut short or damaged: {error}); copy or export it again"
-        ) from error
-    return vertices, faces, header
-
-
-def _triangles(polygons: Any) -> IntArray:  # noqa: ANN401 - an array, or a list of polygons
-    if isinstance(polygons, np.ndarray) and polygons.ndim == 2 and polygons.shape[1] == 3:
-        return polygons.astype(np.int64)
-    corners = [(one[0], one[place], one[place + 1]) for one in polygons for place in range(1, len(one) - 1)]
-    return np.array(corners, dtype=np.int64).reshape(-1, 3)
+    counts = {kind: int(count) for kind, count in re.findall(r"element\s+(\w+)\s+(\d+)", header)}
+    if max(counts["vertex"], counts["face"]) > len(content):
+        raise ValueError("fewer bytes than points or faces")
+    found = load_ply(io.BytesIO(content), skip_materials=True)
+    points = np.array(found["vertices"], dtype=np.float64).reshape(-1, 3)
+    faces = found["faces"]
+    if len(points) != counts["vertex"] or len(faces) < counts["face"]:
+        raise ValueError("fewer points or faces than the header says")
+    if isinstance(faces, np.ndarray) and faces.ndim == 2 and faces.shape[1] == 3:
+        return Polygons(points, Cells.of_triangles(faces), header=header)
+    return Polygons(points, Cells.of_lists([list(one) for one in faces]), header=header)
 
 
 def write_ply(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array], comment: str) -> None:

@@ -124,10 +124,133 @@ def test_coordinates_that_are_not_numbers_are_refused(mesh, tmp_path):
         read_mesh(tmp_path / "a.vtp")
 
 
-def test_polygons_are_split(tmp_path):
+CUBE = """# a cube of quads
+v 0 0 0 1.0
+v 2 0 0 1.0
+v 2 2 0 1.0
+v 0 2 0 1.0 # a note
+v 0 0 2
+v 2 0 2 0.5 0.5 0.5
+v 2 2 2
+v 0 2 2
+vn 0 0 1
+vt 0 0
+g sides
+usemtl nothing
+f 1/1/1 4/1/1 3/1/1 2/1/1
+f 5//1 6//1 7//1 8//1
+f 1 2 6 \\
+5
+f -7 -6 -2 -3
+s off
+f 3/1 4/1 8/1 7/1
+f 1 5 8 4
+"""
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_an_obj_of_quads_groups_textures_and_relative_numbers_is_read(tmp_path, end):
     path = tmp_path / "a.obj"
-    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
-    assert read_mesh(path).area == pytest.approx(1.0)
+    path.write_bytes(CUBE.replace("\n", end).encode())
+    mesh = read_mesh(path)
+    assert mesh.volume == pytest.approx(8.0)
+    assert (len(mesh.vertices), len(mesh.faces)) == (8, 12)
+
+
+def test_a_polygon_that_turns_inward_is_split_within_itself(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0\nv 4 0 0\nv 4 4 0\nv 2 1 0\nv 0 4 0\nf 2 3 4 5 1\n")
+    mesh = read_mesh(path)
+    assert mesh.area == pytest.approx(10.0)
+    assert len(mesh.faces) == 3
+
+
+@pytest.mark.parametrize(
+    "line", ["v 1 2", "v a b c", "f 1 2 9", "f 0 1 2", "f 1 2 -9", "f x y z", "f 1.5 2 3"]
+)
+def test_an_obj_that_makes_no_sense_is_refused(tmp_path, line):
+    path = tmp_path / "a.obj"
+    path.write_text(CUBE + line + "\n")
+    with pytest.raises(InputError, match=r"a\.obj: can't be read as a mesh"):
+        read_mesh(path)
+
+
+def test_a_face_of_thousands_of_corners_is_refused_at_once(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_text(CUBE + "f" + " 1 2 3" * 100_000 + "\n")
+    with pytest.raises(InputError, match="a face of more than 2000 corners"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize(
+    "header", [b"solid made by a CAD program, facet", b"COLOR=1234, SPACE=RAS", b"\xff" * 80]
+)
+@pytest.mark.parametrize("filling", [b"", b"\0" * 30])
+def test_a_binary_stl_is_known_whatever_its_header_says(mesh, tmp_path, header, filling):
+    path = tmp_path / "a.stl"
+    write_mesh(path, mesh)
+    path.write_bytes(header.ljust(80) + path.read_bytes()[80:] + filling)
+    again = read_mesh(path)
+    assert again.volume == pytest.approx(mesh.volume)
+    assert again.vertices[:, 0].max() == (12 if b"RAS" not in header else -10)
+
+
+FACET = "facet normal 0 0 1\n outer loop\n  vertex {}\n  vertex 1 0 0\n  vertex 0 1 0\n endloop\nendfacet\n"
+
+
+@pytest.mark.parametrize("case", [str.lower, str.upper])
+def test_an_stl_as_text_is_read_with_all_its_solids(tmp_path, case):
+    path = tmp_path / "a.stl"
+    solids = [
+        f"solid {n}\n{FACET.format(p)}endsolid {n}\n" for n, p in (("a", "0 0 0"), ("b", "0 0 -2.5E-1"))
+    ]
+    path.write_text(case("".join(solids)))
+    assert len(read_mesh(path).faces) == 2
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "solid a\n" + FACET.format("0 0 0"),
+        "solid a\n" + FACET.format("0 0") + "endsolid a\n",
+        "solid a\n" + FACET.format("0 0 0").replace("vertex 1 0 0\n", "") + "endsolid a\n",
+        "solid a\n" + FACET.format("0 0 zero") + "endsolid a\n",
+        "solid a\n" + FACET.format("0 0 0").replace("endfacet", "") + "endsolid a\n",
+    ],
+)
+def test_an_stl_as_text_that_is_cut_short_or_damaged_is_refused(tmp_path, content):
+    path = tmp_path / "a.stl"
+    path.write_text(content)
+    with pytest.raises(InputError, match=r"a\.stl: can't be read as a mesh"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("count", [0, 3, 5, 2**32 - 1])
+def test_a_binary_stl_of_another_length_than_it_says_is_refused(mesh, tmp_path, count):
+    path = tmp_path / "a.stl"
+    write_mesh(path, mesh)
+    content = path.read_bytes()
+    path.write_bytes(content[:80] + count.to_bytes(4, "little") + content[84:])
+    with pytest.raises(InputError, match=r"a\.stl: can't be read as a mesh"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("number", ["f4", "f8"])
+def test_a_binary_ply_is_read_in_both_byte_orders(mesh, tmp_path, order, number):
+    path = tmp_path / "a.ply"
+    points = mesh.vertices.astype(order + number)
+    faces = np.empty(4, [("count", "u1"), ("corners", order + "i4", 3)])
+    faces["count"], faces["corners"] = 3, mesh.faces
+    kind = {"f4": "float", "f8": "double"}[number]
+    path.write_bytes(
+        f"ply\nformat binary_{'little' if order == '<' else 'big'}_endian 1.0\nelement vertex 4\n"
+        f"property {kind} x\nproperty {kind} y\nproperty {kind} z\nelement face 4\n"
+        "property list uchar int vertex_indices\nend_header\n".encode()
+        + points.tobytes()
+        + faces.tobytes()
+    )
+    assert read_mesh(path).volume == pytest.approx(mesh.volume)
 
 
 def test_an_unknown_suffix_is_refused(mesh, tmp_path):

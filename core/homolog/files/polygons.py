@@ -1,0 +1,147 @@
+"""Surfaces as files list them: faces of any number of corners, strips, and the triangles in them."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from homolog.arrays import Array, FloatArray, IntArray
+
+__all__ = ["Cells", "Polygons", "numbers_of"]
+
+_MOST = 20_000_000
+"""Points or corners of a surface; a file of a few bytes may unpack to more."""
+_MOST_CORNERS = 2000
+"""Of one face: the time to split it grows with their square."""
+_ASTRAY = "refers to vertices that it does not hold"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Lists of vertex numbers, one after another.
+
+    Attributes
+    ----------
+    corners : (N,) int64 array
+        All of them.
+    starts : (C + 1,) int64 array
+        Where each list starts, and the end of the last.
+    """
+
+    corners: IntArray
+    starts: IntArray
+
+    @classmethod
+    def of(cls, corners: Array, starts: Array) -> "Cells":
+        """Return checked lists; raises ValueError if they overlap or leave something over."""
+        corners, starts = np.asarray(corners, np.int64), np.asarray(starts, np.int64)
+        whole = len(starts) > 0 and starts[0] == 0 and starts[-1] == len(corners)
+        if not whole or (np.diff(starts) < 0).any():
+            raise ValueError(_ASTRAY)
+        return cls(corners, starts)
+
+    @classmethod
+    def of_lists(cls, lists: Sequence[Sequence[int]]) -> "Cells":
+        """Return the lists as one."""
+        corners = [corner for one in lists for corner in one]
+        return cls.of(np.array(corners, np.int64), np.cumsum([0, *map(len, lists)]))
+
+    @classmethod
+    def of_triangles(cls, triangles: Array) -> "Cells":
+        """Return the rows of a table (F, 3)."""
+        return cls.of(np.reshape(triangles, -1), 3 * np.arange(len(triangles) + 1))
+
+    @classmethod
+    def joined(cls, parts: Iterable["Cells"]) -> "Cells":
+        """Return the lists of several, those of the first to begin with."""
+        several = list(parts)
+        counts = np.concatenate([np.empty(0, np.int64), *(np.diff(one.starts) for one in several)])
+        corners = np.concatenate([np.empty(0, np.int64), *(one.corners for one in several)])
+        return cls.of(corners, np.append(0, np.cumsum(counts)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polygons:
+    """A surface as a file lists it.
+
+    Attributes
+    ----------
+    points : (V, 3) float64 array
+        In the file's frame.
+    faces : Cells
+        Polygons.
+    strips : Cells
+        Triangle strips.
+    header : str
+        Where the file may say ``SPACE=RAS`` or ``SPACE=LPS``.
+    """
+
+    points: FloatArray
+    faces: Cells
+    strips: Cells = field(default_factory=lambda: Cells.of_lists([]))
+    header: str = ""
+
+    def triangles(self) -> IntArray:
+        """Return the triangles, (F, 3); faces of fewer than three corners are left out.
+
+        Raises
+        ------
+        ValueError
+            If a face refers to a point that is not there, or the surface or a face is implausibly large.
+        """
+        corners = [self.faces.corners, self.strips.corners]
+        if max(len(self.points), *map(len, corners)) > _MOST:
+            raise ValueError(f"more than {_MOST} points or corners")
+        if any(((one < 0) | (one >= len(self.points))).any() for one in corners):
+            raise ValueError(_ASTRAY)
+        counts, starts = np.diff(self.faces.starts), self.faces.starts[:-1]
+        if counts.max(initial=0) > _MOST_CORNERS:
+            raise ValueError(f"a face of more than {_MOST_CORNERS} corners")
+        plain = self.faces.corners[starts[counts == 3][:, None] + np.arange(3)]
+        return np.concatenate([plain, self._split(counts > 3), _of_strips(self.strips)])
+
+    def _split(self, chosen: Array) -> IntArray:
+        """Return the triangles of some polygons, which may have corners that turn inward."""
+        if not chosen.any():
+            return np.empty((0, 3), np.int64)
+        from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
+        from vtkmodules.vtkCommonCore import vtkPoints
+        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+        from vtkmodules.vtkFiltersCore import vtkTriangleFilter
+
+        pairs = zip(self.faces.starts[:-1][chosen], self.faces.starts[1:][chosen], strict=True)
+        some = Cells.of_lists([self.faces.corners[start:end].tolist() for start, end in pairs])
+        points, cells, surface = vtkPoints(), vtkCellArray(), vtkPolyData()
+        points.SetData(numpy_to_vtk(self.points, deep=True))
+        cells.SetData(*(numpy_to_vtkIdTypeArray(one, deep=True) for one in (some.starts, some.corners)))
+        surface.SetPoints(points)
+        surface.SetPolys(cells)
+        splitter = vtkTriangleFilter(pass_verts=False, pass_lines=False)
+        splitter.AddObserver("ErrorEvent", lambda *_: None)  # observed, so that nothing is printed
+        splitter.SetInputData(surface)
+        splitter.Update()
+        found = vtk_to_numpy(splitter.GetOutput().GetPolys().GetConnectivityArray())
+        triangles: IntArray = found.astype(np.int64).reshape(-1, 3)
+        return triangles
+
+
+def _of_strips(strips: Cells) -> IntArray:
+    """Return the triangles of strips: each three corners in a row, every second turned over."""
+    found: list[IntArray] = [np.empty((0, 3), np.int64)]
+    for start, end in pairwise(strips.starts.tolist()):
+        corners = strips.corners[start:end]
+        rows = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+        rows[1::2] = rows[1::2, ::-1]
+        found.append(rows)
+    return np.concatenate(found)
+
+
+def numbers_of(words: Sequence[str] | Sequence[bytes], *, whole: bool) -> Array:
+    """Return numbers written as text, int64 or float64.
+
+    One by one: an array of texts would be as wide as the longest.
+    """
+    if whole:
+        return np.array([int(one) for one in words], np.int64)
+    return np.array([float(one) for one in words])

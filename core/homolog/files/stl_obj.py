@@ -1,0 +1,79 @@
+"""Surfaces as lists of corners: STL, text and binary, and OBJ."""
+
+import re
+
+import numpy as np
+
+from homolog.arrays import FloatArray
+from homolog.files.polygons import Cells, Polygons, numbers_of
+
+__all__ = ["read_obj", "read_stl"]
+
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+_BEGIN = 84  # bytes of a binary file before the first facet
+_VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
+_HEADER = 2000
+
+
+def read_stl(content: bytes) -> Polygons:
+    """Read an STL file; some binary ones begin with ``solid`` as those of text do.
+
+    Raises
+    ------
+    ValueError
+        If it is cut short or damaged.
+    """
+    count = int.from_bytes(content[_BEGIN - 4 : _BEGIN], "little")
+    needed = _BEGIN + _FACET.itemsize * count
+    if len(content) >= _BEGIN and len(content) == needed:
+        return _binary(content, count)
+    text = content.lstrip().lower()
+    if text.startswith(b"solid") and b"facet" in text and b"\0" not in text:
+        return _text(text, content)
+    if needed < len(content) < needed + _FACET.itemsize:  # some programs fill up the end
+        return _binary(content, count)
+    raise ValueError("cut short, or no STL")
+
+
+def _binary(content: bytes, count: int) -> Polygons:
+    corners = np.frombuffer(content, _FACET, count, _BEGIN)["corners"].astype(np.float64)
+    return _of_corners(corners.reshape(-1, 3), content)
+
+
+def _text(text: bytes, content: bytes) -> Polygons:
+    words = [word for corner in _VERTEX.findall(text) for word in corner]
+    counts = [len(re.findall(word, text)) for word in (rb"\bvertex\b", rb"\bendloop\b", rb"\bendfacet\b")]
+    if b"endsolid" not in text or counts != [len(words) // 3, len(words) // 9, len(words) // 9]:
+        raise ValueError("cut short, or facets that are no triangles")
+    return _of_corners(numbers_of(words, whole=False).reshape(-1, 3), content)
+
+
+def _of_corners(corners: FloatArray, content: bytes) -> Polygons:
+    faces = Cells.of_triangles(np.arange(len(corners)).reshape(-1, 3))
+    return Polygons(corners, faces, header=content[:_HEADER].decode("latin-1"))
+
+
+def read_obj(content: bytes) -> Polygons:
+    """Read the points and faces of an OBJ file; groups, textures and normals are not looked at.
+
+    Raises
+    ------
+    ValueError
+        If a point or face makes no sense.
+    """
+    points: list[list[float]] = []
+    faces: list[list[int]] = []
+    text = content.decode("latin-1")
+    for line in text.replace("\\\r\n", " ").replace("\\\n", " ").split("\n"):
+        kind, *words = line.partition("#")[0].split() or [""]
+        if kind == "v":
+            points.append([float(word) for word in words[:3]])
+            if len(words) < 3:
+                raise ValueError("a point of fewer than three numbers")
+        elif kind in ("f", "fo"):
+            corners = [int(word.partition("/")[0]) for word in words]
+            faces.append(
+                [number - 1 if number > 0 else number + len(points) if number else -1 for number in corners]
+            )
+    table = np.array(points, dtype=np.float64).reshape(-1, 3)
+    return Polygons(table, Cells.of_lists(faces), header=text[:_HEADER])
