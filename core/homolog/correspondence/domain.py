@@ -1,7 +1,7 @@
 """A cohort made ready for the optimizer: surfaces and geodesic tables on the device."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,10 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["AREA", "Domain", "prepare"]
+__all__ = ["AREA", "Domain", "Solve", "prepare"]
+
+Solve = Callable[..., Sequence[GeodesicTable]]
+"""What is called, and answers, as `homolog.geodesics.solve_tables`."""
 
 AREA = 1.0e4
 """Mean surface area in the optimizer's unit, by the choice of the unit."""
@@ -70,6 +73,7 @@ def prepare(
     device: str,
     counts: Sequence[int] | None = None,
     moving: BoolArray | None = None,
+    solve: Solve = solve_tables,
     tick: Tick = no_tick,
 ) -> Domain:
     """Compute the geodesic tables and bring all shapes to the device.
@@ -84,6 +88,8 @@ def prepare(
         Numbers of particles that there will be; by default those of an optimization from its beginning.
     moving : (M,) bool array, optional
         Shapes on which particles may move. The others get no tables: nobody asks for distances on them.
+    solve : callable
+        Gives the geodesic tables of meshes.
     tick : Tick
         Progress and cancelling.
     """
@@ -103,7 +109,7 @@ def prepare(
         tables: list[GeodesicTable | None] = [None] * len(shapes)
         if geodesic:
             chosen = [k for k, one in enumerate(free) if one]
-            solved = solve_tables(
+            solved = solve(
                 [meshes[k] for k in chosen],
                 [limits[k] for k in chosen],
                 device=device,

@@ -5,11 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from homolog.arrays import BoolArray
-from homolog.correspondence.domain import prepare
+from homolog.correspondence.domain import Solve, prepare
 from homolog.correspondence.journey import Journey, Keep
 from homolog.correspondence.schedule import plan_stages
 from homolog.correspondence.types import Checkpoint, Correspondence, Observe, Shape, Start
 from homolog.errors import InputError
+from homolog.geodesics import solve_tables
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 
@@ -26,6 +27,7 @@ def optimize(
     checkpoint: Keep | None = None,
     start: Start | None = None,
     resume: Checkpoint | None = None,
+    solve: Solve = solve_tables,
 ) -> Correspondence:
     """Place corresponding particles on all shapes (the paper's Eq. 5).
 
@@ -50,6 +52,8 @@ def optimize(
     resume : Checkpoint, optional
         Where a broken-off run of the same shapes, settings and start goes on; on the CPU it ends
         bit-identical to one that was not broken off.
+    solve : callable
+        Gives the geodesic tables of meshes.
 
     Raises
     ------
@@ -73,6 +77,7 @@ def optimize(
         device=device,
         counts=[plan.count for plan in stages],
         moving=moving,
+        solve=solve,
         tick=part_of(tick, 0.0, geometry),
     )
     journey = Journey(
