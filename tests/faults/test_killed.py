@@ -11,21 +11,23 @@ import pytest
 from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.files.results import read_result
+from homolog.run import tables
 
 RUN = """
 import os, signal, sys
 from pathlib import Path
 from homolog.cohort import read_cohort
 from homolog.files.project import Project
-from homolog.run import Run
+from homolog.run import Run, tables
 from homolog.settings import RunSettings
 
 folder, settings, place, times = sys.argv[1:]
 left = int(times)
+tables._WORTH_S = 0.0  # so short a run would keep none
 
 def die(event, arguments):
     global left
-    if event == "os.rename" and str(arguments[0]).endswith(place):
+    if event == "os.rename" and place in str(arguments[0]):
         left -= 1
         if left == 0:
             os.kill(os.getpid(), signal.SIGKILL)
@@ -37,6 +39,22 @@ if __name__ == "__main__":  # workers import this file too
 """
 
 
+@pytest.fixture
+def killed_at(project, short_settings, search_path):
+    """Return a function that runs the project and kills it when it renames a file for the n-th time."""
+
+    def run(place, times):
+        folder = project.folder.parent
+        (folder / "program.py").write_text(RUN)
+        command = [sys.executable, "program.py", ".", short_settings.model_dump_json(), place, str(times)]
+        ended = subprocess.run(
+            command, cwd=folder, env=search_path, capture_output=True, text=True, check=False
+        )
+        assert ended.returncode == -signal.SIGKILL, ended.stderr
+
+    return run
+
+
 @pytest.mark.parametrize(
     ("moment", "place", "times"),
     [
@@ -46,16 +64,12 @@ if __name__ == "__main__":  # workers import this file too
     ],
 )
 def test_a_killed_run_is_resumed_to_the_same_result(
-    moment, place, times, project, run_of, results, short_settings, search_path
+    moment, place, times, project, run_of, results, killed_at
 ):
     whole = results(project.folder)
     if moment == "grooming":
         (project.groomed / "b.npz").unlink()
-    folder = project.folder.parent
-    (folder / "program.py").write_text(RUN)
-    command = [sys.executable, "program.py", ".", short_settings.model_dump_json(), place, str(times)]
-    ended = subprocess.run(command, cwd=folder, env=search_path, capture_output=True, text=True, check=False)
-    assert ended.returncode == -signal.SIGKILL, ended.stderr
+    killed_at(place, times)
     project.recover()
     assert read_result(project).names == ("a", "b", "c", "d")
     assert results(project.folder) == whole
@@ -64,6 +78,24 @@ def test_a_killed_run_is_resumed_to_the_same_result(
         assert results(project.folder) == whole
     with project.locked():
         assert not list(project.folder.rglob(".part-*"))
+
+
+def test_a_run_killed_between_two_geodesic_tables_solves_only_those_it_lacks(
+    project, run_of, results, killed_at, monkeypatch
+):
+    whole, solved = results(project.folder), []
+
+    def solve(plan, real=tables.solve_plan, **how):
+        solved.extend(task.name for task in plan.tasks)
+        return real(plan, **how)
+
+    killed_at("/geodesics/", 3)
+    assert len([one for one in project.geodesics.iterdir() if not one.name.startswith(".")]) == 2
+    monkeypatch.setattr(tables, "solve_plan", solve)
+    run_of(project, resume=True).execute()
+    assert solved == ["c", "d"]
+    assert results(project.folder) == whole
+    assert not project.geodesics.exists()
 
 
 def test_the_lock_of_a_killed_program_is_taken_over(tmp_path, holder):

@@ -9,6 +9,7 @@
     energies.csv              the objective's parts along the run
     figures/                  pictures
     checkpoint.npz            only while a run is unfinished
+    geodesics/                likewise: tables that took long
 
 A new result is written into ``.next/`` and takes the place of the old one when it is complete, so that at
 every moment, also after a crash, one whole result can be read.
@@ -35,7 +36,7 @@ __all__ = ["Project"]
 _RECORD = "project.json"
 _NEXT = ".next"
 _COMPLETE = "complete"
-_WRITTEN = ("groomed", "particles", "model", "figures", "analysis", "report", _NEXT)
+_WRITTEN = ("groomed", "geodesics", "particles", "model", "figures", "analysis", "report", _NEXT)
 """Folders that programs write into."""
 
 
@@ -69,6 +70,11 @@ class Project:
     def checkpoint(self) -> Path:
         """State of an unfinished run."""
         return self.folder / "checkpoint.npz"
+
+    @property
+    def geodesics(self) -> Path:
+        """Folder of an unfinished run's geodesic tables."""
+        return self.folder / "geodesics"
 
     @property
     def exists(self) -> bool:

@@ -1,22 +1,23 @@
 """Tables kept on disk under a name made of the mesh's content and the parameters."""
 
 import hashlib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import warp as wp
 
+from homolog.arrays import Array, DeviceArray
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays
 from homolog.files.atomic import replacing
-from homolog.geodesics.lookup import MISSING
+from homolog.geodesics.lookup import LANES, MISSING
 from homolog.geodesics.plan import CHANGED, TablePlan, Task
 from homolog.geodesics.table import GeodesicTable
 
 __all__ = ["load_table", "save_table", "table_path"]
 
-VERSION = 1
+VERSION = 2
 """Goes up with every change of the solver that changes distances, or of the file."""
 _INDEX = ("row", "start", "slot")
 
@@ -50,21 +51,49 @@ def save_table(path: Path, table: GeodesicTable) -> None:
 
 
 def load_table(path: Path, device: str) -> GeodesicTable | None:
-    """Return the table kept at a path; None if there is none that can be read."""
+    """Return the table kept at a path; None if there is none that can be read.
+
+    Its arrays fit each other, so that kernels may follow them for `n_vertices` vertices.
+    """
     try:
         arrays = read_arrays(path)
-        n, d_max, unit = arrays.pop("facts").tolist()
-        codes = arrays.pop("codes")
+        facts = arrays.pop("facts").tolist()
         if "present" in arrays:
-            present = np.unpackbits(arrays.pop("present"), count=int(n) ** 2).astype(bool)
-            dense = np.full((int(n), int(n)), MISSING, np.uint16)
-            dense.reshape(-1)[present] = codes
-            codes = dense
-    except (InputError, KeyError, ValueError, MemoryError):
+            arrays["codes"] = _dense(int(facts[0]), arrays.pop("present"), arrays["codes"])
+        n, d_max, unit = facts
+        if not (_fits_together(int(n), arrays) and unit > 0.0):
+            return None
+    except (InputError, KeyError, ValueError, OverflowError, MemoryError):
         return None
 
-    def there(array: np.ndarray[Any, Any]) -> Any:  # noqa: ANN401 - a wp.array has no type
+    def there(array: Array) -> DeviceArray:
         dtype = wp.uint16 if array.dtype == np.uint16 else wp.int32
         return wp.array(array, dtype=dtype, ndim=array.ndim, device=device)
 
-    return GeodesicTable(int(n), d_max, unit, there(codes), **{name: there(a) for name, a in arrays.items()})
+    return GeodesicTable(int(n), d_max, unit, **{name: there(one) for name, one in arrays.items()})
+
+
+def _dense(n: int, present: Array, codes: Array) -> Array:
+    """Return all codes of a dense table; raises ValueError if there are not as many as it needs."""
+    if len(present) != (n * n + 7) // 8:
+        raise ValueError("cut short")
+    table = np.full((n, n), MISSING, np.uint16)
+    table.reshape(-1)[np.unpackbits(present, count=n * n).astype(bool)] = codes
+    return table
+
+
+def _fits_together(n: int, arrays: Mapping[str, Array]) -> bool:
+    """Return whether no entry of a table leads out of it."""
+    codes = arrays["codes"]
+    if codes.dtype != np.uint16 or set(arrays) - {"codes"} not in (set(), set(_INDEX)):
+        return False
+    if len(arrays) == 1:
+        return codes.shape == (n, n)
+    row, start, slot = (arrays[name] for name in _INDEX)
+    shapes = row.shape == (len(start), n), slot.shape == (n,), codes.shape == (len(codes), LANES)
+    kinds = row.dtype == np.uint16, start.dtype == np.int32, slot.dtype == np.int32
+    if not all(shapes + kinds):
+        return False
+    last = start.astype(np.int64) + np.where(row == MISSING, 0, row).max(axis=1, initial=0)
+    inside = (start >= 0).all() and (last < len(codes)).all()
+    return bool(inside and (slot >= 0).all() and (slot < LANES * len(start)).all())

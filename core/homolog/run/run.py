@@ -1,5 +1,6 @@
 """The pipeline, from files to a shape model, as a state machine that can be watched, paused and cancelled."""
 
+import shutil
 from collections.abc import Sequence
 
 import numpy as np
@@ -29,6 +30,7 @@ from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
 from homolog.run.identity import fingerprint_of
 from homolog.run.landmarks import with_landmarks
 from homolog.run.result import CANCELLED, Outcome, Study, model_of, write_result
+from homolog.run.tables import KeptTables
 from homolog.settings import RunSettings
 from homolog.workers import worker_processes
 
@@ -193,6 +195,7 @@ class Run:
             self._control.enter(Phase.WRITING, "writing")
             write_result(self.project, outcome, model, surface, self._control.tick)
             self.project.checkpoint.unlink(missing_ok=True)
+            shutil.rmtree(self.project.geodesics, ignore_errors=True)
 
     def _checked(self) -> Cohort:
         self._control.enter(Phase.READING, "reading")
@@ -284,4 +287,5 @@ class Run:
                 checkpoint=save,
                 start=start,
                 resume=read_checkpoint(path, study.fingerprint) if self._resume else None,
+                solve=KeptTables(self.project.geodesics).solve,
             )

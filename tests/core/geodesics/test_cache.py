@@ -3,6 +3,7 @@ import pytest
 
 from homolog.errors import InputError
 from homolog.geodesics import solve_tables
+from homolog.geodesics.cache import load_table
 
 
 def same(one, other):
@@ -49,3 +50,35 @@ def test_a_folder_that_cannot_be_written_is_named(sphere, tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="can't be written"):
         solve_tables([sphere(100)], 7.0, cache=tmp_path / "file" / "tables")
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("row", lambda one: np.full_like(one, 60000)),
+        ("start", lambda one: one - 1),
+        ("slot", lambda one: one + 10**6),
+        ("slot", lambda one: one[:-1]),
+        ("codes", lambda one: one[:1]),
+        ("codes", lambda one: one.astype(np.int32)),
+        ("facts", lambda one: one * 2.0),
+        ("facts", lambda one: one * np.inf),
+    ],
+)
+def test_a_file_whose_entries_would_lead_kernels_out_of_it_is_solved_anew(sphere, tmp_path, name, change):
+    first = solve_tables([sphere(300)], 7.0, memory_limit=150_000, cache=tmp_path)[0]
+    file = next(tmp_path.iterdir())
+    with np.load(file) as stored:
+        arrays = dict(stored)
+    np.savez(file, **(arrays | {name: change(arrays[name])}))
+    assert load_table(file, "cpu") is None
+    assert same(first, solve_tables([sphere(300)], 7.0, memory_limit=150_000, cache=tmp_path)[0])
+
+
+def test_a_dense_file_that_claims_more_vertices_than_it_holds_is_none(sphere, tmp_path):
+    solve_tables([sphere(300)], 7.0, cache=tmp_path)
+    file = next(tmp_path.iterdir())
+    with np.load(file) as stored:
+        arrays = dict(stored)
+    np.savez(file, **(arrays | {"facts": arrays["facts"] * [1000.0, 1.0, 1.0]}))
+    assert load_table(file, "cpu") is None

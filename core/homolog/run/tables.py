@@ -1,0 +1,86 @@
+"""Geodesic tables of an unfinished run on disk: a run that is killed need not solve them again."""
+
+import logging
+import shutil
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from homolog.files.atomic import writing
+from homolog.geodesics import GeodesicTable, plan_tables, solve_plan
+from homolog.geodesics.cache import load_table, save_table, table_path
+from homolog.progress import Tick, no_tick, part_of
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["KeptTables"]
+
+_log = logging.getLogger(__name__)
+
+_WORTH_S = 10.0
+"""Tables are written once so much time went into those that are not; short runs write none."""
+_SHAPES_ON_GPU = 32
+"""Solved at once on a GPU, a second's work of large ones; a CPU solves one after another anyway."""
+
+
+class KeptTables:
+    """Solves tables a few shapes at a time, and keeps in a folder what took long.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the tables. Their names tell what they belong to, so others in it do no harm.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._unsaved: dict[Path, GeodesicTable] = {}
+        self._seconds = 0.0
+
+    def solve(
+        self,
+        meshes: Sequence[TriangleMesh],
+        d_max: Sequence[float],
+        *,
+        device: str,
+        names: Sequence[str],
+        tick: Tick = no_tick,
+    ) -> list[GeodesicTable]:
+        """Return tables as `homolog.geodesics.solve_tables` does; those in the folder are read."""
+        plan = plan_tables(meshes, d_max, names=names, tick=tick)
+        paths = [table_path(self._folder, plan, task) for task in plan.tasks]
+        tables: dict[Path, GeodesicTable] = {}
+        for index, (path, task) in enumerate(zip(paths, plan.tasks, strict=True)):
+            tick(index / len(paths), f"{task.name}: geodesic distances")
+            kept = load_table(path, device)
+            if kept is not None and kept.n_vertices == len(task.mesh.vertices):
+                tables[path] = kept
+        absent = {path: task for path, task in zip(paths, plan.tasks, strict=True) if path not in tables}
+        size = 1 if device == "cpu" else _SHAPES_ON_GPU
+        for first in range(0, len(absent), size):
+            some = dict(list(absent.items())[first : first + size])
+            part = replace(plan, tasks=tuple(some.values()), nbytes=plan.nbytes * len(some) // len(paths))
+            share = part_of(tick, first / len(absent), (first + len(some)) / len(absent))
+            began = time.monotonic()
+            solved = dict(zip(some, solve_plan(part, device=device, tick=share), strict=True))
+            self._keep(solved, time.monotonic() - began)
+            tables |= solved
+        return [tables[path] for path in paths]
+
+    def _keep(self, solved: dict[Path, GeodesicTable], seconds: float) -> None:
+        self._unsaved |= solved
+        self._seconds += seconds
+        if self._seconds < _WORTH_S:
+            return
+        with writing(self._folder):
+            self._folder.mkdir(parents=True, exist_ok=True)
+            room = shutil.disk_usage(self._folder).free
+        if (needed := sum(table.nbytes for table in self._unsaved.values())) > room / 2:
+            _log.warning(
+                "%.1f GB of geodesic tables are not kept, as %.1f GB are free: a resumed run will solve them",
+                needed / 1e9, room / 1e9,
+            )  # fmt: skip
+        else:
+            for path, table in self._unsaved.items():
+                save_table(path, table)
+        self._unsaved, self._seconds = {}, 0.0

@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+
+from homolog.errors import InputError
+from homolog.geodesics import solve_tables
+from homolog.run import tables
+from homolog.run.tables import KeptTables
+from homolog.surfaces.mesh import TriangleMesh
+
+CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
+FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
+MESHES = [TriangleMesh(size * CORNERS, FACES) for size in (1.0, 2.0, 3.0)]
+
+
+@pytest.fixture
+def solve(tmp_path):
+    """Return a function that solves meshes as a run does, in the folder ``geodesics``."""
+
+    def run(meshes=MESHES):
+        names = [f"{number}" for number in range(len(meshes))]
+        kept = KeptTables(tmp_path / "geodesics")
+        return kept.solve(meshes, [np.inf] * len(meshes), device="cpu", names=names)
+
+    return run
+
+
+def codes(found):
+    return [one.codes.numpy().tolist() for one in found]
+
+
+def test_short_runs_write_nothing(solve, tmp_path):
+    assert codes(solve()) == codes(solve_tables(MESHES, np.inf))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_took_long_is_read_the_next_time(solve, tmp_path, monkeypatch):
+    monkeypatch.setattr(tables, "_WORTH_S", 0.0)
+    first = solve(MESHES[:2])
+    assert len(list((tmp_path / "geodesics").iterdir())) == 2
+    monkeypatch.setattr(tables, "solve_plan", None)
+    assert codes(solve(MESHES[:2])) == codes(first)
+
+
+def test_tables_without_room_are_not_kept_and_that_is_told(solve, tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(tables, "_WORTH_S", 0.0)
+    monkeypatch.setattr(tables.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 100}))
+    assert len(solve()) == 3
+    assert list((tmp_path / "geodesics").iterdir()) == []
+    assert "are not kept, as 0.0 GB are free" in caplog.messages[0]
+
+
+def test_a_place_that_cannot_be_written_to_is_named(solve, tmp_path, monkeypatch):
+    monkeypatch.setattr(tables, "_WORTH_S", 0.0)
+    (tmp_path / "geodesics").touch()
+    with pytest.raises(InputError, match="geodesics: can't be written: "):
+        solve()
