@@ -1,11 +1,13 @@
 """Runs killed at random moments, and what is left of them.
 
     python tests/benchmarks/kill.py [--tries 24 --seed 0]
+    python tests/benchmarks/kill.py --long [--tries 6]
 
 A cohort of ellipsoids is run once without disturbance. Then each try runs a copy of the project again in a
 process of its own, kills it (SIGKILL) at a random moment of a phase, looks whether the last result can still
 be read and how old the newest saved state is, resumes the run and compares every file of its result. Prints a
-row a try and a table for docs/reliability.md.
+row a try and a table for docs/reliability.md. The long runs take minutes and are killed when their geodesic
+distances, or their optimization, have taken more than 30 s.
 """
 
 import argparse
@@ -30,9 +32,15 @@ from homolog.files.project import Project
 from homolog.files.results import read_result
 
 PHASES = ("reading", "grooming", "aligning", "geodesics", "splitting", "optimizing", "modeling", "writing")
+LONG_PHASES = ("optimizing", "geodesics")
+_COMMON = "--device cpu --workers 1 --alignment center"
 _SETTINGS = (
-    "--device cpu --workers 1 --particles 128 --mesh-edge 2 --alignment center --split-iterations 40 "
-    "--anneal-iterations 200 --settle-iterations 60"
+    f"{_COMMON} --particles 128 --mesh-edge 2 --split-iterations 40 --anneal-iterations 200 "
+    "--settle-iterations 60"
+)
+_LONG_SETTINGS = (
+    f"{_COMMON} --particles 512 --mesh-edge 0.45 --split-iterations 20 --anneal-iterations 900 "
+    "--settle-iterations 60"
 )
 
 
@@ -50,17 +58,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tries", type=int, default=24)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--long", action="store_true", help="kill later than 30 s after a phase began")
     options = parser.parse_args()
     random.seed(options.seed)
+    settings, phases = (_LONG_SETTINGS, LONG_PHASES) if options.long else (_SETTINGS, PHASES)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_cohort(folder / "scans")
+        write_cohort(folder / "scans", 8 if options.long else 4)
         began = time.monotonic()
-        spans = dict(follow(start(folder / "scans", "--out", folder / "whole", *_SETTINGS.split())))
+        spans = dict(follow(start(folder / "scans", "--out", folder / "whole", *settings.split())))
         print(f"undisturbed: {time.monotonic() - began:.0f} s; phases from", spans, flush=True)
         tries = []
         for number in range(options.tries):
-            one = one_try(folder, PHASES[number % len(PHASES)], spans)
+            one = one_try(folder, phases[number % len(phases)], spans, 30.0 if options.long else 0.0)
             tries.append(one)
             print(f"try {number + 1}: {one}", flush=True)
     print("| killed while | tries | project unreadable | lost at most s | resumed, unlike the whole run |")
@@ -96,8 +106,8 @@ def follow(running: subprocess.Popen[str]) -> Iterator[tuple[str, float]]:
         raise RuntimeError(running.stderr.read())
 
 
-def one_try(folder: Path, phase: str, spans: dict[str, float]) -> Try:
-    """Kill a new run of the finished project in a phase and resume it."""
+def one_try(folder: Path, phase: str, spans: dict[str, float], after: float) -> Try:
+    """Kill a new run of the finished project in a phase, so many seconds after it began, and resume it."""
     project, whole = Project(folder / "killed"), contents(folder / "whole")
     shutil.rmtree(project.folder, ignore_errors=True)
     shutil.copytree(folder / "whole", project.folder)
@@ -105,17 +115,16 @@ def one_try(folder: Path, phase: str, spans: dict[str, float]) -> Try:
         for archive in list(project.groomed.glob("*.npz"))[::2]:
             archive.unlink()
     began = time.time()
-    reached, killed_at = kill_in(start(project.folder), phase, spans[phase])
-    saved = [
-        one.stat().st_mtime for one in (project.checkpoint, *project.groomed.glob("*.npz")) if one.is_file()
-    ]
+    reached, killed_at = kill_in(start(project.folder), phase, (after, max(spans[phase], after)))
+    kept = (project.checkpoint, *project.groomed.glob("*.npz"), *project.geodesics.glob("[!.]*.npz"))
+    saved = [one.stat().st_mtime for one in kept if one.is_file()]
     lost = killed_at - max(one for one in (*saved, began) if one <= killed_at)
     readable = is_readable(project)
     dict(follow(start(project.folder, *(["--resume"] if project.read().unfinished else []))))
     return Try(reached, readable, lost, contents(project.folder) == whole)
 
 
-def kill_in(running: subprocess.Popen[str], phase: str, span: float) -> tuple[str, float]:
+def kill_in(running: subprocess.Popen[str], phase: str, span: tuple[float, float]) -> tuple[str, float]:
     """Kill a run at a random moment of a phase; return where it was and the time of day."""
     assert running.stdout is not None
     os.set_blocking(running.stdout.fileno(), False)
@@ -124,7 +133,7 @@ def kill_in(running: subprocess.Popen[str], phase: str, span: float) -> tuple[st
         for line in running.stdout:
             reached = json.loads(line).get("phase") or "ended"
             if reached == phase and at is None:
-                at = time.monotonic() + random.uniform(0.0, span)
+                at = time.monotonic() + random.uniform(*span)
         if at is not None and time.monotonic() >= at:
             running.send_signal(signal.SIGKILL)
             break
@@ -152,13 +161,13 @@ def contents(folder: Path) -> dict[str, bytes]:
     }
 
 
-def write_cohort(folder: Path) -> None:
-    """Write four ellipsoids."""
+def write_cohort(folder: Path, count: int) -> None:
+    """Write some ellipsoids."""
     import SimpleITK
 
     folder.mkdir()
     grid = np.stack(np.meshgrid(*[np.arange(-19.0, 20.0)] * 3, indexing="ij"))
-    for number in range(4):
+    for number in range(count):
         axes = np.array([15.0, 12.0, 10.0]) + random.Random(number).random() * np.array([2.0, -2.0, 3.0])
         inside = (np.square(grid) / np.square(axes)[:, None, None, None]).sum(axis=0) <= 1.0
         image = SimpleITK.GetImageFromArray(inside.astype(np.uint8))

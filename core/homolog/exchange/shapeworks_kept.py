@@ -2,9 +2,11 @@
 
 import json
 import os
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
+from homolog.errors import InputError
 from homolog.exchange.shapeworks_files import PATH_PREFIXES, Row, ShapeWorksProject
+from homolog.exchange.shapeworks_paths import place_of
 from homolog.files.atomic import write_text
 from homolog.files.json_files import read_json
 from homolog.files.project import Project
@@ -54,8 +56,12 @@ def moved_paths(row: Row, old: Path, new: Path) -> Row:
 
 
 def _moved(value: str, old: Path, new: Path) -> str:
-    plain = PurePosixPath(value.replace("\\", "/"))
+    """Return a path from another folder; as it is if it leads nowhere that is known here."""
     try:
-        return Path(os.path.relpath(old.resolve() / plain, new.resolve())).as_posix()
-    except ValueError:  # another drive, or no path
-        return (old.resolve() / plain).as_posix()
+        place = place_of(value, old.resolve())
+        if place is None:
+            return value
+        moved = Path(os.path.relpath(place, new.resolve())).as_posix()
+    except (InputError, ValueError):  # no path, or on another drive
+        return value
+    return moved.replace(" ", "%20") if "%20" in value else moved

@@ -1,14 +1,14 @@
 """Models as ShapeWorks leaves them: a project file, or a folder of particles."""
 
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.cohort import checked_path
 from homolog.errors import InputError
 from homolog.exchange.model import ForeignModel, ForeignSubject, particles_of
-from homolog.exchange.shapeworks_files import PREFIXES, Row, ShapeWorksProject
+from homolog.exchange.shapeworks_files import PATH_PREFIXES, PREFIXES, Row, ShapeWorksProject
+from homolog.exchange.shapeworks_paths import leads_out, place_of, plain_path
 
 __all__ = ["model_of_folder", "model_of_project"]
 
@@ -29,13 +29,15 @@ def model_of_project(source: ShapeWorksProject, domain: str) -> ForeignModel:
     notes = [f"left out because ShapeWorks excludes them: {', '.join(out)}"] if out else []
     subjects = tuple(_subject(source, row, domain) for row in rows)
     outside = sum(
-        ".." in PurePosixPath(value.replace("\\", "/")).parts or value.startswith("/")
+        leads_out(value)
         for row in rows
         for key, value in row.items()
-        if key.startswith(PREFIXES) and key.endswith(f"_{domain}") and "particles" not in key
+        if key.startswith(PATH_PREFIXES) and key.endswith(f"_{domain}")
     )
     if outside:
-        notes.append(f"{outside} of its paths lead out of its folder")
+        notes.append(
+            f"{outside} of its paths lead out of its folder; those that lead nowhere were looked for in it"
+        )
     optimize = source.table("optimize")
     listed = source.others.get("landmarks")
     landmarks = [
@@ -82,7 +84,7 @@ def model_of_folder(folder: Path) -> ForeignModel:
 def _subject(source: ShapeWorksProject, row: Row, domain: str) -> ForeignSubject:
     name, folder = _name(row, domain), source.path.parent
     places = {
-        frame: folder / _plain(row[key])
+        frame: _needed(source.path, name, row[key])
         for frame in ("local", "world")
         if row.get(key := f"{frame}_particles_{domain}")
     }
@@ -102,18 +104,29 @@ def _subject(source: ShapeWorksProject, row: Row, domain: str) -> ForeignSubject
         local=particles_of(places.get("local")),
         world=particles_of(places.get("world")),
         alignment=_alignment(source.path, row, domain),
-        shapes=tuple(folder / _plain(one) for one in source.inputs(row, domain)),
+        shapes=tuple(place_of(one, folder) or folder / plain_path(one) for one in source.inputs(row, domain)),
         group=next((value for value in groups.values() if value), None),
         columns=groups | columns,
-        landmarks=folder / _plain(landmarks) if landmarks else None,
+        landmarks=_needed(source.path, name, landmarks) if landmarks else None,
     )
+
+
+def _needed(path: Path, name: str, value: str) -> Path:
+    """Return where a file lies that the model can't do without."""
+    place = place_of(value, path.parent)
+    if place is None:
+        raise InputError(
+            f"{path}: subject {name} has a file on another machine, {value}; copy it into the project's "
+            "folder, or save the project there with relative paths"
+        )
+    return place
 
 
 def _name(row: Row, domain: str) -> str:
     """Return a subject's name; ShapeWorks itself falls back on the name of the shape's file."""
     for key in ("name", f"shape_{domain}", f"groomed_{domain}", f"local_particles_{domain}"):
         if row.get(key):
-            return row[key] if key == "name" else Path(_plain(row[key])).name.partition(".")[0]
+            return row[key] if key == "name" else Path(plain_path(row[key])).name.partition(".")[0]
     return "?"
 
 
@@ -146,11 +159,3 @@ def _matrix(path: Path, text: str) -> FloatArray:
     if not np.isfinite(matrix).all():
         raise InputError(f"{path}: a transform holds values that aren't finite; save the project again")
     return matrix
-
-
-def _plain(path: str) -> str:
-    """Return a path with the slashes and blanks that it means."""
-    try:
-        return checked_path(path.replace("\\", "/").replace("%20", " "))
-    except ValueError as error:
-        raise InputError(f"the path {path[:80]!r} {error}; save the project again") from error
