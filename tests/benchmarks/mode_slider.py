@@ -87,9 +87,10 @@ def time_parts(shape, modes: int, moves: int) -> dict[str, list[float]]:
 
 def content(shape, deviations):
     """Return what the views are given."""
-    from homolog_app.window.explore.mode_views import ModeScene, mode_scene
+    from homolog_app.window.explore.chosen import ModesView
+    from homolog_app.window.explore.mode_views import mode_scene
 
-    return mode_scene(ModeScene([shape], deviations, (), 2.0, None, colours=True, arrows=False))
+    return mode_scene(ModesView(deviations=tuple(deviations)), [shape])
 
 
 def timed(name: str, work, arguments) -> dict[str, list[float]]:

@@ -6,7 +6,8 @@ from PySide6.QtCore import QObject, QSize
 from PySide6.QtGui import QAction, QActionGroup, QKeySequence
 from PySide6.QtWidgets import QMainWindow, QMenu, QToolButton, QWidget
 
-from homolog_app.window.commands import COMMANDS, MENUS, command
+from homolog_app.window.availability import REASONS
+from homolog_app.window.commands import COMMANDS, MENUS, Command, command
 from homolog_app.window.icons import icon
 from homolog_app.window.theme import Theme
 
@@ -28,8 +29,7 @@ class Actions(QObject):
             action.setObjectName(one.id)
             action.setCheckable(one.checkable)
             action.setShortcut(QKeySequence(one.shortcut))
-            keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
-            action.setToolTip(f"{one.help} ({keys})" if keys else one.help)
+            action.setToolTip(self._tip(one, ""))
             action.setStatusTip(one.help)
             if one.choice:
                 group = groups.setdefault(one.choice, QActionGroup(window))
@@ -50,9 +50,12 @@ class Actions(QObject):
             self._actions[identifier].triggered.connect(lambda _, handler=handler: handler())
 
     def enable(self, available: Mapping[str, bool]) -> None:
-        """Enable exactly the commands whose needs are met."""
+        """Enable exactly the commands whose needs are met; tool tips of the others say what is missing."""
         for one in COMMANDS:
-            self._actions[one.id].setEnabled(available[one.needs])
+            action, possible = self._actions[one.id], available[one.needs]
+            if action.isEnabled() is not possible:
+                action.setEnabled(possible)
+                action.setToolTip(self._tip(one, "" if possible else REASONS[one.needs]))
 
     def button(self, identifier: str, parent: QWidget, size: int = 20) -> QToolButton:
         """Return a tool button of a command."""
@@ -61,6 +64,10 @@ class Actions(QObject):
         result.setIconSize(QSize(size, size))
         result.setAccessibleName(command(identifier).title)
         return result
+
+    def _tip(self, one: Command, reason: str) -> str:
+        keys = QKeySequence(one.shortcut).toString(QKeySequence.SequenceFormat.NativeText)
+        return (f"{one.help} ({keys})" if keys else one.help) + (f"\nNot now: {reason}." if reason else "")
 
     def _fill_menus(self, window: QMainWindow) -> None:
         menus: dict[str, QMenu] = {name: window.menuBar().addMenu(f"&{name}") for name in MENUS}

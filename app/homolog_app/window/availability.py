@@ -1,11 +1,50 @@
 """What is possible now: the words that commands name as their needs."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from homolog.files.project import Project
 from homolog_app.window.session import Session
 
-__all__ = ["available"]
+__all__ = ["LAYOUTS", "REASONS", "available"]
+
+LAYOUTS = (1, 4, 9, 16)
+"""Numbers of views that there are commands for."""
+
+_NO_STUDY = "nothing is open"
+_NO_RESULT = "there is no result yet; run first"
+_BUSY = "something is being computed; wait for it or cancel it"
+_SELECT = "select subjects in Cohort first"
+_TWO = "it takes two included subjects"
+REASONS: Mapping[str, str] = {
+    "idle": _BUSY,
+    "study": _NO_STUDY,
+    "unsaved": "everything is saved, or something is being computed",
+    "cohort": "no subject is included, or something is being computed",
+    "undo": "there is nothing to take back",
+    "redo": "nothing was taken back",
+    "selection": _SELECT,
+    "removable": _SELECT,
+    "groomed": "the shapes are not groomed yet",
+    "groomed_selection": "the selected subject is not groomed yet",
+    "two": _TWO,
+    "ready": "the shapes are not groomed yet, or something is being computed",
+    "busy": "nothing is being computed",
+    "running": "there is no run going on",
+    "resumable": "there is no unfinished run",
+    "cancelled": "no run was cancelled",
+    "result": _NO_RESULT,
+    "particles": _NO_RESULT,
+    "idle_result": f"{_NO_RESULT}, or wait for what is being computed",
+    "fit": "include new subjects beside those of the result, with the settings it was made with",
+    "more": "ask for more particles than the result has, with the same subjects and other settings unchanged",
+    "frames": "there is nothing to play here",
+    "previous_page": "this is the first page",
+    "next_page": "this is the last page",
+    "raw": "a shape of the model has no input surface",
+    "picture": "slices are shown; switch them off (4) for a picture of the surfaces",
+    **{f"grid{count}": "the open page has no such number of views" for count in LAYOUTS},
+}
+"""Why a command is not possible, by what it needs: ends the sentence "Not now: …"."""
 
 
 def available(
@@ -19,6 +58,9 @@ def available(
     pages: int,
     ready: bool,
     plays: bool,
+    layouts: Collection[int],
+    model: bool,
+    slices: bool,
 ) -> Mapping[str, bool]:
     """Return whether each need of the command table is met.
 
@@ -37,6 +79,10 @@ def available(
         Whether the views are there.
     plays : bool
         Whether the open page of Explore plays something.
+    layouts : collection of int
+        Numbers of views that can be chosen.
+    model, slices : bool
+        Whether shapes of the model, or slices of a file, are seen.
     """
     study = session.is_open and ready
     idle = not busy
@@ -67,4 +113,7 @@ def available(
         "frames": study and idle and session.result is not None and (plays or len(session.result.frames) > 1),
         "previous_page": study and page > 0,
         "next_page": study and page + 1 < pages,
+        "raw": study and not model,
+        "picture": study and not slices,
+        **{f"grid{count}": study and count in layouts for count in LAYOUTS},
     }

@@ -7,7 +7,8 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.form import SettingsPair
 from homolog_app.window.progress import Progress
 from homolog_app.window.runner import Status
-from homolog_app.window.session import Groomed, Session
+from homolog_app.window.session import Session
+from homolog_app.window.subjects import Groomed
 from homolog_app.window.widgets import Panel, button, label, rule, set_primary
 
 __all__ = ["GroomPanel"]

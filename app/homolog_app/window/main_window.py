@@ -98,6 +98,8 @@ class MainWindow(QMainWindow):
                 kept=desk.work.cancelled_run is not None,
                 page=page, pages=pages, ready=views is not None,
                 plays=self.step == "explore" and self.inspector.explore.page.plays,
+                layouts=views.layouts if views else (), model=views is not None and views.shows_model,
+                slices=self.commands["view.slice"].isChecked(),
             )
         )  # fmt: skip
         steps = steps_of(desk.session, desk.work)

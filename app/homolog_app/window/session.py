@@ -1,33 +1,23 @@
 """The open study: the one object that the panels talk to."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QUndoCommand, QUndoStack
 
-from homolog.arrays import FloatArray
 from homolog.cohort import Subject
-from homolog.settings import GroomSettings, RunSettings
+from homolog.settings import RunSettings
 from homolog_app.window.loaded import Loaded
 from homolog_app.window.study import Member, Study
+from homolog_app.window.subjects import Groomed
 
 if TYPE_CHECKING:
-    from homolog.grooming import GroomedSubject
     from homolog_app.window.survey import Survey
 
-__all__ = ["Groomed", "Session"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Groomed:
-    """A groomed subject, its (4, 4) alignment to the cohort, and the settings it was groomed with."""
-
-    subject: "GroomedSubject"
-    alignment: FloatArray
-    settings: GroomSettings
+__all__ = ["Session"]
 
 
 class Session(QObject):

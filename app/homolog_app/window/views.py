@@ -5,59 +5,29 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
 from PySide6.QtCore import QObject, QTimer, Slot
 from PySide6.QtWidgets import QApplication
 
 from homolog.arrays import FloatArray
 from homolog.correspondence.types import Frame
+from homolog_app.window.availability import LAYOUTS
 from homolog_app.window.loaded import Loaded
 from homolog_app.window.scene.cameras import VIEWS
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.picking import Pick
-from homolog_app.window.scene.scene import LAYOUTS
 from homolog_app.window.screenshot import save_picture
-from homolog_app.window.session import Groomed, Session
+from homolog_app.window.subjects import Groomed, subject_contents
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.page import ExplorePage
     from homolog_app.window.main_window import MainWindow
     from homolog_app.window.stage import Stage
 
-__all__ = ["Views", "contents_of"]
+__all__ = ["Views"]
 
 _LOOK_MS = 33
 _PLAY_MS = 60
 _DRAWING_SHARE = 3.0
-
-
-def contents_of(session: Session) -> list[Content]:
-    """Return what can be seen of each included subject.
-
-    A result shows its own surfaces; before there is one, the groomed surfaces where they are, the input
-    elsewhere. Subjects without an alignment are shown about their own centre.
-    """
-    result = session.result
-    alignments = dict(zip(result.result.names, result.result.alignments, strict=True)) if result else {}
-    contents = []
-    for subject in session.study.included:
-        survey, groomed = session.surveys.get(subject.name), session.groomed.get(subject.name)
-        raw = survey.surface if survey else None
-        fine, coarse = (groomed.subject.mesh, groomed.subject.coarse_mesh) if groomed else (None, None)
-        alignment = groomed.alignment if groomed else None
-        if result is not None and subject.name in alignments:
-            fine, coarse = result.surfaces[subject.name]
-            alignment = alignments[subject.name]
-        if alignment is None:
-            alignment = np.eye(4)
-            if raw is not None:
-                alignment[:3, 3] = -raw.vertices.mean(axis=0)
-        notes = [subject.group or ""]
-        if fine is None and survey is not None and survey.every > 1:
-            notes.append(f"every {survey.every}. voxel")
-        note = " · ".join(one for one in notes if one)
-        contents.append(Content(subject.name, raw, fine, coarse, alignment, note))
-    return contents
 
 
 class Views(QObject):
@@ -92,6 +62,7 @@ class Views(QObject):
         for name in ("link", "raw", "groomed", "particles", "grid4"):
             window.commands[f"view.{name}"].setChecked(True)
         self._own_particles, self._balls = False, False
+        self._told: tuple[int, tuple[int, ...]] = (0, ())
         self.refresh()
 
     @property
@@ -107,7 +78,7 @@ class Views(QObject):
             return lambda: scene.switch(**{name: commands[f"view.{name}"].isChecked()})
 
         return {
-            **{f"view.grid{count}": partial(scene.set_layout, count) for count in LAYOUTS},
+            **{f"view.grid{count}": partial(self.choose_layout, count) for count in LAYOUTS},
             **{f"view.{view}": partial(scene.look, view) for view in VIEWS},
             **{f"view.{name}": switch(name) for name in ("raw", "groomed", "particles")},
             "view.previous": lambda: scene.show_page(scene.page - 1),
@@ -119,6 +90,26 @@ class Views(QObject):
             "view.copy": lambda: QApplication.clipboard().setImage(scene.picture()),
             "run.play": self.play_or_stop,
         }
+
+    @property
+    def shows_model(self) -> bool:
+        """Whether the views show shapes of the model."""
+        return self._page is not None and self._page.layouts is not None
+
+    @property
+    def layouts(self) -> tuple[int, ...]:
+        """Numbers of views that can be chosen now."""
+        page = self._page
+        return LAYOUTS if page is None else page.layouts or LAYOUTS
+
+    def choose_layout(self, count: int) -> None:
+        """Show so many subjects a page, or so many shapes of the model."""
+        page = self._page
+        if page is not None and page.layouts is not None:
+            page.choose_layout(count)
+        else:
+            self.stage.scene.set_layout(count)
+            self._window.refresh()
 
     @Slot()
     def refresh(self) -> None:
@@ -136,7 +127,9 @@ class Views(QObject):
                 self._window.commands["view.raw"].setChecked(False)
                 stage.scene.switch(raw=False)
             self._shown = key
-            self._subjects = contents_of(session)
+            self._subjects = subject_contents(
+                session.study.included, session.surveys, session.groomed, session.result
+            )
             if self._work.run_job is None and new_result:
                 self._run_particles = session.result.particles if session.result else {}
                 stage.footer.show_frames(len(session.result.frames) if session.result else 0)
@@ -174,6 +167,18 @@ class Views(QObject):
             self.stage.footer.setVisible(not own)
         self.stage.scene.display(shown)
         self._explore.fitted.draw_ms = self.stage.scene.draw_ms
+        self._tell_layout()
+
+    def _tell_layout(self) -> None:
+        """Press the button of the present number of views; those that the page lacks can't be pressed."""
+        page = self._page
+        offered = page.layouts if page is not None else None
+        count = offered[0] if offered else self.stage.scene.layout_count
+        told = (count, self.layouts)
+        if told != self._told:
+            self._told = told
+            self._window.commands[f"view.grid{count}"].setChecked(True)
+            self._window.refresh()
 
     def _swap_balls(self) -> None:
         """Remember apart whether particles are seen on subjects and on shapes of the model."""

@@ -15,7 +15,8 @@ from homolog.progress import Tick
 from homolog_app.window.jobs import Devices, RunJob, groom, import_model, make_sample, prepare, read_files
 from homolog_app.window.loaded import Loaded, load_result
 from homolog_app.window.runner import Ended, Job, Runner, Status, Task
-from homolog_app.window.session import Groomed, Session
+from homolog_app.window.session import Session
+from homolog_app.window.subjects import Groomed
 
 if TYPE_CHECKING:
     from homolog_app.window.survey import Survey

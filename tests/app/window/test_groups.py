@@ -110,12 +110,13 @@ def test_a_second_run_stands_below_with_the_same_colours_and_its_own_numbers(
 
 def test_the_original_method_stands_above_the_proposed_one(compare, bean_project, window):
     from homolog.settings import Method
-    from homolog_app.window.explore.group_views import GroupScene, group_scene
+    from homolog_app.window.explore.chosen import GroupsView
+    from homolog_app.window.explore.group_views import group_scene
 
     (answer,) = compare(bean_project, "slim", "wide").answers
     original = replace(answer.shape, name="first", method=Method.EUCLIDEAN)
     both = [answer, replace(answer, shape=original)]
-    shown = group_scene(GroupScene([answer.shape, original], both, "difference", False, 0.0, False, False))
+    shown = group_scene(GroupsView(), [answer.shape, original], both)
     assert [one.name for one in shown.contents] == ["first (original)", "project (proposed)"]
 
 

@@ -200,13 +200,34 @@ def test_another_run_stands_beside_with_modes_that_go_the_same_way(page, scene, 
     page.sliders.show_value(0, 1.0)
     mine, other = scene.shown
     np.testing.assert_allclose(mine.groomed.vertices, other.groomed.vertices, atol=1e-3)
-    page.views.setCurrentIndex(1)
-    page.views.activated.emit(1)
+    page.choose_layout(9)
     assert scene.columns == 6
     assert len(scene.shown) == 12
     page.compare.leave.click()
     assert page.fitted.other is None
-    assert len(scene.shown) == 6
+    assert len(scene.shown) == 9
+
+
+def test_the_layout_buttons_show_steps_along_modes_and_never_do_nothing(page, scene, window):
+    model = page.fitted.shape
+    assert window.commands["view.grid1"].isChecked()
+    for count, columns in ((4, 2), (9, 3), (16, 4)):
+        window.commands[f"view.grid{count}"].trigger()
+        assert (scene.columns, len(scene.shown)) == (columns, count)
+        assert page.views.currentData() == count
+    steps = model.moves[0].reshape(-1, 3)
+    for content, amount in zip(scene.shown[:4], (-2.0, -1.0, 1.0, 2.0), strict=True):
+        np.testing.assert_allclose(content.groomed.vertices, model.mean.vertices + amount * steps, atol=1e-3)
+        assert content.name == f"mode 1: {amount:+.0f} SD".replace("-", "−")
+    window.commands["explore.measure"].trigger()
+    assert window.commands["view.grid1"].isChecked()
+    for count in (4, 9, 16):
+        command = window.commands[f"view.grid{count}"]
+        assert not command.isEnabled()
+        assert "Not now: the open page has no such number of views" in command.toolTip()
+    window.inspector.explore.tabs.setCurrentIndex(0)
+    assert window.commands["view.grid4"].isChecked()
+    assert window.commands["view.grid9"].isEnabled()
 
 
 def test_a_folder_that_is_no_project_is_refused_by_name(page, window, tmp_path, errors, monkeypatch):

@@ -11,6 +11,7 @@ from homolog.arrays import FloatArray, IntArray
 from homolog_app.window.desk import Desk
 from homolog_app.window.explore.check_shown import ALONG, ENERGIES, STRAIGHT, Distances, Marks
 from homolog_app.window.explore.check_work import distances_on, energies_of, textures_of
+from homolog_app.window.explore.chosen import CheckView
 from homolog_app.window.widgets import GRID, label
 
 if TYPE_CHECKING:
@@ -78,6 +79,15 @@ class LookAt(QWidget):
             energies=self._energies,
             texture=texture,
         )
+
+    @property
+    def view(self) -> CheckView:
+        """What is chosen, in words and numbers."""
+        place = None if self._picked is None else tuple(self._picked[1].tolist())
+        return CheckView(
+            show=self._mode, particle=self.chosen, subject=self.subject.currentText(),
+            others=tuple(self._others.tolist()), place=place,
+        )  # fmt: skip
 
     def show_inspection(self, found: "Inspection | None", names: tuple[str, ...]) -> None:
         """Take what is known of a result; particle and subject stay if they can."""

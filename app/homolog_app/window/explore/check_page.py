@@ -15,6 +15,7 @@ from homolog_app.window.explore.check_shown import checked_scene
 from homolog_app.window.explore.check_sphere import NormalSphere
 from homolog_app.window.explore.check_state import Checked
 from homolog_app.window.explore.check_table import SuspectModel, suspect_table
+from homolog_app.window.explore.chosen import CheckView
 from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.scene.content import Content, Shown
@@ -67,6 +68,16 @@ class CheckPage(ExplorePage):
         """Return the shapes with what is marked and coloured."""
         found = self.checked.inspection
         return checked_scene(subjects, found, self._names, self.look.marks) if found else Shown(subjects)
+
+    @property
+    def chosen(self) -> CheckView | None:
+        """What is marked; None until the result is inspected."""
+        return self.look.view if self.checked.inspection is not None else None
+
+    @property
+    def layouts(self) -> tuple[int, ...] | None:
+        """Subjects are paged through, but for the two pictures of distances."""
+        return (1,) if self.look.marks.distances is not None and self.look.view.show == "distances" else None
 
     def go_to_next(self) -> None:
         """Choose the next suspect in the list, after the last one the first."""

@@ -1,11 +1,11 @@
-"""The answer to a question about groups, carried to the surface where it is drawn. Knows no Qt."""
+"""The answer to a question about groups or a number, carried to the surface. Knows no Qt."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from homolog.analysis.comparison import Comparison
+from homolog.analysis.comparison import Comparison, Options, prepared
 from homolog.arrays import BoolArray, Float32Array, FloatArray
 from homolog.files.results import Result
 from homolog.progress import Tick, part_of
@@ -14,6 +14,7 @@ from homolog_app.report.findings import LEVEL
 from homolog_app.report.request import StudyRequest
 from homolog_app.report.study import Study, run_study
 from homolog_app.window.explore.model_shape import ModelShape
+from homolog_app.window.quantities import short
 
 __all__ = ["GroupAnswer", "GroupMap", "answer_groups"]
 
@@ -40,7 +41,7 @@ class GroupMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroupAnswer:
-    """What was found for two groups, in the model of one run.
+    """What was found for two groups, or along a number, in the model of one run.
 
     Attributes
     ----------
@@ -48,17 +49,20 @@ class GroupAnswer:
     study : Study
         All comparisons, in words and numbers.
     pair : Comparison
-        Of the two groups that are mapped.
+        Of the two groups that are mapped, or the regression.
     first, second : str
-        These groups.
+        These groups, or the lowest and the highest value in words.
     start : (V, 3) array
-        Way from the model's mean surface to the first group's mean [mm].
+        Way from the model's mean surface to the first group's mean, or the shape at the lowest value [mm].
     difference : GroupMap
-        From mean to mean.
+        From there to the second.
     discriminant : GroupMap or None
-        Along the linear discriminant; None if no mode is above chance.
+        Along the linear discriminant; None if no mode is above chance, and for a regression.
     places : (m,) array or None
-        Subjects' places along the discriminant, as root mean square displacement of the particles [mm].
+        Subjects' places along the discriminant, or along the change that the number brings, as root mean
+        square displacement of the particles [mm].
+    values : (m,) array or None
+        The number, for a regression.
     limit : float
         End of the colour scale that fits both maps [mm].
     """
@@ -73,18 +77,26 @@ class GroupAnswer:
     discriminant: GroupMap | None
     places: FloatArray | None
     limit: float
+    values: FloatArray | None = None
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """What stands at both ends of the way, in words."""
+        if self.values is None:
+            return f"mean of {self.first}", f"mean of {self.second}"
+        return self.first, self.second
 
 
 def answer_groups(shape: ModelShape, result: Result, request: StudyRequest, tick: Tick) -> GroupAnswer:
-    """Test the groups of a request and carry the difference of its first two to the surface.
+    """Answer a question and carry the difference of its first two groups, or the slope, to the surface.
 
     Parameters
     ----------
     shape : ModelShape
     result : Result
-        That of the model, with the groups to compare.
+        That of the model, with the columns to ask about.
     request : StudyRequest
-        Of the kind ``"groups"``.
+        Of the kind ``"groups"`` or ``"regression"``.
     tick : Tick
         Progress and cancelling.
 
@@ -96,25 +108,58 @@ def answer_groups(shape: ModelShape, result: Result, request: StudyRequest, tick
     study = run_study(result, request, part_of(tick, 0.0, 0.9))
     tick(0.9, "carrying the difference to the surface")
     pair = study.pairwise[0] if study.pairwise else study.overall
-    first, second = request.between[:2]
-    effect, found = pair.local.effect[0], pair.discriminant
-    share = pair.counts[second] / sum(pair.counts.values())
-    fields = [pair.mean - shape.model.mean - share * effect, effect]
-    modes = 0 if found is None else len(found.modes)
+    found = pair.discriminant
+    way = _slope(study, pair) if request.kind == "regression" else _between(request, pair)
+    fields = [pair.mean - shape.model.mean - way.share * way.effect, way.effect]
     carried = shape.carried(np.array([*fields, *(found.modes if found is not None else ())]))
     start, ways = carried[0], carried[1]
-    normals = shape.normals(shape.mean.vertices.astype(np.float32) + start + np.float32(share) * ways)
+    middle = start + np.float32(way.share) * ways
+    normals = shape.normals(shape.mean.vertices.astype(np.float32) + middle)
     nearest = KDTree(shape.model.mean).query(shape.mean.vertices)[1]
     outward = np.einsum("...vi,vi->...v", carried[1:], normals)
     difference = GroupMap(ways, outward[0], pair.local.p_family[nearest] <= LEVEL)
     discriminant = places = None
-    if found is not None and modes:
+    if found is not None and len(found.modes):
         low, high = found.bounds(outward[1:])
         along = np.tensordot(found.weights.astype(np.float32), carried[2:], axes=1)
         discriminant = GroupMap(along, found.weights.astype(np.float32) @ outward[1:], (low > 0) | (high < 0))
         places = found.scores / np.sqrt(len(pair.mean))
+    elif way.values is not None:
+        places = _along(result, request, pair, way.effect)
     maps = [one.outward for one in (difference, discriminant) if one is not None]
     return GroupAnswer(
-        shape, study, pair, first, second, start, difference, discriminant, places,
-        max(common_limit([np.asarray(one, np.float64)]) for one in maps),
+        shape, study, pair, way.first, way.second, start, difference, discriminant, places,
+        max(common_limit([np.asarray(one, np.float64)]) for one in maps), way.values,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Way:
+    """From where to where, by how much (N, 3), and which share of it comes before the subjects' mean."""
+
+    first: str
+    second: str
+    effect: FloatArray
+    share: float
+    values: FloatArray | None = None
+
+
+def _between(request: StudyRequest, pair: Comparison) -> _Way:
+    first, second = request.between[:2]
+    return _Way(first, second, pair.local.effect[0], pair.counts[second] / sum(pair.counts.values()))
+
+
+def _slope(study: Study, pair: Comparison) -> _Way:
+    """Return the way from the lowest to the highest value."""
+    values = np.array([float(study.labels[subject]) for subject in pair.subjects])
+    low, high = float(values.min()), float(values.max())
+    first, second = (f"{study.request.column} {short(one)}" for one in (low, high))
+    share = float((values.mean() - low) / (high - low))
+    return _Way(first, second, pair.local.effect[0] * (high - low), share, values)
+
+
+def _along(result: Result, request: StudyRequest, pair: Comparison, effect: FloatArray) -> FloatArray:
+    """Return how far each subject lies along an effect (N, 3), as RMS over the particles [mm]."""
+    shapes = prepared(result.world, Options(scaling=request.scaling))[pair.subjects] - pair.mean
+    length = max(float(np.linalg.norm(effect)), np.finfo(float).tiny)
+    return np.asarray(np.einsum("mni,ni->m", shapes, effect) / length / np.sqrt(len(effect)))

@@ -1,22 +1,18 @@
-"""The question: which column, from which group to which."""
+"""The question: which column, from which group to which, or what number, and what is allowed for."""
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QWidget
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QMenu, QToolButton, QWidget
 
+from homolog_app.report.request import StudyRequest
+from homolog_app.window.explore.questions import SIZE, covariates_of, numbers_of, values_of
 from homolog_app.window.session import Session
-from homolog_app.window.study import Study
-from homolog_app.window.widgets import GRID, choice
+from homolog_app.window.widgets import GRID, choice, label
 
-__all__ = ["GroupForm", "values_of"]
+__all__ = ["GroupForm"]
 
 _MOST_VALUES = 12
-_LEAST = 2
-
-
-def values_of(study: Study, column: str) -> list[str]:
-    """Return the values of a column that two or more included subjects have, sorted."""
-    cells = [one.group or "" if column == "group" else one.columns.get(column, "") for one in study.included]
-    return sorted({cell for cell in cells if cell and cells.count(cell) >= _LEAST})
+_NUMBER = "number"
 
 
 class GroupForm(QWidget):
@@ -33,22 +29,15 @@ class GroupForm(QWidget):
         self.every.setToolTip("Test for any difference, then each two groups, corrected for their number")
         self.scaling = QCheckBox("Take size out of the shapes")
         self.scaling.setToolTip("Bring all shapes to one size first; size is tested apart in any case")
-        grid = QGridLayout(self)
-        grid.setContentsMargins(0, 0, 0, 0)
-        grid.setHorizontalSpacing(GRID)
-        grid.setVerticalSpacing(GRID)
-        places = ((0, 0, 3), (1, 0, 1), (1, 2, 1))
-        for (row, at, span), words, box in zip(
-            places, ("Column", "From", "To"), (self.column, self.first, self.second), strict=True
-        ):
-            name = QLabel(words)
-            name.setBuddy(box)
-            grid.addWidget(name, row, at)
-            grid.addWidget(box, row, at + 1, 1, span)
-        grid.addWidget(self.every, 2, 0, 1, 4)
-        grid.addWidget(self.scaling, 3, 0, 1, 4)
-        for column in (1, 3):
-            grid.setColumnStretch(column, 1)
+        self.slope = label("Does shape change with this number? (linear regression)", "Hint", wrap=True)
+        self.allow = QToolButton()
+        self.allow.setAccessibleName("Covariates allowed for")
+        self.allow.setToolTip("Columns whose effect on shape is taken out before the test")
+        self.allow.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        self._covariates = QMenu(self.allow)
+        self._covariates.setToolTipsVisible(True)
+        self.allow.setMenu(self._covariates)
+        self._lay_out()
         self.column.activated.connect(lambda _: self._offer_values())
         for box in (self.column, self.first, self.second):
             box.activated.connect(lambda _: self.edited.emit())
@@ -57,10 +46,44 @@ class GroupForm(QWidget):
         session.study_changed.connect(self.offer)
         self.offer()
 
+    def _lay_out(self) -> None:
+        grid = QGridLayout(self)
+        grid.setContentsMargins(0, 0, 0, 0)
+        grid.setHorizontalSpacing(GRID)
+        grid.setVerticalSpacing(GRID)
+        self._names = [QLabel(words) for words in ("Column", "From", "To")]
+        places = ((0, 0, 3), (1, 0, 1), (1, 2, 1))
+        boxes = (self.column, self.first, self.second)
+        for (row, at, span), name, box in zip(places, self._names, boxes, strict=True):
+            name.setBuddy(box)
+            grid.addWidget(name, row, at)
+            grid.addWidget(box, row, at + 1, 1, span)
+        for row, widget in enumerate((self.slope, self.allow, self.every, self.scaling), start=2):
+            grid.addWidget(widget, row, 0, 1, 4)
+        for column in (1, 3):
+            grid.setColumnStretch(column, 1)
+
     @property
     def is_possible(self) -> bool:
-        """Whether two different groups are chosen."""
-        return self.first.count() > 1 and self.first.currentText() != self.second.currentText()
+        """Whether a number, or two different groups are chosen."""
+        return self.is_regression or (
+            self.first.count() > 1 and self.first.currentText() != self.second.currentText()
+        )
+
+    @property
+    def is_regression(self) -> bool:
+        """Whether the column is taken as a number."""
+        return bool(self.column.count()) and self.column.currentData()[1] == _NUMBER
+
+    @property
+    def request(self) -> StudyRequest:
+        """The question."""
+        column, _ = self.column.currentData()
+        return StudyRequest(
+            kind="regression" if self.is_regression else "groups", column=column,
+            between=() if self.is_regression else self.between,
+            covariates=self.covariates, scaling=self.scaling.isChecked(),
+        )  # fmt: skip
 
     @property
     def between(self) -> tuple[str, ...]:
@@ -70,25 +93,61 @@ class GroupForm(QWidget):
         others = [value for value in values if value not in two] if self.every.isChecked() else []
         return (*two, *others)
 
+    @property
+    def covariates(self) -> tuple[str, ...]:
+        """The columns that are allowed for."""
+        return tuple(one.text() for one in self._covariates.actions() if one.isChecked())
+
     def offer(self) -> None:
-        """Offer the columns that make groups."""
+        """Offer the columns that make groups, then those that are numbers."""
         study = self._session.study
-        columns = [
-            column
+        groups = {
+            column: (column, "groups")
             for column in ("group", *study.columns)
             if 1 < len(values_of(study, column)) <= _MOST_VALUES
-        ]
-        held = [self.column.itemText(index) for index in range(self.column.count())]
-        if columns != held:
+        }
+        slopes = {f"{column} (as a number)": (column, _NUMBER) for column in numbers_of(study)}
+        offered = groups | slopes
+        held = {self.column.itemText(at): self.column.itemData(at) for at in range(self.column.count())}
+        if offered != held:
             self.column.clear()
-            self.column.addItems(columns)
+            for words, data in offered.items():
+                self.column.addItem(words, data)
         self._offer_values()
 
     def _offer_values(self) -> None:
-        values = values_of(self._session.study, self.column.currentText())
+        slope, column = self.is_regression, ""
+        if self.column.count():
+            column, _ = self.column.currentData()
+        values = values_of(self._session.study, column)
         for index, box in enumerate((self.first, self.second)):
             if [box.itemText(at) for at in range(box.count())] != values:
                 box.clear()
                 box.addItems(values)
                 box.setCurrentIndex(min(index, len(values) - 1))
-        self.every.setVisible(len(values) > 2)
+        for widget in (*self._names[1:], self.first, self.second):
+            widget.setVisible(not slope)
+        self.slope.setVisible(slope)
+        self.every.setVisible(len(values) > 2 and not slope)
+        self._offer_covariates(column)
+
+    def _offer_covariates(self, column: str) -> None:
+        """Offer the other columns, and size; those that can't be used say why."""
+        kept = self.covariates
+        self._covariates.clear()
+        for name, problem in covariates_of(self._session.study, column).items():
+            one = QAction(name, self._covariates, checkable=True)
+            one.setEnabled(not problem)
+            one.setToolTip(problem or f"Take the effect of {name} out of the shapes before the test")
+            one.setChecked(name in kept and not problem)
+            one.toggled.connect(self._tell_covariates)
+            self._covariates.addAction(one)
+        self._name_covariates()
+
+    def _tell_covariates(self) -> None:
+        self._name_covariates()
+        self.edited.emit()
+
+    def _name_covariates(self) -> None:
+        chosen = [f"{one} of the shape" if one == SIZE else one for one in self.covariates]
+        self.allow.setText(f"Allow for {', '.join(chosen)}" if chosen else "Allow for covariates…")

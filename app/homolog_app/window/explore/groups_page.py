@@ -1,19 +1,20 @@
-"""What differs: two groups, tested, and the difference on the mean shape."""
+"""What differs: groups, or shapes along a number, tested, and the difference on the mean shape."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QSlider
+from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QSlider
 
 from homolog.progress import Tick, part_of
 from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
+from homolog_app.window.explore.chosen import GroupsView
 from homolog_app.window.explore.compare_box import CompareBox
 from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.group_form import GroupForm
 from homolog_app.window.explore.group_plot import GroupPlot
-from homolog_app.window.explore.group_views import GroupScene, group_scene
+from homolog_app.window.explore.group_views import group_scene
 from homolog_app.window.explore.group_words import number_rows
 from homolog_app.window.explore.numbers_table import NumbersTable
 from homolog_app.window.explore.page import ExplorePage
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["GroupsPage"]
 
 _MAPS = {"Mean difference": "difference", "Discriminant": "discriminant"}
-_LAYOUTS = {"The map": "map", "Means and the map": "means"}
+_LAYOUTS = {"The map": 1, "Both ends and the maps": 4}
 _WHOLE = 100
 
 
@@ -37,7 +38,7 @@ class GroupsPage(ExplorePage):
     """The question, its answer in words and numbers, and how the map is shown."""
 
     title = "Groups"
-    hint = "What differs between two groups, and whether to trust it."
+    hint = "What differs between groups, or changes with a number, and whether to trust it."
     plays = True
 
     def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
@@ -50,12 +51,13 @@ class GroupsPage(ExplorePage):
         for one in (self.verdict, self.words, self.cautions):
             one.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.numbers = NumbersTable()
-        self.map, self.views = choice("Map", _MAPS), choice("Views", _LAYOUTS)
+        self.map = choice("Map", _MAPS)
+        self.views: QComboBox = choice("Views", _LAYOUTS)
         self.significant = QCheckBox("Grey where not significant")
         self.arrows = QCheckBox("Arrows")
         self.way = QSlider(Qt.Orientation.Horizontal)
         self.way.setMaximum(_WHOLE)
-        self.way.setAccessibleName("From the first group's mean to the second's")
+        self.way.setAccessibleName("From the first group or value to the second")
         self.first, self.second = label(""), label("")
         self.player = Player(actions, lambda: fitted.draw_ms, {"": _WHOLE / 2.0})
         self.compare = CompareBox(actions, fitted)
@@ -130,10 +132,9 @@ class GroupsPage(ExplorePage):
         models = self.fitted.both
         if not models or not self.form.is_possible:
             return
-        cohort, form = self.desk.session.study, self.form
+        cohort, request = self.desk.session.study, self.form.request
 
         def answer(tick: Tick) -> "list[GroupAnswer]":
-            from homolog_app.report.request import StudyRequest
             from homolog_app.window.explore.group_answer import answer_groups
 
             share = 1.0 / len(models)
@@ -143,27 +144,31 @@ class GroupsPage(ExplorePage):
                     part_of(tick, index * share, (index + 1) * share),
                 )
                 for index, model in enumerate(models)
-                for request in [StudyRequest(column=column, between=between, scaling=scaling)]
             ]  # fmt: skip
 
-        column, between, scaling = form.column.currentText(), form.between, form.scaling.isChecked()
-        self.desk.work.compute("groups", answer, f"comparing {' and '.join(between)}", self._take)
+        words = " and ".join(request.between) or f"shapes along {request.column}"
+        self.desk.work.compute("groups", answer, f"comparing {words}", self._take)
 
     def shown(self, subjects: Sequence[Content]) -> Shown:
         """Return the map of the answer; the mean shape before there is one."""
+        view = self.chosen
+        return Shown(subjects) if view is None else group_scene(view, self.fitted.both, self.answers)
+
+    @property
+    def chosen(self) -> GroupsView | None:
+        """What the controls say, and the question that was answered; None until the model is fitted."""
         if self.fitted.shape is None:
-            return Shown(subjects)
-        return group_scene(
-            GroupScene(
-                models=self.fitted.both,
-                answers=self.answers,
-                map=self.map.currentData(),
-                means=self.views.currentData() == "means",
-                way=self.way.value() / _WHOLE,
-                only_significant=self.significant.isChecked(),
-                arrows=self.arrows.isChecked(),
-            )
-        )
+            return None
+        return GroupsView(
+            request=self.answers[0].study.request if self.answers else None, map=self.map.currentData(),
+            count=self.views.currentData() if self.answers else 1, way=self.way.value() / _WHOLE,
+            only_significant=self.significant.isChecked(), arrows=self.arrows.isChecked(),
+        )  # fmt: skip
+
+    @property
+    def layouts(self) -> tuple[int, ...] | None:
+        """Before there is an answer, one view."""
+        return (1,) if self.chosen is not None and not self.answers else super().layouts
 
     def _take(self, answers: "list[GroupAnswer]") -> None:
         self.answers = answers

@@ -1,7 +1,6 @@
 """Measures: distance of two particles, volume and surface area, along a mode and for each subject."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,14 +20,15 @@ from homolog.arrays import FloatArray
 from homolog.progress import Tick, part_of
 from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
+from homolog_app.window.explore.chosen import MeasureView
 from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.measure_plot import MeasurePlots
-from homolog_app.window.explore.model_content import Look, model_content
+from homolog_app.window.explore.measure_views import deviations_of, measured_scene
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.present import with_present_table
 from homolog_app.window.explore.subject_table import SORTED_BY, SubjectTable
 from homolog_app.window.quantities import signed
-from homolog_app.window.scene.content import Arrows, Content, Shown
+from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.widgets import GRID, button, choice, label, rule
 
 if TYPE_CHECKING:
@@ -41,7 +41,6 @@ __all__ = ["MeasurePage"]
 _REACH = 3.0
 _SAMPLES = 13
 _STEPS = 100
-_PIN = 0.12
 _HEADS = ("Subject", "Group", "mm", "ml", "cm²")
 
 
@@ -132,23 +131,26 @@ class MeasurePage(ExplorePage):
 
     def take_pick(self, pick: "Pick") -> None:
         """Set the first or the second particle to the nearest one, in turn."""
-        if self.fitted.shape is not None:
-            particles = self.fitted.shape.model.shape(self._deviations(self.fitted.shape))
+        view = self.chosen
+        if self.fitted.shape is not None and view is not None:
+            particles = self.fitted.shape.model.shape(deviations_of(view))
             nearest = int(np.square(particles - pick.place).sum(axis=1).argmin())
             self.particles[self._next].setValue(nearest)
             self._next = 1 - self._next
 
     def shown(self, subjects: Sequence[Content]) -> Shown:
         """Return the shape at the slider, with a line between the two particles."""
-        shape = self.fitted.shape
-        if shape is None:
-            return Shown(subjects)
-        deviations = self._deviations(shape)
-        local = shape.model.shape(deviations)
-        ends = local[[box.value() for box in self.particles]]
-        words = f"mode {self.mode.currentIndex() + 1}: {self.at.text()}"
-        content = model_content(shape, shape.title, words, shape.moved(deviations), Look())
-        return Shown([_with_pins(content, ends)], 1, None, {shape.title: local})
+        view, shape = self.chosen, self.fitted.shape
+        return Shown(subjects) if view is None or shape is None else measured_scene(view, shape)
+
+    @property
+    def chosen(self) -> MeasureView | None:
+        """What the controls say; None until the model is fitted."""
+        if self.fitted.shape is None:
+            return None
+        return MeasureView(
+            mode=max(0, self.mode.currentIndex()), at=self.place.value() / _STEPS, particles=self.pair
+        )
 
     def write(self, path: Path) -> None:
         """Write the table of the subjects; raises InputError if it can't be written."""
@@ -164,11 +166,6 @@ class MeasurePage(ExplorePage):
         """The two particles."""
         first, second = self.particles
         return first.value(), second.value()
-
-    def _deviations(self, shape: "ModelShape") -> FloatArray:
-        deviations = np.zeros(max(1, min(shape.modes, self.mode.currentIndex() + 1)))
-        deviations[-1] = self.place.value() / _STEPS
-        return deviations
 
     def _show_model(self) -> None:
         shape = self.fitted.shape
@@ -273,13 +270,3 @@ def _apart(shape: "ModelShape", mode: int, amount: float, pair: tuple[int, int])
         for one in pair
     ]
     return np.asarray(np.linalg.norm(ends[1] - ends[0]))
-
-
-def _with_pins(content: Content, ends: FloatArray) -> Content:
-    """Mark two places of a surface with pins from outside, and the straight way between them."""
-    assert content.groomed is not None
-    assert content.normals is not None
-    vertices = content.groomed.vertices
-    at = [int(np.square(vertices - end).sum(axis=1).argmin()) for end in ends]
-    pins = -_PIN * float(np.ptp(vertices, axis=0).max()) * np.asarray(content.normals, np.float64)[at]
-    return replace(content, arrows=Arrows(ends - pins, pins), lines=ends[None])

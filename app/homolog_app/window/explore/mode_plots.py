@@ -179,6 +179,8 @@ class ScatterPlot(Plot):
     def _paint_legend(self, painter: QPainter) -> None:
         metrics = painter.fontMetrics()
         x = self.frame.right()
+        if self._order == [""]:
+            return
         for index in reversed(range(len(self._order))):
             words = f"{self._order[index] or 'no group'} ({list(self._groups).count(self._order[index])})"
             x -= metrics.horizontalAdvance(words)
@@ -205,7 +207,7 @@ class ScatterPlot(Plot):
         """Name the subject under the pointer, or morph the shape."""
         if self._pressed is None:
             name = self._nearest(event.position())
-            QToolTip.showText(event.globalPosition().toPoint(), self._words(name) if name else "", self)
+            QToolTip.showText(event.globalPosition().toPoint(), self.words_of(name) if name else "", self)
             return
         way = event.position() - self._pressed
         if self._dragged or np.hypot(way.x(), way.y()) > _DRAG_PX:
@@ -233,9 +235,13 @@ class ScatterPlot(Plot):
         """Take the name away."""
         QToolTip.hideText()
 
-    def _words(self, name: str) -> str:
-        index = self._names.index(name)
-        x, y = self._points[index]
-        group = self._groups[index]
+    def point_of(self, name: str) -> tuple[float, float]:
+        """Return where a subject lies."""
+        x, y = self._points[self._names.index(name)]
+        return float(x), float(y)
+
+    def words_of(self, name: str) -> str:
+        """Return a subject's place in words."""
+        (x, y), group = self.point_of(name), self._groups[self._names.index(name)]
         place = signed(x) if self.y_ticks == [] else f"{signed(x)}, {signed(y)}"
         return f"{name}{f' ({group})' if group else ''}: {place} {self.unit}"

@@ -4,16 +4,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel
+from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel
 
 from homolog.arrays import FloatArray
 from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
+from homolog_app.window.explore.chosen import ModesView
 from homolog_app.window.explore.compare_box import CompareBox
 from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.mode_plots_dock import ModePlots
 from homolog_app.window.explore.mode_sliders import ModeSliders
-from homolog_app.window.explore.mode_views import ModeScene, mode_scene
+from homolog_app.window.explore.mode_views import mode_scene
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.player import Player
 from homolog_app.window.scene.content import Content, Shown
@@ -23,7 +24,9 @@ __all__ = ["ModesPage"]
 
 _MODEL = "Mean and modes"
 _RANGES = {"± 1 SD": 1.0, "± 2 SD": 2.0, "± 3 SD": 3.0}
-_LAYOUTS = {"The shape": "shape", "− mean + of two modes": "strips"}
+_LAYOUTS = {
+    "The shape": 1, "− and + of two modes": 4, "− mean + of three modes": 9, "Steps along four modes": 16,
+}  # fmt: skip
 
 
 class ModesPage(ExplorePage):
@@ -37,7 +40,8 @@ class ModesPage(ExplorePage):
         super().__init__(desk, actions, fitted)
         self.sliders = ModeSliders()
         self.player = Player(actions, lambda: fitted.draw_ms, _RANGES)
-        self.who, self.views = choice("Shape that is shown"), choice("Views", _LAYOUTS)
+        self.who = choice("Shape that is shown")
+        self.views: QComboBox = choice("Views", _LAYOUTS)
         self.colours = QCheckBox("Displacement colours")
         self.colours.setChecked(True)
         self.arrows = QCheckBox("Arrows")
@@ -105,20 +109,22 @@ class ModesPage(ExplorePage):
 
     def shown(self, subjects: Sequence[Content]) -> Shown:
         """Return the shape at the sliders, with what is chosen to be beside it."""
-        if self.fitted.shape is None:
+        view = self.chosen
+        if view is None:
             return Shown(subjects)
-        own = next((one for one in subjects if one.name == self._subject), None)
-        return mode_scene(
-            ModeScene(
-                models=self.fitted.both,
-                deviations=self.sliders.values,
-                strips=self.charts.axes if self.views.currentData() == "strips" else (),
-                reach=float(self.player.reach.currentData()),
-                subject=replace(own, raw=None, note="own surface") if own is not None else None,
-                colours=self.colours.isChecked(),
-                arrows=self.arrows.isChecked(),
-            )
-        )
+        own = next((one for one in subjects if one.name == view.subject), None)
+        return mode_scene(view, self.fitted.both, own and replace(own, raw=None, note="own surface"))
+
+    @property
+    def chosen(self) -> ModesView | None:
+        """What the controls say; None until the model is fitted."""
+        if self.fitted.shape is None:
+            return None
+        return ModesView(
+            count=self.views.currentData(), deviations=tuple(self.sliders.values.tolist()),
+            axes=tuple(self.charts.axes), reach=self.player.reach.currentData(), subject=self._subject,
+            colours=self.colours.isChecked(), arrows=self.arrows.isChecked(),
+        )  # fmt: skip
 
     @property
     def _subject(self) -> str:
@@ -157,7 +163,7 @@ class ModesPage(ExplorePage):
         values = self.sliders.values
         at = [float(values[mode]) if mode < len(values) else 0.0 for mode in (first, second)]
         self.charts.scatter.show_cursor(at[0], at[1])
-        if self.views.currentData() == "shape":  # the rows of modes don't depend on the sliders
+        if self.views.currentData() == 1:  # the rows of modes don't depend on the sliders
             self.shown_changed.emit()
 
     def _morph(self, x: float, y: float) -> None:

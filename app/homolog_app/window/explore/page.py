@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QComboBox, QWidget
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
+from homolog_app.window.explore.chosen import View
 from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.widgets import Panel
@@ -33,6 +34,8 @@ class ExplorePage(Panel):
         Whether the page plays something, so that the space bar does.
     plots : QWidget or None
         What the dock below the views shows while the page is open.
+    views : QComboBox or None
+        What the views show of the model, each with its number of views; None if the page shows subjects.
     """
 
     title = ""
@@ -45,6 +48,28 @@ class ExplorePage(Panel):
         super().__init__(self.title, self.hint)
         self.desk, self.actions_, self.fitted = desk, actions, fitted
         self.plots: QWidget | None = None
+        self.views: QComboBox | None = None
+
+    @property
+    def chosen(self) -> View | None:
+        """What is chosen to be seen; None while the page shows the subjects as they are."""
+        return None
+
+    @property
+    def layouts(self) -> tuple[int, ...] | None:
+        """Numbers of views that can be chosen, the present one first; None if subjects are paged through."""
+        if self.chosen is None:
+            return None
+        if self.views is None:
+            return (1,)
+        counts = [self.views.itemData(index) for index in range(self.views.count())]
+        return (self.views.currentData(), *counts)
+
+    def choose_layout(self, count: int) -> None:
+        """Show so many views, which `layouts` names."""
+        if self.views is not None:
+            self.views.setCurrentIndex(self.views.findData(count))
+            self.shown_changed.emit()
 
     def shown(self, subjects: Sequence[Content]) -> Shown:
         """Return what the views show.

@@ -13,10 +13,10 @@ from homolog_app.window.scene.colours import colours_by_place
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scheme import Colours, rgb
 
-__all__ = ["LAYOUTS", "Grid"]
+__all__ = ["MOST", "Grid"]
 
-LAYOUTS = (1, 4, 9, 16)
-"""Numbers of views that the user can choose."""
+MOST = 16
+"""Views that there can be."""
 
 _GAP = 0.0015
 

@@ -15,7 +15,7 @@ from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
 from homolog_app.window.scene.canvas import Canvas
 from homolog_app.window.scene.colour_scale_picture import scale_picture
 from homolog_app.window.scene.content import Shown
-from homolog_app.window.scene.grid import LAYOUTS, Grid
+from homolog_app.window.scene.grid import MOST, Grid
 from homolog_app.window.scheme import DARK, LIGHT
 
 __all__ = ["SMOOTH", "drawn"]
@@ -55,7 +55,7 @@ def drawn(shown: Shown, canvas: Canvas, scale: int = 1, *, transparent: bool = F
     window.SetAlphaBitPlanes(True)
     window.SetNumberOfLayers(1)
     window.SetSize(round(canvas.width * ratio), round(canvas.height * ratio))
-    grid = Grid(window, [vtkRenderer() for _ in range(LAYOUTS[-1])])
+    grid = Grid(window, [vtkRenderer() for _ in range(MOST)])
     grid.ratio, grid.layout = ratio, canvas.layout
     grid.raw, grid.groomed, grid.balls = canvas.raw, canvas.groomed, canvas.particles
     grid.opacity = canvas.opacity

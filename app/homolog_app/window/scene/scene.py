@@ -12,7 +12,7 @@ from homolog.arrays import Array, FloatArray
 from homolog_app.window.scene.canvas import CameraState, Canvas
 from homolog_app.window.scene.colour_bar import ColourBar
 from homolog_app.window.scene.content import Content, Shown
-from homolog_app.window.scene.grid import LAYOUTS, Grid
+from homolog_app.window.scene.grid import MOST, Grid
 from homolog_app.window.scene.interactor import Interactor
 from homolog_app.window.scene.offscreen import drawn
 from homolog_app.window.scene.picking import Picker, aim
@@ -22,7 +22,6 @@ __all__ = ["Scene"]
 
 _SLOW_MS = 40.0
 _LIVE_MS = (30.0, 55.0)
-_MOST_CELLS = LAYOUTS[-1]
 _REFINE_MS = 400
 _CLOSE_UP = 0.6
 
@@ -55,7 +54,7 @@ class Scene(QWidget):
         self._shown = Shown(())
         self._colours = LIGHT
         self._told = (-1, 0, 0)
-        self._share, self._turn, self._partial = _MOST_CELLS, 0, False
+        self._share, self._turn, self._partial = MOST, 0, False
         self._size: object = None
         self._fitted = False
         self._refine = QTimer(self, interval=_REFINE_MS, singleShot=True)
@@ -245,7 +244,7 @@ class Scene(QWidget):
         if spent > _LIVE_MS[1]:
             self._share = max(1, min(self._share, count) * 2 // 3)
         elif spent < _LIVE_MS[0]:
-            self._share = min(_MOST_CELLS, self._share + 1)
+            self._share = min(MOST, self._share + 1)
         share = min(self._share, count)
         chosen = {(self._turn + step) % count for step in range(share)}
         self._turn = (self._turn + share) % count

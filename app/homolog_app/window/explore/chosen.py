@@ -1,0 +1,131 @@
+"""What the user chose to see on each page, as a value that window and command line draw from."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from homolog_app.report.request import StudyRequest
+from homolog_app.window.scene.canvas import Canvas
+
+__all__ = ["CheckView", "GroupsView", "MeasureView", "ModesView", "Snapshot", "SubjectsView", "View"]
+
+
+class _View(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class SubjectsView(_View):
+    """The subjects, with their particles at a stored moment of the run; at its end if none is named."""
+
+    page: Literal["subjects"] = "subjects"
+    moment: int | None = None
+
+
+class ModesView(_View):
+    """Shapes along modes.
+
+    Attributes
+    ----------
+    count : int
+        1 shows the shape at the deviations; 4, 9 and 16 show steps along modes, a row each.
+    deviations : tuple of float
+        Of the first modes [SD].
+    axes : tuple of int
+        Modes whose rows come first, from 0.
+    reach : float
+        Standard deviations at the ends of rows.
+    subject : str
+        Whose own surface stands beside the shape; nobody's if empty.
+    colours, arrows : bool
+        Whether displacement is shown so.
+    """
+
+    page: Literal["modes"] = "modes"
+    count: Literal[1, 4, 9, 16] = 1
+    deviations: tuple[float, ...] = ()
+    axes: tuple[int, ...] = (0, 1)
+    reach: float = 2.0
+    subject: str = ""
+    colours: bool = True
+    arrows: bool = False
+
+
+class GroupsView(_View):
+    """The answer to a question.
+
+    Attributes
+    ----------
+    request : StudyRequest or None
+        The question; the mean shape is shown without one.
+    map : str
+    count : int
+        1 shows the map, 4 what it goes from and to as well.
+    way : float
+        Place of the shape, 0 at the first group or value and 1 at the second.
+    only_significant, arrows : bool
+        Whether what is not significant is greyed, and whether arrows are drawn.
+    """
+
+    page: Literal["groups"] = "groups"
+    request: StudyRequest | None = None
+    map: Literal["difference", "discriminant"] = "difference"
+    count: Literal[1, 4] = 1
+    way: float = 0.0
+    only_significant: bool = False
+    arrows: bool = False
+
+
+class MeasureView(_View):
+    """A shape along one mode (from 0) at so many SD, and two particles on it."""
+
+    page: Literal["measure"] = "measure"
+    mode: int = 0
+    at: float = 0.0
+    particles: tuple[int, int] = (0, 0)
+
+
+class CheckView(_View):
+    """The subjects while correspondence is checked.
+
+    Attributes
+    ----------
+    show : str
+        As in `check_shown.Marks`, with ``"checkerboard"`` and ``"stripes"`` for textures.
+    particle : int or None
+        The chosen one.
+    subject : str
+        Where `others` are ringed.
+    others : tuple of int
+    place : (x, y, z) or None
+        Where distances are from [mm], if not from the particle.
+    """
+
+    page: Literal["check"] = "check"
+    show: str = "places"
+    particle: int | None = None
+    subject: str = ""
+    others: tuple[int, ...] = ()
+    place: tuple[float, float, float] | None = None
+
+
+View = Annotated[SubjectsView | ModesView | GroupsView | MeasureView | CheckView, Field(discriminator="page")]
+
+
+class Snapshot(_View):
+    """All that a picture of the views takes, besides the project.
+
+    Attributes
+    ----------
+    view : View
+    canvas : Canvas
+    title : str
+        Of the study, where it is named.
+    beside : Path or None
+        The project that is compared with it.
+    """
+
+    view: View
+    canvas: Canvas = Canvas()
+    title: str = ""
+    beside: Path | None = None

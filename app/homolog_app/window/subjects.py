@@ -1,0 +1,61 @@
+"""Subjects as the views show them: their own surfaces, in common coordinates. Knows no Qt."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from homolog.arrays import FloatArray
+from homolog.cohort import Subject
+from homolog.settings import GroomSettings
+from homolog_app.window.loaded import Loaded
+from homolog_app.window.scene.content import Content
+
+if TYPE_CHECKING:
+    from homolog.grooming import GroomedSubject
+    from homolog_app.window.survey import Survey
+
+__all__ = ["Groomed", "subject_contents"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Groomed:
+    """A groomed subject, its (4, 4) alignment to the cohort, and the settings it was groomed with."""
+
+    subject: "GroomedSubject"
+    alignment: FloatArray
+    settings: GroomSettings
+
+
+def subject_contents(
+    subjects: Sequence[Subject],
+    surveys: "Mapping[str, Survey]",
+    groomed: Mapping[str, Groomed],
+    result: Loaded | None,
+) -> list[Content]:
+    """Return what can be seen of each subject.
+
+    A result shows its own surfaces; before there is one, the groomed surfaces where they are, the input
+    elsewhere. Subjects without an alignment are shown about their own centre.
+    """
+    alignments = dict(zip(result.result.names, result.result.alignments, strict=True)) if result else {}
+    contents = []
+    for subject in subjects:
+        survey, smooth = surveys.get(subject.name), groomed.get(subject.name)
+        raw = survey.surface if survey else None
+        fine, coarse = (smooth.subject.mesh, smooth.subject.coarse_mesh) if smooth else (None, None)
+        alignment = smooth.alignment if smooth else None
+        if result is not None and subject.name in alignments:
+            fine, coarse = result.surfaces[subject.name]
+            alignment = alignments[subject.name]
+        if alignment is None:
+            alignment = np.eye(4)
+            if raw is not None:
+                alignment[:3, 3] = -raw.vertices.mean(axis=0)
+        notes = [subject.group or ""]
+        if fine is None and survey is not None and survey.every > 1:
+            notes.append(f"every {survey.every}. voxel")
+        note = " · ".join(one for one in notes if one)
+        contents.append(Content(subject.name, raw, fine, coarse, alignment, note))
+    return contents
