@@ -29,7 +29,8 @@ MESH_SUFFIXES = (".vtp", ".vtk", ".ply", ".stl", ".obj")
 MANIFEST = "cohort.csv"
 _OWN_COLUMNS = ("name", "path", "group", "landmarks")
 _MARKUPS = ".mrk.json"
-_SEG_CLASS = b"1.2.840.10008.5.1.4.1.1.66.4"
+_SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7")
+"""Of segments that may overlap, and of label maps."""
 _LONGEST_PATH, _LONGEST_PART = 4000, 255  # characters; bytes between two slashes
 _BAD_IN_NAMES = set('/\\:*?"<>|') | {chr(code) for code in range(32)}
 
@@ -148,7 +149,7 @@ def dicom_files(folder: Path) -> list[Path]:
 
 def is_dicom_seg(path: Path) -> bool:
     """Return whether a DICOM file is a segmentation object."""
-    return _SEG_CLASS in _beginning(path)
+    return any(one in _beginning(path) for one in _SEG_CLASSES)
 
 
 def _beginning(path: Path) -> bytes:

@@ -1,7 +1,10 @@
 """DICOM: segmentation objects (SEG) through highdicom, label maps as a series of slices through SimpleITK."""
 
+import io
 import os
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
 from typing import Any, overload
 
@@ -67,21 +70,21 @@ class _Layers(Sequence[Array]):
         return self._last[1]
 
 
-class _faults:
-    """Turn what highdicom and pydicom say of a bad file into an InputError."""
+@contextmanager
+def _faults(path: Path) -> Iterator[None]:
+    """Turn what highdicom and pydicom say of a bad file into an InputError, and hear nothing else of them.
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:  # noqa: ANN401
-        if isinstance(error, Exception) and not isinstance(error, InputError):
+    They write file names and values of the header, which may be a patient's, to the standard error.
+    """
+    with redirect_stderr(io.StringIO()), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as error:  # what they raise on bad files is no short list
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise InputError(
-                f"{self._path}: can't be read as DICOM SEG; export it again ({reason})"
-            ) from error
+            raise InputError(f"{path}: can't be read as DICOM SEG; export it again ({reason})") from error
 
 
 def _read_seg(path: Path) -> Volume:
@@ -91,6 +94,8 @@ def _read_seg(path: Path) -> Volume:
         raise InputError(f"{path}: {_EXTRA}") from error
     with _faults(path):
         seg = segread(os.fspath(path), lazy_frame_retrieval=True)
+        if len(seg.PerFrameFunctionalGroupsSequence) != seg.NumberOfFrames:
+            raise InputError(f"{path}: describes more or fewer frames than it holds; export it again")
         numbers = [int(one) for one in seg.segment_numbers]
         names = [str(seg.get_segment_description(one).segment_label) for one in numbers]
         geometry = seg.get_volume_geometry(allow_missing_positions=True)

@@ -51,8 +51,8 @@ def write_series(folder, blocks, uid):
 
 
 @pytest.fixture
-def seg(series, blocks, tmp_path):
-    """Return a DICOM SEG of two overlapping segments over the series."""
+def make_seg(series, tmp_path):
+    """Return a function that writes a DICOM SEG over the series: masks (K, J, I[, 2]), type, what else."""
     import highdicom as hd
     import pydicom
     from pydicom.sr.codedict import codes
@@ -62,9 +62,8 @@ def seg(series, blocks, tmp_path):
         one.FrameOfReferenceUID, one.PatientID, one.StudyID = "1.2.9", "p", "s"
         for name in ("PatientBirthDate", "PatientSex", "StudyDate", "StudyTime", "AccessionNumber"):
             setattr(one, name, "")
-        one.ReferringPhysicianName, one.SliceThickness = "", 3.0
+        one.ReferringPhysicianName, one.SliceThickness, one.PixelSpacing = "", 3.0, [2.0, 1.5]
     sources.sort(key=lambda one: int(one.InstanceNumber))
-    masks = np.stack([blocks == 1, blocks > 0], axis=-1).astype(np.uint8).transpose(2, 1, 0, 3)
     descriptions = [
         hd.seg.SegmentDescription(
             segment_number=number, segment_label=name, algorithm_type="MANUAL",
@@ -72,13 +71,36 @@ def seg(series, blocks, tmp_path):
         )
         for number, name in enumerate(("heart", "both"), start=1)
     ]  # fmt: skip
-    made = hd.seg.Segmentation(
-        sources, masks, "BINARY", descriptions, "1.2.5", 1, "1.2.5.1", 1, "maker", "model", "1", "1"
-    )
-    path = tmp_path / "seg" / "a.dcm"
-    path.parent.mkdir()
-    made.save_as(path)
-    return path
+
+    def make(masks, kind="BINARY", edit=None, **how):
+        made = hd.seg.Segmentation(
+            sources, masks, kind, descriptions, "1.2.5", 1, "1.2.5.1", 1, "maker", "model", "1", "1", **how
+        )
+        path = tmp_path / "seg" / "a.dcm"
+        path.parent.mkdir(exist_ok=True)
+        made.save_as(path)
+        if edit is not None:
+            content = pydicom.dcmread(path)
+            edit(content)
+            pydicom.dcmwrite(path, content, force_encoding=True, **encoding(content))
+        return path
+
+    return make
+
+
+def encoding(content):
+    uid = content.file_meta.TransferSyntaxUID
+    return {"implicit_vr": uid.is_implicit_VR, "little_endian": uid.is_little_endian}
+
+
+def overlapping(blocks):
+    return np.stack([blocks == 1, blocks > 0], axis=-1).astype(np.uint8).transpose(2, 1, 0, 3)
+
+
+@pytest.fixture
+def seg(make_seg, blocks):
+    """Return a DICOM SEG of two overlapping segments over the series."""
+    return make_seg(overlapping(blocks))
 
 
 def test_a_series_is_stacked_by_where_its_slices_lie(series, blocks, points):
@@ -141,3 +163,96 @@ def test_without_the_package_the_extra_is_named(seg, monkeypatch):
     monkeypatch.setitem(sys.modules, "highdicom.seg", None)
     with pytest.raises(InputError, match=r'pip install "homolog\[dicom\]"'):
         read_segmentation(seg, None, "heart")
+
+
+RLE, BIG, DEFLATED = (
+    "1.2.840.10008.1.2.5", "1.2.840.10008.1.2.2", "1.2.840.10008.1.2.1.99"
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("kind", "how"),
+    [
+        ("BINARY", {"omit_empty_frames": False}),
+        ("BINARY", {"transfer_syntax_uid": "1.2.840.10008.1.2"}),
+        ("FRACTIONAL", {}),
+        ("FRACTIONAL", {"transfer_syntax_uid": RLE}),
+        ("LABELMAP", {}),
+        ("LABELMAP", {"transfer_syntax_uid": RLE}),
+        ("LABELMAP", {"dimension_organization_type": "3D"}),
+    ],
+)
+def test_every_type_of_segmentation_object_is_read(make_seg, blocks, points, kind, how):
+    labels = blocks.transpose(2, 1, 0) if kind == "LABELMAP" else overlapping(blocks)
+    path = make_seg(labels.astype(float) if kind == "FRACTIONAL" else labels, kind, **how)
+    second = 2 if kind == "LABELMAP" else None
+    assert [one.name for one in read_cohort(path.parent).subjects] == ["a"]
+    assert np.allclose(points(read_segmentation(path, None, "heart")), expected(blocks, 1), atol=1e-4)
+    assert np.allclose(points(read_segmentation(path, None, "both")), expected(blocks, second), atol=1e-4)
+
+
+def test_probabilities_are_no_segmentation(make_seg, blocks):
+    with pytest.raises(InputError, match="holds fractions, so it is no label map; threshold it first"):
+        read_segmentation(make_seg(0.8 * overlapping(blocks), "FRACTIONAL"), None, "heart")
+
+
+def shared(content):
+    return content.SharedFunctionalGroupsSequence[0]
+
+
+def frames(content):
+    return content.PerFrameFunctionalGroupsSequence
+
+
+def turn_per_frame(content):
+    for one in frames(content):
+        one.PlaneOrientationSequence = shared(content).PlaneOrientationSequence
+    del shared(content).PlaneOrientationSequence
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda content: delattr(content, "PatientName"),
+        lambda content: delattr(content, "DimensionOrganizationSequence"),
+        lambda content: delattr(content, "ReferencedSeriesSequence"),
+        lambda content: delattr(content, "SegmentsOverlap"),
+        lambda content: delattr(shared(content).PixelMeasuresSequence[0], "SpacingBetweenSlices"),
+        turn_per_frame,
+        lambda content: [delattr(one, "DerivationImageSequence") for one in frames(content)],
+    ],
+)
+def test_what_may_be_missing_is_not_missed(make_seg, blocks, points, edit):
+    found = read_segmentation(make_seg(overlapping(blocks), edit=edit), None, "both")
+    assert np.allclose(points(found), expected(blocks), atol=1e-4)
+
+
+def place(frame):
+    return frame.PlanePositionSequence[0]
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda content: delattr(content, "FrameOfReferenceUID"),
+        lambda content: delattr(content, "SegmentSequence"),
+        lambda content: delattr(content, "Rows"),
+        lambda content: setattr(content, "Rows", 60000),
+        lambda content: setattr(content, "NumberOfFrames", 3),
+        lambda content: setattr(content, "NumberOfFrames", 100_000),
+        lambda content: setattr(shared(content).PixelMeasuresSequence[0], "PixelSpacing", [0, 1]),
+        lambda content: setattr(shared(content).PixelMeasuresSequence[0], "SpacingBetweenSlices", 9.0),
+        lambda content: delattr(shared(content), "PlaneOrientationSequence"),
+        lambda content: [delattr(one, "PlanePositionSequence") for one in frames(content)],
+        lambda content: [delattr(one, "SegmentIdentificationSequence") for one in frames(content)],
+        lambda content: setattr(place(frames(content)[2]), "ImagePositionPatient", [1, 2, 3]),
+        lambda content: setattr(content.file_meta, "TransferSyntaxUID", DEFLATED),
+        lambda content: setattr(content.file_meta, "TransferSyntaxUID", BIG),
+    ],
+)
+def test_what_contradicts_itself_is_refused_and_nothing_of_the_header_is_said(make_seg, blocks, edit, capfd):
+    path = make_seg(overlapping(blocks), edit=edit)
+    with pytest.raises(InputError, match=r"a\.dcm: .*export it again") as refused:
+        read_segmentation(path, None, "both")
+    assert "Jane" not in str(refused.value)
+    assert "".join(capfd.readouterr()) == ""
