@@ -12,7 +12,8 @@ from typing import Any
 __all__ = ["add_parser", "run"]
 
 _MODULES = {
-    "film": "export_film", "still": "export_still", "plot": "export_plot", "meshes": "export_meshes",
+    "film": "export_film", "still": "export_still",
+    "screenshot": "export_screenshot", "plot": "export_plot", "meshes": "export_meshes",
     "cohort": "export_cohort", "table": "export_table", "measures": "export_measures",
     "particles": "export_points", "markups": "export_points", "shapeworks": "export_points",
     "report": "report",

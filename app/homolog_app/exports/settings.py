@@ -14,6 +14,7 @@ __all__ = [
     "ParticleSettings",
     "Plot",
     "PlotSettings",
+    "ScreenshotSettings",
     "TableSettings",
 ]
 
@@ -116,3 +117,10 @@ class ParticleSettings(_Settings):
         Coordinates,
         Field(description="world: aligned, as the statistics use them; local: those of the input files."),
     ] = Coordinates.WORLD
+
+
+class ScreenshotSettings(_Settings):
+    """Screenshot."""
+
+    scale: Annotated[int, Field(ge=1, le=4, description="How many times as large as on the screen.")] = 2
+    transparent: Annotated[bool, Field(description="No background.")] = False

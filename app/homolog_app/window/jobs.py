@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort, Subject
-from homolog.errors import Cancelled
+from homolog.errors import Cancelled, InputError
+from homolog.files.names import file_stems
 from homolog.files.project import Project
 from homolog.progress import Tick, part_of
 from homolog.settings import GroomSettings, RunSettings
@@ -22,7 +23,16 @@ if TYPE_CHECKING:
     from homolog.run import RunStatus
     from homolog_app.window.survey import Survey
 
-__all__ = ["Devices", "RunJob", "groom", "import_model", "make_sample", "prepare", "read_files"]
+__all__ = [
+    "Devices",
+    "RunJob",
+    "groom",
+    "groomed_before",
+    "import_model",
+    "make_sample",
+    "prepare",
+    "read_files",
+]
 
 _SAMPLE_SEED = 5
 _SAMPLE_COMPLETE = ".complete"
@@ -104,6 +114,30 @@ def groom(
         )
     tick(0.9, "aligning")
     return groomed, align(groomed, settings.groom)
+
+
+def groomed_before(
+    cohort: Cohort, settings: RunSettings, project: Project, tick: Tick
+) -> "tuple[list[GroomedSubject], FloatArray] | None":
+    """Return what a project keeps of its grooming, aligned; None unless each subject is kept as it is now."""
+    from homolog.grooming import align
+    from homolog.grooming.cache import content_key, load_groomed
+    from homolog.grooming.subject import read_source
+
+    found = []
+    for number, subject in enumerate(cohort.subjects):
+        tick(number / len(cohort.subjects), f"looking for {subject.name}")
+        if not (project.groomed / f"{file_stems([subject.name])[0]}.npz").is_file():
+            return None
+        try:
+            key = content_key(read_source(subject, settings.groom), settings.groom)
+        except InputError:
+            return None  # said where files are read
+        kept = load_groomed(project.groomed, subject.name, key)
+        if kept is None:
+            return None
+        found.append(kept)
+    return (found, align(found, settings.groom, tick)) if found else None
 
 
 class RunJob:

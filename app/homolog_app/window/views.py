@@ -11,11 +11,11 @@ from PySide6.QtWidgets import QApplication
 from homolog.arrays import FloatArray
 from homolog.correspondence.types import Frame
 from homolog_app.window.availability import LAYOUTS
+from homolog_app.window.explore.chosen import Snapshot, SubjectsView
 from homolog_app.window.loaded import Loaded
 from homolog_app.window.scene.cameras import VIEWS
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.picking import Pick
-from homolog_app.window.screenshot import save_picture
 from homolog_app.window.subjects import Groomed, subject_contents
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class Views(QObject):
             "view.link": lambda: scene.set_linked(commands["view.link"].isChecked()),
             "view.reset": scene.fit,
             "view.slice": self.refresh,
-            "view.screenshot": lambda: save_picture(self._window, scene),
+            "view.screenshot": self.save_picture,
             "view.copy": lambda: QApplication.clipboard().setImage(scene.picture()),
             "run.play": self.play_or_stop,
         }
@@ -101,6 +101,24 @@ class Views(QObject):
         """Numbers of views that can be chosen now."""
         page = self._page
         return LAYOUTS if page is None else page.layouts or LAYOUTS
+
+    @property
+    def snapshot(self) -> Snapshot | None:
+        """What is seen, in words that a picture can be drawn from again; None while a run goes on."""
+        if self._work.run_job is not None:
+            return None
+        page, time = self._page, self.stage.footer.time
+        moment = time.value() if time.value() < time.maximum() else None
+        view = (page.chosen if page is not None else None) or SubjectsView(moment=moment)
+        return Snapshot(
+            view=view, canvas=self.stage.scene.canvas, title=self._session.title,
+            beside=self._explore.fitted.beside if self.shows_model else None,
+        )  # fmt: skip
+
+    def save_picture(self) -> None:
+        """Ask how and where, and save a picture of the views."""
+        scene, snapshot = self.stage.scene, self.snapshot
+        self._window.exporting.open_screenshot(snapshot.words if snapshot else "", scene.pixels)
 
     def choose_layout(self, count: int) -> None:
         """Show so many subjects a page, or so many shapes of the model."""

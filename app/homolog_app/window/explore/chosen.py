@@ -1,5 +1,6 @@
 """What the user chose to see on each page, as a value that window and command line draw from."""
 
+import json
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -129,3 +130,10 @@ class Snapshot(_View):
     canvas: Canvas = Canvas()
     title: str = ""
     beside: Path | None = None
+
+    @property
+    def words(self) -> str:
+        """The JSON that it can be read from again, without what is as usual."""
+        told = self.model_dump(mode="json", exclude_defaults=True)
+        told["view"] = {"page": self.view.page, **told["view"]}
+        return json.dumps(told, ensure_ascii=False, separators=(",", ":"))

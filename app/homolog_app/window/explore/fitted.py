@@ -30,6 +30,7 @@ class Fitted(QObject):
         self._of: Loaded | None = None
         self._shape: ModelShape | None = None
         self._other: ModelShape | None = None
+        self._folder: Path | None = None
         self.draw_ms = 0.0
         """How long the views take to draw [ms]; what plays rests accordingly."""
         desk.session.facts_changed.connect(self._look)
@@ -44,6 +45,11 @@ class Fitted(QObject):
     def other(self) -> "ModelShape | None":
         """The model of another project that it is compared with."""
         return self._other if self.shape is not None else None
+
+    @property
+    def beside(self) -> Path | None:
+        """The folder of that project."""
+        return self._folder if self.other is not None else None
 
     @property
     def both(self) -> "tuple[ModelShape, ...]":
@@ -73,7 +79,11 @@ class Fitted(QObject):
             other = read_model_shape(folder.name, project, tick)
             return other if shape is None else facing(other, shape)
 
-        self._desk.work.compute("compare", read, f"reading {folder.name}", self._take_other)
+        def take(other: "ModelShape") -> None:
+            self._folder = folder
+            self._take_other(other)
+
+        self._desk.work.compute("compare", read, f"reading {folder.name}", take)
 
     def compare_no_more(self) -> None:
         """Show the open result alone again."""

@@ -98,10 +98,13 @@ class ExportDialog(QDialog):
 
     def arguments(self) -> list[str]:
         """Return the words after ``homolog``."""
-        content = self.chooser.arguments() if self.chooser else []
         settings = options_of(self.settings) if self.settings else []
         place = [f"--out={self.out}"] if self.out else []
-        return ["export", self.kind.name, str(self._what.project), *content, *settings, *place]
+        return ["export", self.kind.name, str(self._what.project), *self.content(), *settings, *place]
+
+    def content(self) -> list[str]:
+        """Return what is chosen to be shown as options of the command line."""
+        return self.chooser.arguments() if self.chooser else []
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """End what goes on, then close."""

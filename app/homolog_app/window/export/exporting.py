@@ -14,6 +14,9 @@ from homolog_app.window.export.kinds import KINDS
 from homolog_app.window.study_files import ViewRecord, save_project
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from homolog_app.window.export.dialog import Exported
 
 __all__ = ["Exporting"]
@@ -39,6 +42,21 @@ class Exporting(Part):
             dialog.finished_export.connect(lambda _: self._hold_again(folder))
         dialog.show()
 
+    @reported
+    def open_screenshot(self, view: str, draw: "Callable[[int, bool], NDArray[np.uint8]]") -> None:
+        """Open the dialog for a picture of the views.
+
+        Parameters
+        ----------
+        view : str
+            What they show, for the command line; empty if no command can show it again.
+        draw : callable
+            Takes scale and whether there is no background, returns the pixels.
+        """
+        from homolog_app.window.export.screenshot import ScreenshotDialog
+
+        ScreenshotDialog(self._window, self._exported(), view, draw).show()
+
     def close(self) -> None:
         """Close the dialogs and end what they export."""
         from homolog_app.window.export.dialog import ExportDialog
@@ -52,16 +70,14 @@ class Exporting(Part):
             self._desk.hold(folder)
 
     def _exported(self) -> "Exported":
-        from homolog_app.report.study import column_of
         from homolog_app.window.export.dialog import Exported
 
         session, project = self._desk.session, self._desk.project
-        assert session.result is not None, "the commands need a result"
-        result = with_present_table(session.result.result, session.study)
-        columns = list(dict.fromkeys(name for one in result.columns for name in one))
+        columns, modes = self._columns(), len(session.study.included) - 1
         explore = self._window.inspector.explore
         shape = explore.fitted.shape
-        modes = shape.modes if shape else len(result.names) - 1
+        if session.result is not None:
+            modes = shape.modes if shape else len(session.result.result.names) - 1
         (stem,) = file_stems([session.title])
         return Exported(
             project=project.folder,
@@ -69,9 +85,20 @@ class Exporting(Part):
             folder=project.folder.parent if session.folder else Path.home(),
             modes=modes,
             mode=min(explore.page_of(ModesPage).sliders.chosen + 1, modes),
-            columns={name: column_of(result, name) for name in ("group", *columns)},
+            columns=columns,
             caution=self._caution(),
         )
+
+    def _columns(self) -> dict[str, list[str]]:
+        """Return the columns of the result's subjects, as the table has them now."""
+        from homolog_app.report.study import column_of
+
+        session = self._desk.session
+        if session.result is None:
+            return {}
+        result = with_present_table(session.result.result, session.study)
+        names = dict.fromkeys(name for one in result.columns for name in one)
+        return {name: column_of(result, name) for name in ("group", *names)}
 
     def _caution(self) -> str:
         """Put the table into a draft, which is the window's own, and say what else is not in the folder."""

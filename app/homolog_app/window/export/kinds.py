@@ -4,10 +4,16 @@ from dataclasses import dataclass
 
 from pydantic import BaseModel
 
-from homolog_app.exports.settings import MeshSettings, ParticleSettings, PlotSettings, TableSettings
+from homolog_app.exports.settings import (
+    MeshSettings,
+    ParticleSettings,
+    PlotSettings,
+    ScreenshotSettings,
+    TableSettings,
+)
 from homolog_app.films.settings import FilmSettings, StillSettings
 
-__all__ = ["KINDS", "ExportKind"]
+__all__ = ["KINDS", "SCREENSHOT", "ExportKind"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +49,16 @@ class ExportKind:
     content: str = ""
     place: bool = True
 
+
+SCREENSHOT = ExportKind(
+    "screenshot",
+    "Screenshot",
+    "The views as they are now, with what colours mean.",
+    ScreenshotSettings,
+    ("scale", "transparent"),
+    (".png",),
+)
+"""The picture of the views, which the window draws itself."""
 
 KINDS = {
     one.name: one

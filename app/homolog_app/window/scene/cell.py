@@ -207,8 +207,9 @@ class Cell:
 
     @property
     def bounds(self) -> tuple[float, ...] | None:
-        """Extent of the surfaces [mm], whether shown or not; None if there are none."""
-        boxes = [mesh.GetBounds() for mesh in self._meshes.values()]
+        """Extent of the surfaces [mm], of the input's only where it is shown; None if there are none."""
+        raw = self._surfaces["raw"].GetVisibility() or len(self._meshes) == 1
+        boxes = [mesh.GetBounds() for name, mesh in self._meshes.items() if raw or name != "raw"]
         if not boxes:
             return None
         return tuple(pick(box[at] for box in boxes) for at, pick in enumerate((min, max) * 3))

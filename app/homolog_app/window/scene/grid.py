@@ -107,11 +107,11 @@ class Grid:
 
     def refresh(self) -> None:
         """Show surfaces, particles and words as they are to be seen now."""
-        self.radius = self._ball_radius(len(next(iter(self.particles.values()), ())))
         size = {1: 16, 4: 15, 9: 13}.get(self.count, 12) * self.ratio
         for cell in self.cells[: self.count]:
             cell.show(self.raw, self.groomed, self.quick, self.opacity)
             cell.show_words(round(size), small=self.count > 4)
+        self.radius = self._ball_radius(len(next(iter(self.particles.values()), ())))
         self.refresh_particles(range(self.count))
 
     def refresh_particles(self, chosen: Collection[int]) -> None:

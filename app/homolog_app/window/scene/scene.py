@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QVBoxLayout, QWidget
@@ -209,11 +210,15 @@ class Scene(QWidget):
 
     def picture(self, scale: int = 1, *, transparent: bool = False) -> QImage:
         """Return what is shown, up to four times as large."""
-        grid = self._grid
-        shown = Shown(grid.contents, grid.columns or None, self._shown.scale, grid.particles, grid.tints)
-        pixels = np.ascontiguousarray(drawn(shown, self.canvas, scale, transparent=transparent))
+        pixels = np.ascontiguousarray(self.pixels(scale, transparent))
         height, width, _ = pixels.shape
         return QImage(pixels.tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888).copy()
+
+    def pixels(self, scale: int, transparent: bool) -> NDArray[np.uint8]:
+        """Return what is shown as an array (height, width, 4); see `drawn`."""
+        grid = self._grid
+        shown = Shown(grid.contents, grid.columns or None, self._shown.scale, grid.particles, grid.tints)
+        return drawn(shown, self.canvas, scale, transparent=transparent)
 
     def close_scene(self) -> None:
         """Let go of everything of VTK; the last thing before the window closes."""

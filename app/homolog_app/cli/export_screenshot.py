@@ -1,0 +1,67 @@
+"""``homolog export screenshot``: a picture of the window's views, made again without the window."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog_app.cli.export_files import add_kind, exporting
+from homolog_app.cli.options import add_options, with_options
+from homolog_app.exports.settings import ScreenshotSettings
+
+if TYPE_CHECKING:
+    from homolog_app.window.explore.chosen import Snapshot
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    parser = add_kind(
+        kinds,
+        "screenshot",
+        "what the window's views show, as PNG",
+        "Draw the views as the window's Screenshot does. VIEW says what they show and from where; the "
+        'window\'s dialog writes it for you. The least is \'{"view": {"page": "modes"}}\'; pages are '
+        "subjects, modes, groups, measure and check.",
+        "FILE (.png)",
+    )
+    parser.add_argument(
+        "--view", required=True, metavar="VIEW", help="JSON, or the name of a file that holds it"
+    )
+    add_options(parser, ScreenshotSettings)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the picture; returns the exit code."""
+    settings = with_options(ScreenshotSettings(), arguments)
+    wanted = _snapshot(arguments.view)
+    from homolog_app.films.encode import write_still
+    from homolog_app.window.scene.offscreen import drawn
+    from homolog_app.window.snapshot import shown_again
+
+    with exporting(arguments) as tick:
+        shown = shown_again(Project(arguments.project), wanted, tick)
+        tick(0.9, "drawing")
+        pixels = drawn(shown, wanted.canvas, settings.scale, transparent=settings.transparent)
+        write_still(arguments.out, pixels)
+    sys.stderr.write(f"{arguments.out}: {pixels.shape[1]} x {pixels.shape[0]} pixels\n")
+    return 0
+
+
+def _snapshot(text: str) -> "Snapshot":
+    from pydantic import ValidationError
+
+    from homolog_app.window.explore.chosen import Snapshot
+
+    try:
+        told = text if text.lstrip().startswith("{") else Path(text).read_bytes()
+        return Snapshot.model_validate_json(told)
+    except OSError as error:
+        raise InputError(f"--view {text}: can't be read: {error.strerror}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "the JSON"
+        raise InputError(f"--view: {where}: {first['msg']}") from error

@@ -1,0 +1,160 @@
+"""What the views showed, made again from the project: the same as in the window, without one."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from homolog.cohort import Subject
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog.progress import Tick, part_of
+from homolog_app.window.explore.check_shown import ENERGIES, Marks, checked_scene
+from homolog_app.window.explore.chosen import CheckView, GroupsView, MeasureView, ModesView, Snapshot
+from homolog_app.window.explore.group_views import group_scene
+from homolog_app.window.explore.measure_views import measured_scene
+from homolog_app.window.explore.mode_views import mode_scene
+from homolog_app.window.jobs import groomed_before
+from homolog_app.window.loaded import Loaded, load_result
+from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.subjects import Groomed, subject_contents
+from homolog_app.window.survey import survey_subject
+
+if TYPE_CHECKING:
+    from homolog.inspection import Inspection
+    from homolog_app.window.explore.model_shape import ModelShape
+
+__all__ = ["shown_again"]
+
+
+def shown_again(project: Project, wanted: Snapshot, tick: Tick) -> Shown:
+    """Return what the views showed.
+
+    Parameters
+    ----------
+    project : Project
+    wanted : Snapshot
+    tick : Tick
+        Progress and cancelling.
+
+    Raises
+    ------
+    InputError
+        If the project has no result to show, or no such subject, mode, group, particle or moment.
+    """
+    tick(0.0, "reading the project")
+    project.recover()
+    loaded = load_result(project) if project.read().result is not None else None
+    match wanted.view:
+        case ModesView() as view:
+            models = _models(project, _needed(project, loaded), wanted, part_of(tick, 0.1, 0.8))
+            _check(view.subject in ("", *models[0].result.names), f"there is no subject {view.subject!r}")
+            own = _contents(project, loaded, wanted, tick, view.subject) if view.subject else []
+            return mode_scene(view, models, replace(own[0], raw=None, note="own surface") if own else None)
+        case GroupsView() as view:
+            return _groups(project, _needed(project, loaded), wanted, view, tick)
+        case MeasureView() as view:
+            models = _models(project, _needed(project, loaded), wanted, part_of(tick, 0.1, 0.8))
+            inside = max(view.particles) < len(models[0].model.mean) and view.mode < models[0].modes
+            _check(inside, f"there is no mode {view.mode + 1}, or no such particle")
+            return measured_scene(view, models[0])
+        case CheckView() as view:
+            contents = _contents(project, loaded, wanted, tick)
+            shown = _checked(project, _needed(project, loaded), view, contents, part_of(tick, 0.2, 0.9))
+            return shown if shown.particles is not None else _with_particles(shown, loaded, None)
+        case view:
+            return _with_particles(Shown(_contents(project, loaded, wanted, tick)), loaded, view.moment)
+
+
+def _check(fine: bool, fault: str) -> None:
+    if not fine:
+        raise InputError(f"--view: {fault}")
+
+
+def _needed(project: Project, loaded: Loaded | None) -> Loaded:
+    if loaded is None:
+        raise InputError(f"{project.folder}: has no result yet; run it first: homolog run {project.folder}")
+    return loaded
+
+
+def _contents(
+    project: Project, loaded: Loaded | None, wanted: Snapshot, tick: Tick, name: str = ""
+) -> list[Content]:
+    """Return the contents of all subjects, or of one."""
+    cohort, settings = project.cohort(), project.read().settings
+    groomed = {}
+    if loaded is None and (before := groomed_before(cohort, settings, project, part_of(tick, 0.1, 0.2))):
+        pairs = zip(*before, strict=True)
+        groomed = {one.name: Groomed(one, alignment, settings.groom) for one, alignment in pairs}
+    subjects: Sequence[Subject] = [one for one in cohort.subjects if name in ("", one.name)]
+    needs_file = [one for one in subjects if wanted.canvas.raw or not (loaded or groomed)]
+    surveys = {}
+    for number, one in enumerate(needs_file):
+        tick(0.1 + 0.1 * number / len(needs_file), f"reading {one.name}")
+        surveys[one.name] = survey_subject(one, settings.groom.label, settings.groom.segment)
+    return subject_contents(subjects, surveys, groomed, loaded)
+
+
+def _with_particles(shown: Shown, loaded: Loaded | None, moment: int | None) -> Shown:
+    """Return the subjects with their particles, at the end of the run or at a moment of it."""
+    if loaded is None:
+        return replace(shown, particles={})
+    particles = loaded.particles
+    if moment is not None:
+        _check(0 <= moment < len(loaded.frames), f"there is no moment {moment} of {len(loaded.frames)}")
+        particles = dict(zip(loaded.result.names, loaded.frames[moment].particles, strict=True))
+    return replace(shown, particles=particles)
+
+
+def _models(project: Project, loaded: Loaded, wanted: Snapshot, tick: Tick) -> "list[ModelShape]":
+    from homolog_app.window.explore.model_shape import facing, fit_model_shape, read_model_shape
+
+    title = wanted.title or project.folder.name
+    models = [fit_model_shape(title, loaded.method, loaded.result, part_of(tick, 0.0, 0.5))]
+    if wanted.beside is not None:
+        name = wanted.beside.resolve().name
+        other = read_model_shape(name, Project(wanted.beside), part_of(tick, 0.5, 1.0))
+        models.append(facing(other, models[0]))
+    return models
+
+
+def _groups(project: Project, loaded: Loaded, wanted: Snapshot, view: GroupsView, tick: Tick) -> Shown:
+    from homolog_app.window.explore.group_answer import answer_groups
+
+    models = _models(project, loaded, wanted, part_of(tick, 0.1, 0.5))
+    if view.request is None:
+        return group_scene(view, models, [])
+    # Whether labels could be exchanged as well is not seen on a picture.
+    request = view.request.model_copy(update={"null_repeats": 0})
+    ticks = [part_of(tick, 0.5 + 0.4 * n / len(models), 0.9) for n in range(len(models))]
+    answers = [answer_groups(one, one.result, request, t) for one, t in zip(models, ticks, strict=True)]
+    return group_scene(view, models, answers)
+
+
+def _checked(project: Project, loaded: Loaded, view: CheckView, contents: list[Content], tick: Tick) -> Shown:
+    from homolog.inspection import inspect
+    from homolog_app.window.explore.check_work import distances_on, energies_of, textures_of
+
+    own, names = loaded.result, loaded.result.names
+    meshes = [loaded.surfaces[name][0] for name in names]
+    found = inspect(own.local, meshes, own.alignments, names=names, tick=part_of(tick, 0.0, 0.7))
+    subject = names.index(view.subject) if view.subject in names else 0
+    distances = energies = texture = None
+    if view.show == "distances" and (place := _place(view, found, subject)) is not None:
+        distances = distances_on(found, subject, place, names[subject], part_of(tick, 0.7, 1.0))
+    elif view.show in ENERGIES:
+        energies = energies_of(found, project, part_of(tick, 0.7, 1.0))
+    elif view.show in ("checkerboard", "stripes"):
+        texture = textures_of(found, names, part_of(tick, 0.7, 1.0))[view.show]
+    marks = Marks(
+        "texture" if texture else view.show, view.particle, subject, np.array(view.others, np.int64),
+        distances, energies, texture,
+    )  # fmt: skip
+    return checked_scene(contents, found, names, marks)
+
+
+def _place(view: CheckView, found: "Inspection", subject: int) -> np.ndarray | None:
+    if view.place is not None:
+        return np.array(view.place)
+    return None if view.particle is None else found.places.world[subject, view.particle]

@@ -1,0 +1,171 @@
+"""Pictures of the views: the window's and the command line's are the same, pixel by pixel."""
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+pytestmark = [pytest.mark.window, pytest.mark.timeout(300)]
+
+
+def pixels(path):
+    with Image.open(path) as picture:
+        return np.asarray(picture)
+
+
+@pytest.fixture
+def both(window, tmp_path, wait):
+    """Return a function that saves a picture of the views from the dialog, and by its command line."""
+    from homolog_app.cli import main
+    from homolog_app.window.export.screenshot import ScreenshotDialog
+
+    def saved(**changes):
+        session, work = window.desk.session, window.desk.work
+        wait(lambda: not work.is_busy and len(session.surveys) == len(session.study.members))
+        window.commands["view.screenshot"].trigger()
+        (dialog,) = [one for one in window.findChildren(ScreenshotDialog) if one.isVisible()]
+        dialog._edit("", dialog.settings.model_copy(update={"scale": 1, **changes}))
+        dialog.place.setText(str(tmp_path / "mine.png"))
+        dialog.go.click()
+        assert "pixels" in dialog.note.text()
+        words = shlex.split(dialog.line.text().replace("mine.png", "theirs.png"))
+        dialog.close()
+        assert words[:3] == ["homolog", "export", "screenshot"]
+        assert main([*words[1:], "--progress", "none"]) == 0
+        return pixels(tmp_path / "mine.png"), pixels(tmp_path / "theirs.png"), words
+
+    return saved
+
+
+def assert_same(mine, theirs):
+    np.testing.assert_array_equal(mine, theirs)
+    assert len(np.unique(mine.reshape(-1, mine.shape[2]), axis=0)) > 50, "there is nothing to see"
+
+
+def test_subjects_are_drawn_again_with_layout_camera_opacity_and_scheme(explored, both):
+    explored.commands["view.raw"].trigger()
+    wanted = {"a": "view.grid1", "b": "view.grid9"}
+    for command in wanted.values():
+        explored.commands[command].trigger()
+        mine, theirs, _ = both()
+        assert_same(mine, theirs)
+    explored.views.stage.bar.opacity.setValue(40)
+    explored.commands["view.head"].trigger()
+    explored.commands["view.theme"].trigger()
+    dark, theirs, _ = both()
+    assert_same(dark, theirs)
+    assert dark.mean() < mine.mean()
+
+
+def test_views_that_are_turned_alone_and_a_page_of_them_are_drawn_again(explored, both):
+    explored.commands["view.grid1"].trigger()
+    explored.commands["view.next"].trigger()
+    explored.commands["view.link"].trigger()
+    camera = explored.views.stage.scene._grid.cells[0].renderer.GetActiveCamera()
+    camera.Azimuth(33.0)
+    camera.Zoom(1.7)
+    mine, theirs, words = both()
+    assert_same(mine, theirs)
+    assert json.loads(words[words.index("--view") + 1])["canvas"]["page"] == 1
+
+
+def test_a_moment_of_the_run_is_drawn_again(explored, both):
+    explored.views.stage.footer.time.setValue(1)
+    mine, theirs, words = both()
+    assert_same(mine, theirs)
+    assert '"moment":1' in words[words.index("--view") + 1]
+
+
+def test_modes_are_drawn_again_alone_in_rows_and_beside_a_subject(explore, finished, window, both):
+    page = explore(finished, "modes")
+    page.sliders.show_value(0, 1.3)
+    page.arrows.setChecked(True)
+    window.commands["view.front"].trigger()
+    assert_same(*both(scale=2)[:2])
+    page.choose_layout(4)
+    assert_same(*both()[:2])
+    page.choose_layout(1)
+    page.who.setCurrentText("b")
+    page.who.activated.emit(2)
+    assert_same(*both()[:2])
+
+
+def test_another_run_beside_is_drawn_again(explore, finished, both, wait):
+    page = explore(finished, "modes")
+    page.fitted.compare_with(finished)
+    wait(lambda: page.fitted.other is not None)
+    assert_same(*both()[:2])
+
+
+def test_an_answer_about_a_number_is_drawn_again(explore, bean_project, window, both, wait):
+    page = explore(bean_project, "groups")
+    page.form.column.setCurrentText("size (as a number)")
+    page.form.column.activated.emit(page.form.column.currentIndex())
+    window.commands["explore.test"].trigger()
+    wait(lambda: bool(page.answers), seconds=120)
+    page.way.setValue(80)
+    page.significant.setChecked(True)
+    assert_same(*both()[:2])
+    page.choose_layout(4)
+    assert_same(*both()[:2])
+
+
+def test_measures_and_checks_are_drawn_again(explore, finished, window, both, wait):
+    page = explore(finished, "measure")
+    page.place.setValue(120)
+    assert_same(*both()[:2])
+    window.commands["explore.check"].trigger()
+    page = window.inspector.explore.page
+    wait(lambda: page.checked.inspection is not None)
+    page.look.mark(5, 1, np.array([5, 7]))
+    for show in ("places", "neighbours", "distances", "ensemble", "checkerboard"):
+        page.look.show_what.setCurrentIndex(page.look.show_what.findData(show))
+        wait(lambda: not window.desk.work.is_busy)
+        assert_same(*both()[:2])
+
+
+def test_groomed_surfaces_before_a_run_are_drawn_again_and_transparently(groomed, both, tmp_path):
+    groomed.library.save_to(tmp_path / "study")
+    mine, theirs, _ = both(transparent=True)
+    assert_same(mine, theirs)
+    assert mine.shape[2] == 4
+    assert (mine[..., 3] == 0).mean() > 0.3
+
+
+def test_a_picture_needs_no_display(explored, both, tmp_path):
+    mine, _, words = both()
+    bare = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    done = subprocess.run(
+        [sys.executable, "-m", "homolog_app", *words[1:]],
+        env=bare,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert_same(mine, pixels(tmp_path / "theirs.png"))
+
+
+@pytest.mark.parametrize(
+    ("view", "words"),
+    [
+        ("nothing.json", "can't be read"),
+        ("{}", "view: Field required"),
+        ('{"view": {"page": "moon"}}', "view"),
+        ('{"view": {"page": "subjects", "moment": 999}}', "no moment 999"),
+        ('{"view": {"page": "modes", "subject": "nobody"}}', "no subject 'nobody'"),
+        ('{"view": {"page": "measure", "mode": 50}}', "no mode 51"),
+    ],
+)
+def test_what_is_wrong_with_a_view_is_said(finished, tmp_path, capsys, view, words):
+    from homolog_app.cli import main
+
+    line = ["export", "screenshot", str(finished), "--view", view, "--out", str(tmp_path / "p.png")]
+    assert main([*line, "--progress", "none"]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "p.png").exists()
