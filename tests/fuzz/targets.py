@@ -181,6 +181,51 @@ def mesh(name: str) -> Target:
     )
 
 
+def good_series(folder: Path) -> None:
+    """A label map of six slices."""
+    import SimpleITK
+
+    (folder / "series").mkdir()
+    writer = SimpleITK.ImageFileWriter()
+    writer.KeepOriginalImageUIDOn()
+    for number in range(6):
+        image = SimpleITK.GetImageFromArray(np.full((1, 8, 9), 3 - number // 2, np.uint8))
+        tags = {
+            "0008|0060": "OT", "0020|000d": "1.2.3", "0020|000e": "1.2.4", "0008|0018": f"1.2.4.{number + 1}",
+            "0020|0032": f"0\\0\\{number}", "0020|0037": "1\\0\\0\\0\\1\\0", "0020|0013": str(number),
+        }  # fmt: skip
+        for key, value in tags.items():
+            image.SetMetaData(key, value)
+        writer.SetFileName(folder / "series" / f"{number}.dcm")
+        writer.Execute(image)
+
+
+def good_seg(folder: Path) -> None:
+    """A segmentation object over that label map."""
+    import highdicom
+    import pydicom
+    from pydicom.sr.codedict import codes
+
+    good_series(folder)
+    sources = [pydicom.dcmread(path) for path in sorted((folder / "series").iterdir())]
+    shutil.rmtree(folder / "series")
+    for one in sources:
+        for name in ("PatientName", "PatientBirthDate", "PatientSex", "StudyDate", "StudyTime", "StudyID"):
+            setattr(one, name, "")
+        one.PatientID = one.AccessionNumber = one.ReferringPhysicianName = ""
+        one.FrameOfReferenceUID, one.SliceThickness, one.PixelSpacing = "1.2.9", 1.0, [1.0, 1.0]
+    organ = highdicom.seg.SegmentDescription(1, "all", codes.SCT.Organ, codes.SCT.Liver, "MANUAL")
+    highdicom.seg.Segmentation(
+        sources, np.ones((6, 8, 9), np.uint8), "BINARY", [organ], "1.2.5", 1, "1.2.5.1", 1, "m", "m", "1", "1"
+    ).save_as(folder / "a.dcm")
+
+
+def good_particles_folder(folder: Path) -> None:
+    """Particles of three subjects in both frames."""
+    good_swproj(folder)
+    (folder / "a.swproj").unlink()
+
+
 TARGETS = {
     "project.json": Target("project/project.json", good_project, read_project),
     "cohort.csv": Target(
@@ -197,6 +242,9 @@ TARGETS = {
     ),
     ".swproj": Target("a.swproj", good_swproj, importing("a.swproj")),
     ".xlsx": Target("a.xlsx", good_xlsx, importing("a.xlsx")),
+    "folder of .particles": Target(
+        "particles/b_world.particles", good_particles_folder, importing("particles")
+    ),
     ".mrk.json": Target(
         "a.mrk.json",
         lambda folder: write_markups(folder / "a.mrk.json", octahedron().vertices),
@@ -222,6 +270,8 @@ NATIVE = {
     for one in (
         *map(image, ("a.nrrd", "a.nhdr", "a.nii", "a.nii.gz", "a.mha", "a.mhd")),
         *map(mesh, ("a.vtp", "a.vtk", "a.ply", "a.stl", "a.obj")),
+        Target("series/3.dcm", good_series, lambda folder: read_segmentation(folder / "series", None)),
+        Target("a.dcm", good_seg, lambda folder: read_segmentation(folder / "a.dcm", None, "all")),
     )
 }
-"""Readers of SimpleITK and VTK, which can end the whole process: to be tried in one of their own."""
+"""Readers of SimpleITK, which can end the whole process: to be tried in one of their own; and of meshes."""

@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from targets import TARGETS
 
-_SLOW = {".swproj": 5, ".xlsx": 5}  # a good one is imported, with surfaces
+_SLOW = {".swproj": 5, ".xlsx": 5, "folder of .particles": 5}  # a good one is imported, with surfaces
 
 
 @pytest.mark.parametrize("name", TARGETS)

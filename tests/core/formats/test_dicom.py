@@ -117,8 +117,86 @@ def test_a_folder_of_series_is_a_cohort(series):
 
 def test_a_missing_slice_is_noticed(series):
     sorted(series.iterdir())[5].unlink()  # not one at an end
-    with pytest.raises(InputError, match="its 10 slices are not parallel and 3 mm apart throughout"):
+    with pytest.raises(InputError, match="its 10 slices are not alike, parallel and 3 mm apart throughout"):
         read_segmentation(series, None)
+
+
+def each(series, edit):
+    """Change every slice."""
+    import pydicom
+
+    for path in sorted(series.iterdir()):
+        content = pydicom.dcmread(path)
+        edit(content)
+        pydicom.dcmwrite(path, content, force_encoding=True, **encoding(content))
+
+
+def scale(content):
+    content.RescaleSlope, content.RescaleIntercept = 2.0, -2.0
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda content: content.compress(RLE),
+        lambda content: setattr(content, "PixelSpacing", [2.0, 1.5]),
+        lambda content: delattr(content, "PatientName"),
+        lambda content: delattr(content, "InstanceNumber"),
+    ],
+)
+def test_slices_are_read_however_they_are_written(series, blocks, points, edit):
+    each(series, edit)
+    assert np.allclose(points(read_segmentation(series, 2)), expected(blocks, 2), atol=1e-4)
+
+
+def test_rescaled_values_are_read_rescaled(series, blocks, points):
+    each(series, scale)
+    assert np.allclose(points(read_segmentation(series, 2)), expected(blocks, 2), atol=1e-4)
+    with pytest.raises(InputError, match="has no voxel of label 1; it holds 2"):
+        read_segmentation(series, 1)
+
+
+def tilt(content):
+    content.ImagePositionPatient[0] += 0.5 * int(content.InstanceNumber)
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda content: setattr(content, "NumberOfFrames", 2), "can't be read as a slice"),
+        (lambda content: setattr(content, "Rows", 65535), "can't be read as a slice|of which"),
+        (lambda content: delattr(content, "ImageOrientationPatient"), "can't be read as a slice"),
+        (
+            lambda content: setattr(content, "ImagePositionPatient", [0, 0, 0]),
+            "not alike, parallel and 0 mm apart",
+        ),
+        (lambda content: setattr(content, "PixelSpacing", [0.0, 1.0]), "its pixels are"),
+        (lambda content: setattr(content.file_meta, "TransferSyntaxUID", DEFLATED), "is deflated as a whole"),
+        (lambda content: delattr(content, "PixelData"), "can't be read as a slice"),
+        (tilt, "not at right angles"),
+    ],
+)
+def test_slices_that_make_no_stack_are_refused_and_nothing_of_the_header_is_said(
+    series, edit, message, capfd
+):
+    each(series, edit)
+    with pytest.raises(InputError, match=message) as refused:
+        read_segmentation(series, None)
+    assert "Jane" not in str(refused.value)
+    assert "".join(capfd.readouterr()) == ""
+
+
+def test_a_length_of_gigabytes_is_not_believed(series):
+    import psutil
+
+    path = sorted(series.iterdir())[3]
+    content = path.read_bytes()
+    at = content.index(b"\x10\x00\x10\x00") + 4  # the length of the patient's name
+    path.write_bytes(content[:at] + b"\xf0\xff\xff\xff" + content[at + 4 :])
+    before = psutil.Process().memory_info().rss
+    with pytest.raises(InputError):
+        read_segmentation(series, None)
+    assert psutil.Process().memory_info().rss - before < 100e6
 
 
 def test_two_series_in_one_folder_are_refused(series, blocks):

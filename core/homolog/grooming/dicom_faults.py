@@ -1,0 +1,34 @@
+"""What pydicom and highdicom say of bad files, turned into what the user can do."""
+
+import io
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr
+from pathlib import Path
+
+from homolog.errors import InputError
+
+__all__ = ["dicom_faults"]
+
+
+@contextmanager
+def dicom_faults(path: Path, kind: str) -> Iterator[None]:
+    """Turn whatever is raised into an InputError, and hear nothing else.
+
+    Both packages write file names and values of the header, which may be a patient's, to the standard error.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        What the file should be: ``"DICOM SEG"``.
+    """
+    with redirect_stderr(io.StringIO()), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as error:  # what they raise on bad files is no short list
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise InputError(f"{path}: can't be read as {kind}; export it again ({reason})") from error

@@ -1,0 +1,72 @@
+"""DICOM segmentation objects (SEG) through highdicom, which is an extra."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, overload
+
+import numpy as np
+
+from homolog.arrays import Array
+from homolog.errors import InputError
+from homolog.grooming.dicom_faults import dicom_faults
+from homolog.grooming.volumes import Segment, Volume, check_size
+
+__all__ = ["read_seg"]
+
+_KIND = "DICOM SEG"
+_EXTRA = 'DICOM SEG needs the package highdicom; install it: pip install "homolog[dicom]"'
+
+
+class _Layers(Sequence[Array]):
+    """The segments of a DICOM SEG as layers, each made of its frames when it is asked for."""
+
+    def __init__(self, path: Path, seg: Any, numbers: list[int]) -> None:  # noqa: ANN401 - highdicom's
+        self._path, self._seg, self._numbers = path, seg, numbers
+        self._last: tuple[int, Array] | None = None
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    @overload
+    def __getitem__(self, index: int) -> Array: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Array]: ...
+    def __getitem__(self, index: int | slice) -> Array | Sequence[Array]:
+        if isinstance(index, slice):
+            return [self[one] for one in range(*index.indices(len(self)))]
+        if index < 0 or index >= len(self):
+            raise IndexError(index)
+        if self._last is None or self._last[0] != index:
+            with dicom_faults(self._path, _KIND):
+                found = self._seg.get_volume(segment_numbers=[self._numbers[index]])
+            self._last = (index, np.asarray(found.array)[..., 0])
+        return self._last[1]
+
+
+def read_seg(path: Path) -> Volume:
+    """Read a segmentation object; its segments are layers, which may overlap.
+
+    Raises
+    ------
+    InputError
+        If the package is missing, or the file is damaged, too large or no stack of slices.
+    """
+    try:
+        from highdicom.seg import segread
+    except ImportError as error:
+        raise InputError(f"{path}: {_EXTRA}") from error
+    with dicom_faults(path, _KIND):
+        seg = segread(os.fspath(path), lazy_frame_retrieval=True)
+        if len(seg.PerFrameFunctionalGroupsSequence) != seg.NumberOfFrames:
+            raise InputError(f"{path}: describes more or fewer frames than it holds; export it again")
+        numbers = [int(one) for one in seg.segment_numbers]
+        names = [str(seg.get_segment_description(one).segment_label) for one in numbers]
+        geometry = seg.get_volume_geometry(allow_missing_positions=True)
+        if geometry is None:
+            raise InputError(
+                f"{path}: its frames are no stack of parallel, evenly spaced slices; export it again"
+            )
+        check_size(path, geometry.spatial_shape, 8.0)
+    named = tuple(Segment(name, 1, layer) for layer, name in enumerate(names))
+    return Volume(path, _Layers(path, seg, numbers), np.asarray(geometry.affine, np.float64), named)

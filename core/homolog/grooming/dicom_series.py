@@ -1,0 +1,107 @@
+"""Label maps as series of DICOM slices, through pydicom: GDCM takes gigabytes for damaged lengths."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from homolog.arrays import Array, FloatArray
+from homolog.errors import InputError
+from homolog.grooming.dicom_faults import dicom_faults
+from homolog.grooming.volumes import Volume, check_size
+
+__all__ = ["read_series"]
+
+_KIND = "a slice of a DICOM series"
+_UNEVEN = 0.01  # of the slice distance
+_SPACINGS = ("PixelSpacing", "NominalScannedPixelSpacing", "ImagerPixelSpacing")
+"""Where the pixels' size is, by the kind of image; the first that is there holds."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Slice:
+    """The header of a slice: its series, size (columns, rows), place and axes [mm, LPS]."""
+
+    path: Path
+    series: str
+    size: tuple[int, int]
+    place: FloatArray
+    axes: FloatArray
+
+    @property
+    def height(self) -> float:
+        """Position along the normal [mm]."""
+        return float(np.cross(self.axes[0], self.axes[1]) @ self.place)
+
+
+def read_series(folder: Path, files: Sequence[Path]) -> Volume:
+    """Read the slices of one series, in the order in which they lie.
+
+    Raises
+    ------
+    InputError
+        If there are none or several series, slices are missing, not parallel, of several sizes or damaged.
+    """
+    slices = [_header(path) for path in files]
+    count = len({one.series for one in slices})
+    if count != 1:
+        raise InputError(f"{folder}: holds {count or 'no readable'} DICOM series; give each its own folder")
+    slices.sort(key=lambda one: one.height)
+    step = _step(folder, slices)
+    check_size(folder, (*slices[0].size, len(slices)), 4.0)
+    values = np.stack([_pixels(one) for one in slices], axis=2)
+    matrix = np.eye(4)
+    matrix[:3, :2], matrix[:3, 2], matrix[:3, 3] = slices[0].axes.T, step, slices[0].place
+    return Volume(folder, [values], matrix)
+
+
+def _header(path: Path) -> _Slice:
+    with dicom_faults(path, _KIND):
+        content = _read(path, without_pixels=True)
+        spacing = [float(one) for one in next(value for name in _SPACINGS if (value := content.get(name)))]
+        axes = np.array(content.ImageOrientationPatient, np.float64).reshape(2, 3)
+        place = np.array(content.ImagePositionPatient, np.float64).reshape(3)
+        axes = axes * np.reshape(spacing[::-1], (2, 1))
+        if not np.isfinite([*place, *axes.ravel()]).all() or min(spacing) <= 0.0:
+            raise ValueError(f"its pixels are {spacing} mm large, at {place}")
+        size = int(content.Columns), int(content.Rows)
+        return _Slice(path, str(content.SeriesInstanceUID), size, place, axes)
+
+
+def _read(path: Path, *, without_pixels: bool) -> Any:  # noqa: ANN401 - pydicom's datasets have any attribute
+    import pydicom
+
+    syntax = pydicom.filereader.read_file_meta_info(path).get("TransferSyntaxUID")
+    if syntax is not None and syntax.is_deflated:
+        raise InputError(f"{path}: is deflated as a whole; export it without that compression")
+    return pydicom.dcmread(path, stop_before_pixels=without_pixels)
+
+
+def _step(folder: Path, slices: Sequence[_Slice]) -> FloatArray:
+    """Return the way from slice to slice [mm], refusing slices that are not parallel and evenly spaced."""
+    alike = all(
+        one.size == slices[0].size and np.allclose(one.axes, slices[0].axes, rtol=0.0, atol=1e-3)
+        for one in slices
+    )
+    steps = np.diff([one.place for one in slices], axis=0) if len(slices) > 1 else np.zeros((1, 3))
+    step: FloatArray = np.median(steps, axis=0)
+    length = float(np.linalg.norm(step))
+    if not alike or not length > 0.0 or np.abs(steps - step).max() > _UNEVEN * length:
+        raise InputError(
+            f"{folder}: its {len(slices)} slices are not alike, parallel and {length:.3g} mm apart "
+            "throughout; copy the missing ones, or export a label map of even slices"
+        )
+    return step
+
+
+def _pixels(one: _Slice) -> Array:
+    """Return a slice's values by column and row."""
+    with dicom_faults(one.path, _KIND):
+        content = _read(one.path, without_pixels=False)
+        values: Array = content.pixel_array
+        if values.shape != one.size[::-1]:
+            raise ValueError("it has several frames or colours")
+        slope, intercept = float(content.get("RescaleSlope", 1)), float(content.get("RescaleIntercept", 0))
+        return values.T if (slope, intercept) == (1.0, 0.0) else values.T * slope + intercept
