@@ -18,7 +18,7 @@ from homolog_app.window.explore.mode_views import mode_scene
 from homolog_app.window.jobs import groomed_before
 from homolog_app.window.loaded import Loaded, load_result
 from homolog_app.window.scene.content import Content, Shown
-from homolog_app.window.subjects import Groomed, subject_contents
+from homolog_app.window.subjects import Groomed, moment_of, subject_contents
 from homolog_app.window.survey import survey_subject
 
 if TYPE_CHECKING:
@@ -100,11 +100,11 @@ def _with_particles(shown: Shown, loaded: Loaded | None, moment: int | None) -> 
     """Return the subjects with their particles, at the end of the run or at a moment of it."""
     if loaded is None:
         return replace(shown, particles={})
-    particles = loaded.particles
-    if moment is not None:
-        _check(0 <= moment < len(loaded.frames), f"there is no moment {moment} of {len(loaded.frames)}")
-        particles = dict(zip(loaded.result.names, loaded.frames[moment].particles, strict=True))
-    return replace(shown, particles=particles)
+    if moment is None:
+        return replace(shown, particles=loaded.particles)
+    _check(0 <= moment < len(loaded.frames), f"there is no moment {moment} of {len(loaded.frames)}")
+    particles, tints = moment_of(loaded, moment)
+    return replace(shown, particles=particles, tints=tints)
 
 
 def _models(project: Project, loaded: Loaded, wanted: Snapshot, tick: Tick) -> "list[ModelShape]":

@@ -6,17 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from homolog.arrays import FloatArray
+from homolog.arrays import Array, FloatArray
 from homolog.cohort import Subject
 from homolog.settings import GroomSettings
 from homolog_app.window.loaded import Loaded
+from homolog_app.window.scene.colours import colours_by_place
 from homolog_app.window.scene.content import Content
 
 if TYPE_CHECKING:
     from homolog.grooming import GroomedSubject
     from homolog_app.window.survey import Survey
 
-__all__ = ["Groomed", "subject_contents"]
+__all__ = ["Groomed", "moment_of", "subject_contents"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,6 +27,19 @@ class Groomed:
     subject: "GroomedSubject"
     alignment: FloatArray
     settings: GroomSettings
+
+
+def moment_of(loaded: Loaded, index: int) -> tuple[dict[str, FloatArray], Array]:
+    """Return the particles (N, 3) [mm] of each subject at a stored moment of the run, and their colours.
+
+    All moments with as many particles have the same colours: those of the last one of them.
+    """
+    names, final = loaded.result.names, loaded.result.world
+    particles = loaded.frames[index].particles
+    stages = [one.particles for one in loaded.frames] + [final]
+    usual = next(one for one in reversed(stages) if one.shape[1] == particles.shape[1])
+    shown = final if index == len(loaded.frames) - 1 else particles
+    return dict(zip(names, shown, strict=True)), colours_by_place(np.asarray(usual).mean(axis=0))
 
 
 def subject_contents(

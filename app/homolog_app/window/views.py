@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject, QTimer, Slot
 from PySide6.QtWidgets import QApplication
 
-from homolog.arrays import FloatArray
+from homolog.arrays import Array, FloatArray
 from homolog.correspondence.types import Frame
 from homolog_app.window.availability import LAYOUTS
 from homolog_app.window.explore.chosen import Snapshot, SubjectsView
@@ -16,7 +16,7 @@ from homolog_app.window.loaded import Loaded
 from homolog_app.window.scene.cameras import VIEWS
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.picking import Pick
-from homolog_app.window.subjects import Groomed, subject_contents
+from homolog_app.window.subjects import Groomed, moment_of, subject_contents
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.page import ExplorePage
@@ -262,10 +262,12 @@ class Views(QObject):
             self._window.docks.curves.show_rows(list(job.recorder.energies))
         self._look.setInterval(max(_LOOK_MS, round(_DRAWING_SHARE * self.stage.scene.draw_ms)))
 
-    def _show_run(self, particles: Mapping[str, FloatArray], *, live: bool = False) -> None:
+    def _show_run(
+        self, particles: Mapping[str, FloatArray], tints: Array | None = None, *, live: bool = False
+    ) -> None:
         self._run_particles = particles
         if not self._own_particles:
-            self.stage.scene.show_particles(particles, live=live)
+            self.stage.scene.show_particles(particles, tints, live=live)
 
     @Slot()
     def _step_on(self) -> None:
@@ -287,8 +289,8 @@ class Views(QObject):
             return
         frame = result.frames[index]
         last = index == len(result.frames) - 1
-        particles = result.particles if last else dict(zip(result.result.names, frame.particles, strict=True))
-        self._show_run(particles, live=not last)
+        particles, tints = moment_of(result, index)
+        self._show_run(particles, tints, live=not last)
         count = len(next(iter(particles.values())))
         self.stage.footer.moment.setText(f"iteration {frame.iteration} · {count} particles")
 

@@ -60,11 +60,11 @@ def read_series(folder: Path, files: Sequence[Path]) -> Volume:
 def _header(path: Path) -> _Slice:
     with dicom_faults(path, _KIND):
         content = _read(path, without_pixels=True)
-        spacing = [float(one) for one in next(value for name in _SPACINGS if (value := content.get(name)))]
+        spacing = np.array(next(content[name].value for name in _SPACINGS if name in content), np.float64)
         axes = np.array(content.ImageOrientationPatient, np.float64).reshape(2, 3)
         place = np.array(content.ImagePositionPatient, np.float64).reshape(3)
-        axes = axes * np.reshape(spacing[::-1], (2, 1))
-        if not np.isfinite([*place, *axes.ravel()]).all() or min(spacing) <= 0.0:
+        axes = axes * spacing[::-1].reshape(2, 1)
+        if not np.isfinite([*place, *axes.ravel()]).all() or spacing.min() <= 0.0:
             raise ValueError(f"its pixels are {spacing} mm large, at {place}")
         size = int(content.Columns), int(content.Rows)
         return _Slice(path, str(content.SeriesInstanceUID), size, place, axes)

@@ -147,17 +147,19 @@ class Scene(QWidget):
         grid.opacity = grid.opacity if opacity is None else opacity
         self._refresh()
 
-    def show_particles(self, particles: Mapping[str, FloatArray], *, live: bool = False) -> None:
+    def show_particles(
+        self, particles: Mapping[str, FloatArray], tints: Array | None = None, *, live: bool = False
+    ) -> None:
         """Show particles by subject, (N, 3) [mm] each in common coordinates.
 
-        Colours are given anew when the number of particles changes, and when a run has ended. Live particles
-        may be drawn on lighter surfaces.
+        If no colours (N, 3) are given, they are made anew when the number of particles changes, and when a
+        run has ended. Live particles may be drawn on lighter surfaces.
         """
         count = len(next(iter(particles.values()))) if particles else 0
-        tints: Array | None = None
-        if live and not isinstance(self._grid.tints, Mapping):
-            tints = self._grid.tints
-        self._grid.take_particles(particles, tints if tints is not None and len(tints) == count else None)
+        before = self._grid.tints
+        if tints is None and live and before is not None and not isinstance(before, Mapping):
+            tints = before if len(before) == count else None
+        self._grid.take_particles(particles, tints)
         if live:
             self._draw_quick()
             self._refine.start()
