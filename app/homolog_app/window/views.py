@@ -41,6 +41,7 @@ class Views(QObject):
         self._shown: list[object] = []
         self._subjects: list[Content] = []
         self._run_particles: Mapping[str, FloatArray] = {}
+        self._run_tints: Array | None = None
         self._explore = window.inspector.explore
         self._result: Loaded | None = None
         self._look = QTimer(self, interval=_LOOK_MS)
@@ -150,6 +151,7 @@ class Views(QObject):
             )
             if self._work.run_job is None and new_result:
                 self._run_particles = session.result.particles if session.result else {}
+                self._run_tints = None
                 stage.footer.show_frames(len(session.result.frames) if session.result else 0)
             self._display()
             if new_result and session.result is not None:
@@ -177,7 +179,8 @@ class Views(QObject):
         page = self._page
         shown = page.shown(self._subjects) if page is not None else Shown(self._subjects)
         if shown.particles is None:
-            shown = replace(shown, particles=self._run_particles)
+            tints = self._run_tints if shown.tints is None else shown.tints
+            shown = replace(shown, particles=self._run_particles, tints=tints)
         own = shown.particles is not self._run_particles
         if own is not self._own_particles:
             self._own_particles = own
@@ -265,7 +268,7 @@ class Views(QObject):
     def _show_run(
         self, particles: Mapping[str, FloatArray], tints: Array | None = None, *, live: bool = False
     ) -> None:
-        self._run_particles = particles
+        self._run_particles, self._run_tints = particles, tints
         if not self._own_particles:
             self.stage.scene.show_particles(particles, tints, live=live)
 
