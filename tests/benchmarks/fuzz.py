@@ -4,14 +4,15 @@
     python tests/benchmarks/fuzz.py --engine atheris --seconds 60 [--only ...]
 
 Each reader is tried in a process of its own. Whatever is neither read nor refused by an `InputError`, takes
-more than five seconds, writes outside its folder, runs code or ends the process is told, and its file kept
-in the folder that is named then. Prints a row a reader for docs/reliability.md. Atheris (``pip install
-atheris``) is guided by the program's branches; it knows the readers written in Python only.
+more than five seconds or a gigabyte, writes outside its folder, runs code or ends the process is told, and
+its file kept in the folder that is named then. Prints a row a reader for docs/reliability.md. Atheris
+(``pip install atheris``) is guided by the program's branches; it knows the readers written in Python only.
 """
 
 import argparse
 import os
 import random
+import resource
 import subprocess
 import sys
 import tempfile
@@ -19,6 +20,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+LARGEST = 2**30  # bytes that a reader may ask for beyond what the process has
 FUZZ = Path(__file__).parents[1] / "fuzz"
 sys.path.insert(0, str(FUZZ))
 
@@ -39,7 +41,8 @@ def main() -> None:
 
     names = options.only or [*TARGETS, *(NATIVE if options.engine == "random" else ())]
     kept = Path(tempfile.mkdtemp(prefix="homolog-fuzz-"))
-    print("| reader | tries | read | refused | slowest CPU s | bad |\n|---|---|---|---|---|---|", flush=True)
+    print("| reader | tries | read | refused | slowest CPU s | memory MB | bad |")
+    print("|---|---|---|---|---|---|---|", flush=True)
     bad = [name for name in names if not one_reader(name, kept)]
     print(f"bad: {', '.join(bad)}; their files are in {kept}" if bad else "none bad")
     sys.exit(bool(bad))
@@ -51,7 +54,7 @@ def one_reader(name: str, kept: Path) -> bool:
     around = os.environ | {"HOMOLOG_FUZZ_KEPT": str(kept)}
     ended = subprocess.run(command, env=around, capture_output=True, text=True, check=False)
     rows = [line for line in ended.stdout.splitlines() if line.startswith("|")]
-    print(rows[-1] if rows else f"| {name} | exit code {ended.returncode} | | | | 1 |", flush=True)
+    print(rows[-1] if rows else f"| {name} | exit code {ended.returncode} | | | | | 1 |", flush=True)
     if ended.returncode != 0:
         print(ended.stdout[-2000:], ended.stderr[-4000:], flush=True)
     return ended.returncode == 0
@@ -75,7 +78,8 @@ def change_at_random(options: argparse.Namespace) -> None:
     if attempt(target, folder, good) != "read":
         raise RuntimeError("the good file is refused")
     last = Path(os.environ["HOMOLOG_FUZZ_KEPT"]) / options.child.replace("/", "_")
-    seen, slowest = Counter(), 0.0
+    seen, slowest, before = Counter(), 0.0, most_memory()
+    resource.setrlimit(resource.RLIMIT_AS, (mapped() + LARGEST, resource.RLIM_INFINITY))
     for number in range(options.examples):
         content = mutated(good, random.Random(f"{options.seed} {number}"))
         last.write_bytes(content)  # what ends the process can be looked at
@@ -83,8 +87,19 @@ def change_at_random(options: argparse.Namespace) -> None:
         seen[attempt(target, folder, content)] += 1
         slowest = max(slowest, time.process_time() - began)
     last.unlink()
-    total = sum(seen.values())
-    print(f"| {options.child} | {total} | {seen['read']} | {seen['refused']} | {slowest:.2f} | 0 |")
+    total, memory = sum(seen.values()), (most_memory() - before) / 2**20
+    counts = f"{total} | {seen['read']} | {seen['refused']}"
+    print(f"| {options.child} | {counts} | {slowest:.2f} | {memory:.0f} | 0 |")
+
+
+def most_memory() -> int:
+    """Return the most memory that this process has had [bytes]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def mapped() -> int:
+    """Return how much memory this process has asked for [bytes]."""
+    return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 
 
 def follow_branches(options: argparse.Namespace) -> None:
@@ -104,7 +119,7 @@ def follow_branches(options: argparse.Namespace) -> None:
         slowest = max(slowest, time.process_time() - began)
         if time.monotonic() > end:
             total = sum(seen.values())
-            row = f"| {options.child} | {total} | {seen['read']} | {seen['refused']} | {slowest:.2f} | 0 |"
+            row = f"| {options.child} | {total} | {seen['read']} | {seen['refused']} | {slowest:.2f} | | 0 |"
             print(row, flush=True)
             os._exit(0)
 
