@@ -1,11 +1,15 @@
 """A GPU that is lost or full: the run stops with its state saved and says how to go on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from homolog.correspondence.engine import Engine
 from homolog.device import device_faults
 from homolog.errors import InputError
+from homolog.files.particles import read_particles
+from homolog.run.mend import mend, read_study
 
 LOST = "Warp CUDA error 719: unspecified launch failure (in function wp_cuda_launch_kernel)"
 FULL = "Failed to allocate 8589934592 bytes on device 'cuda:0'"
@@ -30,6 +34,57 @@ def test_a_run_that_loses_its_gpu_is_resumed_on_the_cpu(project, run_of, results
     assert project.checkpoint.is_file()
     assert results(project.folder) == whole
     run_of(project, resume=True).execute()
+    assert results(project.folder) == whole
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        "homolog.run.run.load_kernels",
+        "homolog.run.tables.solve_plan",
+        "homolog.run.tables.load_table",
+        "homolog.correspondence.domain.field_array",
+        "homolog.correspondence.domain.build_level",
+    ],
+)
+@pytest.mark.parametrize(("fault", "words"), [(LOST, "failed"), (FULL, "has too little memory")])
+def test_a_gpu_that_is_lost_or_full_at_any_other_moment_leaves_the_last_result(
+    project, run_of, results, monkeypatch, place, fault, words
+):
+    def fail(*_, **__):
+        raise RuntimeError(fault)
+
+    whole = results(project.folder)
+    with monkeypatch.context() as machine:
+        machine.setattr(place, fail)
+        machine.setattr("homolog.run.run.device_faults", lambda alias: device_faults("cuda:0"))
+        with pytest.raises(InputError, match=rf"cuda:0: {words} .*what was saved is kept.*on the device cpu"):
+            run_of(project).execute()
+    assert project.read().unfinished
+    assert results(project.folder) == whole
+
+
+def test_a_gpu_that_is_lost_while_particles_are_repaired_changes_nothing(project, results, monkeypatch):
+    def fail(*_, **__):
+        raise RuntimeError(LOST)
+
+    whole, study = results(project.folder), read_study(project)
+    monkeypatch.setattr("homolog.run.mend.repair", fail)
+    local = np.stack([read_particles(path) for path in sorted(project.particles.glob("*_local.particles"))])
+    movable = np.full(local.shape[:2], True)
+    with pytest.raises(InputError, match=r"cuda:0: failed \(Warp CUDA error 719"):
+        mend(replace(study, device="cuda:0"), local, movable, movable)
+    assert results(project.folder) == whole
+
+
+def test_memory_that_is_full_while_grooming_is_told(project, run_of, results, monkeypatch):
+    def fail(*_, **__):
+        raise MemoryError("Unable to allocate 9.31 GiB for an array")
+
+    whole = results(project.folder)
+    monkeypatch.setattr("homolog.run.run.groom_cohort", fail)
+    with pytest.raises(InputError, match=r"cpu: has too little memory \(Unable to allocate 9\.31 GiB"):
+        run_of(project).execute()
     assert results(project.folder) == whole
 
 

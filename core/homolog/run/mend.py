@@ -10,7 +10,7 @@ from homolog.analysis.shape_model import fit_shape_model
 from homolog.arrays import BoolArray, FloatArray
 from homolog.cohort import Cohort, Subject
 from homolog.correspondence import Shape, repair
-from homolog.device import choose_device
+from homolog.device import choose_device, device_faults
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays
 from homolog.files.project import Project
@@ -66,16 +66,16 @@ def mend(
     (M, N, 3) array
         The particles in file coordinates [mm].
     """
-    found = repair(
-        study.shapes,
-        study.settings.optimize,
-        local,
-        movable,
-        misplaced=misplaced,
-        device=study.device,
-        tick=tick,
-    )
-    return found.local
+    with device_faults(study.device):
+        return repair(
+            study.shapes,
+            study.settings.optimize,
+            local,
+            movable,
+            misplaced=misplaced,
+            device=study.device,
+            tick=tick,
+        ).local
 
 
 def mean_of(

@@ -174,7 +174,7 @@ class Run:
     def _work(self) -> None:
         device = choose_device(self._settings.device)
         cohort = self._checked()
-        with self.project.locked():
+        with self.project.locked(), device_faults("cpu"):
             base = self._base(cohort)
             self._claim(cohort)
             groomed = self._groomed(cohort)
@@ -275,9 +275,9 @@ class Run:
             self._energies = checkpoint.energies
             write_checkpoint(path, checkpoint, study.fingerprint)
 
-        patiently(lambda _: load_kernels(study.device), self._control.tick, "preparing compute kernels")
-        start = None if base is None else base.start(study.shapes, self._control.tick)
         with device_faults(study.device):
+            patiently(lambda _: load_kernels(study.device), self._control.tick, "preparing compute kernels")
+            start = None if base is None else base.start(study.shapes, self._control.tick)
             return optimize(
                 study.shapes,
                 study.settings.optimize,
