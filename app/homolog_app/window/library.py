@@ -80,6 +80,7 @@ class Library(Part):
         self._desk.work.awaits_result = opened.has_result
         self._desk.journal.clear()
         study = opened.study if elsewhere is None else opened.study.relocated(elsewhere)
+        self._desk.work.look_for_groomed(project)
         self._desk.session.open(study, folder)
         if elsewhere is not None:
             self._desk.session.undo.resetClean()
@@ -193,6 +194,7 @@ class Library(Part):
         desk.hold(folder)
         saved = open_project(Project(folder)).study if folder is not None else Study()
         desk.journal.adopt(lost)
+        desk.work.look_for_groomed(desk.project)
         session.open(saved, folder)
         session.edit("Recovered edits", study)
         if desk.project.exists and desk.project.read().result is not None:

@@ -12,7 +12,17 @@ from PySide6.QtCore import QObject, Signal, Slot
 from homolog.cohort import Cohort
 from homolog.files.project import Project
 from homolog.progress import Tick
-from homolog_app.window.jobs import Devices, RunJob, groom, import_model, make_sample, prepare, read_files
+from homolog.settings import GroomSettings
+from homolog_app.window.jobs import (
+    Devices,
+    RunJob,
+    groom,
+    groomed_before,
+    import_model,
+    make_sample,
+    prepare,
+    read_files,
+)
 from homolog_app.window.loaded import Loaded, load_result
 from homolog_app.window.runner import Ended, Job, Runner, Status, Task
 from homolog_app.window.session import Session
@@ -24,7 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["Work"]
 
 _log = logging.getLogger(__name__)
-_BACKGROUND = ("read", "prepare")
+_BACKGROUND = ("read", "restore", "prepare")
 _Then = Callable[[Ended], object]
 _T = TypeVar("_T")
 
@@ -53,6 +63,7 @@ class Work(QObject):
         self._next: tuple[str, Job, _Then] | None = None
         self._arrived: SimpleQueue[Survey] = SimpleQueue()
         self._prepared = False
+        self._kept: Project | None = None
         self.cancelled_run: RunJob | None = None
         self.awaits_result = False  # the study being opened has one, which shows subjects without their files
         session.study_changed.connect(self.go_on)
@@ -83,23 +94,47 @@ class Work(QObject):
         if unread:
             work = Task(lambda tick: read_files(unread, groom, self._arrived.put, tick), "reading files")
             self._start("read", work, self._read_ended)
+        elif self._kept is not None:
+            self._restore(self._kept)
         elif not self._prepared:
             self._start("prepare", Task(prepare, "preparing compute kernels"), self._prepare_ended)
+
+    def look_for_groomed(self, project: Project) -> None:
+        """Show what a project keeps of its grooming once its files are read, if it is still good for them."""
+        self._kept = project
+
+    def _restore(self, project: Project) -> None:
+        cohort, settings = self._session.study.cohort, self._session.study.settings
+
+        def take(ended: Ended) -> None:
+            self._kept = None
+            if ended.result is not None:
+                self._take_groomed(ended, settings.groom)
+                _log.info("%d subjects are groomed already", len(cohort.subjects))
+
+        work = Task(
+            lambda tick: groomed_before(cohort, settings, project, tick), "looking for groomed shapes"
+        )
+        self._start("restore", work, take)
 
     def groom(self, cohort: Cohort, project: Project) -> None:
         """Groom the subjects of a cohort with the settings in force."""
         settings = self._session.study.settings
 
         def take(ended: Ended) -> None:
-            groomed, alignments = ended.result
-            self._session.groomed |= {
-                one.name: Groomed(one, alignment, settings.groom)
-                for one, alignment in zip(groomed, alignments, strict=True)
-            }
-            _log.info("groomed %d subjects", len(groomed))
-            self._session.facts_changed.emit()
+            self._take_groomed(ended, settings.groom)
+            _log.info("groomed %d subjects", len(cohort.subjects))
 
         self._order("groom", Task(lambda tick: groom(cohort, settings, project, tick), "grooming"), take)
+
+    def _take_groomed(self, ended: Ended, settings: GroomSettings) -> None:
+        groomed, alignments = ended.result
+        self._session.groomed |= {
+            one.name: Groomed(one, alignment, settings)
+            for one, alignment in zip(groomed, alignments, strict=True)
+        }
+        self._kept = None
+        self._session.facts_changed.emit()
 
     def groom_one(self, name: str, project: Project) -> None:
         """Groom one subject again; its place among the others stays."""
@@ -182,7 +217,7 @@ class Work(QObject):
     def forget(self) -> None:
         """End what is done for the study, which is about to be closed."""
         self._next = None
-        self.cancelled_run = None
+        self.cancelled_run = self._kept = None
         self.awaits_result = False
         self.runner.cancel()
 
