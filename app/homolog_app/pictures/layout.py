@@ -14,7 +14,7 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
 from homolog.arrays import Array
-from homolog.errors import InputError
+from homolog.files.atomic import replacing
 from homolog_app.pictures.colours import LIGHT, Theme, diverging_table
 
 __all__ = ["Panel", "arrange", "draw_displacement_bar", "write_picture"]
@@ -149,17 +149,14 @@ def draw_displacement_bar(place: Axes, limit: float, theme: Theme, font_pt: floa
 
 
 def write_picture(figure: Figure, path: Path) -> None:
-    """Store a picture as PNG, PDF or SVG, by the path's suffix; the same picture gives the same bytes.
+    """Store a picture as PNG, PDF or SVG, by the path's suffix, whole or not at all.
+
+    The same picture gives the same bytes.
 
     Raises
     ------
     InputError
         If the file can't be written.
     """
-    try:
-        with rc_context({"svg.hashsalt": "homolog"}):
-            figure.savefig(
-                path, dpi=_DPI, facecolor=figure.get_facecolor(), metadata=_UNDATED.get(path.suffix)
-            )
-    except OSError as error:
-        raise InputError(f"{path}: can't be written: {error.strerror}") from error
+    with replacing(path) as part, rc_context({"svg.hashsalt": "homolog"}):
+        figure.savefig(part, dpi=_DPI, facecolor=figure.get_facecolor(), metadata=_UNDATED.get(path.suffix))

@@ -89,6 +89,7 @@ def available(
     chosen = bool(session.selection)
     two = len(session.study.included) >= 2
     groomed = study and bool(session.groomed or session.result)
+    further = session.going_on
     return {
         "always": True,
         "idle": idle,
@@ -103,6 +104,8 @@ def available(
         "groomed_selection": study and idle and chosen and session.selection[0] in session.groomed,
         "two": study and two,
         "ready": study and idle and two and (session.is_groomed or session.result is not None),
+        "more": study and idle and further is not None and further.particles > 0,
+        "fit": study and idle and further is not None and bool(further.subjects),
         "busy": busy,
         "running": running,
         "resumable": study and idle and two and project.checkpoint.is_file(),

@@ -78,8 +78,10 @@ class Desk(QObject):
         return {
             "run.groom": self.groom,
             "run.regroom": self.groom_selected,
-            "run.start": lambda: self.run(resume=False),
+            "run.start": self.run,
             "run.resume": lambda: self.run(resume=True),
+            "run.more": lambda: self.run(from_result=True),
+            "run.fit": lambda: self.run(from_result=True),
             "run.pause": self.work.pause_or_go_on,
             "run.cancel": self.work.cancel,
             "run.keep": self.work.keep,
@@ -93,9 +95,9 @@ class Desk(QObject):
         """Groom the selected subject with the present settings; the others stay as they are."""
         self.work.groom_one(self.session.selection[0], self.project)
 
-    def run(self, *, resume: bool) -> None:
+    def run(self, *, resume: bool = False, from_result: bool = False) -> None:
         """Place the particles, and note in the journal that a run is going on."""
-        self.work.run(self.project, resume=resume)
+        self.work.run(self.project, resume=resume, from_result=from_result)
         self.write_journal()
 
     def edit_settings(self, part: str, name: str, value: object) -> None:

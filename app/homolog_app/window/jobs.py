@@ -143,10 +143,20 @@ def groomed_before(
 class RunJob:
     """A run of the pipeline, with its frames recorded and its result read back."""
 
-    def __init__(self, project: Project, cohort: Cohort, settings: RunSettings, *, resume: bool) -> None:
+    def __init__(
+        self,
+        project: Project,
+        cohort: Cohort,
+        settings: RunSettings,
+        *,
+        resume: bool,
+        from_result: bool = False,
+    ) -> None:
         from homolog.run import Run
 
-        self._run = Run(project, cohort, settings, resume=resume)
+        self._run = Run(project, cohort, settings, resume=resume, from_result=from_result)
+        self.keeps = not from_result
+        """Whether its particles can be kept when it is cancelled; a result that it began with stays."""
         self._last: Frame | None = None
         self.recorder = Recorder()
         self.names = [one.name for one in cohort.subjects]

@@ -43,8 +43,8 @@ class Loaded:
         Moments of the run, oldest first; empty if none were kept.
     summary : str
         One line for people.
-    method : Method
-        That placed the particles.
+    record : ResultRecord
+        How it came about.
     """
 
     result: Result
@@ -52,7 +52,12 @@ class Loaded:
     energies: FloatArray
     frames: tuple[RecordedFrame, ...]
     summary: str
-    method: Method
+    record: ResultRecord
+
+    @property
+    def method(self) -> Method:
+        """That placed the particles."""
+        return self.record.settings.optimize.method
 
     @property
     def particles(self) -> dict[str, FloatArray]:
@@ -116,8 +121,7 @@ def load_result(project: Project) -> Loaded:
         else f"{record.metric} distances, {record.iterations} iterations in "
         f"{sum(record.seconds.values()):.0f} s on {record.device}"
     )
-    method = record.settings.optimize.method
-    return Loaded(result, surfaces, _energies(project), _frames(project), summary, method)
+    return Loaded(result, surfaces, _energies(project), _frames(project), summary, record)
 
 
 def _remarks(record: ResultRecord) -> str:

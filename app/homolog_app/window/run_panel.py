@@ -1,7 +1,7 @@
 """The third step: placing the particles, and watching it happen."""
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from homolog.settings import OptimizeSettings
 from homolog_app.window.actions import Actions
@@ -36,7 +36,24 @@ class RunPanel(Panel):
         self.summary = label("", "Hint", wrap=True)
         name = QLabel("Device")
         name.setBuddy(self.device)
-        for widget in (self.form, rule(), name, self.device, self.device_help, self.summary):
+        self.further = label("", "Hint", wrap=True)
+        self.more, self.fit = button("Add particles"), button("Fit new subjects")
+        for one, command in ((self.more, "run.more"), (self.fit, "run.fit")):
+            one.clicked.connect(actions[command].trigger)
+        self.from_result = QWidget()
+        column = QVBoxLayout(self.from_result)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(GRID)
+        column.addWidget(label("Go on from the result", "SectionTitle"))
+        column.addWidget(self.further)
+        both = QHBoxLayout()
+        both.addWidget(self.more)
+        both.addWidget(self.fit)
+        both.addStretch()
+        column.addLayout(both)
+        for widget in (
+            self.form, rule(), name, self.device, self.device_help, self.summary, self.from_result,
+        ):  # fmt: skip
             self.body.addWidget(widget)
         self.body.addStretch()
         self.progress = Progress(actions)
@@ -87,6 +104,7 @@ class RunPanel(Panel):
         self.refresh_device()
         done = session.result is not None
         self.go.setText("Run again" if done else "Run")
+        self._show_further()
         self.go.setEnabled(self._actions["run.start"].isEnabled())
         set_primary(self.go, not done)
         self.resume.setVisible(idle and self._actions["run.resume"].isEnabled())
@@ -94,6 +112,20 @@ class RunPanel(Panel):
         self.proceed.setVisible(idle and done)
         ready = session.is_groomed or done
         self.summary.setText(session.result.summary if session.result else "" if ready else _FIRST)
+
+    def _show_further(self) -> None:
+        """Say what a run could add to the result."""
+        found = self._session.going_on
+        self.from_result.setVisible(found is not None)
+        if found is None:
+            return
+        self.further.setText(found.words)
+        count = len(found.subjects)
+        self.more.setText(f"Add {found.particles} particles" if found.particles else "Add particles")
+        self.fit.setText(f"Fit {count} new subject{'s' * (count != 1)}" if count else "Fit new subjects")
+        for one, command in ((self.more, "run.more"), (self.fit, "run.fit")):
+            one.setEnabled(self._actions[command].isEnabled())
+            one.setToolTip(self._actions[command].toolTip())
 
     def refresh_device(self) -> None:
         """Show the chosen device; one that this machine lacks is listed as missing."""

@@ -10,6 +10,7 @@ from PySide6.QtGui import QUndoCommand, QUndoStack
 
 from homolog.cohort import Subject
 from homolog.settings import RunSettings
+from homolog_app.window.going_on import GoingOn, going_on
 from homolog_app.window.loaded import Loaded
 from homolog_app.window.study import Member, Study
 from homolog_app.window.subjects import Groomed
@@ -63,6 +64,11 @@ class Session(QObject):
             one.name in self.groomed and self.groomed[one.name].settings == self.study.settings.groom
             for one in self.study.included
         )
+
+    @property
+    def going_on(self) -> GoingOn | None:
+        """What a run can add to the result; None without one."""
+        return going_on(self.study, self.result.record) if self.result is not None else None
 
     def edit(self, text: str, study: Study, key: str = "") -> None:
         """Make an edit that can be undone; successive edits with the same key become one."""

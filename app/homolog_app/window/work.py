@@ -152,11 +152,12 @@ class Work(QObject):
 
         self._order("groom", Task(lambda tick: groom(cohort, settings, project, tick), "grooming"), take)
 
-    def run(self, project: Project, *, resume: bool) -> None:
-        """Place the particles."""
+    def run(self, project: Project, *, resume: bool = False, from_result: bool = False) -> None:
+        """Place the particles, or go on from a checkpoint or from the result."""
         study = self._session.study
         self.cancelled_run = None
-        self._order("run", RunJob(project, study.cohort, study.settings, resume=resume), self._take_result)
+        job = RunJob(project, study.cohort, study.settings, resume=resume, from_result=from_result)
+        self._order("run", job, self._take_result)
 
     def keep(self) -> None:
         """Make the particles of the run that was cancelled last the result."""
@@ -264,7 +265,11 @@ class Work(QObject):
             self.failed.emit(kind, ended.error)
         elif ended.cancelled:
             _log.info("%s cancelled", kind)
-            if isinstance(ended.job, RunJob) and self._generation == self._session.generation:
+            if (
+                isinstance(ended.job, RunJob)
+                and ended.job.keeps
+                and self._generation == self._session.generation
+            ):
                 self.cancelled_run = ended.job
         elif take is not None:
             take(ended)

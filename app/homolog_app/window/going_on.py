@@ -1,0 +1,82 @@
+"""Going on from a result: more particles, or new subjects fitted to it. Knows no Qt."""
+
+from dataclasses import dataclass
+
+from homolog.files.records import ResultRecord
+from homolog_app.window.study import Study
+
+__all__ = ["GoingOn", "going_on"]
+
+_CANCELLED = "cancelled"
+
+
+@dataclass(frozen=True, slots=True)
+class GoingOn:
+    """What a run can add to a result.
+
+    Attributes
+    ----------
+    particles : int
+        How many more, if that is what the study asks for.
+    subjects : tuple of str
+        New ones that can be fitted to it.
+    words : str
+        What would happen, or what to do so that something can.
+    """
+
+    particles: int
+    subjects: tuple[str, ...]
+    words: str
+
+
+def going_on(study: Study, result: ResultRecord) -> GoingOn:
+    """Return what a run of a study can add to a result."""
+    known = [one.name for one in result.subjects]
+    names = [one.name for one in study.included]
+    fresh = tuple(name for name in names if name not in known)
+    gone = [name for name in known if name not in names]
+    more = study.settings.optimize.particles - result.particles
+    own = result.settings
+    same = study.settings.optimize.model_copy(update={"particles": own.optimize.particles}) == own.optimize
+    if gone:
+        return _not(
+            f"{_listed(gone)} of the result {_are(gone)} left out; include {_them(gone)} to go on from it."
+        )
+    if study.settings.groom != own.groom:
+        return _not("Grooming has other settings than those of the result; a run places all particles anew.")
+    if fresh and more:
+        return _not(
+            f"New subjects take the result's {result.particles} particles: ask for as many and fit them; add "
+            "particles after that."
+        )
+    if fresh:
+        new = f"{_listed(list(fresh))} {'gets' if len(fresh) == 1 else 'get'}"
+        return GoingOn(0, fresh, f"{new} the result's particles; those of the {len(known)} others stay.")
+    if more > 0 and same and result.ended != _CANCELLED:
+        return GoingOn(
+            more, (), f"The result's {result.particles} particles are split further, not placed anew."
+        )
+    if more > 0:
+        return _not(
+            "Other settings than those of the result, or a cancelled run: all particles are placed anew."
+        )
+    return _not(
+        f"Ask for more than {result.particles} particles to add to the result, or add new subjects in Cohort "
+        "to fit them to it."
+    )
+
+
+def _not(words: str) -> GoingOn:
+    return GoingOn(0, (), words)
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= 3 else f"{', '.join(names[:2])} and {len(names) - 2} others"
+
+
+def _are(names: list[str]) -> str:
+    return "is" if len(names) == 1 else "are"
+
+
+def _them(names: list[str]) -> str:
+    return "it" if len(names) == 1 else "them"

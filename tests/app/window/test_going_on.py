@@ -1,0 +1,73 @@
+"""More particles, and new subjects, on a finished result."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+pytestmark = [pytest.mark.window, pytest.mark.timeout(300)]
+
+
+def ask_for(window, particles):
+    optimize = window.desk.session.study.settings.optimize
+    window.desk.edit_settings("optimize", "particles", optimize.model_copy(update={"particles": particles}))
+
+
+def test_particles_are_added_to_the_result(explored, wait):
+    session, panel = explored.desk.session, explored.inspector.correspond
+    command = explored.commands["run.more"]
+    assert not command.isEnabled()
+    assert "Ask for more than 32 particles" in panel.further.text()
+    ask_for(explored, 48)
+    assert panel.more.text() == "Add 16 particles"
+    before = session.result.result.local
+    command.trigger()
+    wait(lambda: not explored.desk.work.is_busy)
+    after = session.result.result.local
+    assert after.shape[1] == 48
+    moved = np.linalg.norm(after[:, :32] - before, axis=2)
+    assert np.median(moved) < 2.5, "they were placed anew"
+    assert not command.isEnabled()
+
+
+def test_new_subjects_are_fitted_and_the_others_keep_their_particles(explored, ellipsoids, wait, tmp_path):
+    session, panel = explored.desk.session, explored.inspector.correspond
+    before = session.result.result.local
+    first = next(ellipsoids.glob("a.*"))
+    new = tmp_path / f"newcomer{''.join(first.suffixes)}"
+    shutil.copy(next(ellipsoids.glob("b.*")), new)
+    explored.library.take([new])
+    assert panel.fit.text() == "Fit 1 new subject"
+    assert "newcomer gets the result's particles" in panel.further.text()
+    explored.commands["run.fit"].trigger()
+    wait(lambda: not explored.desk.work.is_busy)
+    result = session.result.result
+    assert result.names[-1] == "newcomer"
+    np.testing.assert_allclose(result.local[:-1], before, atol=1e-9)
+    gap = np.linalg.norm(result.local[-1] - result.local[1], axis=1)
+    assert gap.mean() < 1.0  # it is the same shape as b
+
+
+def test_why_it_is_not_possible_is_said_where_the_button_is(explored, wait):
+    panel, session = explored.inspector.correspond, explored.desk.session
+    session.select(["b"])
+    session.toggle_included()
+    assert panel.further.text().startswith("b of the result is left out")
+    assert "Not now: ask for more particles" in panel.more.toolTip()
+    explored.commands["edit.undo"].trigger()
+    groom = session.study.settings.groom.model_copy(update={"smoothing": 0.0})
+    explored.desk.edit_settings("groom", "smoothing", groom)
+    assert "Grooming has other settings" in panel.further.text()
+    assert not panel.more.isEnabled()
+    assert not panel.fit.isEnabled()
+
+
+def test_a_cancelled_addition_leaves_the_result_and_offers_no_particles_to_keep(explored, wait):
+    before = explored.desk.session.result
+    ask_for(explored, 512)
+    explored.commands["run.more"].trigger()
+    wait(lambda: explored.desk.work.run_job is not None and explored.desk.work.run_job.frame is not None)
+    explored.commands["run.cancel"].trigger()
+    wait(lambda: not explored.desk.work.is_busy)
+    assert explored.desk.session.result is before
+    assert not explored.commands["run.keep"].isEnabled()
