@@ -240,7 +240,8 @@ def test_pictures_are_written_as_raster_and_as_vectors(ball, tmp_path, suffix):
     assert (tmp_path / f"again{suffix}").read_bytes() == path.read_bytes()
 
 
-def test_a_folder_that_is_not_there_is_an_input_error(ball, tmp_path):
+def test_a_folder_that_cannot_be_made_is_an_input_error(ball, tmp_path):
+    (tmp_path / "no").touch()
     with pytest.raises(InputError, match="can't be written"):
         write_picture(draw_particles(ball, ball.vertices[::9], width=60), tmp_path / "no" / "mean.png")
 

@@ -1,6 +1,8 @@
 """Films and stills as files: MP4, GIF, a folder of PNG pictures, one PNG; whole or not at all."""
 
+import errno
 import io
+import os
 import subprocess
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -115,7 +117,10 @@ def _encode(arguments: list[str], frames: Iterable[bytes], path: Path) -> None:
     from imageio_ffmpeg import get_ffmpeg_exe
 
     command = [get_ffmpeg_exe(), "-loglevel", "error", "-y", *arguments, str(path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
+    # Python lets no signal end it when a file may not grow, and neither shall FFmpeg be ended: it says so
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, restore_signals=False
+    ) as encoder:
         assert encoder.stdin is not None
         assert encoder.stderr is not None
         try:
@@ -129,6 +134,7 @@ def _encode(arguments: list[str], frames: Iterable[bytes], path: Path) -> None:
             raise
         words = encoder.stderr.read().decode(errors="replace").strip()
     if encoder.returncode:
-        if "No space left" in words:
-            raise OSError(28, "No space left on device")
+        for number in (errno.ENOSPC, errno.EFBIG, errno.EDQUOT):
+            if os.strerror(number) in words:
+                raise OSError(number, os.strerror(number))
         raise NumericalError(f"{path.name}: encoding failed: {words or encoder.returncode}")

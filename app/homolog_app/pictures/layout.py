@@ -1,5 +1,6 @@
 """Panels in a grid with captions and the bar of a colour map, as a matplotlib figure."""
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -158,5 +159,10 @@ def write_picture(figure: Figure, path: Path) -> None:
     InputError
         If the file can't be written.
     """
-    with replacing(path) as part, rc_context({"svg.hashsalt": "homolog"}):
-        figure.savefig(part, dpi=_DPI, facecolor=figure.get_facecolor(), metadata=_UNDATED.get(path.suffix))
+    drawn, kind = io.BytesIO(), path.suffix.lower().removeprefix(".")  # some backends leave files open
+    with rc_context({"svg.hashsalt": "homolog"}):
+        figure.savefig(
+            drawn, format=kind, dpi=_DPI, facecolor=figure.get_facecolor(), metadata=_UNDATED.get(path.suffix)
+        )
+    with replacing(path) as part:
+        part.write_bytes(drawn.getvalue())

@@ -54,6 +54,8 @@ def replacing(path: Path) -> Iterator[Path]:
             with part.open("rb+") as stream:
                 os.fsync(stream.fileno())
             part.replace(path)
+        except InputError as error:
+            raise _in_place(error, part, path) from error
         finally:
             part.unlink(missing_ok=True)
 
@@ -78,8 +80,15 @@ def replacing_folder(path: Path) -> Iterator[Path]:
             if path.is_dir():
                 path.rmdir()
             part.replace(path)
+        except InputError as error:
+            raise _in_place(error, part, path) from error
         finally:
             shutil.rmtree(part, ignore_errors=True)
+
+
+def _in_place(error: InputError, part: Path, path: Path) -> InputError:
+    """Return an error that names the file that was wanted, not the hidden one."""
+    return InputError(str(error).replace(str(part), str(path)))
 
 
 def write_text(path: Path, text: str) -> None:
