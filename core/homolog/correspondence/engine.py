@@ -249,7 +249,7 @@ class Engine:
         self.launch(
             kernels.locate,
             self.total,
-            [self.count, self.level.surfaces, self.positions, self.faces, self.feet],
+            [self.count, self.level.surfaces, self.positions, self.normals, self.faces, self.feet],
         )
 
     def _move(self) -> None:

@@ -26,6 +26,9 @@ __all__ = [
 ]
 
 
+ALIKE = wp.constant(0.5)  # cosine from which a face looks the way a particle does
+
+
 @wp.struct
 class Surface:
     """One shape at one level of detail: a mesh to walk on and its geodesic table."""
@@ -120,23 +123,27 @@ def corner_of(s: Surface, face: int, vertex: int) -> int:
     return wp.where(corners[0] == vertex, 0, wp.where(corners[1] == vertex, 1, 2))
 
 
-@wp.kernel
-def locate(
-    first: int,
-    per_shape: int,
-    surfaces: wp.array(dtype=Surface),
-    positions: wp.array(dtype=wp.vec3),
-    face_of: wp.array(dtype=int),
-    feet: wp.array(dtype=SurfacePoint),
-):
-    """Walk from the last face to the nearest one; never through space, where the other wall may be nearer.
+@wp.func
+def facing(s: Surface, face: int, normal: wp.vec3) -> float:
+    """Cosine between a face's normal and another."""
+    corners = s.faces[face]
+    a = s.vertices[corners[0]]
+    return wp.dot(wp.normalize(wp.cross(s.vertices[corners[1]] - a, s.vertices[corners[2]] - a)), normal)
+
+
+@wp.func
+def around(s: Surface, face: int, vertex: int) -> int:
+    """Return the next face around a vertex."""
+    return s.face_neighbors[face][(corner_of(s, face, vertex) + 1) % 3]
+
+
+@wp.func
+def walk(s: Surface, begin: int, x: wp.vec3) -> int:
+    """From a face downhill to one that no neighbour is nearer than.
 
     From an edge the walk looks across it, from a corner at all faces around that corner.
     """
-    p = first + wp.tid()
-    s = surfaces[p // per_shape]
-    x = positions[p]
-    face = face_of[p]
+    face = begin
     here = foot_on_face(s, face, x)
     moved = int(1)
     steps = int(0)
@@ -155,13 +162,54 @@ def locate(
         for k in range(3):
             if moved == 0 and here[k] >= 1.0:
                 vertex = s.faces[start][k]
-                turning = s.face_neighbors[start][(k + 1) % 3]
+                turning = around(s, start, vertex)
                 while turning != start:
                     there = foot_on_face(s, turning, x)
                     if there[3] < here[3] * (1.0 - 1.0e-5):
                         here = there
                         face = turning
                         moved = int(1)
-                    turning = s.face_neighbors[turning][(corner_of(s, turning, vertex) + 1) % 3]
+                    turning = around(s, turning, vertex)
+    return face
+
+
+@wp.func
+def alike(s: Surface, face: int, x: wp.vec3, normal: wp.vec3) -> int:
+    """Return the nearest of the faces around a face's corners that faces as the normal does, or the face."""
+    best = face
+    nearest = float(1.0e30)
+    for k in range(3):
+        vertex = s.faces[face][k]
+        turning = around(s, face, vertex)
+        while turning != face:
+            there = foot_on_face(s, turning, x)
+            if there[3] < nearest and facing(s, turning, normal) > ALIKE:
+                nearest = there[3]
+                best = turning
+            turning = around(s, turning, vertex)
+    return best
+
+
+@wp.kernel
+def locate(
+    first: int,
+    per_shape: int,
+    surfaces: wp.array(dtype=Surface),
+    positions: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    face_of: wp.array(dtype=int),
+    feet: wp.array(dtype=SurfacePoint),
+):
+    """Walk from the last face to the nearest one; never through space, where the other wall may be nearer.
+
+    Where a particle turns around a sharp rim just below the mesh, its foot would stay behind on the side that
+    it comes from, ever farther away: there the walk starts again from a face that looks like the particle.
+    """
+    p = first + wp.tid()
+    s = surfaces[p // per_shape]
+    x = positions[p]
+    face = walk(s, face_of[p], x)
+    if facing(s, face, normals[p]) < ALIKE:
+        face = walk(s, alike(s, face, x, normals[p]), x)
     face_of[p] = face
     feet[p] = surface_point(s.vertices, s.faces, face, x)

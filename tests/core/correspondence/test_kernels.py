@@ -2,14 +2,22 @@
 
 import numpy as np
 import pytest
+import pyvista as pv
 import warp as wp
 
 from homolog.correspondence import kernels, step_kernels
 from homolog.correspondence.domain import AREA, prepare
 from homolog.correspondence.engine import Engine
 from homolog.correspondence.launcher import Launcher
-from homolog.correspondence.surfaces import Placement, build_level, face_neighbors, field_array
+from homolog.correspondence.surfaces import (
+    Placement,
+    build_level,
+    face_neighbors,
+    field_array,
+    nearest_faces,
+)
 from homolog.settings import OptimizeSettings
+from homolog.surfaces.mesh import TriangleMesh
 
 LAUNCHER = Launcher("cpu", threads=1)
 
@@ -61,12 +69,26 @@ def test_the_walk_ends_on_the_nearest_face(ball):
     points = 10.0 * on_sphere(100)
     faces = wp.zeros(len(points), dtype=int, device="cpu")
     feet = wp.zeros(len(points), dtype=kernels.SurfacePoint, device="cpu")
-    LAUNCHER(kernels.locate, len(points), [len(points), level.surfaces, vectors(points), faces, feet])
+    places = [level.surfaces, vectors(points), vectors(points / 10.0)]
+    LAUNCHER(kernels.locate, len(points), [len(points), *places, faces, feet])
     corners = ball.mesh.vertices[ball.mesh.faces]
     samples = np.einsum("sk,fkd->fsd", np.random.default_rng(1).dirichlet(np.ones(3), 200), corners)
     nearest = np.linalg.norm(points[:, None, None] - samples[None], axis=-1).min(axis=(1, 2))
     found = np.linalg.norm(points - feet.numpy()["position"], axis=1)
     assert (found <= nearest + 1e-4).all()
+
+
+def test_a_foot_follows_its_particle_around_the_rim_of_a_slab_though_the_particle_is_below_the_mesh():
+    slab = pv.Box((-10.0, 10.0, -10.0, 10.0, -3.0, 0.0), level=9).triangulate().clean()
+    mesh = TriangleMesh(np.asarray(slab.points, dtype=np.float64), slab.faces.reshape(-1, 4)[:, 1:])
+    level = build_level([mesh], [None], [Placement(np.eye(3), np.zeros(3))], "cpu")
+    start = np.array([[9.5, 0.3, -0.1]])
+    faces = wp.array(nearest_faces(mesh, start, np.array([[0.0, 0.0, 1.0]])), dtype=int, device="cpu")
+    feet = wp.zeros(1, dtype=kernels.SurfacePoint, device="cpu")
+    for depth in np.arange(0.1, 1.6, 0.1):  # down the side, a little within the slab
+        places = [level.surfaces, vectors([[9.7, 0.3, -depth]]), vectors([[1.0, 0.0, 0.0]])]
+        LAUNCHER(kernels.locate, 1, [1, *places, faces, feet])
+    np.testing.assert_allclose(feet.numpy()["position"][0], [10.0, 0.3, -1.5], atol=1e-4)
 
 
 def test_face_neighbors_share_an_edge(ball):
