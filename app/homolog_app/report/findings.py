@@ -27,7 +27,7 @@ _LOOSE = 0.02
 
 def p_words(p: float) -> str:
     """Return a p-value with two digits, such as ``"p = 0.034"``."""
-    return f"p = {p:.2g}" if p >= 1e-4 else f"p = {p:.1e}"
+    return f"p = {p:.2g}" if p >= 0.95e-4 else f"p = {p:.1e}"
 
 
 def effect_words(comparison: Comparison) -> str:

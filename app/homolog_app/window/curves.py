@@ -8,6 +8,7 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QWidget
 
 from homolog.arrays import FloatArray
+from homolog_app.window.quantities import tick_words
 from homolog_app.window.theme import Theme
 
 __all__ = ["EnergyCurves"]
@@ -82,10 +83,16 @@ class EnergyCurves(QWidget):
         painter.restore()
         painter.setPen(QColor(colours.dim))
         right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-        for value, height in ((high, frame.top()), (low, frame.bottom())):
-            painter.drawText(QRectF(box.left(), height - 8, _LEFT - 8, 16), right, f"{value:.2g}")
+        words = tick_words([_rounded(low, high - low), _rounded(high, high - low)])
+        for text, height in zip(words, (frame.bottom(), frame.top()), strict=True):
+            painter.drawText(QRectF(box.left(), height - 8, _LEFT - 8, 16), right, text)
         below = QRectF(frame.left(), frame.bottom() + 6, frame.width(), 18)
         painter.drawText(below, Qt.AlignmentFlag.AlignRight, f"iteration {x[-1]:.0f}")
+
+
+def _rounded(value: float, span: float) -> float:
+    """Round to a hundredth of what is shown."""
+    return round(value, max(0, 1 - int(np.floor(np.log10(span)))))
 
 
 def _range(values: FloatArray) -> tuple[float, float]:

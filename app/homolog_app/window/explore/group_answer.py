@@ -84,7 +84,15 @@ class GroupAnswer:
         """What stands at both ends of the way, in words."""
         if self.values is None:
             return f"mean of {self.first}", f"mean of {self.second}"
-        return self.first, self.second
+        column = self.study.request.column
+        return f"{column} {self.first}", f"{column} {self.second}"
+
+    def at(self, way: float) -> str:
+        """Return the words for a place on the way, 0 at the first and 1 at the second."""
+        if self.values is None:
+            return f"{self.first} to {self.second} at {100 * way:.0f} %"
+        low, high = float(self.values.min()), float(self.values.max())
+        return f"{self.study.request.column} {short(low + way * (high - low))}"
 
 
 def answer_groups(shape: ModelShape, result: Result, request: StudyRequest, tick: Tick) -> GroupAnswer:
@@ -153,7 +161,7 @@ def _slope(study: Study, pair: Comparison) -> _Way:
     """Return the way from the lowest to the highest value."""
     values = np.array([float(study.labels[subject]) for subject in pair.subjects])
     low, high = float(values.min()), float(values.max())
-    first, second = (f"{study.request.column} {short(one)}" for one in (low, high))
+    first, second = short(low), short(high)
     share = float((values.mean() - low) / (high - low))
     return _Way(first, second, pair.local.effect[0] * (high - low), share, values)
 

@@ -2,12 +2,12 @@
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QAction
-from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QMenu, QToolButton, QWidget
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QMenu, QWidget
 
 from homolog_app.report.request import StudyRequest
 from homolog_app.window.explore.questions import SIZE, covariates_of, numbers_of, values_of
 from homolog_app.window.session import Session
-from homolog_app.window.widgets import GRID, choice, label
+from homolog_app.window.widgets import GRID, button, choice, label
 
 __all__ = ["GroupForm"]
 
@@ -30,10 +30,9 @@ class GroupForm(QWidget):
         self.scaling = QCheckBox("Take size out of the shapes")
         self.scaling.setToolTip("Bring all shapes to one size first; size is tested apart in any case")
         self.slope = label("Does shape change with this number? (linear regression)", "Hint", wrap=True)
-        self.allow = QToolButton()
+        self.allow = button("")
         self.allow.setAccessibleName("Covariates allowed for")
         self.allow.setToolTip("Columns whose effect on shape is taken out before the test")
-        self.allow.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         self._covariates = QMenu(self.allow)
         self._covariates.setToolTipsVisible(True)
         self.allow.setMenu(self._covariates)

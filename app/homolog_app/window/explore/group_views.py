@@ -43,7 +43,8 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     first = answers[0]
     limit = max(one.limit for one in answers)
     factor = arrow_factor(first.shape, limit) if view.arrows else 0.0
-    words = [f"From {first.first} to {first.second}: outward difference"]
+    of = "" if first.values is None else f"{first.study.request.column} "
+    words = [f"Outward difference from {of}{first.first} to {first.second}"]
     words += [f"arrows drawn {factor:g} × as long"] if factor > 1.0 else []
     words += ["grey: not significant"] if view.only_significant else []
     scale = displacement_scale(limit, words[0], " · ".join(words[1:]))
@@ -79,11 +80,13 @@ def _mapped(
         if answer.values is not None:
             note = "a number has no discriminant; look at the difference"
         return model_content(shape, title or "mean", note, answer.start, Look(), alignment=placed)
-    place = f"{answer.first} to {answer.second} at {100 * view.way:.0f} %"
-    slope = "regression" if answer.values is not None else what
-    name = f"{answer.second} − {answer.first}: {slope}"
+    place = answer.at(view.way)
+    slope = answer.values is not None
+    name = (
+        f"Effect of {answer.study.request.column}" if slope else f"{answer.second} − {answer.first}: {what}"
+    )
     return model_content(
-        shape, title or name, f"{slope} · {place}" if title else place,
+        shape, title or name, f"{name} · {place}" if title else place,
         _at(answer, chosen, view.way), look, values=chosen.outward, ways=chosen.ways,
         faded=~chosen.significant if view.only_significant else None, alignment=placed,
     )  # fmt: skip

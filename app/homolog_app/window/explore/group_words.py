@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog_app.report.findings import LEVEL, p_words
+from homolog_app.window.explore.questions import SIZE
 from homolog_app.window.quantities import short, signed
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
         rows.append(
             ("Holm's correction", f"{p_words(pair.p_adjusted)} for {len(answer.study.pairwise)} pairs")
         )
-    if test.mahalanobis is not None and test.modes:
+    if test.mahalanobis is not None and test.modes and not slope:
         rows.append(("Effect", f"{test.mahalanobis:.1f} SD apart"))
     share = 100.0 * float((pair.local.p_family <= LEVEL).mean())
     rows.append((f"Local, corrected p ≤ {LEVEL:g}", f"{share:.0f} % of particles"))
@@ -52,7 +53,8 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     if pair.discriminant is not None:
         found = pair.discriminant
         rows.append(("Left-out subjects", f"{100 * found.accuracy:.0f} % right, AUC {found.auc:.2f}"))
-    rows.append(_size_row(answer))
+    if SIZE not in answer.study.request.covariates and answer.study.request.column != SIZE:
+        rows.append(_size_row(answer))
     for one in pair.false_alarms[:2]:
         bounds = f"{short(100 * one.low)}–{short(100 * one.high)}"
         kind = "F" if one.test == WHOLE_SHAPE_F else "permutations"

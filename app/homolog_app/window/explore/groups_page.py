@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["GroupsPage"]
 
 _MAPS = {"Mean difference": "difference", "Discriminant": "discriminant"}
-_LAYOUTS = {"The map": 1, "Both ends and the maps": 4}
+_LAYOUTS = {"The map": 1, "Ends and maps": 4}
 _WHOLE = 100
 
 
@@ -199,12 +199,16 @@ class GroupsPage(ExplorePage):
         own = work.kind in ("groups", "model", "compare")
         self.progress.show_status(work.status if own else None)
         self.go.setVisible(not (own and work.status is not None))
+        self.go.setText("Test the effect" if self.form.is_regression else "Compare groups")
         self.go.setEnabled(self.fitted.shape is not None and self.form.is_possible and not work.is_busy)
 
     def _show(self) -> None:
         answers = self.answers
         for one in (self.way, self.player, self.map, self.views, self.significant, self.arrows):
             one.setEnabled(bool(answers))
+        if answers and answers[0].values is not None:
+            self.map.setCurrentIndex(0)
+            self.map.setEnabled(False)
         self.numbers.setVisible(bool(answers))
         self.first.setText(answers[0].first if answers else "")
         self.second.setText(answers[0].second if answers else "")

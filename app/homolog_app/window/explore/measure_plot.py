@@ -49,7 +49,7 @@ class MeasurePlot(Plot):
         self._at = at
         if len(self._x):
             value = float(np.interp(at, self._x, self._y))
-            self.title = f"{self._name}: {value:.4g} {self._unit} at {signed(at)} SD"
+            self.title = f"{self._name}: {short(value)} {self._unit} at {signed(at)} SD"
         self.update()
 
     def paint_data(self, painter: QPainter) -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["ScatterPlot", "ScreePlot"]
 
 _MOST_BARS, _DENSE = 16, 10
+_VEIL = 180
 _NEAR_PX = 10.0
 _DRAG_PX = 4.0
 _REACH = 3.0
@@ -170,7 +171,9 @@ class ScatterPlot(Plot):
             if name in self._selected:
                 at = self.place(x, y)
                 words = QRectF(at.x() + 12, at.y() - 20, metrics.horizontalAdvance(name) + 4, 16)
-                painter.fillRect(words, QColor(colours.surface))
+                behind = QColor(colours.surface)
+                behind.setAlpha(_VEIL)
+                painter.fillRect(words, behind)
                 painter.setPen(QPen(QColor(colours.text), 2))
                 painter.setBrush(Qt.BrushStyle.NoBrush)
                 painter.drawEllipse(at, 9, 9)

@@ -15,7 +15,7 @@ __all__ = ["Player"]
 _PERIOD_S = 4.0
 _LEAST_MS = 33
 _DRAWING_SHARE = 1.5
-_SPEEDS = {"½ speed": 0.5, "1 × speed": 1.0, "2 × speed": 2.0}
+_SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
 
 
 class Player(QWidget):
@@ -43,7 +43,8 @@ class Player(QWidget):
         self.go.clicked.connect(actions["run.play"].trigger)
         self.speed, self.reach = choice("Speed", _SPEEDS), choice("Range", ranges)
         for box in (self.speed, self.reach):
-            box.setMinimumContentsLength(8)
+            box.setMinimumContentsLength(6 if box is self.reach else 3)
+            box.setToolTip(box.accessibleName())
             box.setCurrentIndex(min(1, box.count() - 1))
         self.reach.setVisible(len(ranges) > 1)
         self.loop = QCheckBox("Loop")

@@ -129,6 +129,8 @@ class Plot(QWidget):
         right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
         most = max(2, int(frame.height() // 36))
         ys = self.y_ticks if self.y_ticks is not None else ticks(*self.y_range, most)
+        if len(ys) == 1:
+            ys = ticks(*self.y_range, 2 * most)
         for y, words in zip(ys, tick_words(ys), strict=True):
             at = self.place(self.x_range[0], y)
             painter.drawLine(at, at - QPointF(4, 0))

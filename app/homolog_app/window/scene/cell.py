@@ -37,6 +37,7 @@ ambientColor = ambientColor * shade + vec3(0.25 * shine);
 diffuseColor *= shade;
 """
 _MARGIN, _SPARSE = 1.22, 5
+_FREE = 0.43
 _COLOURED = (0.4, 0.6, 0.0)  # colours that mean numbers shall neither drown in shade nor in shine
 _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 
@@ -151,8 +152,15 @@ class Cell:
         for actor in (self._caption, *self._letters):
             actor.SetVisibility(content is not None)
             actor.GetTextProperty().SetFontSize(size)
-        if small:
+        if small or (content is not None and self._caption_reach() > _FREE):
             self._letters[-1].SetVisibility(False)
+
+    def _caption_reach(self) -> float:
+        """Return the share of the view that the name takes; the letter at the top is in the middle."""
+        width, _ = self.renderer.GetSize()
+        size = [0.0, 0.0]
+        self._caption.GetSize(self.renderer, size)
+        return size[0] / width if width else 0.0
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
