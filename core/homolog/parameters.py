@@ -32,6 +32,8 @@ class Parameter:
         Empty for numbers without dimension.
     help : str
         One or two sentences.
+    title : str
+        The name for people where the field's own isn't good enough.
     """
 
     name: str
@@ -43,11 +45,12 @@ class Parameter:
     low_excluded: bool
     unit: str
     help: str
+    title: str = ""
 
     @property
     def label(self) -> str:
         """The name for people: ``"mesh edge"``."""
-        return self.name.replace("_", " ")
+        return self.title or self.name.replace("_", " ")
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -90,6 +93,7 @@ def _parameter(name: str, field: FieldInfo) -> Parameter:
         low_excluded="gt" in bounds,
         unit=str(extra.get("unit", "")),
         help=field.description or "",
+        title=field.title or "",
     )
 
 

@@ -34,16 +34,17 @@ class PictureSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     width: Annotated[
-        int, Field(ge=480, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="Even number.")
+        int, Field(ge=480, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="An even number.")
     ] = 1280
     height: Annotated[
-        int, Field(ge=320, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="Even number.")
+        int, Field(ge=320, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="An even number.")
     ] = 720
     deviations: Annotated[
         float,
         Field(
             gt=0.0,
             le=6.0,
+            title="range",
             json_schema_extra={"unit": "SD"},
             description="How far a mode goes to either side of the mean; also the range of the colours.",
         ),
@@ -64,11 +65,17 @@ class FilmSettings(PictureSettings):
 
     fps: Annotated[
         int,
-        Field(ge=1, le=60, json_schema_extra={"unit": "1/s"}, description="Frames a second."),
+        Field(
+            ge=1,
+            le=60,
+            title="frames a second",
+            json_schema_extra={"unit": "1/s"},
+            description="25 is smooth; fewer make smaller files.",
+        ),
     ] = 25
     seconds: Annotated[
         float,
-        Field(ge=0.2, le=600.0, json_schema_extra={"unit": "s"}, description="Length of the film."),
+        Field(ge=0.2, le=600.0, title="length", json_schema_extra={"unit": "s"}, description="Of the film."),
     ] = 4.0
     loop: Annotated[
         bool, Field(description="Go there and back, so that the film can be repeated without a jump.")
@@ -89,6 +96,7 @@ class StillSettings(PictureSettings):
         Field(
             ge=-6.0,
             le=6.0,
+            title="place",
             description="Where: in SD along a mode, 0 (first) to 1 (second) between groups; upper end if not "
             "given.",
         ),

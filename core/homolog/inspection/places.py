@@ -209,9 +209,10 @@ def _distances(
     with wp.ScopedDevice("cpu"):
         faces = wp.array(nearest_faces(level.meshes[0], points - middle, normals), dtype=int)
         positions = wp.array((points - middle).astype(np.float32), dtype=wp.vec3)
+        toward = wp.array(normals.astype(np.float32), dtype=wp.vec3)
         feet = wp.zeros(len(points), dtype=SurfacePoint)
         launch = Launcher("cpu", threads=1)
-        launch(locate, len(points), [len(points), level.surfaces, positions, faces, feet])
+        launch(locate, len(points), [len(points), level.surfaces, positions, toward, faces, feet])
         ends = wp.array(pairs.astype(np.int32), dtype=wp.vec2i)
         lengths = wp.zeros(len(pairs), dtype=float)
         wp.launch(kernels.pair_distances, len(pairs), [level.surfaces, feet, ends, lengths])

@@ -149,7 +149,8 @@ class ExportDialog(QDialog):
         self.bar.setAccessibleName("Progress of the export")
         self.show_.hide()
         self.go.setDefault(True)
-        self.resize(940 if self.preview else 560, 760 if self.chooser else 300)
+        height = 300 if self.settings is None else 430
+        self.resize(940 if self.preview else 640, 760 if self.chooser else height)
 
     def _make_middle(self) -> QHBoxLayout:
         """Return what is chosen, the form made from the settings, and the preview."""
