@@ -7,7 +7,7 @@ import numpy as np
 
 from homolog.arrays import Array
 from homolog.errors import InputError
-from homolog.grooming.headers import check_data_files
+from homolog.grooming.headers import read_header
 from homolog.grooming.volumes import check_size
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.simplify import simplified
@@ -37,7 +37,7 @@ def read_distance_map(path: Path) -> TriangleMesh:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; correct the path")
-    check_data_files(path)
+    read_header(path).check()
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     reader = SimpleITK.ImageFileReader()
     reader.SetFileName(os.fspath(path))

@@ -1,48 +1,189 @@
-"""Headers of NRRD and MetaImage files: where their voxels lie, and the names of segments."""
+"""Headers of NRRD and MetaImage files: where their voxels lie, and the names of segments.
 
+What SimpleITK reads without a word although it makes no sense is refused here.
+"""
+
+import math
 import os
+import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+
+import numpy as np
 
 from homolog.errors import InputError
 from homolog.grooming.volumes import Segment
 
-__all__ = ["check_data_files", "segments_of"]
+__all__ = ["Header", "read_header", "segments_of"]
 
 _LONGEST = 2**20
 """A text header that is longer than this is none."""
+_MOST_FILES = 100_000
+_MILLIMETRES = ("", "mm", "millimeter", "millimeters", "millimetre", "millimetres")
+_NO_SIZE = "its header does not say how large its voxels are; 1 mm was assumed"
+_RESCUE = "mend its header or export it again"
 
 
-def check_data_files(path: Path) -> None:
-    """Refuse a header whose voxels lie elsewhere than in its own folder, or are not there.
+@dataclass(frozen=True, slots=True)
+class Header:
+    """A header of text.
 
-    Parameters
+    Attributes
     ----------
     path : Path
-        A NRRD or MetaImage file.
-
-    Raises
-    ------
-    InputError
-        Naming the file that is missing or not beside the header, or a compression that can't be read.
+        The file that begins with it.
+    is_nrrd : bool
+        NRRD rather than MetaImage.
+    values : mapping of str to str
+        By key in lower case without blanks.
+    files : tuple of str
+        Where the voxels are, beside the header; none if they follow it.
+    length : int
+        Bytes before the voxels that follow.
     """
+
+    path: Path
+    is_nrrd: bool
+    values: Mapping[str, str]
+    files: tuple[str, ...]
+    length: int
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know."""
+        keys = ("spacedirections", "spacings") if self.is_nrrd else ("elementspacing", "elementsize")
+        return () if any(key in self.values for key in keys) else (_NO_SIZE,)
+
+    def check_length(self, needed: int) -> None:
+        """Refuse more or fewer bytes of voxels than a header tells of: its sizes or its offset are wrong.
+
+        Parameters
+        ----------
+        needed : int
+            Bytes of all voxels.
+        """
+        skip = self._number("byteskip" if self.is_nrrd else "headersize")
+        encoding = self.values.get("encoding", "").lower()
+        packed = encoding in ("gzip", "gz") and len(self.files) < 2
+        plain = (
+            encoding == "raw" if self.is_nrrd else not self._is("compresseddata") and self._is("binarydata")
+        )
+        if skip < 0 or not (packed or plain):
+            return  # voxels at the end of the file, or as many as the decoder finds
+        places = [self.path.parent / name for name in self.files] or [self.path]
+        there = sum(os.path.getsize(place) for place in places)
+        before = (skip + self._skipped_lines(places[0])) * len(places) if self.files else self.length + skip
+        if packed:
+            with places[0].open("rb") as stream:
+                stream.seek(max(there - 4, 0))
+                there, before = int.from_bytes(stream.read(4), "little"), skip
+            if there - before > needed:  # of several packed parts only the last counts
+                raise InputError(
+                    f"{self.path}: may be cut short, or holds more than the {needed} bytes of voxels that "
+                    "its header tells of; copy or export it again"
+                )
+        elif there - before < needed:
+            raise InputError(
+                f"{self.path}: may be cut short ({there - before} of {needed} bytes of voxels); copy or "
+                "export it again"
+            )
+        elif there - before > needed:
+            raise InputError(
+                f"{self.path}: holds {there - before} bytes of voxels, and its header tells of {needed}: its "
+                "sizes or what is to be skipped is wrong; mend it or export it again"
+            )
+
+    def check(self) -> None:
+        """Refuse what contradicts itself, lies elsewhere than beside the header, or is not there."""
+        for name in self.files:
+            self._check_beside(name)
+        (self._check_nrrd if self.is_nrrd else self._check_metaimage)()
+
+    def _check_nrrd(self) -> None:
+        if self.values.get("encoding", "").lower() in ("bzip2", "bz2"):
+            raise InputError(
+                f"{self.path}: is compressed by bzip2, which can't be read; save it again with gzip"
+            )
+        self._check_spacing("spacings")
+        units = re.findall(r'"([^"]*)"', self.values.get("spaceunits", ""))
+        if not all(one.strip().lower() in _MILLIMETRES for one in units):
+            raise InputError(f"{self.path}: has the units {', '.join(units)}; save it again in mm")
+
+    def _check_metaimage(self) -> None:
+        self._check_spacing("elementspacing")
+        self._check_spacing("elementsize")
+        for key in ("offset", "position", "origin"):
+            if not np.isfinite(self._numbers(key)).all():
+                raise InputError(f"{self.path}: has the origin {self.values[key]}; {_RESCUE}")
+        for key in ("transformmatrix", "rotation", "orientation"):
+            numbers = self._numbers(key)
+            edge = math.isqrt(len(numbers))
+            turn = np.reshape(numbers[: edge**2], (edge, edge))
+            if not np.allclose(turn @ turn.T, np.eye(edge), atol=1e-3):
+                raise InputError(f"{self.path}: its axes {self.values[key]} are no rotation; {_RESCUE}")
+        if not self.files and self._number("headersize") > 0:
+            raise InputError(f"{self.path}: says that its voxels both follow and lie elsewhere; {_RESCUE}")
+
+    def _check_spacing(self, key: str) -> None:
+        sizes = [one for one in self._numbers(key) if not (self.is_nrrd and math.isnan(one))]
+        if key in self.values and (len(sizes) < 2 or not all(0.0 < one < math.inf for one in sizes)):
+            raise InputError(f"{self.path}: has the spacing {self.values[key]}; {_RESCUE}")
+
+    def _number(self, key: str) -> int:
+        try:
+            return int(self.values.get(key, "0"))
+        except ValueError as error:
+            raise InputError(f"{self.path}: its {key} is {self.values[key]!r}; {_RESCUE}") from error
+
+    def _numbers(self, key: str) -> list[float]:
+        try:
+            return [float(one) for one in self.values.get(key, "").split()]
+        except ValueError as error:
+            raise InputError(f"{self.path}: its {key} is {self.values[key]!r}; {_RESCUE}") from error
+
+    def _is(self, key: str) -> bool:
+        return self.values.get(key, "").lower() in ("true", "t", "yes", "1")
+
+    def _skipped_lines(self, place: Path) -> int:
+        """Return how many bytes a NRRD header's `line skip` leaves out."""
+        with place.open("rb") as stream:
+            return sum(
+                len(stream.readline(_LONGEST)) for _ in range(min(self._number("lineskip"), _MOST_FILES))
+            )
+
+    def _check_beside(self, name: str) -> None:
+        place = PurePosixPath(os.path.normpath(name))
+        if place.is_absolute() or ".." in place.parts or ":" in name:
+            raise InputError(f"{self.path}: its voxels are said to be in {name}; put that file beside it")
+        if not os.path.isfile(self.path.parent / place):  # no name is too long for it
+            raise InputError(
+                f"{self.path}: its voxels are in {name}, which is not there; put that file beside it"
+            )
+
+
+def read_header(path: Path) -> Header:
+    """Read the header of a NRRD or MetaImage file, whatever is in it."""
     with path.open("rb") as stream:
         text = stream.read(_LONGEST).decode("latin-1")
-    nrrd = text.startswith("NRRD")
-    lines = (
-        text.partition("\n\n" if "\r\n\r\n" not in text else "\r\n\r\n")[0].splitlines()
-        if nrrd
-        else (text.splitlines())
-    )
+    is_nrrd = text.startswith("NRRD")
+    if is_nrrd and (blank := re.search(r"\r?\n\r?\n", text)):
+        text = text[: blank.end()]
+    values: dict[str, str] = {}
+    files: tuple[str, ...] = ()
+    length = 0
+    lines = text.splitlines(keepends=True)
     for number, line in enumerate(lines):
-        key, _, value = (part.strip() for part in line.partition(":" if nrrd else "="))
+        length += len(line)
+        key, _, value = (part.strip() for part in line.partition(":" if is_nrrd else "="))
         key = key.lower().replace(" ", "")
-        if nrrd and key == "encoding" and value.lower() in ("bzip2", "bz2"):
-            raise InputError(f"{path}: is compressed by bzip2, which can't be read; save it again with gzip")
-        if key == ("datafile" if nrrd else "elementdatafile"):
-            for name in _names(value, lines[number + 1 :]):
-                _check_beside(path, name)
-            return
+        if not (is_nrrd and value.startswith("=")):  # which is somebody's own
+            values.setdefault(key, value)
+        if key == ("datafile" if is_nrrd else "elementdatafile"):
+            files = tuple(_names(value.replace("\\", "/"), lines[number + 1 :]))
+            if not is_nrrd:
+                break  # the voxels follow
+    return Header(path, is_nrrd, values, files, length)
 
 
 def segments_of(path: Path, values: Mapping[str, str]) -> tuple[Segment, ...]:
@@ -71,23 +212,13 @@ _DEFAULTS = (("LabelValue", "1"), ("Layer", "0"))
 
 
 def _names(value: str, following: list[str]) -> list[str]:
-    """Return the files that a header names: one, a list, or those of a pattern (its first)."""
+    """Return the files that a header names: one, a list, or those of a pattern."""
     words = value.split()
     if not words or words[0].upper() == "LOCAL":
         return []
     if words[0].upper() == "LIST":
         return [line.strip() for line in following if line.strip()]
-    if "%" in words[0] and len(words) >= 3:
-        try:
-            return [words[0] % int(words[1])]
-        except (ValueError, TypeError, OverflowError):
-            return [words[0]]
+    if len(words) >= 3 and len(re.findall("%", words[0])) == 1 and re.search(r"%0?\d?d", words[0]):
+        first, last, step = (int(one) if one.isdecimal() else 0 for one in (*words[1:4], "1")[:3])
+        return [words[0] % number for number in range(first, last + 1, step or 1)[:_MOST_FILES]]
     return [value]
-
-
-def _check_beside(path: Path, name: str) -> None:
-    place = PurePosixPath(os.path.normpath(name.replace("\\", "/")))
-    if place.is_absolute() or ".." in place.parts or ":" in name:
-        raise InputError(f"{path}: its voxels are said to be in {name}; put that file beside it")
-    if not os.path.isfile(path.parent / place):  # no name is too long for it
-        raise InputError(f"{path}: its voxels are in {name}, which is not there; put that file beside it")

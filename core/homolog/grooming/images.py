@@ -1,12 +1,13 @@
 """Reading segmentations: any format, orientation and spacing, one frame (LPS, mm), every fault named."""
 
+import math
 import os
 from pathlib import Path
 
 import numpy as np
 
 from homolog.errors import InputError
-from homolog.grooming.headers import check_data_files, segments_of
+from homolog.grooming.headers import read_header, segments_of
 from homolog.grooming.volumes import Segment, Segmentation, Volume, check_size
 
 __all__ = ["Segment", "Segmentation", "Volume", "read_segmentation", "read_volume"]
@@ -65,7 +66,8 @@ def _read_itk(path: Path) -> Volume:
     """Read a NRRD or MetaImage file."""
     import SimpleITK
 
-    check_data_files(path)
+    text = read_header(path)
+    text.check()
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     reader = SimpleITK.ImageFileReader()
     reader.SetFileName(os.fspath(path))
@@ -84,6 +86,7 @@ def _read_itk(path: Path) -> Volume:
         raise InputError(f"{path}: names segments in layers that it does not hold; save it again")
     voxel = SimpleITK.GetArrayViewFromImage(SimpleITK.Image([1, 1, 1], reader.GetPixelID())).itemsize
     check_size(path, reader.GetSize(), voxel * count)
+    text.check_length(math.prod(reader.GetSize()) * voxel * count)
     try:
         image = reader.Execute()
     except (RuntimeError, MemoryError) as error:
@@ -93,7 +96,7 @@ def _read_itk(path: Path) -> Volume:
     matrix[:3, :3] = np.reshape(image.GetDirection(), (3, 3)) * image.GetSpacing()
     matrix[:3, 3] = image.GetOrigin()
     layers = [values[..., layer] for layer in range(count)] if count > 1 else [values]
-    return Volume(path, layers, matrix, named, _notes(path, header))
+    return Volume(path, layers, matrix, named, (*_notes(path, header), *text.notes))
 
 
 def _notes(path: Path, header: dict[str, str]) -> tuple[str, ...]:

@@ -89,6 +89,127 @@ def test_a_metaimage_is_read_compressed_or_not(blocks, tmp_path, points, name, c
     assert np.allclose(points(read_segmentation(tmp_path / name, None)), expected(blocks))
 
 
+@pytest.mark.parametrize("encoding", ["raw", "gzip"])
+@pytest.mark.parametrize(
+    ("lines", "right"), [(["byte skip: 8"], True), ([], False), (["byte skip: 4"], False)]
+)
+def test_what_is_skipped_before_the_voxels_must_leave_as_many_as_there_are(
+    blocks, write_nrrd, points, tmp_path, encoding, lines, right
+):
+    body = b"12345678" + blocks.tobytes(order="F")
+    (tmp_path / "voxels.bin").write_bytes(gzip.compress(body) if encoding == "gzip" else body)
+    path = write_nrrd("a.nhdr", blocks, lines, encoding=encoding, data_file="voxels.bin")
+    if right:
+        assert np.allclose(points(read_segmentation(path, None)), expected(blocks))
+        return
+    with pytest.raises(InputError, match=r"a\.nhdr: (holds|may be cut short, or holds)"):
+        read_segmentation(path, None)
+
+
+def test_lines_are_skipped_and_the_end_of_a_file_is_found(blocks, write_nrrd, points, tmp_path):
+    (tmp_path / "voxels.bin").write_bytes(b"made\nby hand\n" + blocks.tobytes(order="F"))
+    for line in ("line skip: 2", "byte skip: -1"):
+        path = write_nrrd("a.nhdr", blocks, [line], data_file="voxels.bin")
+        assert np.allclose(points(read_segmentation(path, None)), expected(blocks))
+
+
+@pytest.mark.parametrize("names", ["LIST\n{}", "voxels%02d.bin 1 11 1"])
+def test_voxels_in_a_file_for_each_slice_are_put_together(blocks, write_nrrd, points, tmp_path, names):
+    for k in range(11):
+        (tmp_path / f"voxels{k + 1:02d}.bin").write_bytes(blocks[:, :, k].tobytes(order="F"))
+    listed = "\n".join(f"voxels{k + 1:02d}.bin" for k in range(11))
+    path = write_nrrd("a.nhdr", blocks, data_file=names.format(listed))
+    path.write_bytes(path.read_bytes().rstrip() + b"\n")
+    assert np.allclose(points(read_segmentation(path, None)), expected(blocks))
+    (tmp_path / "voxels07.bin").unlink()
+    with pytest.raises(InputError, match=r"voxels07\.bin, which is not there"):
+        read_segmentation(path, None)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("sizes: 9 10 11", "sizes: 9 10 10", "holds 990 bytes of voxels, and its header tells of 900"),
+        ("sizes: 9 10 11", "sizes: 9 10 12", r"may be cut short \(990 of 1080 bytes"),
+        (
+            "encoding: raw",
+            'encoding: raw\nspace units: "m" "m" "m"',
+            "has the units m, m, m; save it again in mm",
+        ),
+        ("(1,0,0) (0,2,0)", "(nan,0,0) (0,2,0)", "is no readable image"),
+        ("(1,0,0) (0,2,0)", "(0,0,0) (0,2,0)", "Refusing to change spacing"),
+        ("(1,0,0) (0,2,0)", "(1,0,0) (1,2,0)", "not at right angles"),
+        ("space directions: (1,0,0) (0,2,0) (0,0,3)", "spacings: 1 -2 3", "has the spacing 1 -2 3"),
+        ("space directions: (1,0,0) (0,2,0) (0,0,3)", "spacings: nan nan nan", "has the spacing nan"),
+    ],
+)
+def test_a_nrrd_header_that_contradicts_itself_is_refused(blocks, write_nrrd, old, new, message):
+    path = write_nrrd("a.nrrd", blocks)
+    path.write_bytes(path.read_bytes().replace(old.encode(), new.encode(), 1))
+    if "spacings" in new:
+        path.write_bytes(path.read_bytes().replace(b"space: left-posterior-superior\n", b"", 1))
+        path.write_bytes(path.read_bytes().replace(b"space origin: (5,-6,7)\n", b"", 1))
+    with pytest.raises(InputError, match=message):
+        read_segmentation(path, None)
+
+
+@pytest.fixture
+def write_meta(blocks, tmp_path):
+    """Write a MetaImage file by hand with some of its header's lines changed or, if None, left out."""
+
+    def write(name="a.mha", *, body=None, **lines):
+        header = {
+            "ObjectType": "Image", "NDims": "3", "BinaryData": "True", "BinaryDataByteOrderMSB": "False",
+            "CompressedData": "False", "TransformMatrix": "1 0 0 0 1 0 0 0 1", "Offset": "5 -6 7",
+            "ElementSpacing": "1 2 3", "DimSize": "9 10 11", "ElementType": "MET_UCHAR",
+        } | {"ElementDataFile": "LOCAL"} | lines  # fmt: skip
+        last = header.pop("ElementDataFile")
+        voxels = blocks.tobytes(order="F") if body is None else body
+        text = "".join(f"{key} = {value}\n" for key, value in header.items() if value is not None)
+        (tmp_path / name).write_bytes(f"{text}ElementDataFile = {last}\n".encode() + voxels)
+        return tmp_path / name
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ({"ElementSpacing": "1 -2 3"}, "has the spacing 1 -2 3; mend its header"),
+        ({"ElementSpacing": "1 nan 3"}, "has the spacing 1 nan 3"),
+        ({"ElementSpacing": "1 x 3"}, "its elementspacing is '1 x 3'"),
+        ({"Offset": "nan 0 0"}, "has the origin nan 0 0"),
+        ({"TransformMatrix": "2 0 0 0 1 0 0 0 1"}, "its axes 2 0 0 0 1 0 0 0 1 are no rotation"),
+        ({"TransformMatrix": "1 0 0 0.5 1 0 0 0 1"}, "are no rotation"),
+        ({"HeaderSize": "8"}, "both follow and lie elsewhere"),
+        ({"DimSize": "9 10 10"}, "holds 990 bytes of voxels, and its header tells of 900"),
+        ({"DimSize": "9 10 12"}, r"may be cut short \(990 of 1080 bytes"),
+    ],
+)
+def test_a_metaimage_header_that_contradicts_itself_is_refused(write_meta, lines, message):
+    with pytest.raises(InputError, match=message):
+        read_segmentation(write_meta(**lines), None)
+
+
+@pytest.mark.parametrize(
+    ("spacing", "note"),
+    [({"ElementSpacing": None}, True), ({"ElementSpacing": None, "ElementSize": "1 2 3"}, False)],
+)
+def test_voxels_of_unknown_size_are_read_with_a_note(write_meta, blocks, points, spacing, note):
+    found = read_segmentation(write_meta(**spacing), None)
+    assert found.notes == (
+        ("its header does not say how large its voxels are; 1 mm was assumed",) if note else ()
+    )
+    assert found.spacing.tolist() == ([1.0, 1.0, 1.0] if note else [1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize("skip", [8, -1])
+def test_what_precedes_a_metaimages_voxels_is_skipped(write_meta, blocks, points, tmp_path, skip):
+    (tmp_path / "voxels.raw").write_bytes(b"12345678" + blocks.tobytes(order="F"))
+    path = write_meta("a.mhd", body=b"", HeaderSize=str(skip), ElementDataFile="voxels.raw")
+    assert np.allclose(points(read_segmentation(path, None)), expected(blocks))
+
+
 def test_bzip2_is_refused_with_the_remedy(blocks, write_nrrd):
     path = write_nrrd("a.nrrd", blocks, encoding="bzip2")
     with pytest.raises(InputError, match="compressed by bzip2, which can't be read; save it again with gzip"):
