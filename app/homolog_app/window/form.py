@@ -31,6 +31,19 @@ _WORDS = {
     "axes": "Principal axes",
     "center": "Centre of mass",
     "none": "None",
+    "vtp": "VTP (ParaView, 3D Slicer)",
+    "ply": "PLY",
+    "stl": "STL",
+    "glb": "GLB (browsers, slides)",
+    "scree": "Eigenvalues and chance (scree)",
+    "scores": "Subjects in two modes",
+    "quality": "Quality of the model",
+    "energies": "Energies of the run",
+    "modes": "Modes",
+    "difference": "Difference of two groups",
+    "discriminant": "Discriminant of two groups",
+    "world": "Aligned",
+    "local": "As in the input files",
 }
 
 

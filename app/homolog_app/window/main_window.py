@@ -91,7 +91,7 @@ class MainWindow(QMainWindow):
     def refresh(self) -> None:
         """Show what is possible now."""
         desk, views = self.desk, self.views
-        page, pages = (views.stage.scene.page, views.stage.scene.pages) if views else (0, 1)
+        page, pages = views.pages if views else (0, 1)
         self.commands.enable(
             available(
                 desk.session, desk.project, busy=desk.work.is_busy, running=desk.work.run_job is not None,

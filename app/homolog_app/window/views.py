@@ -82,11 +82,11 @@ class Views(QObject):
             **{f"view.grid{count}": partial(self.choose_layout, count) for count in LAYOUTS},
             **{f"view.{view}": partial(scene.look, view) for view in VIEWS},
             **{f"view.{name}": switch(name) for name in ("raw", "groomed", "particles")},
-            "view.previous": lambda: scene.show_page(scene.page - 1),
-            "view.next": lambda: scene.show_page(scene.page + 1),
+            "view.previous": lambda: self.turn_page(-1),
+            "view.next": lambda: self.turn_page(1),
             "view.link": lambda: scene.set_linked(commands["view.link"].isChecked()),
             "view.reset": scene.fit,
-            "view.slice": self.refresh,
+            "view.slice": self._switch_slices,
             "view.screenshot": self.save_picture,
             "view.copy": lambda: QApplication.clipboard().setImage(scene.picture()),
             "run.play": self.play_or_stop,
@@ -101,6 +101,8 @@ class Views(QObject):
     def layouts(self) -> tuple[int, ...]:
         """Numbers of views that can be chosen now."""
         page = self._page
+        if self.shows_slices:
+            return ()
         return LAYOUTS if page is None else page.layouts or LAYOUTS
 
     @property
@@ -120,6 +122,35 @@ class Views(QObject):
         """Ask how and where, and save a picture of the views."""
         scene, snapshot = self.stage.scene, self.snapshot
         self._window.exporting.open_screenshot(snapshot.words if snapshot else "", scene.pixels)
+
+    @property
+    def shows_slices(self) -> bool:
+        """Whether slices of a file are seen in place of the views."""
+        return self._window.commands["view.slice"].isChecked()
+
+    @property
+    def pages(self) -> tuple[int, int]:
+        """The open page, from 0, and how many there are; each subject is one where slices are shown."""
+        scene = self.stage.scene
+        return (
+            (self._sliced, len(self._session.study.included))
+            if self.shows_slices
+            else (scene.page, scene.pages)
+        )
+
+    @property
+    def _sliced(self) -> int:
+        """Index of the subject whose slices are shown."""
+        names = [one.name for one in self._session.study.included]
+        return next((names.index(name) for name in self._session.selection if name in names), 0)
+
+    def turn_page(self, step: int) -> None:
+        """Show other subjects."""
+        if self.shows_slices:
+            self._session.select([self._session.study.included[self._sliced + step].name])
+            self._tell_page()
+        else:
+            self.stage.scene.show_page(self.stage.scene.page + step)
 
     def choose_layout(self, count: int) -> None:
         """Show so many subjects a page, or so many shapes of the model."""
@@ -162,7 +193,7 @@ class Views(QObject):
             )
         elif not session.study.included:
             stage.show_hint("No subject is included", "Tick the subjects to study in the table at the right.")
-        elif self._window.commands["view.slice"].isChecked():
+        elif self.shows_slices:
             self._show_slices()
             stage.show_slices()
         else:
@@ -301,22 +332,30 @@ class Views(QObject):
     def _follow_selection(self) -> None:
         if self._session.selection:
             self.stage.scene.show_name(self._session.selection[0])
-        if self._window.commands["view.slice"].isChecked():
+        if self.shows_slices:
             self._show_slices()
+            self._tell_page()
+
+    def _switch_slices(self) -> None:
+        self.stage.bar.opacity.setEnabled(not self.shows_slices)
+        self.refresh()
+        self._tell_page()
 
     def _show_slices(self) -> None:
-        included = [one.name for one in self._session.study.included]
-        chosen = [name for name in self._session.selection if name in included] or included
-        if not chosen:
+        if not self._session.study.included:
             return
-        survey, groomed = self._session.surveys.get(chosen[0]), self._session.groomed.get(chosen[0])
+        name = self._session.study.included[self._sliced].name
+        survey, groomed = self._session.surveys.get(name), self._session.groomed.get(name)
         voxels = survey.voxels if survey else None
-        self.stage.slices.show_subject(chosen[0], voxels, groomed.subject.field if groomed else None)
+        self.stage.slices.show_subject(name, voxels, groomed.subject.field if groomed else None)
 
     @Slot()
     def _tell_page(self) -> None:
-        scene = self.stage.scene
-        first = scene.page * scene.layout_count
-        total = len(self._session.study.included) if scene.pages > 1 or not scene.columns else 0
-        self.stage.footer.show_page(first + 1, min(first + scene.layout_count, total), total)
+        scene, total = self.stage.scene, len(self._session.study.included)
+        if self.shows_slices:
+            self.stage.footer.show_page(self._sliced + 1, self._sliced + 1, total)
+        else:
+            first = scene.page * scene.layout_count
+            total = total if scene.pages > 1 or not scene.columns else 0
+            self.stage.footer.show_page(first + 1, min(first + scene.layout_count, total), total)
         self._window.refresh()

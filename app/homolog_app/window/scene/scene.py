@@ -55,6 +55,7 @@ class Scene(QWidget):
         self._shown = Shown(())
         self._colours = LIGHT
         self._told = (-1, 0, 0)
+        self._left_at = 0  # the page of subjects to come back to from shapes of the model
         self._share, self._turn, self._partial = MOST, 0, False
         self._size: object = None
         self._fitted = False
@@ -111,10 +112,12 @@ class Scene(QWidget):
             At most sixteen contents if it has columns.
         """
         had, before = self._grid.contents, self._grid.shape
+        if not self._grid.columns:
+            self._left_at = self._grid.page
         self._shown = shown
         self._grid.take(shown)
         self.bar.show_scale(shown.scale)
-        self.show_page(min(self._grid.page, self._grid.pages - 1))
+        self.show_page(0 if shown.columns else min(self._left_at, self._grid.pages - 1))
         if shown.contents and (not had or not self._fitted):
             self.look("corner")
         elif self._grid.shape != before:
