@@ -1,10 +1,17 @@
 """NIfTI 1 and 2 label maps, with their two ways of saying where they lie."""
 
+import gzip
+import logging
+import math
 import zlib
 from pathlib import Path
 from typing import Any
 
+import nibabel
 import numpy as np
+from nibabel.filebasedimages import ImageFileError
+from nibabel.imageglobals import ErrorLevel, logger
+from nibabel.spatialimages import HeaderDataError
 
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
@@ -12,9 +19,14 @@ from homolog.grooming.volumes import Volume, check_size
 
 __all__ = ["read_nifti"]
 
+logger.setLevel(logging.CRITICAL + 1)  # what nibabel finds is said in messages, not on the standard error
+
 _TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _UNITS = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}
 _NO_PLACE = "its header does not say how the patient lay (no qform or sform); RAS axes were assumed"
+_HEADER, _FARTHEST = 348, 2**28  # bytes
+_DUBIOUS = 30  # of nibabel's levels: sizes of zero or below, unknown codes
+_FAULTS = (ImageFileError, HeaderDataError, OSError, EOFError, zlib.error, ValueError, OverflowError)
 _AGREE = 0.1  # voxels: most that qform and sform may differ anywhere in the volume
 
 
@@ -32,23 +44,11 @@ def read_nifti(path: Path) -> Volume:
         If it can't be read, is no 3-D volume of single numbers, too large, or if qform and sform put its
         voxels at different places.
     """
-    import nibabel
-    from nibabel.filebasedimages import ImageFileError
-    from nibabel.spatialimages import HeaderDataError
-
     try:
-        image: Any = nibabel.load(path, mmap=False)
-    except (
-        ImageFileError,
-        HeaderDataError,
-        OSError,
-        EOFError,
-        zlib.error,
-        ValueError,
-        OverflowError,
-    ) as error:
+        image: Any = _opened(path)
+    except _FAULTS as error:
         raise InputError(
-            f"{path}: is no readable image; export it again, or leave it out ({error})"
+            f"{path}: is no readable image; export it again, or leave it out ({_first_line(error)})"
         ) from error
     if not isinstance(image, nibabel.Nifti1Image):
         raise InputError(f"{path}: is no NIfTI file but another kind under its name; rename or export it")
@@ -59,13 +59,47 @@ def read_nifti(path: Path) -> Volume:
     kind = header.get_data_dtype()
     if kind.fields is not None or kind.kind not in "iuf":
         raise InputError(f"{path}: has {kind} voxels, not single numbers; export a label map")
-    check_size(path, shape, 8.0 if header.get_slope_inter()[0] not in (None, 1.0) else kind.itemsize)
+    scaled = header.get_slope_inter()[0] not in (None, 1.0)
+    check_size(path, shape, kind.itemsize + (8.0 if scaled else kind.itemsize))
     matrix, notes = _placement(path, header, shape)
+    proxy: Any = image.dataobj
+    begin = int(proxy.offset)
+    content = _content(path, begin, begin + math.prod(shape) * kind.itemsize)
     try:
-        values: Array = np.asanyarray(image.dataobj).reshape(shape)
-    except (OSError, EOFError, zlib.error, ValueError, MemoryError) as error:
-        raise InputError(f"{path}: is cut short or damaged; copy or export it again ({error})") from error
+        values: Array = np.asanyarray(type(image).from_bytes(content).dataobj).reshape(shape)
+    except (*_FAULTS, MemoryError) as error:
+        raise InputError(
+            f"{path}: is cut short or damaged; copy or export it again ({_first_line(error)})"
+        ) from error
     return Volume(path, [values], _TO_LPS @ matrix, notes=notes)
+
+
+def _opened(path: Path) -> Any:  # noqa: ANN401 - half of nibabel is untyped
+    """Return an image whose header makes sense; nibabel would mend others."""
+    with ErrorLevel(_DUBIOUS):  # type: ignore[no-untyped-call]
+        return nibabel.load(path, mmap=False)
+
+
+def _content(path: Path, begin: int, end: int) -> bytes:
+    """Return a file's bytes, unpacked; as many as its header tells of, and with the right checksum."""
+    if not _HEADER <= begin <= _FARTHEST:
+        raise InputError(f"{path}: says that its voxels begin at byte {begin}; export it again")
+    try:
+        with gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as stream:
+            content: bytes = stream.read(end + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: is cut short or damaged; copy or export it again ({error})") from error
+    if len(content) < end:
+        raise InputError(f"{path}: is cut short ({len(content)} of {end} bytes); copy or export it again")
+    if len(content) > end:
+        raise InputError(
+            f"{path}: holds more voxels than its header tells of; mend its sizes or export it again"
+        )
+    return content
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).partition("\n")[0]
 
 
 def _placement(
@@ -74,8 +108,6 @@ def _placement(
     shape: list[int],
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Return the matrix from indices to RAS [mm], refusing headers that contradict themselves."""
-    from nibabel.spatialimages import HeaderDataError
-
     try:
         (q, _), (s, _) = header.get_qform(coded=True), header.get_sform(coded=True)
         unit = _UNITS[header.get_xyzt_units()[0]]

@@ -1,5 +1,7 @@
 """NIfTI 1 and 2, and what their two matrices say."""
 
+import gzip
+
 import nibabel
 import numpy as np
 import pytest
@@ -100,3 +102,61 @@ def test_colours_are_refused(write):
     colours = np.zeros((4, 4, 4), [("R", "u1"), ("G", "u1"), ("B", "u1")])
     with pytest.raises(InputError, match="not single numbers"):
         read_segmentation(write(RAS, None, "rgb.nii", values=colours), None)
+
+
+def floats(*values):
+    return np.array(values, "<f4").tobytes()
+
+
+def shorts(*values):
+    return np.array(values, "<i2").tobytes()
+
+
+NOTHING = float("nan")
+
+
+@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz"])
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [
+        (80, floats(-1.5), "should be positive"),
+        (80, floats(0.0), "should be non-zero"),
+        (80, floats(NOTHING), "has the spacing"),
+        (256, floats(2.0, 2.0, 2.0), "is no readable image"),
+        (256, floats(NOTHING), "has the spacing"),
+        (42, shorts(90), "is cut short"),
+        (42, shorts(8), "holds more voxels than its header tells of"),
+        (42, shorts(-9), "not a 3-D volume"),
+        (40, shorts(9), "is no readable image"),
+        (70, shorts(1), "is no readable image"),
+        (108, floats(0.0), "says that its voxels begin at byte 0"),
+        (108, floats(400.0), "is cut short"),
+        (108, floats(1e30), "says that its voxels begin at byte 1000000"),
+        (108, floats(NOTHING), "is no readable image"),
+    ],
+)
+def test_a_header_that_makes_no_sense_is_refused_and_nothing_printed(
+    write, name, place, value, message, capfd
+):
+    path = write(RAS, None, name)
+    content = path.read_bytes() if name == "a.nii" else gzip.decompress(path.read_bytes())
+    content = content[:place] + value + content[place + len(value) :]
+    path.write_bytes(content if name == "a.nii" else gzip.compress(content))
+    with pytest.raises(InputError, match=rf"{name}: .*{message}"):
+        read_segmentation(path, None)
+    assert "".join(capfd.readouterr()) == ""
+
+
+@pytest.mark.parametrize(("cut", "end"), [(slice(-20), b""), (slice(-8), bytes(8))])
+def test_packed_voxels_that_are_damaged_are_refused(write, cut, end):
+    path = write(RAS, None, "a.nii.gz")
+    path.write_bytes(path.read_bytes()[cut] + end)
+    with pytest.raises(InputError, match=r"a\.nii\.gz: is cut short or damaged"):
+        read_segmentation(path, None)
+
+
+def test_the_other_byte_order_is_read(blocks, points, tmp_path):
+    header = nibabel.Nifti1Header(endianness=">")
+    nibabel.save(nibabel.Nifti1Image(blocks.astype(">i2"), RAS, header), tmp_path / "a.nii")
+    assert (tmp_path / "a.nii").read_bytes()[:4] == b"\0\0\x01\x5c"
+    assert np.allclose(points(read_segmentation(tmp_path / "a.nii", None)), expected(blocks), atol=1e-4)
