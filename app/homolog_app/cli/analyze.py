@@ -58,10 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog.files.results import read_result
     from homolog.progress import part_of
     from homolog_app.report.findings import cautions, findings, outlier_words
-    from homolog_app.report.request import study_folder, write_request
+    from homolog_app.report.keep import keep_study
     from homolog_app.report.study import run_study
     from homolog_app.report.surface_maps import SurfaceCarrier
-    from homolog_app.report.tables import write_study_tables
 
     project = Project(arguments.project)
     scalings = {"both": (False, True), "with": (False,), "without": (True,)}[arguments.size]
@@ -73,11 +72,10 @@ def run(arguments: argparse.Namespace) -> int:
             tick = part_of(progress.tick, index / len(scalings), (index + 1) / len(scalings))
             request = _request(arguments, result, scaling)
             study = run_study(result, request, tick)
-            write_study_tables(study_folder(project, request), study, result, carrier)
-            write_request(project, request)
+            folder = keep_study(project, study, result, carrier)
             lines += [request.title, *(f"  {one.verdict} {one.numbers}" for one in findings(study))]
             lines += [f"  Caution: {words}" for words in cautions(study)]
-            lines.append(f"  tables: {study_folder(project, request)}")
+            lines.append(f"  tables: {folder}")
     lines = [*(f"Caution: {words}" for words in outlier_words(result)), *lines]
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
     stream.write("\n".join(lines) + "\n")

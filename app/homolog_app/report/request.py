@@ -64,6 +64,15 @@ class StudyRequest(BaseModel):
         return what + allowed + (", size removed" if self.scaling else "")
 
     @property
+    def words(self) -> list[str]:
+        """The options of ``homolog analyze`` that ask it."""
+        words = ["--regress", self.column] if self.kind == "regression" else ["--group", self.column]
+        words += ["--between", *self.between] if self.between else []
+        words += ["--pairs", self.pairs] if self.pairs else []
+        words += ["--covariates", *self.covariates] if self.covariates else []
+        return [*words, "--size", "without" if self.scaling else "with"]
+
+    @property
     def name(self) -> str:
         """A file name for the question."""
         words = [

@@ -38,6 +38,7 @@ REASONS: Mapping[str, str] = {
     "idle_result": f"{_NO_RESULT}, or wait for what is being computed",
     "fit": "include new subjects beside those of the result, with the settings it was made with",
     "more": "ask for more particles than the result has, with the same subjects and other settings unchanged",
+    "answer": "compare groups first",
     "frames": "there is nothing to play here",
     "previous_page": "this is the first page",
     "next_page": "this is the last page",
@@ -59,6 +60,7 @@ def available(
     pages: int,
     ready: bool,
     plays: bool,
+    answered: bool,
     layouts: Collection[int],
     model: bool,
     slices: bool,
@@ -80,6 +82,8 @@ def available(
         Whether the views are there.
     plays : bool
         Whether the open page of Explore plays something.
+    answered : bool
+        Whether a question about groups or a number was answered.
     layouts : collection of int
         Numbers of views that can be chosen.
     model, slices : bool
@@ -108,6 +112,7 @@ def available(
         "ready": study and idle and two and (session.is_groomed or session.result is not None),
         "more": study and idle and further is not None and further.particles > 0,
         "fit": study and idle and further is not None and bool(further.subjects),
+        "answer": study and idle and session.result is not None and answered,
         "busy": busy,
         "running": running,
         "resumable": study and idle and two and project.checkpoint.is_file(),

@@ -172,6 +172,8 @@ COMMANDS = (
     Command("explore.mean", "Mean shape", "Put all modes to zero.", "Explore", "M", "", "result"),
     Command("explore.test", "Compare groups", "Test the chosen groups for a difference.",
             "Explore", "Ctrl+T", "", "idle_result"),
+    Command("explore.keep", "Keep for the report", "Write the answer about groups or a number down.",
+            "Explore", "", "save", "answer"),
     Command("explore.compare", "Compare with…", "Show the result of another project beside this one.",
             "Explore", "Ctrl+B", "", "idle_result", ends_section=True),
     Command("explore.table", "Export measures…", "Write distance, volume and area of each subject to CSV.",

@@ -14,6 +14,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.availability import available
 from homolog_app.window.desk import Desk
 from homolog_app.window.docks import Docks
+from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.orders import Exploring
 from homolog_app.window.export.exporting import Exporting
 from homolog_app.window.helping import Helping
@@ -98,6 +99,7 @@ class MainWindow(QMainWindow):
                 kept=desk.work.cancelled_run is not None,
                 page=page, pages=pages, ready=views is not None,
                 plays=self.step == "explore" and self.inspector.explore.page.plays,
+                answered=bool(self.inspector.explore.page_of(GroupsPage).answers),
                 layouts=views.layouts if views else (), model=views is not None and views.shows_model,
                 slices=self.commands["view.slice"].isChecked(),
             )

@@ -1,6 +1,8 @@
 """What differs: groups, or shapes along a number, tested, and the difference on the mean shape."""
 
+import shlex
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt
@@ -48,7 +50,8 @@ class GroupsPage(ExplorePage):
         self.verdict = label("", "SectionTitle", wrap=True)
         self.words = label("", wrap=True)
         self.cautions = label("", "Problem", wrap=True)
-        for one in (self.verdict, self.words, self.cautions):
+        self.kept = label("", "Hint", wrap=True)
+        for one in (self.verdict, self.words, self.cautions, self.kept):
             one.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.numbers = NumbersTable()
         self.map = choice("Map", _MAPS)
@@ -63,6 +66,7 @@ class GroupsPage(ExplorePage):
         self.compare = CompareBox(actions, fitted)
         self.progress = Progress(actions)
         self.go = button("Compare groups", "primary")
+        self.keep = button("Keep for the report")
         self.plots = self.chart = GroupPlot(desk.theme)
         self._lay_out()
         self._connect(actions)
@@ -89,16 +93,18 @@ class GroupsPage(ExplorePage):
         self.body.addLayout(ticks)
         self.body.addWidget(self.player)
         self.body.addWidget(rule())
-        for text in (self.cautions, self.numbers, self.words):
+        for text in (self.cautions, self.numbers, self.words, self.kept):
             self.body.addWidget(text)
         self.body.addStretch()
         self.footer.setSpacing(GRID)
         self.footer.addWidget(self.progress)
+        self.footer.addWidget(self.keep)
         self.footer.addWidget(self.go)
 
     def _connect(self, actions: Actions) -> None:
         session = self.desk.session
         self.go.clicked.connect(actions["explore.test"].trigger)
+        self.keep.clicked.connect(actions["explore.keep"].trigger)
         self.form.edited.connect(self._show)
         session.study_changed.connect(self._show)
         session.selection_changed.connect(lambda: self.chart.show_selection(session.selection))
@@ -149,6 +155,24 @@ class GroupsPage(ExplorePage):
         words = " and ".join(request.between) or f"shapes along {request.column}"
         self.desk.work.compute("groups", answer, f"comparing {words}", self._take)
 
+    def keep_study(self) -> None:
+        """Write the answer's tables into the project, as ``homolog analyze`` does, for the report."""
+        if not self.answers:
+            return
+        answer, project = self.answers[0], self.desk.project
+        result = with_present_table(answer.shape.result, self.desk.session.study)
+
+        def write(tick: Tick) -> Path:
+            from homolog_app.report.keep import keep_study
+
+            tick(0.0, "keeping the answer")
+            return keep_study(project, answer.study, result)
+
+        def take(folder: Path) -> None:
+            self.kept.setText(f"Kept in {folder}; Export > Report has it.")
+
+        self.desk.work.compute("study", write, "keeping the answer", take)
+
     def shown(self, subjects: Sequence[Content]) -> Shown:
         """Return the map of the answer; the mean shape before there is one."""
         view = self.chosen
@@ -172,6 +196,7 @@ class GroupsPage(ExplorePage):
 
     def _take(self, answers: "list[GroupAnswer]") -> None:
         self.answers = answers
+        self.kept.clear()
         self._show()
         self._follow_way()
 
@@ -196,7 +221,8 @@ class GroupsPage(ExplorePage):
 
     def _tell_work(self) -> None:
         work = self.desk.work
-        own = work.kind in ("groups", "model", "compare")
+        own = work.kind in ("groups", "model", "compare", "study")
+        self.keep.setEnabled(not work.is_busy)
         self.progress.show_status(work.status if own else None)
         self.go.setVisible(not (own and work.status is not None))
         self.go.setText("Test the effect" if self.form.is_regression else "Compare groups")
@@ -210,6 +236,10 @@ class GroupsPage(ExplorePage):
             self.map.setCurrentIndex(0)
             self.map.setEnabled(False)
         self.numbers.setVisible(bool(answers))
+        self.keep.setVisible(bool(answers))
+        if answers:
+            line = ["homolog", "analyze", str(self.desk.project.folder), *answers[0].study.request.words]
+            self.keep.setToolTip(f"Write its tables into the project, like: {shlex.join(line)}")
         self.first.setText(answers[0].first if answers else "")
         self.second.setText(answers[0].second if answers else "")
         self.chart.show_answer(answers[0] if answers else None)

@@ -43,6 +43,7 @@ class Exploring(Part):
             "check.export": self.write_suspects,
             "explore.mean": self._modes.sliders.reset.click,
             "explore.test": self._test,
+            "explore.keep": self._groups.keep_study,
             "explore.compare": self.compare,
             "explore.table": self.write_table,
         }

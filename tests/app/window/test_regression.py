@@ -1,0 +1,108 @@
+"""Questions about a number, covariates, and answers that are kept, on the real window."""
+
+import shlex
+
+import numpy as np
+import pytest
+
+pytestmark = [pytest.mark.window, pytest.mark.timeout(600)]
+
+
+@pytest.fixture
+def page(explore, bean_project, window):
+    """Return the Groups page of ten beans, whose table says where each slot is, and who scanned it."""
+    from dataclasses import replace
+
+    from homolog.beans.generate import draw_beans
+
+    page, study = explore(bean_project, "groups"), window.desk.session.study
+    changed = {
+        one.name: replace(
+            one,
+            subject=replace(
+                one.subject,
+                columns={"slot": f"{bean.position:.3f}", "scanner": "AB"[index % 2], "site": "x"},
+            ),
+        )
+        for index, (one, bean) in enumerate(zip(study.members, draw_beans(10), strict=True))
+    }
+    window.desk.session.edit("Table", study.with_members(changed))
+    return page
+
+
+def ask(page, window, wait, column):
+    page.form.column.setCurrentText(column)
+    page.form.column.activated.emit(page.form.column.currentIndex())
+    page.answers = []
+    window.commands["explore.test"].trigger()
+    wait(lambda: bool(page.answers), seconds=300, what="for the answer")
+    return page.answers[0]
+
+
+def test_numbers_are_offered_as_numbers_and_groups_as_groups(page):
+    offered = [page.form.column.itemText(index) for index in range(page.form.column.count())]
+    assert offered == ["group", "scanner", "slot (as a number)", "size (as a number)"]
+    page.form.column.setCurrentIndex(2)
+    page.form.column.activated.emit(2)
+    assert page.go.text() == "Test the effect"
+    assert not page.form.first.isVisible()
+    assert page.form.request.kind == "regression"
+
+
+def test_shape_moves_with_the_number_as_the_beans_were_made(page, window, wait):
+    answer = ask(page, window, wait, "slot (as a number)")
+    assert "shape changes with it" in page.verdict.text()
+    scene, model = window.views.stage.scene, answer.shape
+    values, places = answer.values, answer.places
+    assert abs(np.corrcoef(values, places)[0, 1]) > 0.99
+    ends = []
+    for value, end in ((0, values.min()), (100, values.max())):
+        page.way.setValue(value)
+        ends.append(scene.shown[0].groomed.vertices)
+        assert scene.shown[0].note == f"slot {end:.3g}".replace("-", "−")
+    slope = np.polyfit(values, model.result.world.reshape(10, -1), 1)[0].reshape(-1, 3)
+    expected = model.carried(slope[None] * np.ptp(values))[0]
+    np.testing.assert_allclose(ends[1] - ends[0], expected, atol=0.02)
+    names = {name for name, _ in page.numbers.texts}
+    assert "Change" in names
+    assert "Effect" not in names  # standard deviations apart are of groups
+    assert page.chart.title == "Subjects by slot"
+    assert "mm along the effect" in page.chart.words_of(model.result.names[0])
+
+
+def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait):
+    from homolog_app.report.request import StudyRequest
+    from homolog_app.report.study import run_study
+
+    actions = {one.text(): one for one in page.form._covariates.actions()}
+    assert not actions["site"].isEnabled()
+    assert actions["site"].toolTip() == "The same for all subjects"
+    actions["slot"].setChecked(True)
+    assert page.form.allow.text() == "Allow for slot"
+    answer = ask(page, window, wait, "group")
+    assert answer.study.request.covariates == ("slot",)
+    assert dict(page.numbers.texts)["Allowed for"] == "slot"
+    from homolog_app.window.explore.present import with_present_table
+
+    result = with_present_table(answer.shape.result, window.desk.session.study)
+    same = run_study(result, StudyRequest(between=("slim", "wide"), covariates=("slot",), null_repeats=0))
+    assert same.overall.test.p_permutation == answer.pair.test.p_permutation
+    np.testing.assert_array_equal(same.overall.local.effect, answer.pair.local.effect)
+
+
+def test_an_answer_is_kept_as_the_command_line_keeps_it(page, window, wait, tmp_path, capsys):
+    from homolog_app.cli import main
+
+    window.library.save()
+    answer = ask(page, window, wait, "slot (as a number)")
+    window.commands["explore.keep"].trigger()
+    wait(lambda: "Kept in" in page.kept.text())
+    project = window.desk.project.folder
+    folder = project / "analysis" / answer.study.request.name
+    mine = {one.name: one.read_bytes() for one in folder.iterdir()}
+    assert len(mine) > 2
+    for one in folder.iterdir():
+        one.unlink()
+    line = page.keep.toolTip().partition("like: ")[2]
+    assert main([*shlex.split(line)[1:], "--progress", "none"]) == 0
+    assert {one.name: one.read_bytes() for one in folder.iterdir()} == mine
