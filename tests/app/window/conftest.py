@@ -148,7 +148,7 @@ def bean_project(tmp_path_factory):
         for one, bean in zip(cohort.subjects, beans, strict=True)
     ]
     project = tmp_path_factory.mktemp("slots") / "project"
-    return run_quickly(project, Cohort(tuple(subjects), folder), alignment="none")
+    return run_quickly(project, Cohort(tuple(subjects), folder), alignment="none", spacing=1.5)
 
 
 @pytest.fixture(scope="session")
@@ -157,7 +157,7 @@ def run():
     return run_quickly
 
 
-def run_quickly(folder, cohort, **groom):
+def run_quickly(folder, cohort, mesh_edge=3.0, **groom):
     from concurrent.futures import ThreadPoolExecutor
 
     from homolog.files.project import Project
@@ -166,10 +166,10 @@ def run_quickly(folder, cohort, **groom):
     from homolog.settings import GroomSettings, RunSettings
 
     settings = RunSettings(
-        groom=GroomSettings(mesh_edge=3.0, **groom), optimize=quick_settings(128), device="cpu", workers=1
+        groom=GroomSettings(mesh_edge=mesh_edge, **groom), optimize=quick_settings(128), device="cpu", workers=1
     )
     project = Project(folder)
-    with ThreadPoolExecutor(1) as executor:  # processes that groom take seconds to start
+    with ThreadPoolExecutor(2) as executor:  # processes that groom take seconds to start
         groom_cohort(cohort, settings.groom, executor=executor, cache=project.groomed)
     Run(project, cohort, settings).execute()
     return folder

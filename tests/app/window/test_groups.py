@@ -8,7 +8,7 @@ import pytest
 
 pytestmark = [pytest.mark.window, pytest.mark.timeout(900)]
 
-_EACH = 5
+_EACH = 4
 
 
 @pytest.fixture(scope="session")
@@ -24,7 +24,8 @@ def ventricles(data, run, tmp_path_factory):
         for group in ("NOR", "HCM", "DCM")
         for row in [one for one in rows if one["group"] == group][:_EACH]
     ]
-    return run(tmp_path_factory.mktemp("ventricles") / "lv", Cohort(tuple(subjects), folder))
+    cohort = Cohort(tuple(subjects), folder)
+    return run(tmp_path_factory.mktemp("ventricles") / "lv", cohort, mesh_edge=5.0)
 
 
 @pytest.fixture
