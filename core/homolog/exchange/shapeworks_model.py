@@ -126,7 +126,8 @@ def _name(row: Row, domain: str) -> str:
     """Return a subject's name; ShapeWorks itself falls back on the name of the shape's file."""
     for key in ("name", f"shape_{domain}", f"groomed_{domain}", f"local_particles_{domain}"):
         if row.get(key):
-            return row[key] if key == "name" else Path(plain_path(row[key])).name.partition(".")[0]
+            stem = Path(plain_path(row[key])).name.partition(".")[0]
+            return row[key] if key == "name" else stem.removesuffix("_local")
     return "?"
 
 

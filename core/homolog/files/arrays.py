@@ -9,6 +9,7 @@ import numpy as np
 from homolog.arrays import Array, frozen
 from homolog.errors import InputError
 from homolog.files.atomic import replacing
+from homolog.files.bounded import check_is_file
 from homolog.memory import check_fits
 
 __all__ = ["read_arrays", "write_arrays"]
@@ -35,6 +36,7 @@ def read_arrays(path: Path) -> dict[str, Array]:
         If the file is missing or damaged, holds anything but plain arrays, or unpacks to more than memory
         holds.
     """
+    check_is_file(Path(path))
     try:
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             unpacked = sum(one.file_size for one in stored.zip.infolist())
@@ -44,7 +46,5 @@ def read_arrays(path: Path) -> dict[str, Array]:
             }
     except InputError:
         raise
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: there is no such file") from error
     except Exception as error:  # what zip, zlib and npy readers raise on damaged files is no short list
         raise InputError(f"{path}: is damaged: {error}; delete it and run again") from error

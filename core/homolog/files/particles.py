@@ -7,11 +7,9 @@ import numpy as np
 from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
+from homolog.files.bounded import read_bytes
 
 __all__ = ["read_particles", "write_particles"]
-
-
-_LARGEST = 256 * 2**20
 
 
 def write_particles(path: Path, points: FloatArray) -> None:
@@ -44,12 +42,11 @@ def read_particles(path: Path) -> FloatArray:
         If the file is missing, empty, implausibly large, or holds a line of other than three finite numbers.
     """
     path = Path(path)
+    stored = read_bytes(path, "list of particles")
     try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"{path}: is too large for particles; choose another file")
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, ValueError) as error:  # the latter of a path or a text that is none
-        raise InputError(f"{path}: can't be read as particles: {error}") from error
+        lines = stored.decode("utf-8").splitlines()
+    except ValueError as error:
+        raise InputError(f"{path}: can't be read as particles: {error}; choose another file") from error
     points = []
     for number, line in enumerate(lines, start=1):
         words = line.split()

@@ -101,6 +101,8 @@ class Project:
             If the folder is no project, its file is damaged, or a newer Homolog wrote it.
         """
         path = self.folder / _RECORD
+        if not self.exists:
+            raise InputError(f"{self.folder}: is no project (it holds no {_RECORD})")
         try:
             content = json.loads(path.read_bytes())
             newer = isinstance(content, dict) and content.get("version")
@@ -109,8 +111,6 @@ class Project:
                     f"{path}: was written by a newer Homolog (format {newer}); update Homolog to open it"
                 )
             return ProjectRecord.model_validate(content)
-        except FileNotFoundError as error:
-            raise InputError(f"{self.folder}: is no project (it holds no {_RECORD})") from error
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"])) or "the file"

@@ -44,7 +44,7 @@ def read_volume(path: Path) -> Volume:
     if path.is_dir() or name.endswith(".dcm"):
         from homolog.grooming.dicom import read_dicom
 
-        if not path.exists():
+        if not path.is_dir() and not path.is_file():
             raise _missing(path)
         return read_dicom(path)
     if not path.is_file():

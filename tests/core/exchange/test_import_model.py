@@ -216,7 +216,10 @@ def test_landmarks_come_with_their_names(exported, change, project):
         (lambda c: c["data"].__delitem__(slice(1, None)), "two or more"),
         (lambda c: c.update(data=3), "is no ShapeWorks project"),
         (lambda c: c["data"][1].update(name="a"), "several subjects are called a"),
-        (lambda c: c["data"][1].update(world_particles_1="gone.particles"), "gone.particles: can't be read"),
+        (
+            lambda c: c["data"][1].update(world_particles_1="gone.particles"),
+            "gone.particles: there is no such file",
+        ),
         (
             lambda c: [c["data"][1].pop(f"{one}_particles_1") for one in ("local", "world")],
             "b has no particles",

@@ -1,0 +1,45 @@
+"""Files of others as bytes: whole, of a plausible size, and files at all."""
+
+from pathlib import Path
+
+from homolog.errors import InputError
+
+__all__ = ["check_is_file", "read_bytes"]
+
+_LARGEST = 256 * 2**20
+
+
+def read_bytes(path: Path, kind: str) -> bytes:
+    """Return what is in a file of at most 256 MB.
+
+    Parameters
+    ----------
+    path : Path
+    kind : str
+        What the file should be, for messages: ``"ShapeWorks project"``.
+
+    Raises
+    ------
+    InputError
+        If it is missing, no file, too large, or can't be read.
+    """
+    check_is_file(path)
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise InputError(f"{path}: is too large for a {kind}; choose another file")
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"{path}: can't be read as a {kind}: {error.strerror}; check its permissions"
+        ) from error
+
+
+def check_is_file(path: Path) -> None:
+    """Refuse what is no file: a folder, a pipe or a device, which may have no end."""
+    try:
+        if path.is_file():
+            return
+        there = path.exists()
+    except (OSError, ValueError) as error:  # no path, or a folder on the way that can't be looked into
+        raise InputError(f"{path}: can't be read: {error}; correct the path") from error
+    raise InputError(f"{path}: {'is no file' if there else 'there is no such file'}; correct the path")
