@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout
 
+from homolog.settings import Alignment
 from homolog_app.window.widgets import GRID, button, label
 
 if TYPE_CHECKING:
@@ -66,6 +67,11 @@ class Tour(QObject):
 
     def _take_sample(self, folder: Path) -> None:
         self._window.library.take([folder])
+        groom = self._window.desk.session.study.settings.groom
+        lying = groom.model_copy(
+            update={"alignment": Alignment.NONE}
+        )  # a bean fits as well turned half about
+        self._window.desk.edit_settings("groom", "alignment", lying)
         self.show_stop(0)
 
     def show_stop(self, index: int) -> None:

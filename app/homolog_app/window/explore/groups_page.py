@@ -261,7 +261,7 @@ class GroupsPage(ExplorePage):
 
         found = [dict(zip(one.study.comparisons, findings(one.study), strict=True)) for one in answers]
         first = found[0][answers[0].pair]
-        self.verdict.setText(first.verdict)
+        self.verdict.setText(first.verdict.replace(" - ", " − "))
         self.words.setText(first.numbers)
         self.cautions.setText("\n".join(cautions(answers[0].study)))
         self.cautions.setVisible(bool(self.cautions.text()))

@@ -26,6 +26,7 @@ class NumbersTable(QWidget):
         while (item := self._grid.takeAt(0)) is not None:
             widget = item.widget()
             if widget is not None:
+                widget.hide()  # what is deleted later is painted until then
                 widget.deleteLater()
         self.texts = list(rows)
         lines = [("", *headings), *rows] if len(headings) > 1 else list(rows)

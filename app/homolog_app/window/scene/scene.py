@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QTimer, Signal
-from PySide6.QtGui import QImage
+from PySide6.QtGui import QImage, QResizeEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from homolog.arrays import Array, FloatArray
@@ -59,6 +59,7 @@ class Scene(QWidget):
         self._share, self._turn, self._partial = MOST, 0, False
         self._size: object = None
         self._fitted = False
+        self._fit: list[object] = []
         self._refine = QTimer(self, interval=_REFINE_MS, singleShot=True)
         self._refine.timeout.connect(self._draw_fine)
         self.set_layout(4)
@@ -183,7 +184,19 @@ class Scene(QWidget):
     def fit(self) -> None:
         """Show the whole shapes, as large as the largest allows."""
         self._fitted = self._grid.fit(self._plot.width(), self._plot.height()) or self._fitted
+        self._fit = self._looks
         self._plot.update()
+
+    @property
+    def _looks(self) -> list[object]:
+        """Where each camera looks to, and how much it sees: the same as after `fit` unless the user zooms."""
+        return [(one.GetFocalPoint(), one.GetParallelScale()) for one in self._grid.cameras.each]
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Keep whole shapes whole."""
+        super().resizeEvent(event)
+        if self._fit == self._looks:
+            self.fit()
 
     def go_to(self, name: str, place: FloatArray, normal: FloatArray) -> None:
         """Show a subject's page and look at a place of its surface from outside, close enough to see it."""
