@@ -30,12 +30,13 @@ class Stop:
 STOPS = (
     Stop("cohort", "Ten beans", "Each is an ellipsoid with a slot. Where the slot sits and how wide it is "
          "differ: two things to find out. Tick, sort and group subjects in the table."),
-    Stop("groom", "Smooth surfaces", "Grooming fills holes, smooths voxel steps and aligns the shapes. "
-         "Switch between input and groomed surface with 1 and 2, look at slices with 4.", "run.groom"),
+    Stop("groom", "Smooth surfaces", "Grooming fills holes and smooths voxel steps. The beans lie alike, so that "
+         "they need no alignment. Switch between input and groomed surface with 1 and 2, look at slices with 4.",
+         "run.groom"),
     Stop("correspond", "Corresponding particles", "Particles spread over every bean at once and keep to the "
          "same places. Distances run along the surface: the two sides of a slot stay apart.", "run.start"),
-    Stop("explore", "The result", "Equal colours mark equal places. Turn the beans with the mouse, "
-         "play the run with Space, and save the project."),
+    Stop("explore", "The result", "Equal colours mark equal places. Turn the beans with the mouse. The tab "
+         "Modes shows what varies: where the slot sits, then how wide it is. Space plays it."),
 )  # fmt: skip
 
 
