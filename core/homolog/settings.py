@@ -150,7 +150,7 @@ class OptimizeSettings(_Settings):
     ] = 0.02
     normals_weight: Annotated[
         float, Field(gt=0.0, le=10.0, description="Weight of the entropy of surface normals H(V).")
-    ] = 0.05
+    ] = 0.1
     regularization_start: Annotated[
         float,
         Field(
@@ -162,7 +162,7 @@ class OptimizeSettings(_Settings):
     ] = 10.0
     regularization_end: Annotated[
         float, Field(gt=0.0, le=1e6, description="The same when the last stage has been annealed.")
-    ] = 0.002
+    ] = 0.0005
     split_iterations: Annotated[int, Field(ge=5, le=100000, description="Iterations after each split.")] = 50
     anneal_iterations: Annotated[
         int, Field(ge=5, le=100000, description="Iterations with all particles while regularisation falls.")

@@ -68,7 +68,7 @@ def save(path, cohort, settings):
     groomed = groom_cohort(cohort, settings, cache=None)
     arrays = {"names": [one.name for one in groomed], "alignments": align(groomed, settings)}
     for k, one in enumerate(groomed):
-        values = np.clip(one.field.values, -12 * one.field.spacing, 12 * one.field.spacing)
+        values = np.clip(one.field.values, -5 * one.field.spacing, 5 * one.field.spacing)
         arrays |= {f"values{k}": values.astype(np.float16), f"grid{k}": one.field.index_to_world}
         arrays |= {f"vertices{k}": one.mesh.vertices.astype(np.float32), f"faces{k}": one.mesh.faces}
         arrays |= {f"coarse_vertices{k}": one.coarse_mesh.vertices.astype(np.float32)}
