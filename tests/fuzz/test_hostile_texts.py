@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from harness import SLOWEST_S, watched
 from matplotlib.figure import Figure
-from targets import good_project, good_xlsx
+from targets import good_project, good_xlsx, octahedron
 
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
@@ -63,9 +63,8 @@ def test_a_report_about_hostile_names_runs_none_and_stays_in_its_project(tmp_pat
     record = project.read()
     evil = {"name": EVIL, "group": EVIL[:25], "columns": {EVIL: EVIL}, "notes": [EVIL]}
     subjects = [record.result.subjects[0].model_copy(update=evil), *record.result.subjects[1:]]
-    project.write(
-        record.model_copy(update={"result": record.result.model_copy(update={"subjects": subjects})})
-    )
+    changes = {"subjects": subjects, "source": EVIL, "device": EVIL, "versions": {EVIL: EVIL}}
+    project.write(record.model_copy(update={"result": record.result.model_copy(update=changes)}))
     with watched(project.folder) as done:
         path = write_report(project)
     assert [one for one in done if "matplotlib" not in one] == []
@@ -73,6 +72,22 @@ def test_a_report_about_hostile_names_runs_none_and_stays_in_its_project(tmp_pat
     assert "script" not in seen.tags
     assert not {one for one in seen.attributes if one.startswith("on")}
     assert EVIL in seen.words
+
+
+def test_landmarks_with_hostile_names_run_nothing_in_a_report(tmp_path):
+    good_project(tmp_path)
+    project = Project(tmp_path / "project")
+    points = octahedron().vertices @ np.diag([9.0, 7.0, 5.0])
+    record = project.read()
+    subjects = []
+    for number, one in enumerate(record.subjects):
+        write_markups(tmp_path / f"{number}.mrk.json", points[:2] * 1.01, [EVIL, f"other {EVIL}"], title=EVIL)
+        subjects.append(one.model_copy(update={"landmarks": f"../{number}.mrk.json"}))
+    project.write(record.model_copy(update={"subjects": subjects}))
+    seen = Seen(write_report(project).read_text(encoding="utf-8"))
+    assert "script" not in seen.tags
+    assert not {one for one in seen.attributes if one.startswith("on")}
+    assert f"other {EVIL}" in seen.words
 
 
 def test_tables_keep_hostile_names_in_their_cells(tmp_path):
