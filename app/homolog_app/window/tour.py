@@ -30,8 +30,8 @@ class Stop:
 STOPS = (
     Stop("cohort", "Ten beans", "Each is an ellipsoid with a slot. Where the slot sits and how wide it is "
          "differ: two things to find out. Tick, sort and group subjects in the table."),
-    Stop("groom", "Smooth surfaces", "Grooming fills holes and smooths voxel steps. The beans lie alike: they "
-         "need no alignment. Switch between input and groomed surface with 1 and 2, see slices with 4.",
+    Stop("groom", "Smooth surfaces", "Grooming fills holes and smooths voxel steps. The beans lie alike: no "
+         "alignment is needed. Switch between input and groomed surface with 1 and 2, see slices with 4.",
          "run.groom"),
     Stop("correspond", "Corresponding particles", "Particles spread over every bean at once and keep to the "
          "same places. Distances run along the surface: the two sides of a slot stay apart.", "run.start"),

@@ -63,6 +63,8 @@ class GroupAnswer:
         square displacement of the particles [mm].
     values : (m,) array or None
         The number, for a regression.
+    groups : tuple of str
+        Of these subjects, as the table has them now.
     limit : float
         End of the colour scale that fits both maps [mm].
     """
@@ -78,6 +80,7 @@ class GroupAnswer:
     places: FloatArray | None
     limit: float
     values: FloatArray | None = None
+    groups: tuple[str, ...] = ()
 
     @property
     def ends(self) -> tuple[str, str]:
@@ -138,6 +141,7 @@ def answer_groups(shape: ModelShape, result: Result, request: StudyRequest, tick
     return GroupAnswer(
         shape, study, pair, way.first, way.second, start, difference, discriminant, places,
         max(common_limit([np.asarray(one, np.float64)]) for one in maps), way.values,
+        tuple(result.groups[subject] or "" for subject in pair.subjects),
     )  # fmt: skip
 
 

@@ -60,11 +60,9 @@ class GroupPlot(ScatterPlot):
     def _show_slope(self, answer: "GroupAnswer", places: FloatArray, values: FloatArray) -> None:
         """Show the number across, and how far each subject lies along its effect upwards."""
         column, names = answer.study.request.column, answer.shape.result.names
-        own = answer.shape.result.groups
         subjects = [names[subject] for subject in answer.pair.subjects]
-        groups = [own[subject] or "" for subject in answer.pair.subjects]
         self.show_scores(
-            np.column_stack([values, places]), subjects, groups, (column, "along the effect (mm)")
+            np.column_stack([values, places]), subjects, answer.groups, (column, "along the effect (mm)")
         )
         self.ends = float(values.min()), float(values.max())
         rim = 0.06 * (self.ends[1] - self.ends[0])
