@@ -1,6 +1,7 @@
 """Pictures of the pages Modes, Groups and Measure, for `make.py`."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -28,6 +29,9 @@ def keep_exploring(
     modes.sliders.show_value(0, 1.5)
     session.select(["bean_04"])
     keep("modes")
+    order["view.grid9"].trigger()
+    keep("steps")
+    order["view.grid1"].trigger()
     order["explore.groups"].trigger()
     groups = explore.page
     order["explore.test"].trigger()
@@ -35,6 +39,24 @@ def keep_exploring(
     groups.arrows.setChecked(True)
     groups.way.setValue(50)
     keep("groups")
+    groups.arrows.setChecked(False)
+    study = session.study
+    told = {
+        one.name: replace(
+            one, subject=replace(one.subject, columns={"slot_mm": f"{beans[one.name].position:.2f}"})
+        )
+        for one in study.members
+    }
+    session.edit("Table", study.with_members(told))
+    groups.form.column.setCurrentText("slot_mm (as a number)")
+    groups.form.column.activated.emit(groups.form.column.currentIndex())
+    groups.answers = []
+    order["explore.test"].trigger()
+    until(lambda: groups.answers)
+    order["view.grid4"].trigger()
+    groups.way.setValue(100)
+    keep("effect")
+    order["view.grid1"].trigger()
     order["explore.measure"].trigger()
     measure = explore.page
     until(lambda: measure.table.rowCount() > 0)

@@ -17,7 +17,7 @@ from PySide6.QtWidgets import QWidget
 
 HERE = Path(__file__).parent
 SIZE = (1280, 800)
-SECOND = 1.0
+SECOND, MOST = 1.0, 600.0
 
 
 def main() -> None:
@@ -34,13 +34,18 @@ def main() -> None:
         window.show()
 
         def until(condition: Callable[[], object]) -> None:
+            end = time.monotonic() + MOST
             while not condition():
+                if time.monotonic() > end:
+                    raise TimeoutError(f"waited {MOST:g} s in vain for {condition}")
                 app.processEvents()
                 time.sleep(0.005)
 
         def rest(seconds: float = SECOND) -> None:
             end = time.monotonic() + seconds
-            until(lambda: time.monotonic() > end)
+            while time.monotonic() < end:
+                app.processEvents()
+                time.sleep(0.005)
 
         def keep(name: str, widget: QWidget = window) -> None:
             rest()
@@ -71,6 +76,9 @@ def main() -> None:
         until(lambda: (job := work.run_job) is None or (job.frame and job.frame.world.shape[1] == 256))
         keep("run")
         until(lambda: not work.is_busy)
+        window.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=512))
+        keep("further")
+        order["edit.undo"].trigger()
         window.show_step("explore")
         order["view.head"].trigger()
         keep("explore")
