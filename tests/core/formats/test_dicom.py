@@ -135,10 +135,32 @@ def scale(content):
     content.RescaleSlope, content.RescaleIntercept = 2.0, -2.0
 
 
+def pack(content):
+    """Compress the pixels by JPEG 2000."""
+    import io
+
+    from PIL import Image
+    from pydicom.encaps import encapsulate
+    from pydicom.uid import JPEG2000Lossless
+
+    stream = io.BytesIO()
+    Image.fromarray(content.pixel_array).save(stream, "JPEG2000", no_jp2=True, irreversible=False)
+    content.PixelData = encapsulate([stream.getvalue()])
+    content["PixelData"].is_undefined_length = True
+    content.file_meta.TransferSyntaxUID = JPEG2000Lossless
+
+
+def mislabel(content):
+    """Say that RLE is JPEG lossless, for which pydicom has no decoder of its own."""
+    content.compress(RLE)
+    content.file_meta.TransferSyntaxUID = "1.2.840.10008.1.2.4.70"
+
+
 @pytest.mark.parametrize(
     "edit",
     [
         lambda content: content.compress(RLE),
+        pack,
         lambda content: setattr(content, "PixelSpacing", [2.0, 1.5]),
         lambda content: delattr(content, "PatientName"),
         lambda content: delattr(content, "InstanceNumber"),
@@ -174,6 +196,7 @@ def tilt(content):
         (lambda content: setattr(content.file_meta, "TransferSyntaxUID", DEFLATED), "is deflated as a whole"),
         (lambda content: delattr(content, "PixelData"), "can't be read as a slice"),
         (tilt, "not at right angles"),
+        (mislabel, "can't be read as a slice of a DICOM series; export it again"),
     ],
 )
 def test_slices_that_make_no_stack_are_refused_and_nothing_of_the_header_is_said(
