@@ -4,6 +4,7 @@ After *VTK File Formats* (Kitware) and the sources of ``vtkDataReader``. Everyth
 """
 
 import re
+from itertools import islice
 
 import numpy as np
 
@@ -92,11 +93,13 @@ class _File:
         dtype = np.dtype(_KINDS[kind])
         if self._binary:
             return np.frombuffer(self._bytes(count * dtype.itemsize), dtype)
-        words = self._content[self._at :].split(None, count)
-        self._at = len(self._content) - (len(words[count]) if len(words) > count else 0)
+        words = []
+        for found in islice(_WORD.finditer(self._content, self._at), count):
+            words.append(found[0])
+            self._at = found.end()
         if len(words) < count:
             raise ValueError("cut short")
-        return numbers_of(words[:count], whole=dtype.kind != "f")
+        return numbers_of(words, whole=dtype.kind != "f")
 
     def _bytes(self, count: int) -> bytes:
         """Return the bytes that begin with the next line."""

@@ -30,7 +30,7 @@ _READERS: dict[str, Callable[[bytes], Polygons]] = {
     ".stl": read_stl,
     ".obj": read_obj,
 }
-_READ_BYTES = 16  # of memory for each byte of a file, at most about
+_READ_BYTES = 32  # of memory for each byte of a file, at most about
 _LPS_HEADER = "SPACE=LPS"  # 3D Slicer's mark for the patient frame used here
 
 

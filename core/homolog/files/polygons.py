@@ -8,11 +8,11 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray
 
-__all__ = ["Cells", "Polygons", "numbers_of"]
+__all__ = ["MOST", "Cells", "Polygons", "numbers_of"]
 
-_MOST = 20_000_000
+MOST = 10_000_000
 """Points or corners of a surface; a file of a few bytes may unpack to more."""
-_MOST_CORNERS = 2000
+_MOST_CORNERS = 1000
 """Of one face: the time to split it grows with their square."""
 _ASTRAY = "refers to vertices that it does not hold"
 
@@ -91,8 +91,8 @@ class Polygons:
             If a face refers to a point that is not there, or the surface or a face is implausibly large.
         """
         corners = [self.faces.corners, self.strips.corners]
-        if max(len(self.points), *map(len, corners)) > _MOST:
-            raise ValueError(f"more than {_MOST} points or corners")
+        if max(len(self.points), *map(len, corners)) > MOST:
+            raise ValueError(f"more than {MOST} points or corners")
         if any(((one < 0) | (one >= len(self.points))).any() for one in corners):
             raise ValueError(_ASTRAY)
         counts, starts = np.diff(self.faces.starts), self.faces.starts[:-1]

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from homolog.arrays import Array
-from homolog.files.polygons import Cells, Polygons, numbers_of
+from homolog.files.polygons import MOST, Cells, Polygons, numbers_of
 
 __all__ = ["read_vtp"]
 
@@ -49,7 +49,11 @@ def read_vtp(content: bytes) -> Polygons:
         raise ValueError("no PolyData of a VTK file")
     file = _File(root, tail)
     whole = root.find("PolyData")
-    pieces = [_piece(file, one, len(content)) for one in ([] if whole is None else whole.findall("Piece"))]
+    pieces: list[Polygons] = []
+    for one in [] if whole is None else whole.findall("Piece"):
+        pieces.append(_piece(file, one, len(content)))
+        if sum(len(piece.points) + len(piece.faces.corners) for piece in pieces) > 2 * MOST:
+            raise ValueError(f"more than {MOST} points or corners")
     if whole is None or not pieces:
         raise ValueError("no points")
     shifts = np.cumsum([0, *(len(one.points) for one in pieces)])[:-1]
@@ -68,13 +72,15 @@ def read_vtp(content: bytes) -> Polygons:
 def _piece(file: "_File", piece: ElementTree.Element, size: int) -> Polygons:
     def count(name: str) -> int:
         found = int(piece.get(f"NumberOf{name}", "0"))
-        if not 0 <= found <= _DEFLATED * size:
+        if not 0 <= found <= min(_DEFLATED * size, MOST):
             raise ValueError("claims more points or faces than it can hold")
         return found
 
     def cells(name: str) -> Cells:
         ends = file.values(piece.find(f"{name}/DataArray[@Name='offsets']"), count(name))
         starts = np.append(0, ends).astype(np.int64)
+        if starts[-1] > MOST:
+            raise ValueError(f"more than {MOST} corners")
         corners = file.values(piece.find(f"{name}/DataArray[@Name='connectivity']"), int(starts[-1]))
         return Cells.of(corners, starts)
 

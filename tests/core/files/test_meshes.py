@@ -178,7 +178,7 @@ def test_an_obj_that_makes_no_sense_is_refused(tmp_path, line):
 def test_a_face_of_thousands_of_corners_is_refused_at_once(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text(CUBE + "f" + " 1 2 3" * 100_000 + "\n")
-    with pytest.raises(InputError, match="a face of more than 2000 corners"):
+    with pytest.raises(InputError, match="a face of more than 1000 corners"):
         read_mesh(path)
 
 

@@ -198,3 +198,24 @@ def test_an_xml_file_with_entities_is_refused(tmp_path):
     (tmp_path / "a.vtp").write_text('<!DOCTYPE a [<!ENTITY b "bbbb">]>' + XML.format(3))
     with pytest.raises(InputError, match="a document type"):
         read_mesh(tmp_path / "a.vtp")
+
+
+@pytest.mark.timeout(30)
+def test_a_hundred_thousand_small_arrays_are_read_over_at_once(tmp_path):
+    """What is left of the file must not be copied for each."""
+    fields = "FIELD f 100000\n" + "a 1 1 int\n7\n" * 100_000
+    surface = "POINTS 3 float\n0 0 0 1 0 0 0 1 0\nPOLYGONS 1 4\n3 0 1 2\n"
+    (tmp_path / "a.vtk").write_text(HEAD + fields + surface)
+    assert read_mesh(tmp_path / "a.vtk").area == pytest.approx(0.5)
+
+
+def test_pieces_that_all_unpack_one_array_are_refused_before_memory_is_full(tmp_path, monkeypatch):
+    monkeypatch.setattr("homolog.files.vtp.MOST", 3000)
+    piece = XML.partition("<PolyData>")[2].partition("</PolyData>")[0].format(1000).replace("Polys", "Lines")
+    head, tail = XML.partition("<PolyData>")[0], XML.partition("</PolyData>")[2]
+    body = zlib.compress(bytes(24000))
+    stored = np.array([1, 24000, 0, len(body)], "<u8").tobytes() + body
+    content = f"{head}<PolyData>{piece * 7}</PolyData>{tail}".encode() + stored + b"</AppendedData></VTKFile>"
+    (tmp_path / "a.vtp").write_bytes(content)
+    with pytest.raises(InputError, match="more than 3000 points or corners"):
+        read_mesh(tmp_path / "a.vtp")
