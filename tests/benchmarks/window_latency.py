@@ -101,7 +101,7 @@ def watch(app, window, seconds: float) -> tuple[list[float], int]:
     end = time.monotonic() + seconds
     while time.monotonic() < end and window.desk.work.run_job is job:
         app.processEvents()
-        shown = window.views.shown_frame
+        shown = window.views.run.frame
         frames += shown is not last
         last = shown
         time.sleep(0.001)

@@ -78,7 +78,7 @@ def play(options: argparse.Namespace, folder: Path) -> None:
     print("|---|---|---|")
     begin, shown, views, after = time.monotonic(), 0, ("front", "left", "corner", "head"), []
     while (passed := time.monotonic() - begin) < 60 * options.minutes:
-        if not window.views._player.isActive():
+        if not window.views.run.is_playing:
             window.commands["run.play"].trigger()
             window.commands[f"view.{views[shown % 4]}"].trigger()
             shown += 1

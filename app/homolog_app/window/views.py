@@ -1,22 +1,21 @@
-"""Between session and scene: which subjects are seen, particles of a run, playing, pictures."""
+"""Between session and scene: which subjects are seen, what the open page makes of them, pictures."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, QTimer, Slot
+from PySide6.QtCore import QObject, Slot
 from PySide6.QtWidgets import QApplication
 
-from homolog.arrays import Array, FloatArray
-from homolog.correspondence.types import Frame
 from homolog_app.window.availability import LAYOUTS
 from homolog_app.window.explore.chosen import Snapshot, SubjectsView
 from homolog_app.window.loaded import Loaded
+from homolog_app.window.run_particles import RunParticles
 from homolog_app.window.scene.cameras import VIEWS
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.picking import Pick
-from homolog_app.window.subjects import Groomed, moment_of, subject_contents
+from homolog_app.window.subjects import Groomed, subject_contents
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.page import ExplorePage
@@ -25,31 +24,21 @@ if TYPE_CHECKING:
 
 __all__ = ["Views"]
 
-_LOOK_MS = 33
-_PLAY_MS = 60
-_DRAWING_SHARE = 3.0
-
 
 class Views(QObject):
-    """Drives the stage. A timer looks at the newest frame of a run and draws what the machine can."""
+    """Drives the stage: subjects and particles of a run, or what the open page of Explore shows."""
 
     def __init__(self, window: "MainWindow", stage: "Stage") -> None:
         super().__init__(window)
         self._window, self.stage = window, stage
         self._session, self._work = window.desk.session, window.desk.work
-        self._frame: Frame | None = None
         self._shown: list[object] = []
         self._subjects: list[Content] = []
-        self._run_particles: Mapping[str, FloatArray] = {}
-        self._run_tints: Array | None = None
+        self.run = RunParticles(self._window, stage)
         self._explore = window.inspector.explore
         self._result: Loaded | None = None
-        self._look = QTimer(self, interval=_LOOK_MS)
-        self._look.timeout.connect(self._take_frame)
-        self._player = QTimer(self, interval=_PLAY_MS)
-        self._player.timeout.connect(self._step_on)
         stage.bar.opacity_changed.connect(lambda value: stage.scene.switch(opacity=value))
-        stage.footer.frame_chosen.connect(self._show_moment)
+        self.run.moved.connect(self._show_run)
         stage.scene.page_changed.connect(self._tell_page)
         for signal in (self._session.study_changed, self._session.facts_changed):
             signal.connect(self.refresh)
@@ -59,17 +48,11 @@ class Views(QObject):
             page.place_wanted.connect(stage.scene.go_to)
         stage.scene.picker.picked.connect(self._hand_over_pick)
         self._session.selection_changed.connect(self._follow_selection)
-        self._work.changed.connect(self._watch_run)
         for name in ("link", "raw", "groomed", "particles", "grid4"):
             window.commands[f"view.{name}"].setChecked(True)
         self._own_particles, self._balls = False, False
         self._told: tuple[int, tuple[int, ...]] = (0, ())
         self.refresh()
-
-    @property
-    def shown_frame(self) -> Frame | None:
-        """The newest frame of the run that was drawn."""
-        return self._frame
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of the views do."""
@@ -110,9 +93,8 @@ class Views(QObject):
         """What is seen, in words that a picture can be drawn from again; None while a run goes on."""
         if self._work.run_job is not None:
             return None
-        page, time = self._page, self.stage.footer.time
-        moment = time.value() if time.value() < time.maximum() else None
-        view = (page.chosen if page is not None else None) or SubjectsView(moment=moment)
+        page = self._page
+        view = (page.chosen if page is not None else None) or SubjectsView(moment=self.run.moment)
         return Snapshot(
             view=view, canvas=self.stage.scene.canvas, title=self._session.title,
             beside=self._explore.fitted.beside if self.shows_model else None,
@@ -180,10 +162,8 @@ class Views(QObject):
             self._subjects = subject_contents(
                 session.study.included, session.surveys, session.groomed, session.result
             )
-            if self._work.run_job is None and new_result:
-                self._run_particles = session.result.particles if session.result else {}
-                self._run_tints = None
-                stage.footer.show_frames(len(session.result.frames) if session.result else 0)
+            if new_result:
+                self.run.take_result()
             self._display()
             if new_result and session.result is not None:
                 stage.scene.fit()
@@ -210,9 +190,9 @@ class Views(QObject):
         page = self._page
         shown = page.shown(self._subjects) if page is not None else Shown(self._subjects)
         if shown.particles is None:
-            tints = self._run_tints if shown.tints is None else shown.tints
-            shown = replace(shown, particles=self._run_particles, tints=tints)
-        own = shown.particles is not self._run_particles
+            tints = self.run.tints if shown.tints is None else shown.tints
+            shown = replace(shown, particles=self.run.particles, tints=tints)
+        own = shown.particles is not self.run.particles
         if own is not self._own_particles:
             self._own_particles = own
             self._swap_balls()
@@ -249,84 +229,24 @@ class Views(QObject):
         """Play the run from its first moment or what the open page of Explore plays, or hold."""
         if self._page is not None and self._page.play_or_stop():
             return
-        if self._player.isActive():
-            self._stop_playing()
-        else:
-            time = self.stage.footer.time
-            if time.value() == time.maximum():
-                time.setValue(0)
-            self._player.start()
-            self._window.commands["run.play"].setText("Hold")
+        self.run.play_or_stop()
 
     def rest(self, minimized: bool) -> None:
         """Stop playing while nobody sees it."""
         if minimized:
-            self._stop_playing()
+            self.run.stop()
             self._explore.page.stop()
 
     def close(self) -> None:
         """Stop the timers and let go of the graphics."""
-        self._look.stop()
-        self._player.stop()
+        self.run.close()
         self._explore.page.stop()
         self.stage.scene.close_scene()
 
-    @Slot()
-    def _watch_run(self) -> None:
-        running = self._work.run_job is not None
-        if running and not self._look.isActive():
-            self._stop_playing()
-            self.stage.footer.show_frames(0)
-            self._frame = None
-            self._look.start()
-        elif not running and self._look.isActive():
-            self._look.stop()
-            result = self._session.result
-            self._show_run(result.particles if result else {})
-            self.stage.footer.show_frames(len(result.frames) if result else 0)
-
-    @Slot()
-    def _take_frame(self) -> None:
-        """Draw the newest frame if there is one, then rest at least twice as long as that took."""
-        job = self._work.run_job
-        frame = job.frame if job is not None else None
-        if job is not None and frame is not None and frame is not self._frame:
-            self._frame = frame
-            self._show_run(dict(zip(job.names, frame.world, strict=True)), live=True)
-            self._window.docks.curves.show_rows(list(job.recorder.energies))
-        self._look.setInterval(max(_LOOK_MS, round(_DRAWING_SHARE * self.stage.scene.draw_ms)))
-
-    def _show_run(
-        self, particles: Mapping[str, FloatArray], tints: Array | None = None, *, live: bool = False
-    ) -> None:
-        self._run_particles, self._run_tints = particles, tints
+    @Slot(bool)
+    def _show_run(self, live: bool) -> None:
         if not self._own_particles:
-            self.stage.scene.show_particles(particles, tints, live=live)
-
-    @Slot()
-    def _step_on(self) -> None:
-        time = self.stage.footer.time
-        if time.value() >= time.maximum():
-            self._stop_playing()
-        else:
-            time.setValue(time.value() + 1)
-        self._player.setInterval(max(_PLAY_MS, round(_DRAWING_SHARE * self.stage.scene.draw_ms)))
-
-    def _stop_playing(self) -> None:
-        self._player.stop()
-        self._window.commands["run.play"].setText("Play")
-
-    @Slot(int)
-    def _show_moment(self, index: int) -> None:
-        result = self._session.result
-        if result is None or index >= len(result.frames):
-            return
-        frame = result.frames[index]
-        last = index == len(result.frames) - 1
-        particles, tints = moment_of(result, index)
-        self._show_run(particles, tints, live=not last)
-        count = len(next(iter(particles.values())))
-        self.stage.footer.moment.setText(f"iteration {frame.iteration} · {count} particles")
+            self.stage.scene.show_particles(self.run.particles, self.run.tints, live=live)
 
     @Slot()
     def _follow_selection(self) -> None:

@@ -23,11 +23,14 @@ def qapp():
 def wait(qapp):
     """Return a function that handles events until a condition holds."""
 
+    from PySide6.QtCore import QEvent
+
     def until(condition, seconds=60.0, what=""):
         end = time.monotonic() + seconds
         while not condition():
             assert time.monotonic() < end, f"waited {seconds} s in vain {what}"
             qapp.processEvents()
+            qapp.sendPostedEvents(None, QEvent.Type.DeferredDelete)  # as the program's own loop does
             time.sleep(0.002)
 
     return until
@@ -166,7 +169,10 @@ def run_quickly(folder, cohort, mesh_edge=3.0, **groom):
     from homolog.settings import GroomSettings, RunSettings
 
     settings = RunSettings(
-        groom=GroomSettings(mesh_edge=mesh_edge, **groom), optimize=quick_settings(128), device="cpu", workers=1
+        groom=GroomSettings(mesh_edge=mesh_edge, **groom),
+        optimize=quick_settings(128),
+        device="cpu",
+        workers=1,
     )
     project = Project(folder)
     with ThreadPoolExecutor(2) as executor:  # processes that groom take seconds to start

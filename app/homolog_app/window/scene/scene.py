@@ -241,6 +241,7 @@ class Scene(QWidget):
     def close_scene(self) -> None:
         """Let go of everything of VTK; the last thing before the window closes."""
         self._refine.stop()
+        self._plot.removeEventFilter(self.picker)  # which would hear of the widget's end, half destroyed
         window: Any = self._plot.ren_win
         if window is not None:
             for observer in self._observers:

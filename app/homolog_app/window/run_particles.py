@@ -1,0 +1,136 @@
+"""The particles of a run: as they come, played again from the stored frames, or as the result has them."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QObject, QTimer, Signal, Slot
+
+from homolog.arrays import Array, FloatArray
+from homolog.correspondence.types import Frame
+from homolog_app.window.subjects import moment_of
+
+if TYPE_CHECKING:
+    from homolog_app.window.main_window import MainWindow
+    from homolog_app.window.stage import Stage
+
+__all__ = ["RunParticles"]
+
+_LOOK_MS = 33
+_PLAY_MS = 60
+_DRAWING_SHARE = 3.0
+
+
+class RunParticles(QObject):
+    """Knows what is to be seen of a run. A timer looks at its newest frame; `moved` tells whether it is live.
+
+    Attributes
+    ----------
+    particles : mapping of str to (N, 3) array
+        By subject [mm].
+    tints : (N, 3) array or None
+        Their colours, if they are not to be made from their places.
+    frame : Frame or None
+        The newest one of the run.
+    """
+
+    moved = Signal(bool)
+
+    def __init__(self, window: "MainWindow", stage: "Stage") -> None:
+        super().__init__(window)
+        self._window, self._stage = window, stage
+        self._session, self._work = window.desk.session, window.desk.work
+        self.particles: Mapping[str, FloatArray] = {}
+        self.tints: Array | None = None
+        self.frame: Frame | None = None
+        self._look = QTimer(self, interval=_LOOK_MS)
+        self._look.timeout.connect(self._take_frame)
+        self._player = QTimer(self, interval=_PLAY_MS)
+        self._player.timeout.connect(self._step_on)
+        stage.footer.frame_chosen.connect(self._show_moment)
+        self._work.changed.connect(self._watch)
+
+    @property
+    def moment(self) -> int | None:
+        """Index of the stored frame that is seen; None at the end of the run."""
+        time = self._stage.footer.time
+        return time.value() if time.value() < time.maximum() else None
+
+    @property
+    def is_playing(self) -> bool:
+        """Whether stored frames follow each other."""
+        return self._player.isActive()
+
+    def take_result(self) -> None:
+        """Have the particles of the session's result, unless a run is seen."""
+        if self._work.run_job is None:
+            result = self._session.result
+            self.particles, self.tints = (result.particles if result else {}), None
+            self._stage.footer.show_frames(len(result.frames) if result else 0)
+
+    def play_or_stop(self) -> None:
+        """Play from the first moment, or hold."""
+        if self.is_playing:
+            self.stop()
+            return
+        time = self._stage.footer.time
+        if time.value() == time.maximum():
+            time.setValue(0)
+        self._player.start()
+        self._window.commands["run.play"].setText("Hold")
+
+    def stop(self) -> None:
+        """Hold."""
+        self._player.stop()
+        self._window.commands["run.play"].setText("Play")
+
+    def close(self) -> None:
+        """Stop the timers."""
+        self._look.stop()
+        self._player.stop()
+
+    @Slot()
+    def _watch(self) -> None:
+        running = self._work.run_job is not None
+        if running and not self._look.isActive():
+            self.stop()
+            self._stage.footer.show_frames(0)
+            self.frame = None
+            self._look.start()
+        elif not running and self._look.isActive():
+            self._look.stop()
+            self.take_result()
+            self.moved.emit(False)
+
+    @Slot()
+    def _take_frame(self) -> None:
+        """Show the newest frame if there is one, then rest at least twice as long as drawing took."""
+        job = self._work.run_job
+        frame = job.frame if job is not None else None
+        if job is not None and frame is not None and frame is not self.frame:
+            self.frame = frame
+            self.particles, self.tints = dict(zip(job.names, frame.world, strict=True)), None
+            self.moved.emit(True)
+            self._window.docks.curves.show_rows(list(job.recorder.energies))
+        self._look.setInterval(self._pause(_LOOK_MS))
+
+    @Slot()
+    def _step_on(self) -> None:
+        time = self._stage.footer.time
+        if time.value() >= time.maximum():
+            self.stop()
+        else:
+            time.setValue(time.value() + 1)
+        self._player.setInterval(self._pause(_PLAY_MS))
+
+    def _pause(self, least: int) -> int:
+        return max(least, round(_DRAWING_SHARE * self._stage.scene.draw_ms))
+
+    @Slot(int)
+    def _show_moment(self, index: int) -> None:
+        result = self._session.result
+        if result is None or index >= len(result.frames):
+            return
+        self.particles, self.tints = moment_of(result, index)
+        self.moved.emit(index < len(result.frames) - 1)
+        count = len(next(iter(self.particles.values())))
+        self._stage.footer.moment.setText(f"iteration {result.frames[index].iteration} · {count} particles")
