@@ -164,9 +164,11 @@ def real(folder, device):
             found, seconds = timed(shapes, device, method=method, particles=particles)
             errors = landmark_errors(shapes, found.local)
             print(
-                f"vertebrae, {method.value}, {particles}: landmarks mean {errors.mean():.2f} mm, median "
-                f"{np.median(errors):.2f}, by landmark {np.round(errors.mean(axis=0), 1)}, "
+                f"vertebrae, {method.value}, {particles}: landmarks mean {np.nanmean(errors):.2f} mm, median "
+                f"{np.nanmedian(errors):.2f}, by landmark {np.round(np.nanmean(errors, axis=(0, 1)), 1)}, "
                 f"opposed normals {opposed(found.normals):.2f} %, {seconds:.1f} s",
+                where_errors(shapes, errors),
+                sep="\n",
                 flush=True,
             )
         shapes = load(folder / "ventricles.npz")
@@ -186,8 +188,24 @@ def landmark_errors(shapes, particles):
         for row in csv.DictReader(file):
             table.setdefault(row["id"], {})[row["landmark"]] = [float(row[axis]) for axis in "xyz"]
     own = [np.array([v for _, v in sorted(table[shape.name.split("_")[0]].items())]) for shape in shapes]
-    found = errors_of_landmarks(particles, np.array(own), [snapping(shape.mesh) for shape in shapes])
-    return found[~np.eye(len(shapes), dtype=bool)]
+    return errors_of_landmarks(particles, np.array(own), [snapping(shape.mesh) for shape in shapes])
+
+
+def where_errors(shapes, errors):
+    """Tell the means of transfers from, to and among the subjects whose landmarks mean something else."""
+    rest, lines = errors.copy(), []
+    for landmarks, ids in (("EF", ("verse016", "verse018")), ("AD", ("verse023",))):
+        columns = ["ABCDEFGHIJ".index(name) for name in landmarks]
+        odd = np.array([shape.name.startswith(ids) for shape in shapes])
+        across = odd[:, None] != odd[None, :]
+        some = errors[..., columns]
+        lines.append(
+            f"    {landmarks} between {', '.join(ids)} and the others {np.nanmean(some[across]):.2f} mm, "
+            f"among the others {np.nanmean(some[~odd][:, ~odd]):.2f}"
+        )
+        for column in columns:
+            rest[..., column][across] = np.nan
+    return "\n".join([*lines, f"    all but those transfers {np.nanmean(rest):.2f}"])
 
 
 def opposed(normals):
