@@ -7,7 +7,7 @@ A cohort of ellipsoids is run once without disturbance. Then each try runs a cop
 process of its own, kills it (SIGKILL) at a random moment of a phase, looks whether the last result can still
 be read and how old the newest saved state is, resumes the run and compares every file of its result. Prints a
 row a try and a table for docs/reliability.md. The long runs take minutes and are killed when their geodesic
-distances have taken more than 8 s, or their optimization more than 30 s.
+distances have taken more than 2 s, or their optimization more than 30 s.
 """
 
 import argparse
@@ -32,7 +32,7 @@ from homolog.files.project import Project
 from homolog.files.results import read_result
 
 PHASES = ("reading", "grooming", "aligning", "geodesics", "splitting", "optimizing", "modeling", "writing")
-LATE_S = {"optimizing": 30.0, "geodesics": 8.0}  # of the long runs: when they are killed at the earliest
+LATE_S = {"optimizing": 30.0, "geodesics": 2.0}  # of the long runs: when they are killed at the earliest
 _COMMON = "--device cpu --workers 1 --alignment center"
 _SETTINGS = (
     f"{_COMMON} --particles 128 --mesh-edge 2 --split-iterations 40 --anneal-iterations 200 "

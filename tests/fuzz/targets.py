@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from harness import Target
 
-from homolog.cohort import read_cohort
+from homolog.cohort import Subject, read_cohort
+from homolog.errors import InputError
 from homolog.exchange import import_model, read_markups, write_markups
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.meshes import read_mesh, write_mesh
@@ -226,6 +227,43 @@ def good_particles_folder(folder: Path) -> None:
     (folder / "a.swproj").unlink()
 
 
+def good_table(folder: Path) -> None:
+    """A geodesic table in blocks."""
+    from homolog.geodesics import solve_tables
+
+    solve_tables([octahedron()], 1.0, memory_limit=70, cache=folder)
+    (found,) = folder.glob("*.npz")
+    found.rename(folder / "table.npz")
+
+
+def read_table(folder: Path) -> object:
+    """Follow the table's arrays, which would lead a kernel anywhere if they were not checked."""
+    from homolog.geodesics.cache import load_table
+
+    table = load_table(folder / "table.npz", "cpu")
+    if table is None:
+        raise InputError("no table")
+    return table.to_csr()
+
+
+def good_groomed(folder: Path) -> None:
+    from homolog.grooming import groom_subject
+    from homolog.grooming.cache import save_groomed
+    from homolog.settings import GroomSettings
+
+    write_mesh(folder / "a.ply", TriangleMesh(10.0 * octahedron().vertices, octahedron().faces))
+    save_groomed(folder, groom_subject(Subject("a", folder / "a.ply"), GroomSettings()), "key")
+
+
+def read_groomed(folder: Path) -> object:
+    from homolog.grooming.cache import load_groomed
+
+    groomed = load_groomed(folder, "a", "key")
+    if groomed is None:
+        raise InputError("nothing groomed")
+    return groomed.mesh.volume, groomed.coarse_mesh.volume
+
+
 TARGETS = {
     "project.json": Target("project/project.json", good_project, read_project),
     "cohort.csv": Target(
@@ -255,6 +293,8 @@ TARGETS = {
         lambda folder: write_arrays(folder / "a.npz", {"points": np.eye(3), "name": "a"}),
         lambda folder: read_arrays(folder / "a.npz"),
     ),
+    "geodesic table .npz": Target("table.npz", good_table, read_table),
+    "groomed subject .npz": Target("a.npz", good_groomed, read_groomed),
     "checkpoint.npz": Target(
         "checkpoint.npz", good_checkpoint, lambda folder: read_checkpoint(folder / "checkpoint.npz", "f")
     ),
