@@ -83,7 +83,7 @@ def test_a_gzip_bomb_behind_a_small_header_is_not_unpacked(tmp_path, name, head)
             packed.write(b"" if head else nifti(30))
             for _ in range(32):
                 packed.write(bytes(2**23))
-    with pytest.raises(InputError, match="holds more (than the 54000 bytes of )?voxels"):
+    with pytest.raises(InputError, match=r"holds more (than the 54000 bytes of )?voxels"):
         read_segmentation(tmp_path / name, None)
 
 
