@@ -11,6 +11,14 @@ from homolog_app.window.widgets import GRID, button, label
 __all__ = ["OverviewPage"]
 
 
+_NEXT = {
+    "explore.modes": "What varies? Modes",
+    "explore.groups": "What differs? Groups and numbers",
+    "explore.check": "Can it be trusted? Check",
+    "explore.measure": "How large? Measure",
+}
+
+
 class OverviewPage(ExplorePage):
     """What the run came to, and how to look at it."""
 
@@ -26,6 +34,13 @@ class OverviewPage(ExplorePage):
         self.files.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.body.addWidget(label("Result", "SectionTitle"))
         self.body.addWidget(self.summary)
+        self.body.addSpacing(GRID)
+        self.body.addWidget(label("What next", "SectionTitle"))
+        for command, words in _NEXT.items():
+            one = button(words)
+            one.setToolTip(actions[command].toolTip())
+            one.clicked.connect(actions[command].trigger)
+            self.body.addWidget(one)
         self.body.addSpacing(GRID)
         self.body.addWidget(label("Playback", "SectionTitle"))
         self.body.addWidget(

@@ -55,8 +55,7 @@ SCREENSHOT = ExportKind(
     "Screenshot",
     "The views as they are now, with what colours mean.",
     ScreenshotSettings,
-    ("scale", "transparent"),
-    (".png",),
+    suffixes=(".png",),
 )
 """The picture of the views, which the window draws itself."""
 
@@ -113,7 +112,6 @@ KINDS = {
             "Particles",
             "A .particles file for each subject.",
             ParticleSettings,
-            ("coordinates",),
         ),
         ExportKind("shapeworks", "ShapeWorks project", "A project that ShapeWorks Studio opens."),
         ExportKind(
@@ -121,7 +119,6 @@ KINDS = {
             "Slicer markups",
             "A point list for each subject, for 3D Slicer.",
             ParticleSettings,
-            ("coordinates",),
         ),
         ExportKind(
             "report",
