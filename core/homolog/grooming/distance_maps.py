@@ -1,14 +1,12 @@
 """Signed distance maps, as ShapeWorks grooms segmentations to."""
 
-import os
 from pathlib import Path
 
 import numpy as np
 
 from homolog.arrays import Array
 from homolog.errors import InputError
-from homolog.grooming.headers import read_header
-from homolog.grooming.volumes import check_size
+from homolog.grooming.images import read_volume
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.simplify import simplified
 from homolog.surfaces.topology import check_mesh, face_components
@@ -31,31 +29,19 @@ def read_distance_map(path: Path) -> TriangleMesh:
     InputError
         If the file can't be read or holds no closed surface.
     """
-    import SimpleITK
     from skimage.measure import marching_cubes
 
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file; correct the path")
-    read_header(path).check()
-    SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
-    reader = SimpleITK.ImageFileReader()
-    reader.SetFileName(os.fspath(path))
-    try:
-        reader.ReadImageInformation()
-        check_size(path, reader.GetSize(), 16.0 * reader.GetNumberOfComponents())
-        image = reader.Execute()
-    except RuntimeError as error:
-        raise InputError(f"{path}: is no readable image; export it again") from error
-    values: Array = SimpleITK.GetArrayFromImage(image).T.astype(np.float32)
-    if values.ndim != 3 or not np.isfinite(values).all() or not values.min() < 0.0 < values.max():
+    volume = read_volume(path)
+    values: Array = np.asarray(volume.layers[0], np.float32)
+    if not np.isfinite(values).all() or not values.min() < 0.0 < values.max():
         raise InputError(f"{path}: is no distance map, whose values are on both sides of zero")
     if values[0].mean() < 0.0:
         values = -values
     padded = np.pad(values, 1, constant_values=float(values.max()))
     points, faces, _, _ = marching_cubes(padded, 0.0)
-    axes = np.reshape(image.GetDirection(), (3, 3)) * image.GetSpacing()
-    mesh = TriangleMesh((points - 1.0) @ axes.T + image.GetOrigin(), faces)
+    matrix = volume.index_to_world
+    mesh = TriangleMesh((points - 1.0) @ matrix[:3, :3].T + matrix[:3, 3], faces)
     largest = mesh.faces[face_components(mesh.faces) == 0]
     used, numbers = np.unique(largest, return_inverse=True)
     mesh = TriangleMesh(mesh.vertices[used], numbers.reshape(-1, 3))

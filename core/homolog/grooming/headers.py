@@ -6,6 +6,7 @@ What SimpleITK reads without a word although it makes no sense is refused here.
 import math
 import os
 import re
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -20,6 +21,7 @@ __all__ = ["Header", "read_header", "segments_of"]
 _LONGEST = 2**20
 """A text header that is longer than this is none."""
 _MOST_FILES = 100_000
+_ZLIB_OR_GZIP = 47
 _MILLIMETRES = ("", "mm", "millimeter", "millimeters", "millimetre", "millimetres")
 _NO_SIZE = "its header does not say how large its voxels are; 1 mm was assumed"
 _RESCUE = "mend its header or export it again"
@@ -63,6 +65,9 @@ class Header:
         needed : int
             Bytes of all voxels.
         """
+        if self._is("compresseddata") and not self.is_nrrd:
+            self._check_deflated(needed)
+            return
         skip = self._number("byteskip" if self.is_nrrd else "headersize")
         encoding = self.values.get("encoding", "").lower()
         packed = encoding in ("gzip", "gz") and len(self.files) < 2
@@ -92,6 +97,23 @@ class Header:
             raise InputError(
                 f"{self.path}: holds {there - before} bytes of voxels, and its header tells of {needed}: its "
                 "sizes or what is to be skipped is wrong; mend it or export it again"
+            )
+
+    def _check_deflated(self, needed: int) -> None:
+        """Refuse compressed voxels of a MetaImage unless they are whole: SimpleITK would read noise."""
+        place, begin = (self.path.parent / self.files[0], 0) if self.files else (self.path, self.length)
+        with place.open("rb") as stream:
+            stream.seek(begin)
+            stored = stream.read()
+        unpacker = zlib.decompressobj(_ZLIB_OR_GZIP)
+        try:
+            found = len(unpacker.decompress(stored, needed + 1))
+        except zlib.error:
+            found = -1
+        if found != needed or not unpacker.eof or self._number("compresseddatasize") != len(stored):
+            raise InputError(
+                f"{self.path}: its compressed voxels are not the {needed} bytes that its header tells of, or "
+                "of another size when compressed; copy or export it again"
             )
 
     def check(self) -> None:

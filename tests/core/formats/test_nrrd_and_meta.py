@@ -1,6 +1,7 @@
 """Encodings, frames, and headers with their voxels in another file."""
 
 import gzip
+import zlib
 
 import numpy as np
 import pytest
@@ -201,6 +202,34 @@ def test_voxels_of_unknown_size_are_read_with_a_note(write_meta, blocks, points,
         ("its header does not say how large its voxels are; 1 mm was assumed",) if note else ()
     )
     assert found.spacing.tolist() == ([1.0, 1.0, 1.0] if note else [1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    ("size", "lines", "right"),
+    [
+        (0, {}, True),
+        (1, {}, False),
+        (None, {}, False),
+        (0, {"DimSize": "9 10 10"}, False),
+        (0, {"DimSize": "9 10 12"}, False),
+    ],
+)
+@pytest.mark.parametrize("name", ["a.mha", "a.mhd"])
+def test_compressed_voxels_must_be_those_of_the_header(
+    write_meta, blocks, points, tmp_path, name, size, lines, right
+):
+    body = zlib.compress(blocks.tobytes(order="F"))
+    lines = {"CompressedData": "True", **lines}
+    lines["CompressedDataSize"] = None if size is None else str(len(body) + size)
+    if name == "a.mhd":
+        (tmp_path / "a.zraw").write_bytes(body)
+        lines["ElementDataFile"] = "a.zraw"
+    path = write_meta(name, body=body if name == "a.mha" else b"", **lines)
+    if right:
+        assert np.allclose(points(read_segmentation(path, None)), expected(blocks))
+        return
+    with pytest.raises(InputError, match="its compressed voxels are not the"):
+        read_segmentation(path, None)
 
 
 @pytest.mark.parametrize("skip", [8, -1])
