@@ -54,8 +54,7 @@ class Desk(QObject):
         """Whether something would be lost by closing."""
         session = self.session
         unsaved = session.folder is None and bool(session.study.members)
-        writing = self.work.kind == "keep"
-        return unsaved or writing or not session.undo.isClean()
+        return unsaved or self.work.is_keeping or not session.undo.isClean()
 
     def hold(self, folder: Path | None) -> None:
         """Keep other programs out of the project that is open, and let go of the one before.

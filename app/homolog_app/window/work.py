@@ -74,6 +74,11 @@ class Work(QObject):
         return self.kind not in ("", *_BACKGROUND) or self._next is not None
 
     @property
+    def is_keeping(self) -> bool:
+        """Whether a result is being written, or is about to be."""
+        return self.kind == "keep" or (self._next is not None and self._next[0] == "keep")
+
+    @property
     def run_job(self) -> RunJob | None:
         """The run that is going on."""
         return self.runner.job if isinstance(self.runner.job, RunJob) else None
