@@ -171,7 +171,7 @@ def image(name: str) -> Target:
 
         axes = np.stack(np.meshgrid(*[np.arange(-3.0, 4.0)] * 3, indexing="ij"))
         inside = (np.square(axes).sum(axis=0) <= 6.0).astype(np.uint8)
-        SimpleITK.WriteImage(SimpleITK.GetImageFromArray(inside), folder / name)
+        SimpleITK.WriteImage(SimpleITK.GetImageFromArray(inside), folder / name, "packed" in name)
 
     return Target(name, write, lambda folder: read_segmentation(folder / name, None))
 
@@ -308,7 +308,7 @@ TARGETS = {
 NATIVE = {
     one.file: one
     for one in (
-        *map(image, ("a.nrrd", "a.nhdr", "a.nii", "a.nii.gz", "a.mha", "a.mhd")),
+        *map(image, ("a.nrrd", "packed.nrrd", "a.nhdr", "a.nii", "a.nii.gz", "a.mha", "packed.mha", "a.mhd")),
         *map(mesh, ("a.vtp", "a.vtk", "a.ply", "a.stl", "a.obj")),
         Target("series/3.dcm", good_series, lambda folder: read_segmentation(folder / "series", None)),
         Target("a.dcm", good_seg, lambda folder: read_segmentation(folder / "a.dcm", None, "all")),
