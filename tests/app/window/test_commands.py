@@ -67,3 +67,10 @@ def test_the_palette_lists_what_is_possible_and_runs_it(window):
     palette.query.returnPressed.emit()
     assert palette.chosen is window.commands["view.theme"]
     palette.close()
+
+
+def test_whatever_may_be_impossible_has_a_reason():
+    from homolog_app.window.availability import REASONS
+
+    assert {one.needs for one in COMMANDS} - {"always"} <= set(REASONS)
+    assert all(words and not words.endswith(".") for words in REASONS.values())

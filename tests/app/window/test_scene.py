@@ -124,3 +124,49 @@ def test_the_contour_in_a_slice_runs_along_the_border_of_the_voxels(groomed):
         inside = np.argwhere(mask)
         np.testing.assert_allclose(line.min(axis=0), inside.min(axis=0) - 0.5, atol=0.8)
         np.testing.assert_allclose(line.max(axis=0), inside.max(axis=0) + 0.5, atol=0.8)
+
+
+@pytest.mark.window
+def test_slices_go_from_subject_to_subject_and_switch_off_what_they_do_not_show(groomed):
+    commands, footer = groomed.commands, groomed.views.stage.footer
+    groomed.desk.session.select(["a"])
+    commands["view.slice"].trigger()
+    assert footer.page.text() == "1 of 4"
+    commands["view.next"].trigger()
+    assert groomed.desk.session.selection == ("b",)
+    assert footer.page.text() == "2 of 4"
+    for name in ("grid4", "raw", "groomed", "link", "front", "screenshot"):
+        assert not commands[f"view.{name}"].isEnabled(), name
+        assert "Not now: " in commands[f"view.{name}"].toolTip()
+    commands["view.slice"].trigger()
+    assert commands["view.grid4"].isEnabled()
+    assert commands["view.front"].isEnabled()
+
+
+@pytest.mark.window
+def test_whole_shapes_stay_whole_when_the_window_is_made_narrow_unless_they_were_zoomed(groomed, wait):
+    scene = groomed.views.stage.scene
+    groomed.commands["view.grid1"].trigger()
+    groomed.commands["view.reset"].trigger()
+    camera = scene._grid.cells[0].renderer.GetActiveCamera()
+    seen = camera.GetParallelScale()
+    groomed.resize(900, 1100)
+    wait(lambda: camera.GetParallelScale() > 1.1 * seen, what="for the shape to fit again")
+    camera.Zoom(2.0)
+    zoomed = camera.GetParallelScale()
+    groomed.resize(1440, 900)
+    wait(lambda: scene._plot.width() > 800)
+    assert camera.GetParallelScale() == zoomed
+
+
+@pytest.mark.window
+def test_the_page_of_subjects_is_open_again_after_shapes_of_the_model(explore, finished, window):
+    explore(finished, "modes")
+    tabs = window.inspector.explore.tabs
+    tabs.setCurrentIndex(0)
+    window.commands["view.grid1"].trigger()
+    window.commands["view.next"].trigger()
+    window.commands["explore.modes"].trigger()
+    assert window.views.stage.scene.page == 0
+    tabs.setCurrentIndex(0)
+    assert [one.name for one in window.views.stage.scene.shown] == ["b"]
