@@ -38,16 +38,15 @@ def test_a_run_that_loses_its_gpu_is_resumed_on_the_cpu(project, run_of, results
 
 
 @pytest.mark.parametrize(
-    "place",
+    ("place", "fault", "words"),
     [
-        "homolog.run.run.load_kernels",
-        "homolog.run.tables.solve_plan",
-        "homolog.run.tables.load_table",
-        "homolog.correspondence.domain.field_array",
-        "homolog.correspondence.domain.build_level",
+        ("homolog.run.run.load_kernels", LOST, "failed"),
+        ("homolog.run.tables.load_table", LOST, "failed"),
+        ("homolog.run.tables.solve_plan", FULL, "has too little memory"),
+        ("homolog.correspondence.domain.field_array", FULL, "has too little memory"),
+        ("homolog.correspondence.domain.build_level", LOST, "failed"),
     ],
 )
-@pytest.mark.parametrize(("fault", "words"), [(LOST, "failed"), (FULL, "has too little memory")])
 def test_a_gpu_that_is_lost_or_full_at_any_other_moment_leaves_the_last_result(
     project, run_of, results, monkeypatch, place, fault, words
 ):
