@@ -10,11 +10,11 @@ import numpy as np
 import warp as wp
 
 from homolog.errors import InputError
-from homolog.geodesics import kernels, sweep_kernels
+from homolog.geodesics import amend_kernels, bearing_kernels, kernels, sweep_kernels
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
 from homolog.geodesics.intrinsic import triangulate
 from homolog.geodesics.lookup import LANES, MISSING
-from homolog.geodesics.plan import TablePlan, Task
+from homolog.geodesics.plan import POINT, TablePlan, Task
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
 
@@ -39,8 +39,8 @@ class Problem:
     def n_vertices(self) -> int:
         return len(self.clusters.slot)
 
-    def sweep(self) -> tuple[Any, Any]:
-        """Return scratch for one thread and its recorded launch of the sweep."""
+    def solver(self) -> tuple[Any, Callable[[int], None]]:
+        """Return scratch for one thread, and what solves a cluster into it."""
         scratch = sweep_kernels.Scratch()
         scratch.u = wp.full(
             self.n_vertices, sweep_kernels.Lanes(float(kernels.FAR)), dtype=sweep_kernels.Lanes, device="cpu"
@@ -51,7 +51,32 @@ class Problem:
         scratch.size = wp.zeros(1, dtype=wp.int32, device="cpu")
         fans = self.fans
         inputs = [scratch, fans.position, fans.start, fans.corners, self.reach, self.members, self.element, 0]
-        return scratch, _recorded(sweep_kernels.sweep_cluster, 1, inputs)
+        sweep = _recorded(sweep_kernels.sweep_cluster, 1, inputs)
+        if self.element != POINT:  # planar fronts know no bearings
+            return scratch, lambda cluster: _launch(sweep, cluster)
+        inputs = [scratch, self._amendments(), fans.start, fans.corners, fans.turns, self.reach]
+        amend = _recorded(amend_kernels.amend_cluster, 1, inputs)
+
+        def solve(cluster: int) -> None:
+            _launch(sweep, cluster)
+            amend.launch()
+
+        return scratch, solve
+
+    def _amendments(self) -> Any:  # noqa: ANN401
+        amends = amend_kernels.Amendments()
+        unknown = sweep_kernels.Lanes(float(bearing_kernels.UNKNOWN))
+        amends.bearing = wp.full(self.n_vertices, unknown, dtype=sweep_kernels.Lanes, device="cpu")
+        ties = len(self.fans.corners)
+        for size, kind, names in (
+            (self.n_vertices, sweep_kernels.Lanes, ("amendment",)),
+            (self.n_vertices, wp.int32, ("order", "rivals", "moved", "end")),
+            (ties, wp.int32, ("a", "b")),
+            (ties, sweep_kernels.Lanes, ("share", "gain")),
+        ):
+            for name in names:
+                setattr(amends, name, wp.zeros(size, dtype=kind, device="cpu"))
+        return amends
 
 
 def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> GeodesicTable:
@@ -62,7 +87,7 @@ def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> Geode
         tick(done, f"{task.name}: geodesic distances")
 
     report(0.0)
-    for module in (kernels, sweep_kernels):  # before the threads, which would each load them
+    for module in (kernels, sweep_kernels, amend_kernels):  # before the threads, which would each load them
         wp.load_module(module, device="cpu")
     delaunay = triangulate([task.mesh])
     fans, clusters = build_fans([task.mesh], delaunay, "cpu"), find_clusters(delaunay)
@@ -77,11 +102,11 @@ def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, .
     codes = wp.full((n, n), MISSING, dtype=wp.uint16, device="cpu")
 
     def worker() -> Callable[[int], None]:
-        scratch, sweep = problem.sweep()
+        scratch, solve = problem.solver()
         store = _recorded(sweep_kernels.store_dense, 1, [scratch, problem.reach, problem.members, codes, 0])
 
         def solve_cluster(cluster: int) -> None:
-            _launch(sweep, cluster)
+            solve(cluster)
             _launch(store, cluster)
 
         return solve_cluster
@@ -99,17 +124,21 @@ def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, .
 def _solve_blocks(problem: Problem, threads: int, report: Report) -> tuple[Any, ...]:
     n, n_clusters = problem.n_vertices, len(problem.clusters.members)
     row = wp.full((n_clusters, n), MISSING, dtype=wp.uint16, device="cpu")
+    near = wp.zeros((n_clusters, n_clusters), dtype=wp.uint8, device="cpu")
+    slot = wp.array(problem.clusters.slot, dtype=wp.int32, device="cpu")
     blocks: list[Any] = [None] * n_clusters
 
     def worker() -> Callable[[int], None]:
-        scratch, sweep = problem.sweep()
-        block = wp.empty((n, LANES), dtype=wp.uint16, device="cpu")
+        scratch, solve = problem.solver()
+        block = wp.empty(n, dtype=sweep_kernels.Codes, device="cpu")
         n_rows = wp.zeros(1, dtype=wp.int32, device="cpu")
-        store = _recorded(sweep_kernels.store_block, 1, [scratch, problem.reach, row, block, n_rows, 0])
+        store = _recorded(
+            sweep_kernels.store_block, 1, [scratch, problem.reach, slot, row, near, block, n_rows, 0]
+        )
         rows, count = block.numpy(), n_rows.numpy()
 
         def solve_cluster(cluster: int) -> None:
-            _launch(sweep, cluster)
+            solve(cluster)
             _launch(store, cluster)
             if count[0] >= MISSING:
                 raise InputError(
@@ -127,11 +156,11 @@ def _solve_blocks(problem: Problem, threads: int, report: Report) -> tuple[Any, 
         together[starts[cluster] : starts[cluster + 1]] = blocks[cluster]
         blocks[cluster] = None  # memory goes back as the copy grows
     start = wp.array(starts[:-1].astype(np.int32), dtype=wp.int32, device="cpu")
-    slot = wp.array(problem.clusters.slot, dtype=wp.int32, device="cpu")
+    lanes = wp.array(together, dtype=sweep_kernels.Codes, device="cpu", copy=False)
 
     def symmetrize(cluster: int) -> None:
-        inputs = [problem.members, slot, start, row, codes, cluster]
-        wp.launch(kernels.symmetrize_blocks, (1, n), inputs=inputs, device="cpu")
+        inputs = [problem.members, start, row, near, lanes, cluster]
+        wp.launch(sweep_kernels.symmetrize_tiles, 1, inputs=inputs, device="cpu")
 
     deal(lambda: symmetrize, n_clusters, threads, lambda done: report(0.95 + 0.05 * done))
     return codes, row, start, slot

@@ -4,8 +4,12 @@ import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.lookup import LANES, MISSING
+from homolog.geodesics.sweep_kernels import Codes
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "max_unroll": 4})
+
+Counts = wp.types.vector(length=LANES, dtype=wp.int32)
+Ends = wp.types.vector(length=LANES, dtype=wp.int64)
 
 
 @wp.kernel
@@ -40,7 +44,7 @@ def fill_dense(
 
 @wp.kernel
 def count_blocks(
-    codes: wp.array2d(dtype=wp.uint16),
+    codes: wp.array(dtype=Codes),
     row: wp.array2d(dtype=wp.uint16),
     start: wp.array(dtype=wp.int32),
     vertex: wp.array2d(dtype=wp.int32),
@@ -48,18 +52,22 @@ def count_blocks(
 ):
     """Count the entries of the rows of one cluster's vertices (-1: a lane without one)."""
     cluster = wp.tid()
-    for v in range(row.shape[1]):
-        near = int(row[cluster, v])
-        if near != MISSING:
-            for lane in range(LANES):
-                source = vertex[cluster, lane]
-                if source >= 0 and int(codes[start[cluster] + near, lane]) != MISSING:
-                    count[source] += wp.int64(1)
+    last = codes.shape[0]
+    if cluster + 1 < start.shape[0]:
+        last = start[cluster + 1]
+    n = Counts(0)
+    for k in range(start[cluster], last):
+        near = codes[k]
+        for lane in range(LANES):
+            n[lane] += wp.where(int(near[lane]) != MISSING, 1, 0)
+    for lane in range(LANES):
+        if vertex[cluster, lane] >= 0:
+            count[vertex[cluster, lane]] = wp.int64(n[lane])
 
 
 @wp.kernel
 def fill_blocks(
-    codes: wp.array2d(dtype=wp.uint16),
+    codes: wp.array(dtype=Codes),
     row: wp.array2d(dtype=wp.uint16),
     start: wp.array(dtype=wp.int32),
     vertex: wp.array2d(dtype=wp.int32),
@@ -70,14 +78,16 @@ def fill_blocks(
 ):
     """Write the entries of the rows of one cluster's vertices; `end` as in `fill_dense`."""
     cluster = wp.tid()
+    n = Ends()
+    for lane in range(LANES):
+        if vertex[cluster, lane] >= 0:
+            n[lane] = end[vertex[cluster, lane]]
     for v in range(row.shape[1]):
         near = int(row[cluster, v])
         if near != MISSING:
+            code = codes[start[cluster] + near]
             for lane in range(LANES):
-                source = vertex[cluster, lane]
-                code = int(codes[start[cluster] + near, lane])
-                if source >= 0 and code != MISSING:
-                    k = end[source]
-                    columns[k] = v
-                    distances[k] = float(code) * unit
-                    end[source] = k + wp.int64(1)
+                if int(code[lane]) != MISSING:  # lanes without a vertex reach nothing
+                    columns[n[lane]] = v
+                    distances[n[lane]] = float(code[lane]) * unit
+                    n[lane] += wp.int64(1)

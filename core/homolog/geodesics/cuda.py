@@ -11,18 +11,14 @@ import warp as wp
 from homolog.errors import InputError
 from homolog.geodesics import front_kernels, kernels
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
+from homolog.geodesics.front import BYTES_PER_VERTEX, amend_front, make_amendments, make_front, run_front
 from homolog.geodesics.intrinsic import triangulate
 from homolog.geodesics.lookup import LANES, MISSING
-from homolog.geodesics.plan import TablePlan, Task, block_rows
+from homolog.geodesics.plan import POINT, TablePlan, Task, block_rows
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
 
 __all__ = ["solve_on_cuda"]
-
-STEPS = 16
-"""Steps launched before the host looks whether anything is left to do; an idle step takes microseconds."""
-BYTES_PER_VERTEX = 4 * LANES + 4 + 8 + 4
-"""Scratch of one cluster for each vertex: u, queued, lists and the marks of what is stored."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,14 +51,14 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
     batch = int(np.clip(scratch // (BYTES_PER_VERTEX * cohort.largest), 1, n_clusters))
     tables = []
     with wp.ScopedDevice(device):
-        front = _front(batch, cohort.largest)
+        front, amends = make_front(batch, cohort.largest), make_amendments(batch, cohort.largest)
         store = _DenseStore if plan.dense else _BlockStore
         stores = [store(cohort, task, k, ends[k], ends[k + 1]) for k, task in enumerate(plan.tasks)]
         for begin in range(0, n_clusters, batch):
             end = min(begin + batch, n_clusters)
             shapes = range(int(cohort.clusters.shape[begin]), int(cohort.clusters.shape[end - 1]) + 1)
             message = f"{plan.tasks[shapes[0]].name}: geodesic distances"
-            _advance(front, cohort, begin, end, partial(tick, begin / n_clusters, message))
+            _advance((front, amends), cohort, begin, end, partial(tick, begin / n_clusters, message))
             for k in shapes:
                 low, high = max(begin, ends[k]), min(end, ends[k + 1])
                 stores[k].add(front.u[low - begin : high - begin], low - ends[k])
@@ -91,37 +87,16 @@ def _upload(plan: TablePlan, device: str) -> Cohort:
     return Cohort(fans, clusters, sources, reaches, plan.element_code)
 
 
-def _front(batch: int, n: int) -> Any:  # noqa: ANN401 - a wp.struct has no type
-    front = front_kernels.Front()
-    front.u = wp.empty((batch, n, LANES), dtype=wp.float32)
-    front.queued = wp.empty((batch, n), dtype=wp.int32)
-    front.lists = wp.empty((2, batch, n), dtype=wp.int32)
-    front.counts = wp.empty((3, batch), dtype=wp.int32)
-    front.last = wp.empty(1, dtype=wp.int32)
-    return front
-
-
-def _advance(front: Any, cohort: Cohort, begin: int, end: int, pause: Callable[[], None]) -> None:  # noqa: ANN401
-    """Solve clusters begin … end into front.u."""
+def _advance(state: Any, cohort: Cohort, begin: int, end: int, pause: Callable[[], None]) -> None:  # noqa: ANN401
+    """Solve clusters begin … end into the front's u."""
+    front, amends = state
     front.u.fill_(float(kernels.FAR))
     for array in (front.queued, front.counts, front.last):
         array.zero_()
     wp.launch(front_kernels.seed_front, (end - begin, LANES), inputs=[front, cohort.sources, begin])
     run_front(front, cohort.sources, range(begin, end), cohort.element, pause)
-
-
-def run_front(front: Any, sources: Any, clusters: range, element: int, pause: Callable[[], None]) -> None:  # noqa: ANN401
-    """Advance some clusters until nothing changes; the front has what is to be done in step 1."""
-    threads = (len(clusters), int(front_kernels.WALKERS), front.u.shape[2])
-    inputs = [front, sources, clusters.start, element, 1]
-    step = wp.launch(front_kernels.step_front, threads, inputs=inputs, record_cmd=True)
-    done = 0
-    while int(front.last.numpy()[0]) > done:
-        pause()
-        for _ in range(STEPS):
-            done += 1
-            step.set_param_by_name("step", done)
-            step.launch()
+    if cohort.element == POINT:  # planar fronts know no bearings
+        amend_front(front, amends, cohort.sources, cohort.fans.turns, range(begin, end), pause)
 
 
 class _DenseStore:
@@ -185,6 +160,6 @@ class _BlockStore:
                 f"{self._name}: d_max reaches over more than 65534 vertices; choose a shorter one"
             )
         blocks = self._blocks[: self._rows]
-        inputs = [self._members, self._slot, self._start, self._row, blocks, 0]
-        wp.launch(kernels.symmetrize_blocks, self._row.shape, inputs=inputs)
+        inputs = [self._members, self._slot, self._start, self._row, blocks]
+        wp.launch(front_kernels.symmetrize_blocks, self._row.shape, inputs=inputs)
         return blocks, self._row, self._start, self._slot

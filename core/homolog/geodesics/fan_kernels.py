@@ -3,7 +3,8 @@
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.intrinsic_kernels import TURN, Sides, apex, next_side
+from homolog.geodesics.bearing_kernels import Turns
+from homolog.geodesics.intrinsic_kernels import Sides, apex, next_side
 from homolog.geodesics.kernels import Corner
 from homolog.geodesics.lookup import LANES
 
@@ -13,81 +14,42 @@ UNSEEN = wp.constant(-1)
 IN_FRONT = wp.constant(-2)
 
 
-BENT = wp.constant(wp.float64(0.03))
-"""Curvature of a vertex [rad] from which its surroundings are looked at two triangles deep."""
-
-
-@wp.func
-def beyond(sides: Sides, turn: wp.array(dtype=wp.float64), base: int) -> wp.vec3d:
-    """Return the corner beyond a side, laid in the plane of the side's face, and 1 if it is to be looked at.
-
-    It is near curved places, if the two faces together are convex, so that all straight ways stay within.
-    """
-    twin = sides.twin[base]
-    length = sides.length[base]
-    c = apex(sides, base)
-    e = apex(sides, twin)
-    x = length - e[0]
-    crossing = c[0] + (x - c[0]) * c[1] / (c[1] + e[1])
-    bent = wp.max(wp.abs(turn[sides.tail[base]] - TURN), wp.abs(turn[sides.tail[twin]] - TURN))
-    wanted = bent > BENT and crossing > wp.float64(0.0) and crossing < length and base // 3 != twin // 3
-    return wp.vec3d(x, -e[1], wp.where(wanted, wp.float64(1.0), wp.float64(0.0)))
-
-
-@wp.func
-def make_corner(a: int, b: int, at_a: wp.vec2d, at_b: wp.vec2d, c: wp.vec2d) -> Corner:
-    """Lay a triangle as its corner c sees it."""
-    ab = at_b - at_a
-    ac = c - at_a
-    length = wp.length(ab)
-    corner = Corner()
-    corner.a = a
-    corner.b = b
-    corner.length = float(length)
-    corner.half = float(wp.float64(0.5) / length)
-    corner.x = float(wp.dot(ab, ac) / length)
-    corner.y = float(wp.abs(ab[0] * ac[1] - ab[1] * ac[0]) / length)
-    corner.ac = float(wp.length(ac))
-    corner.bc = float(wp.length(c - at_b))
-    return corner
-
-
-@wp.kernel
-def count_corners(sides: Sides, turn: wp.array(dtype=wp.float64), start: wp.array(dtype=wp.int32)):
-    """Count the corners of each vertex, one place on."""
-    side = wp.tid()
-    e = beyond(sides, turn, next_side(side))
-    wp.atomic_add(start, sides.tail[side] + 1, wp.where(e[2] > wp.float64(0.0), 3, 1))
-
-
 @wp.kernel
 def fill_corners(
     sides: Sides,
-    turn: wp.array(dtype=wp.float64),
     first: wp.array(dtype=wp.int32),
-    free: wp.array(dtype=wp.int32),
+    start: wp.array(dtype=wp.int32),
     corners: wp.array(dtype=Corner),
+    turns: wp.array(dtype=Turns),
 ):
-    """Lay each triangle's corner next to the others of its vertex, and what lies beyond it where wanted.
-
-    The two triangles beyond reach from the corner across the opposite side ab to ea and to eb.
-    """
+    """Lay each triangle's corner next to the others of its vertex, counterclockwise."""
     side = wp.tid()
     base = next_side(side)
+    after = next_side(base)
+    twin = sides.twin[base]
     before = first[side // 3]
-    a = sides.tail[base] - before
-    b = sides.tail[next_side(base)] - before
+    a = sides.tail[base]
+    b = sides.tail[after]
     c = apex(sides, base)
-    at_a = wp.vec2d(wp.float64(0.0), wp.float64(0.0))
-    at_b = wp.vec2d(sides.length[base], wp.float64(0.0))
-    owner = sides.tail[side]
-    corners[wp.atomic_add(free, owner, 1)] = make_corner(a, b, at_a, at_b, c)
-    far = beyond(sides, turn, base)
-    if far[2] > wp.float64(0.0):
-        e = sides.tail[next_side(next_side(sides.twin[base]))] - before
-        at_e = wp.vec2d(far[0], far[1])
-        corners[wp.atomic_add(free, owner, 1)] = make_corner(e, a, at_e, at_a, c)
-        corners[wp.atomic_add(free, owner, 1)] = make_corner(e, b, at_e, at_b, c)
+    length = sides.length[base]
+    corner = Corner()
+    corner.a = a - before
+    corner.b = b - before
+    corner.length = float(length)
+    corner.half = float(wp.float64(0.5) / length)
+    corner.x = float(c[0])
+    corner.y = float(c[1])
+    corner.ac = float(sides.length[side])
+    corner.bc = float(sides.length[after])
+    at = start[sides.tail[side]] + sides.rank[side]
+    corners[at] = corner
+    turn = Turns()
+    turn.at_a = float(sides.angle[base])
+    turn.around_a = float(sides.turn[a])
+    turn.at_b = float(sides.angle[twin])
+    turn.around_b = float(sides.turn[b])
+    turn.at_c = float(sides.angle[side])
+    turns[at] = turn
 
 
 @wp.func

@@ -8,7 +8,8 @@ import numpy as np
 import warp as wp
 
 from homolog.arrays import IntArray, frozen
-from homolog.geodesics.fan_kernels import UNSEEN, count_corners, fill_corners, grow_clusters
+from homolog.geodesics.bearing_kernels import Turns
+from homolog.geodesics.fan_kernels import UNSEEN, fill_corners, grow_clusters
 from homolog.geodesics.intrinsic import Triangulation
 from homolog.geodesics.kernels import Corner
 from homolog.geodesics.lookup import LANES
@@ -35,14 +36,16 @@ class Fans:
     start : (N + 1,) int32 wp.array
         First corner of each vertex.
     corners : (K,) Corner wp.array
-        Triangles as seen from each vertex, and beside them, near curved places, those that reach across the
-        opposite side to the next triangle; they count vertices within their shape.
+        Triangles as seen from each vertex; they count vertices within their shape.
+    turns : (K,) Turns wp.array
+        How each triangle's sides are turned at their ends.
     """
 
     first: IntArray
     position: Any
     start: Any
     corners: Any
+    turns: Any
 
 
 def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: str) -> Fans:
@@ -52,16 +55,14 @@ def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: 
     face_first = np.repeat(first[:-1], [len(mesh.faces) for mesh in meshes])
     sides = delaunay.on_device(device)
     with wp.ScopedDevice(device):
-        turn = wp.array(delaunay.turn, dtype=wp.float64)
-        start = wp.zeros(len(centred) + 1, dtype=wp.int32)
-        wp.launch(count_corners, len(delaunay.tail), inputs=[sides, turn, start])
-        wp.utils.array_scan(start, start, inclusive=True)
-        corners = wp.empty(int(start[-1:].numpy()[0]), dtype=Corner)
+        start = wp.array(delaunay.starts(), dtype=wp.int32)
+        corners = wp.empty(len(delaunay.tail), dtype=Corner)
+        turns = wp.empty(len(delaunay.tail), dtype=Turns)
         faces_first = wp.array(face_first.astype(np.int32), dtype=wp.int32)
-        inputs = [sides, turn, faces_first, wp.clone(start), corners]
+        inputs = [sides, faces_first, start, corners, turns]
         wp.launch(fill_corners, len(delaunay.tail), inputs=inputs)
         position = wp.array(centred.astype(np.float32), dtype=wp.vec3)
-    return Fans(first, position, start, corners)
+    return Fans(first, position, start, corners, turns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

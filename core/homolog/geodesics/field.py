@@ -10,10 +10,10 @@ import homolog.device  # noqa: F401 - starts Warp
 from homolog.arrays import Float32Array
 from homolog.errors import InputError
 from homolog.geodesics import front_kernels, kernels
-from homolog.geodesics.cuda import run_front
 from homolog.geodesics.fans import build_fans
+from homolog.geodesics.front import amend_front, make_amendments, make_front, run_front
 from homolog.geodesics.intrinsic import triangulate
-from homolog.geodesics.plan import Task
+from homolog.geodesics.plan import POINT, Task
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh
@@ -64,22 +64,26 @@ def distances_from(
     reach.stored = float(kernels.FAR)
     fans = build_fans([mesh], triangulate([mesh]), "cpu")
     with wp.ScopedDevice("cpu"):
-        values = np.full((1, n, 1), float(kernels.FAR), np.float32)
-        np.minimum.at(values[0, :, 0], where, 0.0 if start is None else np.asarray(start, np.float32))
+        front = make_front(1, n, 1)
+        front.u.fill_(float(kernels.FAR))
+        values = front.u.numpy()[0, :, 0]
+        np.minimum.at(values, where, 0.0 if start is None else np.asarray(start, np.float32))
         around = np.unique(mesh.faces[np.isin(mesh.faces, where).any(axis=1)])
-        front = front_kernels.Front()
-        front.u = wp.array(values)
-        front.queued = wp.zeros((1, n), dtype=wp.int32)
-        front.lists = wp.zeros((2, 1, n), dtype=wp.int32)
+        for array in (front.queued, front.counts):
+            array.zero_()
         front.lists.numpy()[1, 0, : len(around)] = around
-        front.counts = wp.array([[0], [len(around)], [0]], dtype=wp.int32)
-        front.last = wp.ones(1, dtype=wp.int32)
+        front.counts.numpy()[1, 0] = len(around)
+        front.last.fill_(1)
         clusters = front_kernels.Sources()
         clusters.shape = wp.zeros(1, dtype=wp.int32)
         clusters.first = wp.zeros(1, dtype=wp.int32)
         clusters.reaches = wp.array([reach], dtype=kernels.Reach)
         clusters.fan = fans.start
         clusters.corners = fans.corners
-        run_front(front, clusters, range(1), 0, partial(tick, 0.0, f"{name}: geodesic distances"))
-        distances: Float32Array = front.u.numpy()[0, :, 0]
+        pause = partial(tick, 0.0, f"{name}: geodesic distances")
+        run_front(front, clusters, range(1), POINT, pause)
+        reach.stored = float(values.max())
+        clusters.reaches = wp.array([reach], dtype=kernels.Reach)
+        amend_front(front, make_amendments(1, n, 1), clusters, fans.turns, range(1), pause)
+    distances: Float32Array = values.copy()
     return distances

@@ -157,3 +157,32 @@ def symmetrize_dense(codes: wp.array2d(dtype=wp.uint16)):
         mean = mean_code(int(codes[i, j]), int(codes[j, i]))
         codes[i, j] = mean
         codes[j, i] = mean
+
+
+@wp.kernel
+def symmetrize_blocks(
+    members: wp.array2d(dtype=wp.int32),
+    slot: wp.array(dtype=wp.int32),
+    start: wp.array(dtype=wp.int32),
+    row: wp.array2d(dtype=wp.uint16),
+    blocks: wp.array2d(dtype=wp.uint16),
+):
+    """Replace both directions of every pair by their mean; the thread of the later vertex writes both."""
+    cluster, v = wp.tid()
+    here = int(row[cluster, v])
+    if here == MISSING:
+        return
+    back_cluster = slot[v] // LANES
+    back_lane = slot[v] % LANES
+    for lane in range(LANES):
+        m = members[cluster, lane]
+        if m >= 0:
+            back = int(row[back_cluster, m])
+            k = start[cluster] + here
+            if back == MISSING:
+                blocks[k, lane] = wp.uint16(MISSING)
+            elif m < v:
+                back_k = start[back_cluster] + back
+                mean = mean_code(int(blocks[k, lane]), int(blocks[back_k, back_lane]))
+                blocks[k, lane] = mean
+                blocks[back_k, back_lane] = mean

@@ -8,7 +8,7 @@ then both quicker and more exact: slivers are what it has to go over again, and 
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,20 @@ import warp as wp
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.device import cores
-from homolog.geodesics.intrinsic_kernels import Sides, add_angles, flip_to_delaunay, pair_sides
+from homolog.geodesics.intrinsic_kernels import Sides, flip_to_delaunay, lay_angles, pair_sides
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Triangulation", "triangulate"]
+
+SIDES = {
+    "tail": wp.int32,
+    "twin": wp.int32,
+    "length": wp.float64,
+    "angle": wp.float64,
+    "rank": wp.int32,
+    "turn": wp.float64,
+}
+"""What a triangulation holds beside the first vertices, and the types of it in kernels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +46,10 @@ class Triangulation:
         The same edge as a side of the neighbouring face.
     length : (3F,) float64 array
         Length of each side [mm].
+    angle : (3F,) float64 array
+        Direction of each side at its tail [rad], counterclockwise from one of the sides there.
+    rank : (3F,) int32 array
+        Number of each side among those that leave its tail, in that order.
     turn : (N,) float64 array
         Sum of the angles around each vertex; a full turn where the surface is flat.
     """
@@ -44,18 +58,23 @@ class Triangulation:
     tail: IntArray
     twin: IntArray
     length: FloatArray
+    angle: FloatArray
+    rank: IntArray
     turn: FloatArray
+
+    def starts(self) -> IntArray:
+        """Return the first entry of each vertex, (N + 1,), in a list of the sides that leave it."""
+        return _starts(self.tail, len(self.turn))
 
     def neighbours(self) -> tuple[IntArray, IntArray]:
         """Return the first entry of each vertex in a list, (N + 1,), and the list of all their neighbours."""
-        start = _starts(self.tail, len(self.turn))
         head = self.tail.reshape(-1, 3)[:, [1, 2, 0]].ravel()
-        return start, head[np.argsort(self.tail, kind="stable")]
+        return self.starts(), head[np.argsort(self.tail, kind="stable")]
 
     def on_device(self, device: str) -> Any:  # noqa: ANN401 - a wp.struct has no type
         """Return the `Sides` for kernels."""
         sides = Sides()
-        for name, kind in (("tail", wp.int32), ("twin", wp.int32), ("length", wp.float64)):
+        for name, kind in SIDES.items():
             setattr(sides, name, wp.array(getattr(self, name), dtype=kind, device=device))
         return sides
 
@@ -75,6 +94,8 @@ def triangulate(meshes: Sequence[TriangleMesh]) -> Triangulation:
         np.concatenate([part.tail + at for part, at in zip(parts, first[:-1], strict=True)], dtype=np.int32),
         np.concatenate([part.twin + at for part, at in zip(parts, sides[:-1], strict=True)], dtype=np.int32),
         np.concatenate([part.length for part in parts]),
+        np.concatenate([part.angle for part in parts]),
+        np.concatenate([part.rank for part in parts]),
         np.concatenate([part.turn for part in parts]),
     )
 
@@ -83,15 +104,17 @@ def _triangulate(mesh: TriangleMesh) -> Triangulation:
     n = len(mesh.vertices)
     tail = np.array(mesh.faces.ravel())
     twin, waiting, stack = np.zeros((3, len(tail)), np.int32)
-    turn = np.zeros(n)
     start = _starts(tail, n)
     listed = np.argsort(tail, kind="stable").astype(np.int32)
     wp.launch(pair_sides, len(tail), inputs=[tail, start, listed, twin], device="cpu")
-    result = Triangulation(np.array([0, n]), tail, twin, _lengths(mesh), turn)
-    sides = result.on_device("cpu")
+    angle, rank, turn = np.zeros(len(tail)), np.zeros(len(tail), np.int32), np.zeros(n)
+    first = np.array([0, n])
+    sides = Triangulation(first, tail, twin, _lengths(mesh), angle, rank, turn).on_device("cpu")
     wp.launch(flip_to_delaunay, 1, inputs=[sides, waiting, stack], device="cpu")
-    wp.launch(add_angles, len(tail), inputs=[sides, turn], device="cpu")
-    return replace(result, tail=sides.tail.numpy(), twin=sides.twin.numpy(), length=sides.length.numpy())
+    leaving = np.zeros(n, np.int32)
+    leaving[sides.tail.numpy()] = np.arange(len(tail))
+    wp.launch(lay_angles, n, inputs=[sides, leaving], device="cpu")
+    return Triangulation(first, *(getattr(sides, name).numpy() for name in SIDES))
 
 
 def _lengths(mesh: TriangleMesh) -> FloatArray:

@@ -13,7 +13,6 @@ FLAT = wp.constant(wp.float64(-1.0e-9))
 """Cotangent sum from which an edge counts as Delaunay: cocircular corners are left alone."""
 MOST_FLIPS = wp.constant(100)
 """Flips for each edge after which to be content with what is reached; a mesh needs about a fifth."""
-TURN = wp.constant(wp.float64(6.283185307179586))
 
 
 @wp.struct
@@ -23,6 +22,9 @@ class Sides:
     tail: wp.array(dtype=wp.int32)  # (3F,) vertex that a side starts from, counted through all shapes
     twin: wp.array(dtype=wp.int32)  # (3F,) the same edge in the neighbouring face
     length: wp.array(dtype=wp.float64)  # (3F,)
+    angle: wp.array(dtype=wp.float64)  # (3F,) direction of the side at its tail
+    rank: wp.array(dtype=wp.int32)  # (3F,) number of the side among those that leave its tail
+    turn: wp.array(dtype=wp.float64)  # (N,) sum of the angles around each vertex
 
 
 @wp.func
@@ -149,8 +151,17 @@ def flip_to_delaunay(sides: Sides, waiting: wp.array(dtype=wp.int32), stack: wp.
 
 
 @wp.kernel
-def add_angles(sides: Sides, turn: wp.array(dtype=wp.float64)):
-    """Add the angle at each side's tail to what the faces around that vertex take of a full turn."""
-    side = wp.tid()
-    c = apex(sides, side)
-    wp.atomic_add(turn, sides.tail[side], wp.atan2(c[1], c[0]))
+def lay_angles(sides: Sides, leaving: wp.array(dtype=wp.int32)):
+    """Give each side its rank and angle at its tail, counterclockwise from one of the sides there."""
+    v = wp.tid()
+    side = leaving[v]
+    total = wp.float64(0.0)
+    rank = int(0)
+    while side != leaving[v] or rank == 0:
+        sides.angle[side] = total
+        sides.rank[side] = rank
+        c = apex(sides, side)
+        total += wp.atan2(c[1], c[0])
+        side = sides.twin[next_side(next_side(side))]
+        rank += 1
+    sides.turn[v] = total

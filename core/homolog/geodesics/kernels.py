@@ -3,7 +3,7 @@
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.lookup import LANES, MISSING
+from homolog.geodesics.lookup import MISSING
 
 wp.set_module_options({"enable_backward": False})
 
@@ -36,22 +36,46 @@ class Reach:
     unit: float  # length of one code step
 
 
+@wp.struct
+class Ray:
+    """The straight way to a corner's c, from the source that explains the distances of a and b."""
+
+    distance: float  # at c
+    crossing: float  # where the way meets ab, measured from a
+    along: float  # place of that source: along ab …
+    below: float  # … and off it
+    direct: int  # 1 if no straight way crosses ab and this one goes along a side
+
+
+@wp.func
+def trace(corner: Corner, da: float, db: float) -> Ray:
+    """Find the way from the point below ab that explains both da and db (Novotni and Klein 2002).
+
+    Exact on flat regions, for acute and obtuse triangles alike; the distance is monotone in da and db.
+    """
+    ray = Ray()
+    by_a = da + corner.ac
+    by_b = db + corner.bc
+    side = wp.min(by_a, by_b)
+    # factored: less cancellation on slivers
+    ray.along = ((da - db) * (da + db) + corner.length * corner.length) * corner.half
+    squared = da * da - ray.along * ray.along
+    ray.below = wp.sqrt(wp.max(squared, 0.0))
+    height = wp.max(ray.below + corner.y, 1.0e-30)
+    crossing = ray.along * corner.y + corner.x * ray.below
+    inside = squared >= 0.0 and crossing >= 0.0 and crossing <= corner.length * height
+    dx = corner.x - ray.along
+    straight = wp.where(inside, wp.sqrt(dx * dx + height * height), FAR)
+    ray.direct = wp.where(straight < side, 0, 1)
+    ray.distance = wp.min(straight, side)
+    ray.crossing = wp.where(straight < side, crossing / height, wp.where(by_a <= by_b, 0.0, corner.length))
+    return ray
+
+
 @wp.func
 def point_front(corner: Corner, da: float, db: float) -> float:
-    """Distance at c, from the point below ab that explains both da and db (Novotni and Klein 2002).
-
-    Exact on flat regions, for acute and obtuse triangles alike; monotone in da and db.
-    """
-    best = wp.min(da + corner.ac, db + corner.bc)
-    # factored: less cancellation on slivers
-    along = ((da - db) * (da + db) + corner.length * corner.length) * corner.half
-    squared = da * da - along * along
-    below = wp.sqrt(wp.max(squared, 0.0))
-    crossing = along * corner.y + corner.x * below
-    inside = squared >= 0.0 and crossing >= 0.0 and crossing <= corner.length * (below + corner.y)
-    dx = corner.x - along
-    dy = corner.y + below
-    return wp.where(inside, wp.min(best, wp.sqrt(dx * dx + dy * dy)), best)
+    """Distance at c, from the point below ab that explains both da and db."""
+    return trace(corner, da, db).distance
 
 
 @wp.func
@@ -80,34 +104,3 @@ def mean_code(there: int, back: int) -> wp.uint16:
     """
     mean = (there + back + 1) // 2
     return wp.uint16(wp.where(there == MISSING or back == MISSING or mean > LAST, MISSING, mean))
-
-
-@wp.kernel
-def symmetrize_blocks(
-    members: wp.array2d(dtype=wp.int32),
-    slot: wp.array(dtype=wp.int32),
-    start: wp.array(dtype=wp.int32),
-    row: wp.array2d(dtype=wp.uint16),
-    blocks: wp.array2d(dtype=wp.uint16),
-    offset: int,
-):
-    """Replace both directions of every pair by their mean; the thread of the later vertex writes both."""
-    t, v = wp.tid()
-    cluster = offset + t
-    here = int(row[cluster, v])
-    if here == MISSING:
-        return
-    back_cluster = slot[v] // LANES
-    back_lane = slot[v] % LANES
-    for lane in range(LANES):
-        m = members[cluster, lane]
-        if m >= 0:
-            back = int(row[back_cluster, m])
-            k = start[cluster] + here
-            if back == MISSING:
-                blocks[k, lane] = wp.uint16(MISSING)
-            elif m < v:
-                back_k = start[back_cluster] + back
-                mean = mean_code(int(blocks[k, lane]), int(blocks[back_k, back_lane]))
-                blocks[k, lane] = mean
-                blocks[back_k, back_lane] = mean

@@ -23,6 +23,8 @@ __all__ = ["Element", "TablePlan", "Task", "block_rows", "plan_tables"]
 Element = Literal["point", "linear"]
 """Local solver: fronts from a point, or the paper's planar fronts, which are some percent too long."""
 
+POINT = 0
+"""Number of the point element in kernels."""
 DENSE_BUDGET = 1_500_000_000
 """Tables of a cohort are dense, which is faster to read, while all take no more than this [bytes] …"""
 DENSE_SHAPE = 250_000_000
@@ -92,7 +94,7 @@ class TablePlan:
     @property
     def element_code(self) -> int:
         """The element's number in kernels."""
-        return 0 if self.element == "point" else 1
+        return POINT if self.element == "point" else 1
 
 
 def plan_tables(

@@ -16,6 +16,7 @@ BUCKETS = wp.constant(256)
 BAND = wp.constant(128)
 """Vertices, in the order of the patch, that are settled together."""
 Lanes = wp.types.vector(length=LANES, dtype=wp.float32)
+Codes = wp.types.vector(length=LANES, dtype=wp.uint16)
 
 
 @wp.struct
@@ -190,24 +191,69 @@ def store_dense(
 def store_block(
     scratch: Scratch,
     reach: Reach,
+    slot: wp.array(dtype=wp.int32),
     row: wp.array2d(dtype=wp.uint16),
-    block: wp.array2d(dtype=wp.uint16),
+    near: wp.array2d(dtype=wp.uint8),
+    block: wp.array(dtype=Codes),
     n_rows: wp.array(dtype=wp.int32),
     cluster: int,
 ):
-    """Write the block of one cluster: a row for every vertex that one of its sources reaches."""
+    """Write the block of one cluster, a row for every vertex that one of its sources reaches.
+
+    Marks the clusters of these vertices as near.
+    """
     n = int(0)
     for p in range(scratch.size[0]):
         v = scratch.patch[p]
-        nearest = float(FAR)
+        u = scratch.u[v]
+        codes = Codes()
+        some = int(0)
         for lane in range(LANES):
-            nearest = wp.min(nearest, scratch.u[v][lane])
-        if nearest <= reach.stored:
-            for lane in range(LANES):
-                block[n, lane] = encode(scratch.u[v][lane], reach)
+            stored = u[lane] <= reach.stored
+            some += wp.where(stored, 1, 0)
+            codes[lane] = encode(u[lane], reach)
+        if some > 0:
+            block[n] = codes
             row[cluster, v] = wp.uint16(n)
+            near[cluster, slot[v] // LANES] = wp.uint8(1)
             n += 1
     n_rows[0] = n
+
+
+@wp.kernel
+def symmetrize_tiles(
+    members: wp.array2d(dtype=wp.int32),
+    start: wp.array(dtype=wp.int32),
+    row: wp.array2d(dtype=wp.uint16),
+    near: wp.array2d(dtype=wp.uint8),
+    blocks: wp.array(dtype=Codes),
+    cluster: int,
+):
+    """Replace both directions of every pair of a cluster and those before it by their mean."""
+    for other in range(cluster + 1):
+        if near[cluster, other] == wp.uint8(0) and near[other, cluster] == wp.uint8(0):
+            continue
+        for j in range(LANES):
+            there = members[other, j]
+            if there >= 0:
+                row_there = int(row[cluster, there])
+                codes = Codes(wp.uint16(MISSING))
+                if row_there != MISSING:
+                    codes = blocks[start[cluster] + row_there]
+                for i in range(LANES):
+                    here = members[cluster, i]
+                    if here >= 0:
+                        row_back = int(row[other, here])
+                        if row_back != MISSING:
+                            back = blocks[start[other] + row_back]
+                            mean = mean_code(int(codes[i]), int(back[j]))
+                            codes[i] = mean
+                            back[j] = mean
+                            blocks[start[other] + row_back] = back
+                        else:
+                            codes[i] = wp.uint16(MISSING)
+                if row_there != MISSING:
+                    blocks[start[cluster] + row_there] = codes
 
 
 @wp.kernel

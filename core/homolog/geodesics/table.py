@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 
 from homolog.geodesics.csr_kernels import count_blocks, count_dense, fill_blocks, fill_dense
 from homolog.geodesics.lookup import LANES, TableData
+from homolog.geodesics.sweep_kernels import Codes
 
 __all__ = ["GeodesicTable"]
 
@@ -78,7 +79,8 @@ class GeodesicTable:
             row, start = self.row.to("cpu"), self.start.to("cpu")
             vertex = np.full((len(start), LANES), -1, np.int32)
             vertex.ravel()[self.slot.numpy()] = np.arange(self.n_vertices)
-            count, fill, rows, inputs = count_blocks, fill_blocks, len(start), [codes, row, start, vertex]
+            lanes = wp.array(codes.numpy(), dtype=Codes, device="cpu", copy=False)
+            count, fill, rows, inputs = count_blocks, fill_blocks, len(start), [lanes, row, start, vertex]
         ends = np.zeros(self.n_vertices + 1, np.int64)
         wp.launch(count, rows, inputs=[*inputs, ends[1:]], device="cpu")
         np.cumsum(ends, out=ends)

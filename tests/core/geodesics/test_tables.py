@@ -107,9 +107,11 @@ def test_the_planar_element_of_the_paper_overestimates(sphere):
 def test_the_unit_of_length_does_not_matter(slotted, factor):
     scaled = TriangleMesh(slotted.vertices * factor, slotted.faces)
     one, other = solve_table(slotted, 8.0), solve_table(scaled, 8.0 * factor)
-    difference = one.codes.numpy().astype(int) - other.codes.numpy().astype(int)
-    rim = 65535 - 64249
-    assert set(np.unique(np.abs(difference))) <= {0, 1, 2, rim, rim + 1, rim + 2}
+    codes = [table.codes.numpy().astype(int) for table in (one, other)]
+    apart = np.abs(codes[0] - codes[1])[(codes[0] < 65535) & (codes[1] < 65535)]
+    assert ((codes[0] == 65535) != (codes[1] == 65535)).mean() < 1e-4  # at the very rim
+    assert (apart > 2).mean() < 1e-3  # where two ways are equally long, rounding chooses
+    assert apart.max() <= 64
 
 
 def test_the_place_in_the_world_does_not_matter(slotted):
@@ -122,9 +124,9 @@ def test_errors_against_the_exact_solver_are_within_the_goal(slotted):
     accuracy = measure_accuracy(slotted, solve_table(slotted, 6.5), 48)  # 20 % of the diagonal
     assert accuracy.pairs > 3000
     assert accuracy.missing == 0
-    assert accuracy.mean < 0.0015
-    assert accuracy.p99 < 0.010
-    assert accuracy.worst_far < 0.025
+    assert accuracy.mean < 0.0006
+    assert accuracy.p99 < 0.004
+    assert accuracy.worst_far < 0.015
     assert "p99" in str(accuracy)
 
 
@@ -135,5 +137,5 @@ def test_real_surfaces_are_as_accurate(data):
     mesh = read_mesh(sorted((data / "vertebra_l1_verse" / "meshes").glob("*.ply"))[0])
     accuracy = measure_accuracy(mesh, solve_table(mesh, 2.5), 4)
     assert accuracy.missing == 0
-    assert accuracy.mean < 0.001
-    assert accuracy.p99 < 0.006
+    assert accuracy.mean < 0.0005
+    assert accuracy.p99 < 0.003

@@ -1,0 +1,230 @@
+"""Amend the distances of one cluster on one CPU core (see `homolog.geodesics.bearing_kernels`).
+
+Everything curved is computed once, from the first-order distances; amendments then follow from each other
+through a few multiplications, from near to far, until they settle.
+"""
+
+import warp as wp
+
+import homolog.device  # noqa: F401 - starts Warp
+from homolog.geodesics.bearing_kernels import (
+    RIVAL,
+    ROUNDS,
+    SETTLED,
+    TIE,
+    UNKNOWN,
+    Turns,
+    doubtful,
+    tie_corner,
+    turn_from_side,
+)
+from homolog.geodesics.kernels import FAR, Corner, Reach, trace
+from homolog.geodesics.lookup import LANES
+from homolog.geodesics.sweep_kernels import BUCKETS, Lanes, Scratch
+
+# A lane loop has to stay a loop: the compiler then turns it into vector instructions.
+wp.set_module_options({"enable_backward": False, "max_unroll": 4})
+
+
+@wp.struct
+class Amendments:
+    """What one thread needs beside `Scratch` to amend one cluster after another."""
+
+    bearing: wp.array(dtype=Lanes)  # (V,) UNKNOWN but for vertices in reach
+    amendment: wp.array(dtype=Lanes)  # (V,) 0 but for vertices in reach
+    order: wp.array(dtype=wp.int32)  # (V,) vertices in reach, near to far
+    rivals: wp.array(
+        dtype=wp.int32
+    )  # (V,) corners of a vertex that its shortest ways may come through, as bits
+    moved: wp.array(dtype=wp.int32)  # (V,) round in which a vertex' amendments moved last
+    end: wp.array(dtype=wp.int32)  # (V,) last tie of each vertex in order, one beyond
+    a: wp.array(dtype=wp.int32)  # (K,) of each tie
+    b: wp.array(dtype=wp.int32)
+    share: wp.array(dtype=Lanes)
+    gain: wp.array(dtype=Lanes)
+
+
+@wp.func
+def order_reached(scratch: Scratch, amends: Amendments, limit: float) -> int:
+    """List the vertices of the patch within a limit of any source, near to far; return how many."""
+    for k in range(BUCKETS + 1):
+        scratch.bucket[k] = 0
+    scale = 0.9999 * float(BUCKETS) / limit
+    for p in range(scratch.size[0]):
+        v = scratch.patch[p]
+        u = scratch.u[v]
+        nearest = float(FAR)
+        for lane in range(LANES):
+            nearest = wp.min(nearest, u[lane])
+        k = wp.where(nearest <= limit, int(nearest * scale), -1)
+        scratch.bin[v] = k
+        if k >= 0:
+            scratch.bucket[k + 1] += 1
+    for k in range(BUCKETS):
+        scratch.bucket[k + 1] += scratch.bucket[k]
+    for p in range(scratch.size[0]):
+        v = scratch.patch[p]
+        k = scratch.bin[v]
+        if k >= 0:
+            amends.order[scratch.bucket[k]] = v
+            scratch.bucket[k] += 1
+    return scratch.bucket[BUCKETS]
+
+
+@wp.func
+def find_bearings(
+    scratch: Scratch,
+    amends: Amendments,
+    v: int,
+    fan: wp.array(dtype=wp.int32),
+    corners: wp.array(dtype=Corner),
+    turns: wp.array(dtype=Turns),
+    reach: Reach,
+):
+    """Find the bearings of a vertex, and the corners that its shortest ways may come through."""
+    u = scratch.u[v]
+    best = Lanes(FAR)
+    rise = Lanes(0.0)
+    run = Lanes(1.0)
+    side = Lanes(UNKNOWN)
+    rivals = int(0)
+    bit = int(1)
+    margin = TIE * reach.slack
+    for k in range(fan[v], fan[v + 1]):
+        corner = corners[k]
+        at_c = turns[k].at_c
+        da = scratch.u[corner.a]
+        db = scratch.u[corner.b]
+        square = corner.ac * corner.ac
+        doubt = doubtful(corner, reach.slack)
+        count = int(0)
+        for lane in range(LANES):
+            ray = trace(corner, da[lane], db[lane])
+            distance = ray.distance + wp.where(doubt, 2.0 * margin, 0.0)
+            closer = distance < best[lane] - margin
+            best[lane] = wp.where(closer, distance, best[lane])
+            rise[lane] = wp.where(closer, corner.y * ray.crossing, rise[lane])
+            run[lane] = wp.where(closer, square - corner.x * ray.crossing, run[lane])
+            side[lane] = wp.where(closer, wp.where(doubt, UNKNOWN, at_c), side[lane])
+            near = u[lane] <= reach.stored + reach.slack and ray.distance - u[lane] < RIVAL * reach.slack
+            count += wp.where(near, 1, 0)
+        if count > 0:
+            rivals = rivals | bit
+        bit = bit << 1
+    for lane in range(LANES):
+        bearing = side[lane] + turn_from_side(rise[lane], run[lane])
+        explained = best[lane] - u[lane] < RIVAL * reach.slack  # else a source
+        side[lane] = wp.where(explained and side[lane] != UNKNOWN, bearing, UNKNOWN)
+    amends.bearing[v] = side
+    amends.rivals[v] = rivals
+
+
+@wp.func
+def tie_vertex(
+    scratch: Scratch,
+    amends: Amendments,
+    v: int,
+    n: int,
+    fan: wp.array(dtype=wp.int32),
+    corners: wp.array(dtype=Corner),
+    turns: wp.array(dtype=Turns),
+    reach: Reach,
+) -> int:
+    """Write a vertex' ties, the n-th of all and those after it; return the next n."""
+    rivals = amends.rivals[v]
+    u = scratch.u[v]
+    for k in range(fan[v], fan[v + 1]):
+        if (rivals & 1) != 0:
+            corner = corners[k]
+            turn = turns[k]
+            da = scratch.u[corner.a]
+            db = scratch.u[corner.b]
+            at_a = amends.bearing[corner.a]
+            at_b = amends.bearing[corner.b]
+            share = Lanes(0.0)
+            gain = Lanes(0.0)
+            for lane in range(LANES):
+                tie = tie_corner(
+                    corner, turn, da[lane], db[lane], at_a[lane], at_b[lane], u[lane], reach.slack
+                )
+                share[lane] = tie.share
+                gain[lane] = tie.gain
+            amends.a[n] = corner.a
+            amends.b[n] = corner.b
+            amends.share[n] = share
+            amends.gain[n] = gain
+            n += 1
+        rivals = rivals >> 1
+    return n
+
+
+@wp.func
+def amend_vertex(scratch: Scratch, amends: Amendments, v: int, first: int, end: int, settled: float) -> int:
+    """Compute a vertex' amendments from its ties first … end; return how many moved."""
+    best = Lanes(FAR)
+    for n in range(first, end):
+        of_a = amends.amendment[amends.a[n]]
+        of_b = amends.amendment[amends.b[n]]
+        share = amends.share[n]
+        gain = amends.gain[n]
+        for lane in range(LANES):
+            value = gain[lane] + of_a[lane] + share[lane] * (of_b[lane] - of_a[lane])
+            best[lane] = wp.min(best[lane], value)
+    old = amends.amendment[v]
+    u = scratch.u[v]
+    moved = int(0)
+    for lane in range(LANES):
+        kept = u[lane] == 0.0 or best[lane] > 0.5 * FAR  # a source, or out of reach
+        best[lane] = wp.where(kept, 0.0, best[lane])
+        moved += wp.where(wp.abs(best[lane] - old[lane]) > settled, 1, 0)
+    amends.amendment[v] = best
+    return moved
+
+
+@wp.func
+def settle(scratch: Scratch, amends: Amendments, reached: int, round: int, settled: float) -> int:
+    """Compute anew, near to far, what follows from amendments that moved; return how many vertices did."""
+    total = int(0)
+    first = int(0)
+    for p in range(reached):
+        end = amends.end[p]
+        latest = int(0)
+        for n in range(first, end):
+            latest = wp.max(latest, wp.max(amends.moved[amends.a[n]], amends.moved[amends.b[n]]))
+        if latest + 1 >= round:
+            v = amends.order[p]
+            if amend_vertex(scratch, amends, v, first, end, settled) > 0:
+                amends.moved[v] = round
+                total += 1
+        first = end
+    return total
+
+
+@wp.kernel
+def amend_cluster(
+    scratch: Scratch,
+    amends: Amendments,
+    fan: wp.array(dtype=wp.int32),
+    corners: wp.array(dtype=Corner),
+    turns: wp.array(dtype=Turns),
+    reach: Reach,
+):
+    """Amend the distances that `sweep_cluster` has left in scratch."""
+    reached = order_reached(scratch, amends, reach.stored + reach.slack)
+    for p in range(reached):
+        find_bearings(scratch, amends, amends.order[p], fan, corners, turns, reach)
+    n = int(0)
+    for p in range(reached):
+        n = tie_vertex(scratch, amends, amends.order[p], n, fan, corners, turns, reach)
+        amends.end[p] = n
+    moving = int(1)
+    round = int(1)
+    while moving > 0 and round <= ROUNDS:
+        moving = settle(scratch, amends, reached, round, SETTLED * reach.slack)
+        round += 1
+    for p in range(reached):
+        v = amends.order[p]
+        scratch.u[v] = scratch.u[v] + amends.amendment[v]
+        amends.bearing[v] = Lanes(UNKNOWN)
+        amends.amendment[v] = Lanes(0.0)
+        amends.moved[v] = 0

@@ -1,0 +1,129 @@
+"""Second order: distances amended by the directions that shortest ways arrive from.
+
+The first-order front takes both ends of a triangle's side to see one source. Behind a bump or a hollow they
+see images of it whose directions differ by the curvature between them. The *bearing* of a vertex is the
+direction that its shortest way arrives from, so the slope of the distance along every side there: with values
+and slopes at both ends, the distance on the side is known to one order more.
+"""
+
+import warp as wp
+
+import homolog.device  # noqa: F401 - starts Warp
+from homolog.geodesics.kernels import FAR, Corner, trace
+
+wp.set_module_options({"enable_backward": False})
+
+PI = wp.constant(3.14159265)
+HALF_PI = wp.constant(1.57079633)
+UNKNOWN = wp.constant(-1.0)
+"""Bearing of a vertex that no source reaches."""
+RIVAL = wp.constant(0.1)
+"""Ways longer than the shortest by up to this part of a mean edge may turn out to be the shortest."""
+TIE = wp.constant(1.0e-4)
+"""Among ways equally long, up to this part of a mean edge, the first gives the bearing, on every device."""
+SHORT = wp.constant(0.03)
+"""Triangles with a side shorter than this part of a mean edge give no bearings."""
+OTHER = wp.constant(0.4)
+"""Images of the source farther apart than this [rad] begin to be another front's; twice as far, they are."""
+MOST = wp.constant(0.1)
+"""Largest amendment of a single triangle, as a part of the distance: more is no curvature, but two fronts."""
+SETTLED = wp.constant(1.0e-4)
+"""Amendments that move by less than this part of a mean edge have settled."""
+ROUNDS = wp.constant(50)
+"""Rounds of amendments after which to be content; ten are plenty."""
+
+
+@wp.struct
+class Turns:
+    """How a corner's sides lie around their ends: directions [rad], counterclockwise."""
+
+    at_a: float  # of b, seen from a
+    around_a: float  # sum of all angles at a
+    at_b: float  # of a, seen from b
+    around_b: float
+    at_c: float  # of a, seen from c
+
+
+@wp.struct
+class Tie:
+    """What a corner makes of amendments: c's is gain + (1 - share) * a's + share * b's."""
+
+    gain: float
+    share: float
+
+
+@wp.func
+def slope(direction: float, bearing: float, around: float) -> float:
+    """Return the cosine of the angle between a side and a bearing, on its nearer side, at most half a turn.
+
+    The series is exact to 4e-6.
+    """
+    apart = wp.abs(direction - bearing)
+    angle = HALF_PI - wp.min(wp.min(apart, around - apart), PI)
+    s = angle * angle
+    return angle * (1.0 + s * (-0.166666567 + s * (8.33297e-3 + s * (-1.98096e-4 + s * 2.6e-6))))
+
+
+@wp.func
+def turn_from_side(rise: float, run: float) -> float:
+    """Return the angle, up to half a turn, whose tangent is rise / run; rise >= 0.
+
+    The series (Abramowitz and Stegun 4.4.49) is exact to 1e-5 rad.
+    """
+    size = wp.abs(run)
+    t = wp.min(rise, size) / wp.max(wp.max(rise, size), 1.0e-30)
+    s = t * t
+    arc = t * (0.9998660 + s * (-0.3302995 + s * (0.1801410 + s * (-0.0851330 + s * 0.0208351))))
+    arc = wp.where(rise > size, HALF_PI - arc, arc)
+    return wp.where(run < 0.0, PI - arc, arc)
+
+
+@wp.func
+def doubtful(corner: Corner, edge: float) -> bool:
+    """Return whether a triangle has a short side: rounding decides which way through it is shortest."""
+    return wp.min(corner.length, wp.min(corner.ac, corner.bc)) < SHORT * edge
+
+
+@wp.func
+def credence(apart: float) -> float:
+    """Return how far a difference in direction, in units of OTHER, is taken for curvature: 1 … 0."""
+    return wp.max(wp.min(2.0 - wp.abs(apart), 1.0), 0.0)
+
+
+@wp.func
+def tie_corner(
+    corner: Corner, turns: Turns, da: float, db: float, at_a: float, at_b: float, u: float, edge: float
+) -> Tie:
+    """Return what a corner makes of the amendments of a and b, from their distances and bearings.
+
+    Along ab the square of the distance is D² = D0² + x (L - x) (p (L - x) + q x) / L², where D0 is that of
+    the one source that explains da and db, and p, q make the slopes at a and b right (cubic Hermite).
+
+    Parameters
+    ----------
+    at_a, at_b : float
+        Bearings of a and b.
+    u : float
+        Distance at c, which the gain is relative to; a corner whose way is no rival of it gains FAR.
+    """
+    tie = Tie()
+    ray = trace(corner, da, db)
+    height = wp.max(ray.below + corner.y, 1.0e-30)
+    before = wp.max(ray.distance * ray.below / height, 1.0e-12)  # of the way, up to ab
+    p = 2.0 * (ray.along - da * slope(turns.at_a, at_a, turns.around_a))
+    q = 2.0 * (corner.length - db * slope(turns.at_b, at_b, turns.around_b) - ray.along)
+    other = 0.5 / wp.max(OTHER * ray.below, 1.0e-30)
+    p = wp.where(at_a == UNKNOWN, 0.0, p * credence(p * other))
+    q = wp.where(at_b == UNKNOWN, 0.0, q * credence(q * other))
+    z = 2.0 * corner.half * ray.crossing
+    bend = 0.5 * ray.crossing * (1.0 - z) * (p * (1.0 - z) + q * z) / before
+    most = MOST * before
+    # FAR in place of "and": with that the lane loop would not become vector instructions
+    straight = wp.where(ray.direct != 0, FAR, ray.distance) + wp.clamp(bend, -most, most)
+    by_a = da + corner.ac
+    by_b = db + corner.bc
+    side = wp.min(by_a, by_b)
+    through = wp.where(wp.min(da, db) > 0.0, straight, FAR) < side  # from a source: along the side
+    tie.gain = wp.where(ray.distance - u < RIVAL * edge, wp.where(through, straight, side) - u, FAR)
+    tie.share = wp.where(through, z, wp.where(by_a <= by_b, 0.0, 1.0))
+    return tie
