@@ -1,7 +1,6 @@
 """The form for CUDA, run on the CPU: the same kernels, one launch a step."""
 
 import numpy as np
-import pytest
 
 from homolog.geodesics import cuda, plan_tables, solve_tables
 from homolog.geodesics import plan as planning
