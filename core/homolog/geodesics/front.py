@@ -14,8 +14,10 @@ __all__ = ["BYTES_PER_VERTEX", "amend_front", "make_amendments", "make_front", "
 
 STEPS = 16
 """Steps launched before the host looks whether anything is left to do; an idle step takes microseconds."""
-BYTES_PER_VERTEX = 3 * 4 * LANES + 4 + 8 + 4
-"""Scratch of a cluster for each vertex: u, bearings, amendments, queued, lists, marks of what is stored."""
+ROUNDS_AT_ONCE = 4
+"""Rounds of amendments launched before the host looks whether anything moved."""
+BYTES_PER_VERTEX = 4 * 4 * LANES + 4 + 8 + 4
+"""Scratch of a cluster for each vertex: u, bearings, rivals, amendments, queued, lists, marks."""
 
 
 def make_front(batch: int, n: int, lanes: int = LANES) -> Any:  # noqa: ANN401 - a wp.struct has no type
@@ -35,7 +37,9 @@ def make_amendments(batch: int, n: int, lanes: int = LANES) -> Any:  # noqa: ANN
     amends.bearing = wp.empty((batch, n, lanes), dtype=wp.float32)
     amends.amendment = wp.empty((batch, n, lanes), dtype=wp.float32)
     amends.filled = wp.empty((batch, int(amending.BINS)), dtype=wp.int32)
-    amends.moved = wp.empty(1, dtype=wp.int32)
+    amends.rivals = wp.empty((batch, n, lanes), dtype=wp.int32)
+    amends.moved = wp.empty(batch, dtype=wp.int32)
+    amends.last = wp.empty(1, dtype=wp.int32)
     return amends
 
 
@@ -65,18 +69,21 @@ def amend_front(
     n_clusters, (_, n, lanes) = len(clusters), front.u.shape
     amends.bearing.fill_(float(UNKNOWN))
     amends.amendment.zero_()
-    amends.filled.zero_()
+    for array in (amends.filled, amends.moved, amends.last):
+        array.zero_()
     wp.launch(amending.bin_reached, (n_clusters, n), inputs=[front, amends, sources, clusters.start])
     wp.launch(amending.end_rings, n_clusters, inputs=[front, amends])
     wp.launch(amending.list_reached, (n_clusters, n), inputs=[front, amends])
     walkers = 1 if front.u.device.is_cpu else int(front_kernels.WALKERS)  # on the CPU one goes near to far
     inputs = [front, amends, sources, turns, clusters.start, walkers]
     wp.launch(amending.find_front_bearings, (n_clusters, walkers, lanes), inputs=inputs)
+    inputs.append(1)
     settle = wp.launch(amending.settle_front, (n_clusters, walkers, lanes), inputs=inputs, record_cmd=True)
-    for _ in range(int(ROUNDS)):
+    done = 0
+    while done < int(ROUNDS) and done <= int(amends.last.numpy()[0]):
         pause()
-        amends.moved.zero_()
-        settle.launch()
-        if not amends.moved.numpy()[0]:
-            break
+        for _ in range(ROUNDS_AT_ONCE):
+            done += 1
+            settle.set_param_by_name("round", done)
+            settle.launch()
     wp.launch(amending.add_amendments, (n_clusters, n, lanes), inputs=[front, amends])

@@ -34,7 +34,9 @@ class FrontAmendments:
     bearing: wp.array3d(dtype=wp.float32)  # (B, V, L)
     amendment: wp.array3d(dtype=wp.float32)  # (B, V, L)
     filled: wp.array2d(dtype=wp.int32)  # (B, BINS) how many vertices a ring holds; then where it ends
-    moved: wp.array(dtype=wp.int32)  # (1,) 1 if anything moved in a pass
+    rivals: wp.array3d(dtype=wp.int32)  # (B, V, L) corners that the shortest way may come through, as bits
+    moved: wp.array(dtype=wp.int32)  # (B,) last round in which anything of a cluster moved
+    last: wp.array(dtype=wp.int32)  # (1,) the last of all these
 
 
 @wp.kernel
@@ -83,15 +85,18 @@ def find_front_bearings(
     offset: int,
     walkers: int,
 ):
-    """Find the bearings of listed vertices; thread (cluster, walker, lane)."""
+    """Find the bearings and rivals of listed vertices; thread (cluster, walker, lane)."""
     b, walker, lane = wp.tid()
     shape = sources.shape[offset + b]
     base = sources.first[shape]
     edge = sources.reaches[shape].slack
     for k in range(walker, front.counts[0, b], walkers):
         v = front.lists[0, b, k]
+        u = front.u[b, v, lane]
         best = float(FAR)
         bearing = float(UNKNOWN)
+        rivals = int(0)
+        bit = int(1)
         for c in range(sources.fan[base + v], sources.fan[base + v + 1]):
             corner = sources.corners[c]
             ray = trace(corner, front.u[b, corner.a, lane], front.u[b, corner.b, lane])
@@ -103,8 +108,12 @@ def find_front_bearings(
                 bearing = turns[c].at_c + turn_from_side(corner.y * ray.crossing, run)
                 if doubt:
                     bearing = UNKNOWN
-        if best - front.u[b, v, lane] < RIVAL * edge:  # else a source
+            if ray.distance - u < RIVAL * edge:
+                rivals = rivals | bit
+            bit = bit << 1
+        if best - u < RIVAL * edge:  # else a source
             amends.bearing[b, v, lane] = bearing
+        amends.rivals[b, v, lane] = wp.where(u == 0.0, 0, rivals)
 
 
 @wp.kernel
@@ -115,30 +124,41 @@ def settle_front(
     turns: wp.array(dtype=Turns),
     offset: int,
     walkers: int,
+    round: int,
 ):
-    """Compute the amendments of listed vertices from those of others; thread (cluster, walker, lane)."""
+    """Compute the amendments of listed vertices from those of others; thread (cluster, walker, lane).
+
+    Clusters in which nothing moved in the round before are left alone.
+    """
     b, walker, lane = wp.tid()
+    if amends.moved[b] + 1 < round:
+        return
     shape = sources.shape[offset + b]
     base = sources.first[shape]
     edge = sources.reaches[shape].slack
     for k in range(walker, front.counts[0, b], walkers):
         v = front.lists[0, b, k]
+        rivals = amends.rivals[b, v, lane]
         u = front.u[b, v, lane]
         best = float(FAR)
-        for c in range(sources.fan[base + v], sources.fan[base + v + 1]):
-            corner = sources.corners[c]
-            da = front.u[b, corner.a, lane]
-            db = front.u[b, corner.b, lane]
-            if trace(corner, da, db).distance - u < RIVAL * edge:
+        c = sources.fan[base + v]
+        while rivals != 0:
+            if (rivals & 1) != 0:
+                corner = sources.corners[c]
+                da = front.u[b, corner.a, lane]
+                db = front.u[b, corner.b, lane]
                 at_a = amends.bearing[b, corner.a, lane]
                 at_b = amends.bearing[b, corner.b, lane]
                 tie = tie_corner(corner, turns[c], da, db, at_a, at_b, u, edge)
                 of_a = amends.amendment[b, corner.a, lane]
                 of_b = amends.amendment[b, corner.b, lane]
                 best = wp.min(best, tie.gain + of_a + tie.share * (of_b - of_a))
-        if u != 0.0 and best < 0.5 * FAR:  # neither a source, nor out of reach
+            rivals = rivals >> 1
+            c += 1
+        if best < 0.5 * FAR:  # neither a source, nor out of reach
             if wp.abs(best - amends.amendment[b, v, lane]) > SETTLED * edge:
-                amends.moved[0] = 1
+                amends.moved[b] = round
+                amends.last[0] = round
             amends.amendment[b, v, lane] = best
 
 

@@ -14,7 +14,7 @@ wp.set_module_options({"enable_backward": False})
 FAR = 1.0e6
 _FAR = wp.constant(FAR)
 _TRIALS = wp.constant(10)
-_FREE_TURNS = wp.constant(12)
+_FREE_TURNS = wp.constant(500)
 
 
 @wp.func
@@ -165,7 +165,8 @@ def relax(
 
     A node of the active list takes the value that its neighbours give it. Once that no longer changes, it
     leaves the list (state 0) and hands over to those neighbours that it improves (state 1). Second
-    differences can make values swing for ever where fronts meet: after some turns a node only decreases.
+    differences can make values swing for ever where fronts meet: after many turns a node only decreases. (Few
+    turns are enough on a CPU; a GPU, where neighbours change together, would stop while values still rise.)
     """
     node = active[wp.tid()]
     i, j, k = node[0], node[1], node[2]
