@@ -135,12 +135,15 @@ class Engine:
         self.iteration = wp.zeros(1, dtype=int, **make)
         self._poses: DeviceArray = wp.zeros(self.shapes, dtype=kernels.Pose, **make)
 
-    def _start_walks(self) -> None:
+    def _nearest_faces(self) -> IntArray:
         faces = []
         for parts in zip(self.level.meshes, self.host_positions(), self.host_normals(), strict=True):
             self.launch.breathe()
             faces.append(nearest_faces(*parts))
-        self.faces = wp.array(np.concatenate(faces), dtype=int, device=self.launch.device)
+        return np.concatenate(faces)
+
+    def _start_walks(self) -> None:
+        self.faces = wp.array(self._nearest_faces(), dtype=int, device=self.launch.device)
         normals = self.posed_normals()
         mean = normals.sum(axis=0)
         short = np.linalg.norm(mean, axis=1) < 1e-3  # opposite normals: start from one shape's
@@ -230,6 +233,10 @@ class Engine:
         """
         sampling = float(self.sampling.energies.numpy().mean(dtype=np.float64))
         return np.array([sampling, *self.coupling.entropies()])
+
+    def find_again(self) -> None:
+        """Look for every particle's face in space, as at the start: walks along the mesh went astray."""
+        self.faces.assign(self._nearest_faces())
 
     def gaps(self) -> FloatArray:
         """Return how far the farthest particle of each shape is from its mesh, (M,), in optimizer lengths."""
