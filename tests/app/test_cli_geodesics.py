@@ -47,3 +47,13 @@ def test_verifying_prints_the_errors(octahedron, capsys):
 def test_what_cannot_be_done_is_refused(octahedron, capsys, words, complaint):
     assert main(["geodesics", str(octahedron), *words]) == 2
     assert complaint in capsys.readouterr().err
+
+
+def test_full_memory_is_told_with_a_remedy(octahedron, capsys, monkeypatch):
+    def full(*given, **options):
+        raise RuntimeError("Failed to allocate 123 bytes on device 'cpu'")
+
+    monkeypatch.setattr("homolog.geodesics.solve_plan", full)
+    words = ["--d-max", "1.5", "--device", "cpu", "--progress", "none"]
+    assert main(["geodesics", str(octahedron), *words]) != 0
+    assert "has too little memory" in capsys.readouterr().err

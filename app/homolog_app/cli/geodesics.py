@@ -49,7 +49,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute, write and verify as asked; returns the exit code."""
-    from homolog.device import choose_device, describe_device
+    from homolog.device import choose_device, describe_device, device_faults
     from homolog.files.meshes import read_mesh
     from homolog.geodesics import measure_accuracy, plan_tables, solve_plan
 
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         f"{len(mesh.vertices)} vertices, mean edge {mesh.mean_edge:.3g} mm; {kind} table of about "
         f"{plan.nbytes / 1e6:.0f} MB on {describe_device(device)}"
     )
-    with show_progress(arguments.progress) as progress:
+    with show_progress(arguments.progress) as progress, device_faults(device):
         start = time.perf_counter()
         table = solve_plan(plan, device=device, tick=progress.tick)[0]
         seconds = time.perf_counter() - start
