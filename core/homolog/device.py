@@ -79,9 +79,10 @@ def device_faults(alias: str) -> Iterator[None]:
     """
     try:
         yield
-    except (RuntimeError, MemoryError) as error:
+    except Exception as error:
         full = isinstance(error, MemoryError) or any(words in str(error) for words in _FULL)
-        from_warp = type(error) is RuntimeError and (full or alias != "cpu")
+        # Warp raises these two, and no class of its own: Exception where kernels can't be loaded any more
+        from_warp = type(error) in (RuntimeError, Exception) and (full or alias != "cpu")
         if not from_warp and not isinstance(error, MemoryError):
             raise
         what = "has too little memory" if full else "failed"

@@ -104,3 +104,12 @@ def test_memory_that_is_full_is_told_on_the_cpu_too():
 def test_defects_of_the_program_are_not_blamed_on_the_device(alias, error):
     with pytest.raises(error, match="a defect"), device_faults(alias):
         raise error("a defect")
+
+
+def test_kernels_that_a_lost_gpu_cannot_load_are_a_fault_of_the_device_and_other_errors_are_not():
+    with pytest.raises(InputError, match="cuda:0: failed"), device_faults("cuda:0"):
+        raise Exception("Failed to load CUDA module 'x' (device='cuda:0')")
+    with pytest.raises(IndexError), device_faults("cuda:0"):
+        raise IndexError
+    with pytest.raises(RuntimeError, match="a mistake"), device_faults("cpu"):
+        raise RuntimeError("a mistake")

@@ -150,7 +150,7 @@ def _scratch(device: str, table_bytes: int) -> int:
     left = free - table_bytes
     if left < free // 10:
         raise InputError(
-            f"geodesic tables of {table_bytes / 1e9:.1f} GB do not fit the {free / 1e9:.1f} GB that are free "
+            f"geodesic tables of {table_bytes / 1e9:.3g} GB do not fit the {free / 1e9:.3g} GB that are free "
             f"on {device}: solve on the CPU, shorten d_max or use coarser meshes"
         )
     return left // 2
