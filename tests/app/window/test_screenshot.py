@@ -169,3 +169,17 @@ def test_what_is_wrong_with_a_view_is_said(finished, tmp_path, capsys, view, wor
     assert main([*line, "--progress", "none"]) == 2
     assert words in capsys.readouterr().err
     assert not (tmp_path / "p.png").exists()
+
+
+def test_a_picture_that_no_command_can_draw_again_shows_none(explored, tmp_path):
+    from homolog_app.window.export.screenshot import ScreenshotDialog
+
+    explored.exporting.open_screenshot("", explored.views.stage.scene.pixels)
+    (dialog,) = [one for one in explored.findChildren(ScreenshotDialog) if one.isVisible()]
+    assert dialog.line.text() == ""
+    assert "No command draws this" in dialog.line.placeholderText()
+    assert not dialog.copy.isEnabled()
+    dialog.place.setText(str(tmp_path / "still.png"))
+    dialog.go.click()
+    assert "pixels" in dialog.note.text()
+    dialog.close()

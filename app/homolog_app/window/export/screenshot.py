@@ -40,6 +40,14 @@ class ScreenshotDialog(ExportDialog):
         return ["--view", self._view]
 
     @Slot()
+    def _tell(self) -> None:
+        super()._tell()
+        if not self._view:
+            self.line.clear()
+            self.line.setPlaceholderText("No command draws this picture again: the run goes on.")
+        self.copy.setEnabled(bool(self._view))
+
+    @Slot()
     def _start(self) -> None:
         settings, out = self.settings, self.out
         assert isinstance(settings, ScreenshotSettings), "the kind says so"
