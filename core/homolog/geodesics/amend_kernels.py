@@ -8,6 +8,7 @@ import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.bearing_kernels import (
+    LAST_BIT,
     RIVAL,
     ROUNDS,
     SETTLED,
@@ -33,9 +34,7 @@ class Amendments:
     bearing: wp.array(dtype=Lanes)  # (V,) UNKNOWN but for vertices in reach
     amendment: wp.array(dtype=Lanes)  # (V,) 0 but for vertices in reach
     order: wp.array(dtype=wp.int32)  # (V,) vertices in reach, near to far
-    rivals: wp.array(
-        dtype=wp.int32
-    )  # (V,) corners of a vertex that its shortest ways may come through, as bits
+    rivals: wp.array(dtype=wp.int32)  # (V,) corners that shortest ways may come through, as bits
     moved: wp.array(dtype=wp.int32)  # (V,) round in which a vertex' amendments moved last
     end: wp.array(dtype=wp.int32)  # (V,) last tie of each vertex in order, one beyond
     a: wp.array(dtype=wp.int32)  # (K,) of each tie
@@ -110,7 +109,7 @@ def find_bearings(
             count += wp.where(near, 1, 0)
         if count > 0:
             rivals = rivals | bit
-        bit = bit << 1
+        bit = wp.where(k - fan[v] < LAST_BIT, bit << 1, bit)
     for lane in range(LANES):
         bearing = side[lane] + turn_from_side(rise[lane], run[lane])
         explained = best[lane] - u[lane] < RIVAL * reach.slack  # else a source
@@ -154,7 +153,7 @@ def tie_vertex(
             amends.share[n] = share
             amends.gain[n] = gain
             n += 1
-        rivals = rivals >> 1
+        rivals = wp.where(k - fan[v] < LAST_BIT, rivals >> 1, rivals)
     return n
 
 

@@ -19,6 +19,8 @@ UNKNOWN = wp.constant(-1.0)
 """Bearing of a vertex that no source reaches."""
 RIVAL = wp.constant(0.1)
 """Ways longer than the shortest by up to this part of a mean edge may turn out to be the shortest."""
+LAST_BIT = wp.constant(30)
+"""Rivals are bits, one a corner; this bit stands for all corners from here on: poles may have any number."""
 TIE = wp.constant(1.0e-4)
 """Among ways equally long, up to this part of a mean edge, the first gives the bearing, on every device."""
 SHORT = wp.constant(0.03)

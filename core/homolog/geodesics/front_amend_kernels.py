@@ -9,6 +9,7 @@ import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.bearing_kernels import (
+    LAST_BIT,
     RIVAL,
     SETTLED,
     TIE,
@@ -97,7 +98,8 @@ def find_front_bearings(
         bearing = float(UNKNOWN)
         rivals = int(0)
         bit = int(1)
-        for c in range(sources.fan[base + v], sources.fan[base + v + 1]):
+        begin = sources.fan[base + v]
+        for c in range(begin, sources.fan[base + v + 1]):
             corner = sources.corners[c]
             ray = trace(corner, front.u[b, corner.a, lane], front.u[b, corner.b, lane])
             doubt = doubtful(corner, edge)
@@ -110,7 +112,7 @@ def find_front_bearings(
                     bearing = UNKNOWN
             if ray.distance - u < RIVAL * edge:
                 rivals = rivals | bit
-            bit = bit << 1
+            bit = wp.where(c - begin < LAST_BIT, bit << 1, bit)
         if best - u < RIVAL * edge:  # else a source
             amends.bearing[b, v, lane] = bearing
         amends.rivals[b, v, lane] = wp.where(u == 0.0, 0, rivals)
@@ -141,8 +143,8 @@ def settle_front(
         rivals = amends.rivals[b, v, lane]
         u = front.u[b, v, lane]
         best = float(FAR)
-        c = sources.fan[base + v]
-        while rivals != 0:
+        begin = sources.fan[base + v]
+        for c in range(begin, sources.fan[base + v + 1]):
             if (rivals & 1) != 0:
                 corner = sources.corners[c]
                 da = front.u[b, corner.a, lane]
@@ -153,8 +155,7 @@ def settle_front(
                 of_a = amends.amendment[b, corner.a, lane]
                 of_b = amends.amendment[b, corner.b, lane]
                 best = wp.min(best, tie.gain + of_a + tie.share * (of_b - of_a))
-            rivals = rivals >> 1
-            c += 1
+            rivals = wp.where(c - begin < LAST_BIT, rivals >> 1, rivals)
         if best < 0.5 * FAR:  # neither a source, nor out of reach
             if wp.abs(best - amends.amendment[b, v, lane]) > SETTLED * edge:
                 amends.moved[b] = round

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 import warp as wp
+from scipy.spatial import ConvexHull
 
 from homolog.geodesics import distances_from, measure_accuracy, solve_table
 from homolog.geodesics.bearing_kernels import slope, turn_from_side
 from homolog.geodesics.intrinsic import triangulate
+from homolog.surfaces.mesh import TriangleMesh
 
 
 @wp.kernel
@@ -51,6 +53,31 @@ def test_second_order_is_several_times_as_exact_as_first(slotted, monkeypatch):
     first = measure_accuracy(slotted, solve_table(slotted, 6.5), 24)
     assert second.mean < first.mean / 2
     assert second.p99 < first.p99 / 2
+
+
+@pytest.fixture
+def globe():
+    """Return a sphere of meridians and parallels: 80 triangles at each pole."""
+    height, turn = np.meshgrid(
+        np.linspace(0, np.pi, 42)[1:-1], np.linspace(0, 2 * np.pi, 81)[:-1], indexing="ij"
+    )
+    rings = np.stack([np.sin(height) * np.cos(turn), np.sin(height) * np.sin(turn), np.cos(height)], axis=-1)
+    points = np.concatenate([rings.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]])
+    faces = ConvexHull(points).simplices
+    a, b, c = points[faces].transpose(1, 0, 2)
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a) < 0
+    return TriangleMesh(30 * points, np.where(inward[:, None], faces[:, ::-1], faces))
+
+
+def test_a_vertex_of_eighty_triangles_is_no_obstacle_from_any_side(globe):
+    pole = len(globe.vertices) - 2
+    table = solve_table(globe, 20.0).to_csr()
+    for source in range(6 * 80, 7 * 80, 4):
+        across = 30 * np.arccos(np.clip(globe.vertices @ globe.vertices[source] / 900, -1, 1))
+        for row, reach in ((distances_from(globe, [source]), 40), (table[[source]].toarray()[0], 19)):
+            near = (across > 4) & (across < reach)
+            assert near[pole]
+            assert row[near] == pytest.approx(across[near], rel=3e-3)
 
 
 def test_a_field_is_amended_as_a_table_is(slotted):
