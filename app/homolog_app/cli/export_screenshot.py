@@ -25,7 +25,8 @@ def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
         "what the window's views show, as PNG",
         "Draw the views as the window's Screenshot does. VIEW says what they show and from where; the "
         'window\'s dialog writes it for you. The least is \'{"view": {"page": "modes"}}\'; pages are '
-        "subjects, modes, groups, measure and check.",
+        "subjects, modes, groups, measure and check. What no project holds, such as a run that goes on, the "
+        "window writes beside its picture: such a file, NAME.views.npz, is a VIEW too.",
         "FILE (.png)",
     )
     parser.add_argument(
@@ -37,15 +38,19 @@ def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
 def run(arguments: argparse.Namespace) -> int:
     """Write the picture; returns the exit code."""
     settings = with_options(ScreenshotSettings(), arguments)
-    wanted = _snapshot(arguments.view)
     from homolog_app.films.encode import write_still
+    from homolog_app.window.scene.kept import KEPT, read_shown
     from homolog_app.window.scene.offscreen import drawn
     from homolog_app.window.snapshot import shown_again
 
     with exporting(arguments) as tick:
-        shown = shown_again(Project(arguments.project), wanted, tick)
+        if arguments.view.endswith(KEPT):
+            shown, canvas = read_shown(Path(arguments.view))
+        else:
+            wanted = _snapshot(arguments.view)
+            shown, canvas = shown_again(Project(arguments.project), wanted, tick), wanted.canvas
         tick(0.9, "drawing")
-        pixels = drawn(shown, wanted.canvas, settings.scale, transparent=settings.transparent)
+        pixels = drawn(shown, canvas, settings.scale, transparent=settings.transparent)
         write_still(arguments.out, pixels)
     sys.stderr.write(f"{arguments.out}: {pixels.shape[1]} x {pixels.shape[0]} pixels\n")
     return 0

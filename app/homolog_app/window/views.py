@@ -90,8 +90,8 @@ class Views(QObject):
 
     @property
     def snapshot(self) -> Snapshot | None:
-        """What is seen, in words that a picture can be drawn from again; None while a run goes on."""
-        if self._work.run_job is not None:
+        """What is seen, in words that a picture can be drawn from again; None if the project lacks it."""
+        if self._work.run_job is not None or self._window.exporting.missing:
             return None
         page = self._page
         view = (page.chosen if page is not None else None) or SubjectsView(moment=self.run.moment)
@@ -101,9 +101,9 @@ class Views(QObject):
         )  # fmt: skip
 
     def save_picture(self) -> None:
-        """Ask how and where, and save a picture of the views."""
-        scene, snapshot = self.stage.scene, self.snapshot
-        self._window.exporting.open_screenshot(snapshot.words if snapshot else "", scene.pixels)
+        """Ask how and where, and save a picture of the views as they are now."""
+        scene = self.stage.scene
+        self._window.exporting.open_screenshot(scene.shown_now, scene.canvas, self.snapshot)
 
     @property
     def shows_slices(self) -> bool:

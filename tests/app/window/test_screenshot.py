@@ -171,15 +171,97 @@ def test_what_is_wrong_with_a_view_is_said(finished, tmp_path, capsys, view, wor
     assert not (tmp_path / "p.png").exists()
 
 
-def test_a_picture_that_no_command_can_draw_again_shows_none(explored, tmp_path):
+@pytest.fixture
+def running(groomed, wait, quick):
+    """Return a window in which a run has been paused."""
+    groomed.desk.edit_settings("optimize", "particles", quick(64))
+    groomed.commands["run.start"].trigger()
+    wait(lambda: groomed.views.run.frame is not None)
+    groomed.commands["run.pause"].trigger()
+    wait(lambda: groomed.desk.work.run_job.status.paused)
+    yield groomed
+    groomed.commands["run.cancel"].trigger()
+    wait(lambda: not groomed.desk.work.is_busy)
+
+
+def dialog_of(window):
     from homolog_app.window.export.screenshot import ScreenshotDialog
 
-    explored.exporting.open_screenshot("", explored.views.stage.scene.pixels)
-    (dialog,) = [one for one in explored.findChildren(ScreenshotDialog) if one.isVisible()]
-    assert dialog.line.text() == ""
-    assert "No command draws this" in dialog.line.placeholderText()
-    assert not dialog.copy.isEnabled()
-    dialog.place.setText(str(tmp_path / "still.png"))
+    window.commands["view.screenshot"].trigger()
+    (dialog,) = [one for one in window.findChildren(ScreenshotDialog) if one.isVisible()]
+    return dialog
+
+
+def test_a_run_that_goes_on_is_drawn_again_from_the_file_beside_the_picture(running, tmp_path, wait):
+    from homolog_app.cli import main
+
+    dialog, views = dialog_of(running), running.views
+    before = views.stage.scene.shown_now
+    running.commands["run.pause"].trigger()
+    wait(lambda: views.stage.scene.shown_now.particles is not before.particles)
+    dialog.place.setText(str(tmp_path / "mine.png"))
+    assert "mine.views.npz" in dialog.note.text()
+    words = shlex.split(dialog.line.text().replace("mine.png", "theirs.png"))
     dialog.go.click()
-    assert "pixels" in dialog.note.text()
     dialog.close()
+    running.commands["run.cancel"].trigger()
+    wait(lambda: not running.desk.work.is_busy)
+    running.library.leave()
+    assert main([*words[1:], "--progress", "none"]) == 0
+    assert_same(pixels(tmp_path / "mine.png"), pixels(tmp_path / "theirs.png"))
+
+
+def test_what_was_not_saved_is_drawn_again_from_the_file_beside_the_picture(explore, finished, window, both):
+    page = explore(finished, "modes")
+    window.desk.session.select(["a"])
+    window.desk.session.set_group("sick")
+    page.sliders.show_value(0, -1.5)
+    page.arrows.setChecked(True)
+    mine, theirs, words = both()
+    assert_same(mine, theirs)
+    assert words[words.index("--view") + 1].endswith("mine.views.npz")
+
+
+def test_a_picture_shows_what_was_seen_when_it_was_asked_for(explored, tmp_path):
+    dialog = dialog_of(explored)
+    dialog.place.setText(str(tmp_path / "one.png"))
+    explored.commands["view.head"].trigger()
+    explored.commands["view.grid1"].trigger()
+    dialog.go.click()
+    dialog.place.setText(str(tmp_path / "two.png"))
+    dialog.go.click()
+    dialog.close()
+    later = dialog_of(explored)
+    later.place.setText(str(tmp_path / "three.png"))
+    later.go.click()
+    later.close()
+    np.testing.assert_array_equal(pixels(tmp_path / "one.png"), pixels(tmp_path / "two.png"))
+    assert (pixels(tmp_path / "one.png") != pixels(tmp_path / "three.png")).any()
+
+
+@pytest.mark.parametrize("damage", ["cut", "other", "faces", "tints", "columns"])
+def test_a_damaged_file_beside_a_picture_is_refused(explored, tmp_path, capsys, damage):
+    from homolog_app.cli import main
+    from homolog_app.window.scene.kept import write_shown
+
+    path = tmp_path / "some.views.npz"
+    scene = explored.views.stage.scene
+    write_shown(path, scene.shown_now, scene.canvas)
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    if damage == "cut":
+        path.write_bytes(path.read_bytes()[:-2000])
+    else:
+        words = json.loads(str(arrays["words"]))
+        many = {"names": ["a"] * 16, "notes": [""] * 16, "columns": 15}
+        changed = {
+            "other": {"words": np.arange(3)},
+            "faces": {"0.groomed.faces": arrays["0.groomed.faces"] + 1},
+            "tints": {"0.tints": arrays["0.tints"][1:]},
+            "columns": {"words": np.array(json.dumps(words | many))},
+        }
+        np.savez(path, **arrays | changed[damage])
+    line = ["export", "screenshot", str(tmp_path), "--view", str(path), "--out", str(tmp_path / "p.png")]
+    assert main([*line, "--progress", "none"]) == 2
+    assert "some.views.npz: " in capsys.readouterr().err
+    assert not (tmp_path / "p.png").exists()

@@ -1,6 +1,7 @@
 """Opening the export dialogs."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,10 +15,10 @@ from homolog_app.window.export.kinds import KINDS
 from homolog_app.window.study_files import ViewRecord, save_project
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from homolog_app.window.explore.chosen import Snapshot
     from homolog_app.window.export.dialog import Exported
+    from homolog_app.window.scene.canvas import Canvas
+    from homolog_app.window.scene.content import Shown
 
 __all__ = ["Exporting"]
 
@@ -43,19 +44,29 @@ class Exporting(Part):
         dialog.show()
 
     @reported
-    def open_screenshot(self, view: str, draw: "Callable[[int, bool], NDArray[np.uint8]]") -> None:
+    def open_screenshot(self, shown: "Shown", canvas: "Canvas", snapshot: "Snapshot | None") -> None:
         """Open the dialog for a picture of the views.
 
         Parameters
         ----------
-        view : str
-            What they show, for the command line; empty if no command can show it again.
-        draw : callable
-            Takes scale and whether there is no background, returns the pixels.
+        shown : Shown
+        canvas : Canvas
+        snapshot : Snapshot or None
+            What they show, for the command line; None if the project's folder does not have it.
         """
         from homolog_app.window.export.screenshot import ScreenshotDialog
 
-        ScreenshotDialog(self._window, self._exported(), view, draw).show()
+        what = replace(self._exported(), caution="")  # what is missing there is kept beside the picture
+        ScreenshotDialog(self._window, what, shown, canvas, snapshot).show()
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """What of the open study is not in the project's folder, in words."""
+        session = self._desk.session
+        edits = session.folder is not None and not session.undo.isClean()
+        mended = not self._window.inspector.explore.page_of(CheckPage).checked.is_written
+        words = {"Unsaved edits": edits, "Particles optimized again": mended}
+        return tuple(text for text, given in words.items() if given)
 
     def close(self) -> None:
         """Close the dialogs and end what they export."""
@@ -105,9 +116,5 @@ class Exporting(Part):
         desk, session = self._desk, self._desk.session
         if session.folder is None and not desk.work.is_busy:
             save_project(desk.project, session.study, ViewRecord())
-        missing = []
-        if session.folder is not None and not session.undo.isClean():
-            missing.append("Unsaved edits")
-        if not self._window.inspector.explore.page_of(CheckPage).checked.is_written:
-            missing.append("Particles optimized again")
+        missing = self.missing
         return f"{' and '.join(missing)} are exported only after the project is saved." if missing else ""

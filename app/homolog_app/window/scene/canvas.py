@@ -1,23 +1,24 @@
 """How the views are looked at, as numbers and words that a file or a command line can hold."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 __all__ = ["CameraState", "Canvas"]
 
 _Point = tuple[float, float, float]
+_Pixels = Annotated[int, Field(ge=1, le=10_000)]
 
 
 class CameraState(BaseModel):
     """From where a view looks, in parallel projection [mm]."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     at: _Point
     eye: _Point
     up: _Point
-    height: float
+    height: Annotated[float, Field(gt=0.0)]
 
     @classmethod
     def of(cls, camera: Any) -> "CameraState":  # noqa: ANN401 - VTK is untyped
@@ -55,16 +56,16 @@ class Canvas(BaseModel):
         One for all views, or one each.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    width: int = 1280
-    height: int = 720
-    ratio: float = 1.0
+    width: _Pixels = 1280
+    height: _Pixels = 720
+    ratio: Annotated[float, Field(gt=0.0, le=8.0)] = 1.0
     scheme: Literal["light", "dark"] = "light"
     layout: Literal[1, 4, 9, 16] = 4
-    page: int = 0
+    page: Annotated[int, Field(ge=0)] = 0
     raw: bool = True
     groomed: bool = True
     particles: bool = True
-    opacity: float = 1.0
+    opacity: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
     cameras: tuple[CameraState, ...] = ()

@@ -4,7 +4,6 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PySide6.QtCore import QTimer, Signal
 from PySide6.QtGui import QImage, QResizeEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
@@ -88,7 +87,7 @@ class Scene(QWidget):
 
     @property
     def shown(self) -> Sequence[Content]:
-        """The subjects of the page."""
+        """The contents of the page."""
         return self._grid.shown
 
     @property
@@ -226,17 +225,17 @@ class Scene(QWidget):
             opacity=grid.opacity, cameras=tuple(CameraState.of(one) for one in grid.cameras.each),
         )  # fmt: skip
 
+    @property
+    def shown_now(self) -> Shown:
+        """What the views show, with particles and their colours; it stays as it is when they go on."""
+        grid = self._grid
+        return Shown(grid.contents, grid.columns or None, self._shown.scale, grid.particles, grid.tints)
+
     def picture(self, scale: int = 1, *, transparent: bool = False) -> QImage:
         """Return what is shown, up to four times as large."""
-        pixels = np.ascontiguousarray(self.pixels(scale, transparent))
+        pixels = np.ascontiguousarray(drawn(self.shown_now, self.canvas, scale, transparent=transparent))
         height, width, _ = pixels.shape
         return QImage(pixels.tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888).copy()
-
-    def pixels(self, scale: int, transparent: bool) -> NDArray[np.uint8]:
-        """Return what is shown as an array (height, width, 4); see `drawn`."""
-        grid = self._grid
-        shown = Shown(grid.contents, grid.columns or None, self._shown.scale, grid.particles, grid.tints)
-        return drawn(shown, self.canvas, scale, transparent=transparent)
 
     def close_scene(self) -> None:
         """Let go of everything of VTK; the last thing before the window closes."""

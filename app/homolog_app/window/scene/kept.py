@@ -1,0 +1,177 @@
+"""What the views show, whole in one file: for pictures of what no project holds, such as a run."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from homolog.arrays import Array
+from homolog.errors import InputError
+from homolog.files.arrays import read_arrays, write_arrays
+from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.window.scene.canvas import Canvas
+from homolog_app.window.scene.colour_scale import ColourScale
+from homolog_app.window.scene.content import Arrows, Content, Shown
+from homolog_app.window.scene.grid import MOST
+
+__all__ = ["KEPT", "read_shown", "write_shown"]
+
+KEPT = ".views.npz"
+"""End of the names of such files."""
+
+_SURFACES = ("raw", "groomed", "coarse")
+_EACH = ("colours", "normals", "lines")
+_Arrays = dict[str, Array]
+
+
+class _Scale(BaseModel):
+    """What a `ColourScale` holds besides its table."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    title: str
+    unit: str
+    low: float
+    high: float
+    low_words: str
+    high_words: str
+    note: str
+
+
+class _Words(BaseModel):
+    """All that is no array: names and notes of the contents, columns, scale, canvas."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    names: list[str]
+    notes: list[str]
+    columns: Annotated[int, Field(ge=1, le=MOST)] | None
+    scale: _Scale | None
+    canvas: Canvas
+
+
+def write_shown(path: Path, shown: Shown, canvas: Canvas) -> None:
+    """Write what is on the open page of the views, and how it is looked at.
+
+    Parameters
+    ----------
+    path : Path
+    shown : Shown
+        With its particles and their colours.
+    canvas : Canvas
+
+    Raises
+    ------
+    InputError
+        If the file can't be written.
+    """
+    contents = list(shown.contents)
+    if shown.columns is None:
+        first = canvas.page * canvas.layout
+        contents, canvas = contents[first : first + canvas.layout], canvas.model_copy(update={"page": 0})
+    scale = shown.scale
+    words = _Words(
+        names=[one.name for one in contents],
+        notes=[one.note for one in contents],
+        columns=shown.columns,
+        scale=_Scale(**{name: getattr(scale, name) for name in _Scale.model_fields}) if scale else None,
+        canvas=canvas,
+    )
+    arrays: _Arrays = {"words": np.array(words.model_dump_json())}
+    if scale is not None:
+        arrays["scale"] = scale.table
+    for number, content in enumerate(contents):
+        arrays |= {f"{number}.{name}": value for name, value in _arrays_of(content, shown).items()}
+    write_arrays(path, arrays)
+
+
+def read_shown(path: Path) -> tuple[Shown, Canvas]:
+    """Read what `write_shown` wrote.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, damaged, or holds anything else.
+    """
+    arrays = read_arrays(path)
+    try:
+        words = _Words.model_validate_json(str(arrays["words"]))
+        count, columns = len(words.names), words.columns or 1
+        if -(-count // columns) * columns > MOST:
+            raise ValueError(columns)
+        table = _table(arrays, "scale", 256 if words.scale else 0, kind="u1")
+        scale = ColourScale(**words.scale.model_dump(), table=table) if words.scale else None
+        parts = [_inside(arrays, f"{number}.") for number in range(count)]
+        contents = [_content(*one) for one in zip(words.names, words.notes, parts, strict=True)]
+        balls = dict(zip(words.names, map(_particles, parts), strict=True))
+    except (KeyError, ValueError, np.linalg.LinAlgError) as error:  # pydantic's errors are ValueErrors
+        raise InputError(f"{path}: holds no views of Homolog; take the picture again") from error
+    particles = {name: one for name, (one, _) in balls.items() if len(one)}
+    tints = {name: one for name, (_, one) in balls.items() if len(one)}
+    return Shown(contents, words.columns, scale, particles, tints), words.canvas
+
+
+def _arrays_of(content: Content, shown: Shown) -> _Arrays:
+    """Return the arrays of a content and of its particles by name."""
+    arrays: _Arrays = {"alignment": content.alignment}
+    for name in _SURFACES:
+        mesh: TriangleMesh | None = getattr(content, name)
+        if mesh is not None:
+            arrays |= {f"{name}.vertices": mesh.vertices, f"{name}.faces": mesh.faces}
+    if content.arrows is not None:
+        arrays |= {"arrows.points": content.arrows.points, "arrows.vectors": content.arrows.vectors}
+    arrays |= {name: one for name in _EACH if (one := getattr(content, name)) is not None}
+    if shown.particles and content.name in shown.particles:
+        arrays["particles"] = shown.particles[content.name]
+        tints = shown.tints.get(content.name) if isinstance(shown.tints, Mapping) else shown.tints
+        if tints is not None:
+            arrays["tints"] = tints
+    return arrays
+
+
+def _inside(arrays: _Arrays, prefix: str) -> _Arrays:
+    return {name.removeprefix(prefix): one for name, one in arrays.items() if name.startswith(prefix)}
+
+
+def _content(name: str, note: str, arrays: _Arrays) -> Content:
+    """Return a content; VTK, which looks after nothing, gets no array that doesn't fit."""
+    meshes = {one: _mesh(arrays, one) for one in _SURFACES}
+    points = len(mesh.vertices) if (mesh := meshes["groomed"]) else 0
+    arrows = None
+    if "arrows.points" in arrays:
+        begin = _table(arrays, "arrows.points")
+        arrows = Arrows(begin, _table(arrays, "arrows.vectors", len(begin)))
+    lines = _table(arrays, "lines", shape=(2, 3)) if "lines" in arrays else None
+    return Content(
+        name, alignment=_table(arrays, "alignment", 4, (4,)), note=note, arrows=arrows, lines=lines, **meshes,
+        colours=_table(arrays, "colours", points, kind="u1") if "colours" in arrays else None,
+        normals=_table(arrays, "normals", points) if "normals" in arrays else None,
+    )  # fmt: skip
+
+
+def _mesh(arrays: _Arrays, name: str) -> TriangleMesh | None:
+    if f"{name}.vertices" not in arrays:
+        return None
+    vertices, faces = _table(arrays, f"{name}.vertices"), _table(arrays, f"{name}.faces", kind="i4")
+    if not len(faces) or faces.min() < 0 or faces.max() >= len(vertices):
+        raise ValueError(name)
+    return TriangleMesh(vertices, faces)
+
+
+def _particles(arrays: _Arrays) -> tuple[Array, Array]:
+    """Return particles and their colours; empty where there are none."""
+    places = _table(arrays, "particles")
+    return places, _table(arrays, "tints", len(places) if "tints" in arrays else 0, kind="u1")
+
+
+def _table(
+    arrays: _Arrays, name: str, count: int | None = None, shape: tuple[int, ...] = (3,), kind: str = "f8"
+) -> Array:
+    """Return an array with so many rows of a shape, of numbers that are; empty if there is none."""
+    array = arrays.get(name, np.empty((0, *shape), kind))
+    fits = array.dtype.kind == kind[0] and array.shape[1:] == shape and count in (None, len(array))
+    if not fits or not np.isfinite(array).all():
+        raise ValueError(name)
+    return array
