@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.exchange.shapeworks_files import INPUTS, PREFIXES, Row, ShapeWorksProject
+from homolog.exchange.shapeworks_files import INPUTS, Row, ShapeWorksProject
 from homolog.exchange.shapeworks_kept import kept, moved_paths
+from homolog.exchange.shapeworks_rules import complete, own_column, tables_of
 from homolog.files.atomic import replacing, write_text
 from homolog.files.names import file_stems
 from homolog.files.particles import write_particles
@@ -62,6 +63,7 @@ def write_shapeworks(project: Project, folder: Path, tick: Tick = no_tick) -> Pa
         row |= target.write_transforms(subject)
         row |= target.write_surface(row, surface_file(project, subject.file))
         rows.append(row)
+    rows = [complete(row, source.domains) for row in rows] if len(source.domains) > 1 else rows
     content = {"data": rows} | _settings(source, record, domain)
     path = folder / f"{name}.swproj"
     write_text(path, json.dumps(content, indent=4) + "\n")
@@ -103,34 +105,28 @@ class _Target:
 
 def _described(row: Row, subject: ResultSubject) -> Row:
     """Return the columns of a subject's name, group and table data, under the names that its row has."""
-    columns = {"name": subject.name}
+    columns, groups = {"name": subject.name}, [key for key in row if key.startswith("group_")]
     for key, value in subject.columns.items():
-        if f"group_{key}" in row:
-            columns[f"group_{key}"] = value
-        elif key not in ("name", "fixed", "excluded") and not key.startswith(PREFIXES):
-            columns[key] = value
-    if subject.group is not None:
-        groups = [key for key in row if key.startswith("group_")]
-        columns[groups[0] if groups else "group_group"] = subject.group
+        group = f"group_{key}"
+        columns[group if group in row else key if key in row else own_column(key)] = value
+    if subject.group is not None:  # in front of further ones: whoever imports takes the first for the group
+        columns = {groups[0] if groups else "group_group": subject.group} | columns
     return columns
 
 
 def _settings(source: ShapeWorksProject, record: ResultRecord, domain: str) -> dict[str, Any]:
     """Return the tables beside the rows: those that were imported, with what this result changes."""
-    method = record.settings.optimize.method
-    own = {
-        "number_of_particles": str(record.particles),
+    tables = tables_of(source)
+    tables["groom"] = tables["groom"] or {domain: {}}
+    tables["project"] = {"version": "2"} | tables["project"]
+    tables["optimize"] = tables["optimize"] or {
         "use_geodesic_distance": str(record.metric == "geodesic").lower(),
-        "use_normals": str(method.uses_normals).lower(),
+        "use_normals": str(record.settings.optimize.method.uses_normals).lower(),
     }
-    empty: dict[str, Any] = {
-        "groom": {domain: {}},
-        "studio": {},
-        "analysis": {},
-        "deepssm": {},
-        "landmarks": [],
-    }
-    tables = empty | {key: value for key, value in source.others.items() if value}
-    tables["optimize"] = (source.table("optimize") or own) | {"number_of_particles": str(record.particles)}
-    tables["project"] = {"version": "2"} | source.table("project")
+    counts = tables["optimize"].get("number_of_particles", "").split()
+    if len(counts) == len(source.domains):  # one for each anatomy
+        counts[source.domains.index(domain)] = str(record.particles)
+    else:
+        counts = [str(record.particles)]
+    tables["optimize"]["number_of_particles"] = " ".join(counts)
     return tables

@@ -63,7 +63,12 @@ class ShapeWorksProject:
     def table(self, key: str) -> Row:
         """Return one of the other tables, such as ``optimize``; empty if it is not there or no table."""
         found = self.others.get(key)
-        return {str(name): _text(value) for name, value in found.items()} if isinstance(found, dict) else {}
+        return self.texts(found) if isinstance(found, dict) else {}
+
+    @staticmethod
+    def texts(table: dict[Any, Any]) -> Row:
+        """Return a table with every value as the text that ShapeWorks would write."""
+        return {str(name): _text(value) for name, value in table.items()}
 
     def inputs(self, row: Row, domain: str) -> list[str]:
         """Return the paths of a subject's groomed and original shape, as far as they are given."""

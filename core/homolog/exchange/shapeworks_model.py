@@ -7,7 +7,7 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.exchange.model import ForeignModel, ForeignSubject, particles_of
-from homolog.exchange.shapeworks_files import PATH_PREFIXES, PREFIXES, Row, ShapeWorksProject
+from homolog.exchange.shapeworks_files import INPUTS, PATH_PREFIXES, PREFIXES, Row, ShapeWorksProject
 from homolog.exchange.shapeworks_paths import leads_out, place_of, plain_path
 
 __all__ = ["model_of_folder", "model_of_project"]
@@ -124,10 +124,13 @@ def _needed(path: Path, name: str, value: str) -> Path:
 
 def _name(row: Row, domain: str) -> str:
     """Return a subject's name; ShapeWorks itself falls back on the name of the shape's file."""
-    for key in ("name", f"shape_{domain}", f"groomed_{domain}", f"local_particles_{domain}"):
-        if row.get(key):
-            stem = Path(plain_path(row[key])).name.partition(".")[0]
-            return row[key] if key == "name" else stem.removesuffix("_local")
+    if row.get("name"):
+        return row["name"]
+    for prefix in (*INPUTS, "groomed_", "local_particles_", "world_particles_"):
+        if path := row.get(f"{prefix}{domain}"):
+            file = Path(plain_path(path))
+            stem = file.name.removesuffix(".gz").rpartition(".")[0] or file.name
+            return stem.removesuffix("_local").removesuffix("_world")
     return "?"
 
 

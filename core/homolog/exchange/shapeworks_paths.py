@@ -31,7 +31,10 @@ def place_of(path: str, folder: Path) -> Path | None:
     """
     plain = plain_path(path)
     place = folder / plain
-    if not _is_whole(plain) or os.path.exists(place):  # which never raises
+    literal = folder / path.replace("\\", "/")  # a file may be called a%20b
+    if os.path.exists(literal):  # which never raises
+        return literal
+    if not _is_whole(plain) or os.path.exists(place):
         return place
     parts = [one for one in PureWindowsPath(plain).parts[1:] if one != "."]
     if ".." in parts:

@@ -8,6 +8,7 @@ from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
 from homolog.files.bounded import read_bytes
+from homolog.files.legacy_vtk import read_legacy_vtk
 
 __all__ = ["read_particles", "write_particles"]
 
@@ -34,7 +35,8 @@ def write_particles(path: Path, points: FloatArray) -> None:
 def read_particles(path: Path) -> FloatArray:
     """Read particles, shape (N, 3) [mm], read-only.
 
-    Like ShapeWorks, stops at the first line that doesn't start with a number.
+    ShapeWorks also keeps them as the points of a legacy ``.vtk`` file. Like ShapeWorks, stops at the first
+    line that doesn't start with a number.
 
     Raises
     ------
@@ -44,6 +46,8 @@ def read_particles(path: Path) -> FloatArray:
     path = Path(path)
     stored = read_bytes(path, "list of particles")
     try:
+        if path.suffix.lower() == ".vtk":
+            return _checked(path, read_legacy_vtk(stored).points)
         lines = stored.decode("utf-8").splitlines()
     except ValueError as error:
         raise InputError(f"{path}: can't be read as particles: {error}; choose another file") from error
@@ -55,11 +59,15 @@ def read_particles(path: Path) -> FloatArray:
         if len(words) != 3 or not all(_is_number(word) for word in words):
             raise InputError(f"{path}, line {number}: is no point; each line must be three numbers")
         points.append([float(word) for word in words])
-    if not points:
+    return _checked(path, np.array(points))
+
+
+def _checked(path: Path, points: FloatArray) -> FloatArray:
+    if not len(points):
         raise InputError(f"{path}: holds no particles")
     if not np.isfinite(points).all():
         raise InputError(f"{path}: holds values that are not finite; write the particles again")
-    return frozen(np.array(points))
+    return frozen(points)
 
 
 def _is_number(word: str) -> bool:

@@ -1,0 +1,61 @@
+"""What ShapeWorks demands of a project to open it, after ``Libs/Project`` of its sources.
+
+Its reader takes columns by their beginnings, refuses every value that is no text, and a subject that has a
+kind of column for some of its anatomies only.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from homolog.exchange.shapeworks_files import INPUTS, PREFIXES, Row, ShapeWorksProject
+
+__all__ = ["complete", "own_column", "tables_of"]
+
+_FLAGS = ("fixed", "excluded")
+_TAKEN = ("name", "local_particles", "world_particles", *(one for one in PREFIXES if one != "group_"))
+_IDENTITY = " ".join(str(float(row == column)) for row in range(4) for column in range(4))
+_OF_EACH = {
+    "landmarks_file_": "", "constraints_": "", "groomed_": "", "local_particles_": "", "world_particles_": "",
+    "alignment_": _IDENTITY, "procrustes_": _IDENTITY,
+}  # fmt: skip
+"""Beginnings of columns that all anatomies have or none, and what stands for nothing."""
+
+
+def own_column(name: str) -> str:
+    """Return under which name table data are written, so that ShapeWorks takes them for nothing else."""
+    return f"_{name}" if name in _FLAGS or name.startswith(_TAKEN) else name
+
+
+def complete(row: Row, domains: Sequence[str]) -> Row:
+    """Return a subject's row with each kind of column for all anatomies or for none, inputs first.
+
+    Paths that are missing are empty, transforms the identity. The order of inputs is that of the anatomies.
+    """
+    inputs: Row = {}
+    for domain in domains:
+        own = [key for key in (f"{prefix}{domain}" for prefix in INPUTS) if key in row]
+        inputs |= {key: row[key] for key in own} or {f"shape_{domain}": ""}
+    others = {key: value for key, value in row.items() if key not in inputs}
+    for prefix, nothing in _OF_EACH.items():
+        keys = [f"{prefix}{domain}" for domain in domains]
+        if any(key in row for key in keys):
+            others |= {key: row.get(key, nothing) for key in keys}
+    return inputs | others
+
+
+def tables_of(source: ShapeWorksProject) -> dict[str, Any]:
+    """Return all that stood beside a project's rows; the tables that ShapeWorks reads hold texts only."""
+    groom, landmarks = source.others.get("groom"), source.others.get("landmarks")
+    return source.others | {
+        "groom": {
+            str(domain): source.texts(table)
+            for domain, table in (groom.items() if isinstance(groom, dict) else ())
+            if isinstance(table, dict)
+        },
+        "landmarks": [
+            source.texts(one)
+            for one in (landmarks if isinstance(landmarks, list) else ())
+            if isinstance(one, dict)
+        ],
+        **{key: source.table(key) for key in ("optimize", "studio", "project", "analysis", "deepssm")},
+    }
