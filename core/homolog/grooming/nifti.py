@@ -27,7 +27,9 @@ _NO_PLACE = "its header does not say how the patient lay (no qform or sform); RA
 _HEADER, _FARTHEST = 348, 2**28  # bytes
 _DUBIOUS = 30  # of nibabel's levels: sizes of zero or below, unknown codes
 _FAULTS = (ImageFileError, HeaderDataError, OSError, EOFError, zlib.error, ValueError, OverflowError)
-_AGREE = 0.1  # voxels: most that qform and sform may differ anywhere in the volume
+_AGREE = 0.1  # voxels: more than rounding makes qform and sform differ anywhere in the volume
+_SCANNER = 1
+_FRAMES = {_SCANNER: "scanner", 2: "aligned", 3: "Talairach", 4: "MNI", 5: "template"}
 
 
 def read_nifti(path: Path) -> Volume:
@@ -41,8 +43,8 @@ def read_nifti(path: Path) -> Volume:
     Raises
     ------
     InputError
-        If it can't be read, is no 3-D volume of single numbers, too large, or if qform and sform put its
-        voxels at different places.
+        If it can't be read, is no 3-D volume of single numbers, too large, or if nothing tells which of
+        qform and sform is true.
     """
     try:
         image: Any = _opened(path)
@@ -107,26 +109,71 @@ def _placement(
     header: Any,  # noqa: ANN401 - half of nibabel is untyped
     shape: list[int],
 ) -> tuple[FloatArray, tuple[str, ...]]:
-    """Return the matrix from indices to RAS [mm], refusing headers that contradict themselves."""
+    """Return the matrix from indices to RAS [mm], and notes; refuses headers that can't be right."""
     try:
-        (q, _), (s, _) = header.get_qform(coded=True), header.get_sform(coded=True)
+        (q, q_code), (s, s_code) = header.get_qform(coded=True), header.get_sform(coded=True)
         unit = _UNITS[header.get_xyzt_units()[0]]
     except (HeaderDataError, KeyError, ValueError, np.linalg.LinAlgError) as error:
         raise InputError(f"{path}: its qform or unit is damaged; export it again ({error})") from error
     zooms = np.array(header.get_zooms()[:3], dtype=np.float64)
-    scale = np.diag([unit, unit, unit, 1.0])
+    notes: tuple[str, ...] = ()
     if q is None and s is None:
-        return scale @ np.diag([*zooms, 1.0]), (_NO_PLACE,)
-    if q is not None and s is not None:
-        corners = np.stack(np.meshgrid(*[(0.0, size - 1.0) for size in shape], indexing="ij"), axis=-1)
-        apart = np.linalg.norm(corners @ (q - s)[:3, :3].T + (q - s)[:3, 3], axis=-1).max()
-        if not apart <= _AGREE * zooms.min():
+        matrix, notes = np.diag([*zooms, 1.0]), (_NO_PLACE,)
+    elif s is None:
+        matrix = q
+    elif q is None:
+        if not _fits(s, zooms):
             raise InputError(
-                f"{path}: its qform and sform put voxels up to {apart * unit:.1f} mm apart; export it "
-                "again with one of them, the one in the scanner's frame"
+                f"{path}: its sform is skew or contradicts the voxel sizes {zooms}; export it again"
             )
-    elif s is not None and not np.allclose(np.linalg.norm(s[:3, :3], axis=0), zooms, rtol=0.01):
+        matrix = s
+    elif (apart := _apart(q, s, shape)) <= _AGREE * zooms.min():
+        matrix = s
+    else:
+        matrix, notes = _decided(path, (q, int(q_code)), (s, int(s_code)), zooms, apart * unit)
+    return np.diag([unit, unit, unit, 1.0]) @ np.asarray(matrix, dtype=np.float64), notes
+
+
+def _decided(
+    path: Path, qform: tuple[FloatArray, int], sform: tuple[FloatArray, int], zooms: FloatArray, apart: float
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return which of two matrices that differ is taken, and a note if they should not differ.
+
+    As ITK and so 3D Slicer, ITK-SNAP and ANTs do: the sform if it leads to the scanner's frame, else the
+    qform. Codes that differ name different frames, which is no fault. A sform of other voxel sizes (a
+    registration that stretches) is not taken: sizes would be wrong.
+    """
+    (q, q_code), (s, s_code) = qform, sform
+    mirrored = np.linalg.det(q[:3, :3]) * np.linalg.det(s[:3, :3]) < 0.0
+    if mirrored and q_code == s_code:
         raise InputError(
-            f"{path}: its sform and its voxel sizes {zooms} contradict each other; export it again"
+            f"{path}: its qform and sform are mirror images of each other, both called {_frame(q_code)}, so "
+            "that left and right can't be told apart; export it again with one of them"
         )
-    return scale @ np.asarray(q if s is None else s, dtype=np.float64), ()
+    stretched = s_code == _SCANNER and not _fits(s, zooms)
+    taken, name = (s, "sform") if s_code == _SCANNER and not stretched else (q, "qform")
+    if q_code != s_code and not mirrored and not stretched:
+        return taken, ()
+    mirror = ", one the mirror image of the other" if mirrored else ""
+    why = "the sform is skew or has other voxel sizes" if stretched else "as 3D Slicer does"
+    return taken, (
+        f"its qform ({_frame(q_code)}) and sform ({_frame(s_code)}) put voxels up to {apart:.1f} mm apart"
+        f"{mirror}; the {name} was used, {why}",
+    )
+
+
+def _apart(q: FloatArray, s: FloatArray, shape: list[int]) -> float:
+    """Return how far two matrices put a voxel apart at most, in the file's units; infinite for no numbers."""
+    corners = np.stack(np.meshgrid(*[(0.0, size - 1.0) for size in shape], indexing="ij"), axis=-1)
+    farthest = np.linalg.norm(corners @ (q - s)[:3, :3].T + (q - s)[:3, 3], axis=-1).max()
+    return float(farthest) if np.isfinite(farthest) else math.inf
+
+
+def _fits(matrix: FloatArray, zooms: FloatArray) -> bool:
+    """Return whether a matrix has right angles and a header's voxel sizes."""
+    axes = matrix[:3, :3] / zooms
+    return bool(np.allclose(axes.T @ axes, np.eye(3), atol=0.02))
+
+
+def _frame(code: int) -> str:
+    return _FRAMES.get(code, f"code {code}")

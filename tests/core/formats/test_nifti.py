@@ -13,17 +13,20 @@ RAS = np.array([[0.0, -2.0, 0.0, 10.0], [1.5, 0.0, 0.0, 20.0], [0.0, 0.0, 3.0, 3
 MOVED = RAS + np.array([[0, 0, 0, 4.0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]])
 LARGER = np.diag([1.2, 1.2, 1.2, 1.0]) @ RAS
 MIRRORED = np.diag([-1.0, 1.0, 1.0, 1.0]) @ RAS
+TURNED = np.array([[0, -1.0, 0, 3], [1, 0, 0, -5], [0, 0, 1, 7], [0, 0, 0, 1]]) @ RAS
 SHEARED = RAS + np.array([[0, 0, 1.0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]])
 
 
 @pytest.fixture
 def write(blocks, tmp_path):
-    def save(qform, sform, name="a.nii.gz", kind=nibabel.Nifti1Image, units="mm", values=blocks):
+    def save(
+        qform, sform, name="a.nii.gz", kind=nibabel.Nifti1Image, units="mm", values=blocks, codes=(1, 2)
+    ):
         image = kind(values, None)
         image.header.set_xyzt_units(units)
         image.header["pixdim"][1:4] = (1.5, 2.0, 3.0)
-        image.set_qform(qform, 1 if qform is not None else 0)
-        image.set_sform(sform, 2 if sform is not None else 0)
+        image.set_qform(qform, codes[0] if qform is not None else 0)
+        image.set_sform(sform, codes[1] if sform is not None else 0)
         nibabel.save(image, tmp_path / name)
         return tmp_path / name
 
@@ -47,10 +50,65 @@ def test_either_version_and_matrix_puts_the_voxels_at_the_same_places(
     assert not found.notes
 
 
-@pytest.mark.parametrize("other", [MOVED, LARGER, MIRRORED])
-def test_matrices_that_disagree_are_refused_with_how_far(write, other):
-    with pytest.raises(InputError, match=r"a\.nii\.gz: its qform and sform put voxels up to [\d.]+ mm apart"):
-        read_segmentation(write(RAS, other), None)
+@pytest.mark.parametrize("codes", [(1, 2), (1, 4), (2, 4), (2, 1), (3, 1)])
+@pytest.mark.parametrize("other", [MOVED, TURNED])
+def test_codes_that_name_two_frames_are_no_trouble_and_the_scanner_goes_first(
+    write, blocks, points, codes, other
+):
+    found = read_segmentation(write(RAS, other, codes=codes), None)
+    assert np.allclose(points(found), expected(blocks, other if codes[1] == 1 else RAS), atol=1e-3)
+    assert found.notes == ()
+
+
+@pytest.mark.parametrize("codes", [(1, 1), (2, 2), (4, 4)])
+def test_two_places_in_one_frame_are_told_with_how_far_and_which_was_used(write, blocks, points, codes):
+    found = read_segmentation(write(RAS, MOVED, codes=codes), None)
+    used, other = (MOVED, "sform") if codes[1] == 1 else (RAS, "qform")
+    assert np.allclose(points(found), expected(blocks, used), atol=1e-3)
+    frame = {1: "scanner", 2: "aligned", 4: "MNI"}[codes[0]]
+    assert found.notes == (
+        f"its qform ({frame}) and sform ({frame}) put voxels up to 4.0 mm apart; the {other} was used, as 3D "
+        "Slicer does",
+    )
+
+
+@pytest.mark.parametrize(
+    ("other", "codes"),
+    [
+        *((one, codes) for one in (MOVED, SHEARED, TURNED) for codes in ((1, 1), (1, 2), (2, 1), (1, 4))),
+        *((one, codes) for one in (LARGER, MIRRORED) for codes in ((1, 2), (1, 4), (2, 3))),
+        (MIRRORED, (2, 1)),
+    ],
+)
+def test_what_is_taken_lies_where_slicer_puts_it(write, points, other, codes):
+    import SimpleITK
+
+    path = write(RAS, other, codes=codes)
+    SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
+    image = SimpleITK.ReadImage(path)
+    index = np.argwhere(SimpleITK.GetArrayFromImage(image).T)
+    there = np.array([image.TransformIndexToPhysicalPoint(one.tolist()) for one in index])
+    assert np.allclose(
+        points(read_segmentation(path, None)), there[np.lexsort(np.round(there, 1).T)], atol=1e-3
+    )
+
+
+@pytest.mark.parametrize("codes", [(1, 1), (2, 1)])
+@pytest.mark.parametrize("other", [LARGER, SHEARED])
+def test_a_sform_of_other_voxel_sizes_is_not_taken_and_told(write, blocks, points, codes, other):
+    found = read_segmentation(write(RAS, other, codes=codes), None)
+    assert np.allclose(points(found), expected(blocks), atol=1e-3)
+    assert "mm apart; the qform was used, the sform is skew or has other" in found.notes[0]
+
+
+def test_mirror_images_in_one_frame_are_refused_and_in_two_frames_told(write, blocks, points):
+    with pytest.raises(
+        InputError, match=r"a\.nii\.gz: .* mirror images .* both called scanner, so that left"
+    ):
+        read_segmentation(write(RAS, MIRRORED, codes=(1, 1)), None)
+    found = read_segmentation(write(RAS, MIRRORED), None)
+    assert np.allclose(points(found), expected(blocks), atol=1e-3)
+    assert "one the mirror image of the other; the qform was used" in found.notes[0]
 
 
 def test_rounding_is_no_disagreement(write, blocks, points):
@@ -59,12 +117,12 @@ def test_rounding_is_no_disagreement(write, blocks, points):
 
 
 def test_a_shear_is_refused(write):
-    with pytest.raises(InputError, match=r"contradict each other|not at right angles"):
+    with pytest.raises(InputError, match="its sform is skew or contradicts"):
         read_segmentation(write(None, SHEARED), None)
 
 
 def test_voxel_sizes_that_contradict_the_sform_are_refused(write):
-    with pytest.raises(InputError, match="its sform and its voxel sizes"):
+    with pytest.raises(InputError, match="its sform is skew or contradicts the voxel sizes"):
         read_segmentation(write(None, LARGER), None)
 
 
