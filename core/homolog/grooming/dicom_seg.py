@@ -1,6 +1,5 @@
 """DICOM segmentation objects (SEG) through highdicom, which is an extra."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, overload
@@ -9,6 +8,7 @@ import numpy as np
 
 from homolog.arrays import Array
 from homolog.errors import InputError
+from homolog.grooming.dicom_deflated import unpacked
 from homolog.grooming.dicom_faults import dicom_faults
 from homolog.grooming.volumes import Segment, Volume, check_size
 
@@ -57,8 +57,8 @@ def read_seg(path: Path) -> Volume:
     except ImportError as error:
         raise InputError(f"{path}: {_EXTRA}") from error
     with dicom_faults(path, _KIND):
-        seg = segread(os.fspath(path), lazy_frame_retrieval=True)
-        if len(seg.PerFrameFunctionalGroupsSequence) != seg.NumberOfFrames:
+        seg = segread(unpacked(path), lazy_frame_retrieval=True)
+        if len(seg.PerFrameFunctionalGroupsSequence) != seg.get("NumberOfFrames", 1):
             raise InputError(f"{path}: describes more or fewer frames than it holds; export it again")
         numbers = [int(one) for one in seg.segment_numbers]
         names = [str(seg.get_segment_description(one).segment_label) for one in numbers]

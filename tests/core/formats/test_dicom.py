@@ -321,6 +321,7 @@ def turn_per_frame(content):
         lambda content: delattr(shared(content).PixelMeasuresSequence[0], "SpacingBetweenSlices"),
         turn_per_frame,
         lambda content: [delattr(one, "DerivationImageSequence") for one in frames(content)],
+        lambda content: setattr(content.file_meta, "TransferSyntaxUID", DEFLATED),
     ],
 )
 def test_what_may_be_missing_is_not_missed(make_seg, blocks, points, edit):
@@ -347,7 +348,6 @@ def place(frame):
         lambda content: [delattr(one, "PlanePositionSequence") for one in frames(content)],
         lambda content: [delattr(one, "SegmentIdentificationSequence") for one in frames(content)],
         lambda content: setattr(place(frames(content)[2]), "ImagePositionPatient", [1, 2, 3]),
-        lambda content: setattr(content.file_meta, "TransferSyntaxUID", DEFLATED),
         lambda content: setattr(content.file_meta, "TransferSyntaxUID", BIG),
     ],
 )
@@ -357,3 +357,21 @@ def test_what_contradicts_itself_is_refused_and_nothing_of_the_header_is_said(ma
         read_segmentation(path, None, "both")
     assert "Jane" not in str(refused.value)
     assert "".join(capfd.readouterr()) == ""
+
+
+def test_a_deflated_bomb_is_not_unpacked(make_seg, blocks, monkeypatch):
+    path = make_seg(
+        overlapping(blocks), edit=lambda content: setattr(content.file_meta, "TransferSyntaxUID", DEFLATED)
+    )
+    monkeypatch.setattr("homolog.grooming.dicom_deflated._LARGEST", 3000)
+    with pytest.raises(InputError, match=r"a\.dcm: unpacks to more than .* export it without compression"):
+        read_segmentation(path, None, "both")
+
+
+def test_a_segmentation_object_of_one_frame_is_refused_as_no_volume(make_seg, blocks):
+    def keep_one(content):
+        content.PerFrameFunctionalGroupsSequence = frames(content)[:1]
+        del content.NumberOfFrames
+
+    with pytest.raises(InputError, match="is not a 3-D volume but 1 x 10 x 9"):
+        read_segmentation(make_seg(overlapping(blocks), edit=keep_one), None, "heart")

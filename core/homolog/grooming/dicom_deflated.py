@@ -1,0 +1,46 @@
+"""DICOM files that are deflated as a whole (dcmqi and so 3D Slicer can write SEGs so), unpacked in bounds."""
+
+import os
+import zlib
+from pathlib import Path
+from typing import BinaryIO
+
+from homolog.errors import InputError
+from homolog.files.bounded import read_bytes
+
+__all__ = ["unpacked"]
+
+_LARGEST = 256 * 2**20
+_PREAMBLE, _GROUP_LENGTH = 132, 12  # bytes before the file's meta information
+
+
+def unpacked(path: Path) -> str | BinaryIO:
+    """Return a file's path, or, if the file is deflated, its content unpacked (explicit, little-endian).
+
+    Raises
+    ------
+    InputError
+        If it unpacks to more than 256 MB.
+    Exception
+        Whatever pydicom raises on damaged files.
+    """
+    from pydicom.filebase import DicomBytesIO
+    from pydicom.filereader import read_file_meta_info
+    from pydicom.filewriter import write_file_meta_info
+    from pydicom.uid import ExplicitVRLittleEndian
+
+    meta = read_file_meta_info(path)
+    if not meta.TransferSyntaxUID.is_deflated:
+        return os.fspath(path)
+    content = read_bytes(path, "DICOM file")
+    start = _PREAMBLE + _GROUP_LENGTH + meta.FileMetaInformationGroupLength
+    plain = zlib.decompressobj(-zlib.MAX_WBITS).decompress(content[start:], _LARGEST + 1)
+    if len(plain) > _LARGEST:
+        raise InputError(f"{path}: unpacks to more than 256 MB; export it without compression")
+    stream = DicomBytesIO(content[:_PREAMBLE])
+    stream.seek(_PREAMBLE)
+    meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    write_file_meta_info(stream, meta)
+    stream.write(plain)
+    stream.seek(0)
+    return stream.parent  # type: ignore[return-value]
