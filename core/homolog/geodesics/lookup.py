@@ -15,6 +15,7 @@ LANES = 16
 """Sources in a cluster: neighbouring vertices that are solved, and stored, side by side."""
 MISSING = 65535
 """Code of a pair that is farther apart than the table reaches."""
+Codes = wp.types.matrix(shape=(3, 3), dtype=wp.int32)
 
 
 @wp.struct
@@ -60,6 +61,36 @@ def table_distance(table: TableData, i: int, j: int) -> float:
     """Return the geodesic distance between vertices i and j, negative if it is out of the table's range."""
     code = table_code(table, i, j)
     return wp.where(code == MISSING, -1.0, float(code) * table.unit)
+
+
+@wp.func
+def corner_codes(table: TableData, a: wp.vec3i, b: wp.vec3i) -> Codes:
+    """Return the codes of the corners a of one triangle and b of another; all count only if none is MISSING.
+
+    Corners of a triangle mostly share a cluster: what leads to its block is read once then.
+    """
+    codes = Codes()
+    if table.is_dense != 0:
+        for i in range(3):
+            for j in range(3):
+                codes[i, j] = int(table.dense[a[i], b[j]])
+    else:
+        cluster = int(-1)
+        start = int(0)
+        rows = wp.vec3i(0, 0, 0)
+        for i in range(3):
+            slot = table.slot[a[i]]
+            if slot // LANES != cluster:
+                cluster = slot // LANES
+                start = table.start[cluster]
+                for j in range(3):
+                    rows[j] = int(table.row[cluster, b[j]])
+                if wp.max(rows) == MISSING:
+                    codes[i, 0] = MISSING
+                    return codes
+            for j in range(3):
+                codes[i, j] = int(table.blocks[start + rows[j], slot % LANES])
+    return codes
 
 
 @wp.func
@@ -112,13 +143,15 @@ def geodesic(table: TableData, x: SurfacePoint, y: SurfacePoint, form: int) -> w
         in the table's unit of length. D is negative, and the derivative 0, if one of the nine vertex
         distances is out of the table's range.
     """
+    codes = corner_codes(table, x.corners, y.corners)
     toward = wp.vec3(0.0, 0.0, 0.0)  # y's interpolation at each corner of x
     for i in range(3):
         total = float(0.0)
         for j in range(3):
-            d = table_distance(table, x.corners[i], y.corners[j])
-            if d < 0.0:
+            code = codes[i, j]
+            if code == MISSING:
                 return wp.vec4(0.0, 0.0, 0.0, -1.0)
+            d = float(code) * table.unit
             total += y.weights[j] * wp.where(form == 0, d * d, d)
         toward[i] = total
     value = wp.dot(x.weights, toward)
