@@ -169,9 +169,11 @@ def test_bad_files_can_be_left_out_and_what_grooming_changed_is_told(mixed, proj
     grooming = ["--alignment", "center", "--mesh-edge", "2", "--device", "cpu"]
     words = ["--particles", "16", "--split-iterations", "5", "--anneal-iterations", "5", *grooming, *QUIET]
     assert main(["run", str(mixed), "--out", str(project.folder), *words, "--skip-bad"]) == 0
-    left_out = [line for line in capsys.readouterr().err.splitlines() if "left out" in line]
+    lines = capsys.readouterr().err.splitlines()
+    left_out = [line for line in lines if "left out" in line]
     assert [f"{name}." in line for name, line in zip(BAD, left_out, strict=True)] == [True] * 7
     assert read_result(project).names == ("a", "b", "border", "c", "d", "pieces")
+    assert "homolog: note: pieces: the largest of 2 separate pieces was kept" in lines
     main(["info", str(project.folder)])
     notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note")]
     assert any("border:" in note for note in notes)

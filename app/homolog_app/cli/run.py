@@ -73,6 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
     for note in job.notes:
         sys.stderr.write(f"homolog: left out: {note}\n")
     done = reason is FinishReason.COMPLETED
+    if done:
+        _say_what_was_found(project)
     if done and arguments.figures:
         from homolog_app.cli.figures import draw_figures
 
@@ -85,6 +87,13 @@ def run(arguments: argparse.Namespace) -> int:
     if not done:
         _say_what_is_left(job)
     return OK if done else CANCELLED
+
+
+def _say_what_was_found(project: Project) -> None:
+    """Say what grooming found in the files and changed, also where nobody looks into the report."""
+    result = project.read().result
+    for remark in result.remarks if result is not None else ():
+        sys.stderr.write(f"homolog: note: {remark}\n")
 
 
 def _say_what_is_left(job: "Run") -> None:

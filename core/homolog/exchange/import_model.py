@@ -131,19 +131,7 @@ def _write(project: Project, model: ForeignModel, tick: Tick) -> list[str]:
         write_table(new.folder / "energies.csv", ["iteration", "sampling", "ensemble", "normals"], [])
         record = _record(model, cohort, stems, drawn, alignments, np.array(world), surface.folded)
         new.write(ProjectRecord(subjects=project.describe(cohort), settings=record.settings, result=record))
-    return _lines([one.name for one in model.subjects], drawn)
-
-
-def _lines(names: Sequence[str], drawn: Sequence[Drawn]) -> list[str]:
-    """Return the notes, those that are alike in one line with the number of their subjects."""
-    where: dict[str, list[str]] = {}
-    for name, one in zip(names, drawn, strict=True):
-        for note in one.notes:
-            where.setdefault(note, []).append(name)
-    return [
-        f"{found[0] if len(found) == 1 else f'{found[0]} and {len(found) - 1} more'}: {note}"
-        for note, found in where.items()
-    ]
+    return record.remarks
 
 
 def _cohort(project: Project, model: ForeignModel, stems: Sequence[str], drawn: Sequence[Drawn]) -> Cohort:

@@ -71,6 +71,18 @@ class ResultRecord(_Record):
     source: str = ""
     subjects: Annotated[list[ResultSubject], Field(min_length=2)]
 
+    @property
+    def remarks(self) -> list[str]:
+        """What was found and changed, a line each; subjects with the same note share one."""
+        where: dict[str, list[str]] = {}
+        for one in self.subjects:
+            for note in one.notes:
+                where.setdefault(note, []).append(one.name)
+        return [
+            f"{names[0] if len(names) == 1 else f'{names[0]} and {len(names) - 1} more'}: {note}"
+            for note, names in where.items()
+        ]
+
     @model_validator(mode="after")
     def _files_are_distinct(self) -> "ResultRecord":
         if len({one.file.casefold() for one in self.subjects}) < len(self.subjects):

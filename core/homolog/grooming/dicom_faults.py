@@ -30,5 +30,12 @@ def dicom_faults(path: Path, kind: str) -> Iterator[None]:
         except InputError:
             raise
         except Exception as error:  # what they raise on bad files is no short list
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise InputError(f"{path}: can't be read as {kind}; export it again ({reason})") from error
+            raise InputError(
+                f"{path}: can't be read as {kind}; export it again ({_reason(error)})"
+            ) from error
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, AttributeError) and error.name:
+        return f"it lacks {error.name}"
+    return str(error).splitlines()[0] if str(error) else "it is damaged"

@@ -195,6 +195,7 @@ def tilt(content):
         (lambda content: setattr(content, "PixelSpacing", [0.0, 1.0]), "its pixels are"),
         (lambda content: setattr(content.file_meta, "TransferSyntaxUID", DEFLATED), "is deflated as a whole"),
         (lambda content: delattr(content, "PixelData"), "can't be read as a slice"),
+        (lambda content: delattr(content, "ImageOrientationPatient"), "it lacks ImageOrientationPatient"),
         (tilt, "not at right angles"),
         (mislabel, "can't be read as a slice of a DICOM series; export it again"),
     ],
