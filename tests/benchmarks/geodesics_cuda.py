@@ -22,10 +22,9 @@ from homolog.progress import no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
 PHASES = {
-    "step_front": "solve", "seed_front": "solve", "store_front": "store", "mark_reached": "store",
-    "symmetrize": "symmetrize", "corners": "fans", "bin_reached": "amend", "end_rings": "amend",
-    "list_reached": "amend", "find_front_bearings": "amend", "settle_front": "amend",
-    "add_amendments": "amend", "memset": "fill", "memtile": "fill", "memcpy": "copy",
+    "advance_front": "solve", "seed_front": "solve", "amend_front": "amend", "store_front": "store",
+    "mark_reached": "store", "symmetrize": "symmetrize", "corners": "fans", "memset": "fill",
+    "memtile": "fill", "memcpy": "copy",
 }  # fmt: skip
 
 
@@ -70,14 +69,13 @@ def measure(name: str, shapes: list[TriangleMesh], share: float, device: str, re
     del last
     wp.timing_begin(wp.TIMING_ALL)
     solve_tables(shapes, limits, device=device)
-    spent, steps = defaultdict(float), 0
+    spent = defaultdict(float)
     for activity in wp.timing_end():
         phase = next((p for key, p in PHASES.items() if key in activity.name), "other")
         spent[phase] += activity.elapsed
-        steps += "step_front" in activity.name
     print(
         f"time   {name:10s} V {sum(len(m.vertices) for m in shapes):6d} {100 * share:3.0f} % {storage} "
-        f"{nbytes / 1e6:8.1f} MB (predicted {planned.nbytes / 1e6:8.1f}) steps {steps:4d} "
+        f"{nbytes / 1e6:8.1f} MB (predicted {planned.nbytes / 1e6:8.1f}) "
         f"device {sum(spent.values()):8.2f} ms [{', '.join(f'{p} {t:.2f}' for p, t in spent.items())}] "
         f"wall {min(walls):8.1f} ms (first {walls[0]:.1f}), of it checks {checks:.1f}",
         flush=True,

@@ -12,14 +12,16 @@ from homolog.geodesics.bearing_kernels import (
     RIVAL,
     ROUNDS,
     SETTLED,
-    TIE,
-    UNKNOWN,
     Turns,
-    doubtful,
+    find_way,
+    least_way,
+    share_of,
     tie_corner,
-    turn_from_side,
+    trust_in,
+    turn_between,
+    within,
 )
-from homolog.geodesics.kernels import FAR, Corner, Reach, trace
+from homolog.geodesics.kernels import FAR, Corner, Reach
 from homolog.geodesics.lookup import LANES
 from homolog.geodesics.sweep_kernels import BUCKETS, Lanes, Scratch
 
@@ -31,11 +33,17 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 class Amendments:
     """What one thread needs beside `Scratch` to amend one cluster after another."""
 
-    bearing: wp.array(dtype=Lanes)  # (V,) UNKNOWN but for vertices in reach
+    bearing: wp.array(dtype=Lanes)  # (V,)
+    trust: wp.array(dtype=Lanes)  # (V,) of bearings, 0 but for vertices in reach
     amendment: wp.array(dtype=Lanes)  # (V,) 0 but for vertices in reach
     order: wp.array(dtype=wp.int32)  # (V,) vertices in reach, near to far
     rivals: wp.array(dtype=wp.int32)  # (V,) corners that shortest ways may come through, as bits
-    moved: wp.array(dtype=wp.int32)  # (V,) round in which a vertex' amendments moved last
+    moved: wp.array(dtype=wp.int32)  # (V,) clock of the last time that a vertex' amendments moved
+    settled: wp.array(dtype=wp.int32)  # (V,) clock of the last time that they were computed
+    distance: wp.array(dtype=Lanes)  # (W,) of each way to one vertex
+    way: wp.array(dtype=Lanes)  # its bearing
+    standing: wp.array(dtype=Lanes)
+    doubt: wp.array(dtype=wp.float32)
     end: wp.array(dtype=wp.int32)  # (V,) last tie of each vertex in order, one beyond
     a: wp.array(dtype=wp.int32)  # (K,) of each tie
     b: wp.array(dtype=wp.int32)
@@ -52,10 +60,10 @@ def order_reached(scratch: Scratch, amends: Amendments, limit: float) -> int:
     for p in range(scratch.size[0]):
         v = scratch.patch[p]
         u = scratch.u[v]
-        nearest = float(FAR)
+        near = int(0)
         for lane in range(LANES):
-            nearest = wp.min(nearest, u[lane])
-        k = wp.where(nearest <= limit, int(nearest * scale), -1)
+            near += wp.where(u[lane] <= limit, 1, 0)
+        k = wp.where(near > 0, int(wp.min(u[0], limit) * scale), -1)
         scratch.bin[v] = k
         if k >= 0:
             scratch.bucket[k + 1] += 1
@@ -71,7 +79,7 @@ def order_reached(scratch: Scratch, amends: Amendments, limit: float) -> int:
 
 
 @wp.func
-def find_bearings(
+def list_ways(
     scratch: Scratch,
     amends: Amendments,
     v: int,
@@ -79,43 +87,81 @@ def find_bearings(
     corners: wp.array(dtype=Corner),
     turns: wp.array(dtype=Turns),
     reach: Reach,
-):
-    """Find the bearings of a vertex, and the corners that its shortest ways may come through."""
+) -> int:
+    """List the ways to a vertex; return how many. Those that may be the shortest in a lane are its rivals."""
     u = scratch.u[v]
-    best = Lanes(FAR)
-    rise = Lanes(0.0)
-    run = Lanes(1.0)
-    side = Lanes(UNKNOWN)
+    edge = reach.slack
     rivals = int(0)
     bit = int(1)
-    margin = TIE * reach.slack
+    n = int(0)
     for k in range(fan[v], fan[v + 1]):
         corner = corners[k]
-        at_c = turns[k].at_c
         da = scratch.u[corner.a]
         db = scratch.u[corner.b]
-        square = corner.ac * corner.ac
-        doubt = doubtful(corner, reach.slack)
-        count = int(0)
+        hopes = int(0)
         for lane in range(LANES):
-            ray = trace(corner, da[lane], db[lane])
-            distance = ray.distance + wp.where(doubt, 2.0 * margin, 0.0)
-            closer = distance < best[lane] - margin
-            best[lane] = wp.where(closer, distance, best[lane])
-            rise[lane] = wp.where(closer, corner.y * ray.crossing, rise[lane])
-            run[lane] = wp.where(closer, square - corner.x * ray.crossing, run[lane])
-            side[lane] = wp.where(closer, wp.where(doubt, UNKNOWN, at_c), side[lane])
-            near = u[lane] <= reach.stored + reach.slack and ray.distance - u[lane] < RIVAL * reach.slack
-            count += wp.where(near, 1, 0)
-        if count > 0:
-            rivals = rivals | bit
+            hopes += wp.where(least_way(corner, da[lane], db[lane]) < u[lane] + RIVAL * edge, 1, 0)
+        if hopes > 0:
+            turn = turns[k]
+            distance = Lanes()
+            bearing = Lanes()
+            standing = Lanes()
+            doubt = float(0.0)
+            count = int(0)
+            for lane in range(LANES):
+                way = find_way(corner, turn, da[lane], db[lane], edge)
+                distance[lane] = way.distance
+                bearing[lane] = way.bearing
+                standing[lane] = way.standing
+                doubt = way.doubt
+                near = u[lane] <= reach.stored + edge and way.distance - u[lane] < RIVAL * edge
+                count += wp.where(near, 1, 0)
+            amends.distance[n] = distance
+            amends.way[n] = bearing
+            amends.standing[n] = standing
+            amends.doubt[n] = doubt
+            n += 1
+            if count > 0:
+                rivals = rivals | bit
         bit = wp.where(k - fan[v] < LAST_BIT, bit << 1, bit)
-    for lane in range(LANES):
-        bearing = side[lane] + turn_from_side(rise[lane], run[lane])
-        explained = best[lane] - u[lane] < RIVAL * reach.slack  # else a source
-        side[lane] = wp.where(explained and side[lane] != UNKNOWN, bearing, UNKNOWN)
-    amends.bearing[v] = side
     amends.rivals[v] = rivals
+    return n
+
+
+@wp.func
+def find_bearings(scratch: Scratch, amends: Amendments, v: int, n: int, around: float, edge: float):
+    """Find the bearings of a vertex: the mean of those of its n ways that are equally long."""
+    u = scratch.u[v]
+    best = Lanes(FAR)
+    first = Lanes(0.0)
+    for j in range(n):
+        distance = amends.distance[j]
+        bearing = amends.way[j]
+        for lane in range(LANES):
+            first[lane] = wp.where(distance[lane] < best[lane], bearing[lane], first[lane])
+            best[lane] = wp.min(best[lane], distance[lane])
+    total = Lanes(1.0e-30)
+    mean = Lanes(0.0)
+    square = Lanes(0.0)
+    for j in range(n):
+        distance = amends.distance[j]
+        bearing = amends.way[j]
+        standing = amends.standing[j]
+        doubt = amends.doubt[j]
+        for lane in range(LANES):
+            share = standing[lane] * share_of(distance[lane], best[lane], edge)
+            turn = turn_between(first[lane], bearing[lane], around)
+            total[lane] += share
+            mean[lane] += share * turn
+            square[lane] += share * (turn * turn + doubt)
+    for lane in range(LANES):
+        inverse = 1.0 / total[lane]
+        mean[lane] *= inverse
+        trust = trust_in(square[lane] * inverse, mean[lane])
+        square[lane] = wp.where(best[lane] - u[lane] < RIVAL * edge, trust, 0.0)  # else a source
+        mean[lane] = within(first[lane] + mean[lane], around)
+    amends.bearing[v] = mean
+    amends.trust[v] = square
 
 
 @wp.func
@@ -140,11 +186,22 @@ def tie_vertex(
             db = scratch.u[corner.b]
             at_a = amends.bearing[corner.a]
             at_b = amends.bearing[corner.b]
+            trust_a = amends.trust[corner.a]
+            trust_b = amends.trust[corner.b]
             share = Lanes(0.0)
             gain = Lanes(0.0)
             for lane in range(LANES):
                 tie = tie_corner(
-                    corner, turn, da[lane], db[lane], at_a[lane], at_b[lane], u[lane], reach.slack
+                    corner,
+                    turn,
+                    da[lane],
+                    db[lane],
+                    at_a[lane],
+                    at_b[lane],
+                    trust_a[lane],
+                    trust_b[lane],
+                    u[lane],
+                    reach.slack,
                 )
                 share[lane] = tie.share
                 gain[lane] = tie.gain
@@ -181,19 +238,20 @@ def amend_vertex(scratch: Scratch, amends: Amendments, v: int, first: int, end: 
 
 
 @wp.func
-def settle(scratch: Scratch, amends: Amendments, reached: int, round: int, settled: float) -> int:
+def settle(scratch: Scratch, amends: Amendments, reached: int, clock: int, settled: float) -> int:
     """Compute anew, near to far, what follows from amendments that moved; return how many vertices did."""
     total = int(0)
     first = int(0)
     for p in range(reached):
+        v = amends.order[p]
         end = amends.end[p]
         latest = int(0)
         for n in range(first, end):
             latest = wp.max(latest, wp.max(amends.moved[amends.a[n]], amends.moved[amends.b[n]]))
-        if latest + 1 >= round:
-            v = amends.order[p]
+        if clock == 0 or latest > amends.settled[v]:
+            amends.settled[v] = clock + p + 1
             if amend_vertex(scratch, amends, v, first, end, settled) > 0:
-                amends.moved[v] = round
+                amends.moved[v] = clock + p + 1
                 total += 1
         first = end
     return total
@@ -211,19 +269,21 @@ def amend_cluster(
     """Amend the distances that `sweep_cluster` has left in scratch."""
     reached = order_reached(scratch, amends, reach.stored + reach.slack)
     for p in range(reached):
-        find_bearings(scratch, amends, amends.order[p], fan, corners, turns, reach)
+        v = amends.order[p]
+        n_ways = list_ways(scratch, amends, v, fan, corners, turns, reach)
+        find_bearings(scratch, amends, v, n_ways, turns[fan[v]].around_c, reach.slack)
     n = int(0)
     for p in range(reached):
         n = tie_vertex(scratch, amends, amends.order[p], n, fan, corners, turns, reach)
         amends.end[p] = n
     moving = int(1)
-    round = int(1)
-    while moving > 0 and round <= ROUNDS:
-        moving = settle(scratch, amends, reached, round, SETTLED * reach.slack)
+    round = int(0)
+    while moving > 0 and round < ROUNDS:
+        moving = settle(scratch, amends, reached, round * reached, SETTLED * reach.slack)
         round += 1
     for p in range(reached):
         v = amends.order[p]
         scratch.u[v] = scratch.u[v] + amends.amendment[v]
-        amends.bearing[v] = Lanes(UNKNOWN)
+        amends.trust[v] = Lanes(0.0)
         amends.amendment[v] = Lanes(0.0)
         amends.moved[v] = 0

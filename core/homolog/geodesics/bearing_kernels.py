@@ -15,21 +15,28 @@ wp.set_module_options({"enable_backward": False})
 
 PI = wp.constant(3.14159265)
 HALF_PI = wp.constant(1.57079633)
-UNKNOWN = wp.constant(-1.0)
-"""Bearing of a vertex that no source reaches."""
-RIVAL = wp.constant(0.1)
+RIVAL = wp.constant(0.05)
 """Ways longer than the shortest by up to this part of a mean edge may turn out to be the shortest."""
 LAST_BIT = wp.constant(30)
 """Rivals are bits, one a corner; this bit stands for all corners from here on: poles may have any number."""
-TIE = wp.constant(1.0e-4)
-"""Among ways equally long, up to this part of a mean edge, the first gives the bearing, on every device."""
+BLEND = wp.constant(0.01)
+"""Ways longer than the shortest by less than this part of a mean edge have a share in the bearing: it does
+not jump where rounding decides between two that are equally long."""
+INNER = wp.constant(0.1)
+"""Ways that cross a side nearer to its end than this part of it have less of a share …"""
+LEAST = wp.constant(0.01)
+"""… and those through the end itself, and by short sides, this one."""
+SPREAD = wp.constant(0.04)
+"""Mean square [rad²] by which ways that are equally long may differ in bearing without being two fronts."""
 SHORT = wp.constant(0.03)
-"""Triangles with a side shorter than this part of a mean edge give no bearings."""
+"""Triangles with a side shorter than this part of a mean edge give no bearings of their own."""
 OTHER = wp.constant(0.4)
 """Images of the source farther apart than this [rad] begin to be another front's; twice as far, they are."""
 MOST = wp.constant(0.1)
 """Largest amendment of a single triangle, as a part of the distance: more is no curvature, but two fronts."""
-SETTLED = wp.constant(1.0e-4)
+UPWIND = wp.constant(0.1)
+"""An end of a side nearer than the vertex beyond by less than this part of a mean edge counts less."""
+SETTLED = wp.constant(3.0e-5)
 """Amendments that move by less than this part of a mean edge have settled."""
 ROUNDS = wp.constant(24)
 """Rounds of amendments after which to be content: then they move by less than a code; seven are usual."""
@@ -44,6 +51,7 @@ class Turns:
     at_b: float  # of a, seen from b
     around_b: float
     at_c: float  # of a, seen from c
+    around_c: float
 
 
 @wp.struct
@@ -80,10 +88,65 @@ def turn_from_side(rise: float, run: float) -> float:
     return wp.where(run < 0.0, PI - arc, arc)
 
 
+@wp.struct
+class Way:
+    """A way through a triangle to its corner c, as a candidate for the bearing of c."""
+
+    distance: float  # at c
+    bearing: float
+    standing: float  # weight beside others equally long
+    doubt: float  # 1 if rounding decides
+
+
 @wp.func
-def doubtful(corner: Corner, edge: float) -> bool:
-    """Return whether a triangle has a short side: rounding decides which way through it is shortest."""
-    return wp.min(corner.length, wp.min(corner.ac, corner.bc)) < SHORT * edge
+def find_way(corner: Corner, turns: Turns, da: float, db: float, edge: float) -> Way:
+    """Return the shortest way through a triangle.
+
+    Ways along a side, and those through triangles with a short side, where rounding decides which is
+    shortest, give the bearing only if there is no other. Standing fades, so that nothing jumps.
+    """
+    way = Way()
+    ray = trace(corner, da, db)
+    run = corner.ac * corner.ac - corner.x * ray.crossing
+    way.distance = ray.distance
+    way.bearing = turns.at_c + turn_from_side(corner.y * ray.crossing, run)
+    way.doubt = wp.where(wp.min(corner.length, wp.min(corner.ac, corner.bc)) < SHORT * edge, 1.0, 0.0)
+    inner = wp.min(ray.crossing, corner.length - ray.crossing) * (2.0 * corner.half / INNER)
+    way.standing = LEAST + wp.min(inner, 1.0 - way.doubt)
+    return way
+
+
+@wp.func
+def least_way(corner: Corner, da: float, db: float) -> float:
+    """Return a distance that no way through a triangle falls short of, if |da - db| <= |ab|."""
+    return 0.5 * (da + db - corner.length) + corner.y
+
+
+@wp.func
+def share_of(way: float, best: float, edge: float) -> float:
+    """Return the weight of a way in the bearing: 1 … 0."""
+    return wp.max(1.0 - (way - best) * (1.0 / (BLEND * edge)), 0.0)
+
+
+@wp.func
+def turn_between(bearing: float, other: float, around: float) -> float:
+    """Return the turn from one bearing to another, at most half of all around."""
+    turn = other - bearing
+    turn = wp.where(turn > 0.5 * around, turn - around, turn)
+    return wp.where(turn < -0.5 * around, turn + around, turn)
+
+
+@wp.func
+def within(bearing: float, around: float) -> float:
+    """Return the same bearing in 0 … around."""
+    turned = wp.where(bearing < 0.0, bearing + around, bearing)
+    return wp.where(turned > around, turned - around, turned)
+
+
+@wp.func
+def trust_in(square: float, mean: float) -> float:
+    """Return how far a mean of bearings is one, 1 … 0, from the mean square of the turns in it."""
+    return wp.max(wp.min(2.0 - (square - mean * mean) / SPREAD, 1.0), 0.0)
 
 
 @wp.func
@@ -93,8 +156,23 @@ def credence(apart: float) -> float:
 
 
 @wp.func
+def nearer(by: float, edge: float) -> float:
+    """Return how far an end that is nearer by so much counts: 0 … 1."""
+    return wp.max(wp.min(by * (1.0 / (UPWIND * edge)), 1.0), 1.0e-6)
+
+
+@wp.func
 def tie_corner(
-    corner: Corner, turns: Turns, da: float, db: float, at_a: float, at_b: float, u: float, edge: float
+    corner: Corner,
+    turns: Turns,
+    da: float,
+    db: float,
+    at_a: float,
+    at_b: float,
+    trust_a: float,
+    trust_b: float,
+    u: float,
+    edge: float,
 ) -> Tie:
     """Return what a corner makes of the amendments of a and b, from their distances and bearings.
 
@@ -103,22 +181,23 @@ def tie_corner(
 
     Parameters
     ----------
-    at_a, at_b : float
-        Bearings of a and b.
+    at_a, at_b, trust_a, trust_b : float
+        Bearings of a and b, and how far they are to be trusted.
     u : float
         Distance at c, which the gain is relative to; a corner whose way is no rival of it gains FAR.
     """
     tie = Tie()
     ray = trace(corner, da, db)
-    height = wp.max(ray.below + corner.y, 1.0e-30)
-    before = wp.max(ray.distance * ray.below / height, 1.0e-12)  # of the way, up to ab
+    below = wp.max(ray.below, 1.0e-12)
+    before = wp.max(ray.before, 1.0e-12)
+    inverse = 1.0 / (below * before)
     p = 2.0 * (ray.along - da * slope(turns.at_a, at_a, turns.around_a))
     q = 2.0 * (corner.length - db * slope(turns.at_b, at_b, turns.around_b) - ray.along)
-    other = 0.5 / wp.max(OTHER * ray.below, 1.0e-30)
-    p = wp.where(at_a == UNKNOWN, 0.0, p * credence(p * other))
-    q = wp.where(at_b == UNKNOWN, 0.0, q * credence(q * other))
+    other = (0.5 / OTHER) * before * inverse  # 1 / (2 OTHER below)
+    p = p * trust_a * credence(p * other)
+    q = q * trust_b * credence(q * other)
     z = 2.0 * corner.half * ray.crossing
-    bend = 0.5 * ray.crossing * (1.0 - z) * (p * (1.0 - z) + q * z) / before
+    bend = 0.5 * ray.crossing * (1.0 - z) * (p * (1.0 - z) + q * z) * below * inverse
     most = MOST * before
     # FAR in place of "and": with that the lane loop would not become vector instructions
     straight = wp.where(ray.direct != 0, FAR, ray.distance) + wp.clamp(bend, -most, most)
@@ -127,5 +206,8 @@ def tie_corner(
     side = wp.min(by_a, by_b)
     through = wp.where(wp.min(da, db) > 0.0, straight, FAR) < side  # from a source: along the side
     tie.gain = wp.where(ray.distance - u < RIVAL * edge, wp.where(through, straight, side) - u, FAR)
-    tie.share = wp.where(through, z, wp.where(by_a <= by_b, 0.0, 1.0))
+    # of a and b only those nearer than c count: what follows from what then is no circle
+    weight_a = (1.0 - z) * nearer(u - da, edge)
+    weight_b = z * nearer(u - db, edge)
+    tie.share = wp.where(through, weight_b / (weight_a + weight_b), wp.where(by_a <= by_b, 0.0, 1.0))
     return tie

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from homolog.errors import InputError
-from homolog.geodesics import amend_kernels, bearing_kernels, kernels, sweep_kernels
+from homolog.geodesics import amend_kernels, kernels, sweep_kernels
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
 from homolog.geodesics.intrinsic import triangulate
 from homolog.geodesics.lookup import LANES, MISSING
@@ -65,14 +65,15 @@ class Problem:
 
     def _amendments(self) -> Any:  # noqa: ANN401
         amends = amend_kernels.Amendments()
-        unknown = sweep_kernels.Lanes(float(bearing_kernels.UNKNOWN))
-        amends.bearing = wp.full(self.n_vertices, unknown, dtype=sweep_kernels.Lanes, device="cpu")
         ties = len(self.fans.corners)
+        widest = int(np.diff(self.fans.start.numpy()).max())
         for size, kind, names in (
-            (self.n_vertices, sweep_kernels.Lanes, ("amendment",)),
-            (self.n_vertices, wp.int32, ("order", "rivals", "moved", "end")),
+            (self.n_vertices, sweep_kernels.Lanes, ("bearing", "trust", "amendment")),
+            (self.n_vertices, wp.int32, ("order", "rivals", "moved", "settled", "end")),
             (ties, wp.int32, ("a", "b")),
             (ties, sweep_kernels.Lanes, ("share", "gain")),
+            (widest, sweep_kernels.Lanes, ("distance", "way", "standing")),
+            (widest, wp.float32, ("doubt",)),
         ):
             for name in names:
                 setattr(amends, name, wp.zeros(size, dtype=kind, device="cpu"))

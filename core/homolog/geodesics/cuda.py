@@ -1,17 +1,15 @@
 """Solve on a GPU: the clusters of a whole cohort advance together, in batches that fit its memory."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from homolog.errors import InputError
-from homolog.geodesics import front_kernels, kernels
+from homolog.geodesics import front_kernels, front_store_kernels, kernels
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
-from homolog.geodesics.front import BYTES_PER_VERTEX, amend_front, make_amendments, make_front, run_front
+from homolog.geodesics.front import BYTES_PER_VERTEX, advance, amend, make_amendments, make_front
 from homolog.geodesics.intrinsic import triangulate
 from homolog.geodesics.lookup import LANES, MISSING
 from homolog.geodesics.plan import POINT, TablePlan, Task, block_rows
@@ -19,6 +17,9 @@ from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
 
 __all__ = ["solve_on_cuda"]
+
+_AT_ONCE = 40_000_000
+"""Vertices times clusters that are solved between two chances to cancel: some hundredths of a second."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +49,8 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
     cohort = _upload(plan, device)
     ends = np.searchsorted(cohort.clusters.shape, np.arange(len(plan.tasks) + 1)).tolist()
     n_clusters = len(cohort.clusters.shape)
-    batch = int(np.clip(scratch // (BYTES_PER_VERTEX * cohort.largest), 1, n_clusters))
+    fitting = min(scratch // BYTES_PER_VERTEX, _AT_ONCE) // cohort.largest
+    batch = int(np.clip(fitting, 1, n_clusters))
     tables = []
     with wp.ScopedDevice(device):
         front, amends = make_front(batch, cohort.largest), make_amendments(batch, cohort.largest)
@@ -58,7 +60,8 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
             end = min(begin + batch, n_clusters)
             shapes = range(int(cohort.clusters.shape[begin]), int(cohort.clusters.shape[end - 1]) + 1)
             message = f"{plan.tasks[shapes[0]].name}: geodesic distances"
-            _advance((front, amends), cohort, begin, end, partial(tick, begin / n_clusters, message))
+            tick(begin / n_clusters, message)
+            _solve((front, amends), cohort, range(begin, end))
             for k in shapes:
                 low, high = max(begin, ends[k]), min(end, ends[k + 1])
                 stores[k].add(front.u[low - begin : high - begin], low - ends[k])
@@ -87,16 +90,17 @@ def _upload(plan: TablePlan, device: str) -> Cohort:
     return Cohort(fans, clusters, sources, reaches, plan.element_code)
 
 
-def _advance(state: Any, cohort: Cohort, begin: int, end: int, pause: Callable[[], None]) -> None:  # noqa: ANN401
-    """Solve clusters begin … end into the front's u."""
+def _solve(state: Any, cohort: Cohort, clusters: range) -> None:  # noqa: ANN401
+    """Solve some clusters into the front's u."""
     front, amends = state
     front.u.fill_(float(kernels.FAR))
-    for array in (front.queued, front.counts, front.last):
+    for array in (front.queued, front.counts):
         array.zero_()
-    wp.launch(front_kernels.seed_front, (end - begin, LANES), inputs=[front, cohort.sources, begin])
-    run_front(front, cohort.sources, range(begin, end), cohort.element, pause)
+    inputs = [front, cohort.sources, clusters.start]
+    wp.launch(front_kernels.seed_front, (len(clusters), LANES), inputs=inputs)
+    advance(front, cohort.sources, clusters, cohort.element)
     if cohort.element == POINT:  # planar fronts know no bearings
-        amend_front(front, amends, cohort.sources, cohort.fans.turns, range(begin, end), pause)
+        amend(front, amends, cohort.sources, cohort.fans.turns, clusters)
 
 
 class _DenseStore:
@@ -111,11 +115,11 @@ class _DenseStore:
     def add(self, u: Any, at: int) -> None:  # noqa: ANN401
         n = self._codes.shape[0]
         inputs = [u, self._members[at : at + u.shape[0]], self._reach, self._codes]
-        wp.launch(front_kernels.store_front_dense, (u.shape[0], LANES, n), inputs=inputs)
+        wp.launch(front_store_kernels.store_front_dense, (u.shape[0], LANES, n), inputs=inputs)
 
     def finish(self) -> tuple[Any, ...]:
         tiles = -(-self._codes.shape[0] // 16)
-        wp.launch(front_kernels.symmetrize_dense, (tiles, tiles, 256), inputs=[self._codes])
+        wp.launch(front_store_kernels.symmetrize_dense, (tiles, tiles, 256), inputs=[self._codes])
         return (self._codes,)
 
 
@@ -137,13 +141,13 @@ class _BlockStore:
     def add(self, u: Any, at: int) -> None:  # noqa: ANN401
         n_clusters, n = u.shape[0], self._row.shape[1]
         reached = wp.empty((n_clusters, n), dtype=wp.int32)
-        wp.launch(front_kernels.mark_reached, reached.shape, inputs=[u, self._reach, reached])
+        wp.launch(front_store_kernels.mark_reached, reached.shape, inputs=[u, self._reach, reached])
         wp.utils.array_scan(reached.flatten(), reached.flatten(), inclusive=True)
         first, self._rows = self._rows, self._rows + int(reached[n_clusters - 1, n - 1 : n].numpy()[0])
         self._make_room(first)
         start, row = self._start[at : at + n_clusters], self._row[at : at + n_clusters]
         inputs = [u, self._reach, reached, first, start, row, self._blocks[first : self._rows]]
-        wp.launch(front_kernels.store_front_blocks, reached.shape, inputs=inputs)
+        wp.launch(front_store_kernels.store_front_blocks, reached.shape, inputs=inputs)
 
     def _make_room(self, used: int) -> None:
         """Grow if the estimate was too low."""
@@ -161,5 +165,5 @@ class _BlockStore:
             )
         blocks = self._blocks[: self._rows]
         inputs = [self._members, self._slot, self._start, self._row, blocks]
-        wp.launch(front_kernels.symmetrize_blocks, self._row.shape, inputs=inputs)
+        wp.launch(front_store_kernels.symmetrize_blocks, self._row.shape, inputs=inputs)
         return blocks, self._row, self._start, self._slot

@@ -48,6 +48,7 @@ def fill_corners(
     turn.around_a = float(sides.turn[a])
     turn.at_b = float(sides.angle[twin])
     turn.around_b = float(sides.turn[b])
+    turn.around_c = float(sides.turn[sides.tail[side]])
     turn.at_c = float(sides.angle[side])
     turns[at] = turn
 

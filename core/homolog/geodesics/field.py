@@ -1,7 +1,6 @@
 """Distance from a few sources to the whole surface, for display."""
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 import warp as wp
@@ -11,7 +10,7 @@ from homolog.arrays import Float32Array
 from homolog.errors import InputError
 from homolog.geodesics import front_kernels, kernels
 from homolog.geodesics.fans import build_fans
-from homolog.geodesics.front import amend_front, make_amendments, make_front, run_front
+from homolog.geodesics.front import advance, amend, make_amendments, make_front
 from homolog.geodesics.intrinsic import triangulate
 from homolog.geodesics.plan import POINT, Task
 from homolog.progress import Tick, no_tick
@@ -72,18 +71,20 @@ def distances_from(
         for array in (front.queued, front.counts):
             array.zero_()
         front.lists.numpy()[1, 0, : len(around)] = around
-        front.counts.numpy()[1, 0] = len(around)
-        front.last.fill_(1)
+        front.lists.numpy()[2, 0, : len(around)] = around
+        front.queued.numpy()[0, around] = 1
+        front.counts.numpy()[[1, 3], 0] = len(around)
         clusters = front_kernels.Sources()
         clusters.shape = wp.zeros(1, dtype=wp.int32)
         clusters.first = wp.zeros(1, dtype=wp.int32)
         clusters.reaches = wp.array([reach], dtype=kernels.Reach)
         clusters.fan = fans.start
         clusters.corners = fans.corners
-        pause = partial(tick, 0.0, f"{name}: geodesic distances")
-        run_front(front, clusters, range(1), POINT, pause)
+        tick(0.0, f"{name}: geodesic distances")
+        advance(front, clusters, range(1), POINT)
         reach.stored = float(values.max())
         clusters.reaches = wp.array([reach], dtype=kernels.Reach)
-        amend_front(front, make_amendments(1, n, 1), clusters, fans.turns, range(1), pause)
+        tick(0.5, f"{name}: geodesic distances")
+        amend(front, make_amendments(1, n, 1), clusters, fans.turns, range(1))
     distances: Float32Array = values.copy()
     return distances

@@ -42,6 +42,7 @@ class Ray:
 
     distance: float  # at c
     crossing: float  # where the way meets ab, measured from a
+    before: float  # length of the straight way up to there
     along: float  # place of that source: along ab …
     below: float  # … and off it
     direct: int  # 1 if no straight way crosses ab and this one goes along a side
@@ -64,12 +65,27 @@ def trace(corner: Corner, da: float, db: float) -> Ray:
     height = wp.max(ray.below + corner.y, 1.0e-30)
     crossing = ray.along * corner.y + corner.x * ray.below
     inside = squared >= 0.0 and crossing >= 0.0 and crossing <= corner.length * height
+    inverse = 1.0 / height
     dx = corner.x - ray.along
     straight = wp.where(inside, wp.sqrt(dx * dx + height * height), FAR)
     ray.direct = wp.where(straight < side, 0, 1)
     ray.distance = wp.min(straight, side)
-    ray.crossing = wp.where(straight < side, crossing / height, wp.where(by_a <= by_b, 0.0, corner.length))
+    ray.before = straight * ray.below * inverse
+    ray.crossing = wp.where(straight < side, crossing * inverse, wp.where(by_a <= by_b, 0.0, corner.length))
     return ray
+
+
+@wp.func
+def straight_squared(corner: Corner, da: float, db: float) -> float:
+    """Square of the distance at c straight from the point below ab; FAR squared if no such way crosses ab."""
+    along = ((da - db) * (da + db) + corner.length * corner.length) * corner.half
+    squared = da * da - along * along
+    below = wp.sqrt(wp.max(squared, 0.0))
+    height = below + corner.y
+    crossing = along * corner.y + corner.x * below
+    inside = squared >= 0.0 and crossing >= 0.0 and crossing <= corner.length * height
+    dx = corner.x - along
+    return wp.where(inside, dx * dx + height * height, FAR * FAR)
 
 
 @wp.func

@@ -6,7 +6,7 @@ Distances from the sources of a cluster are solved side by side, one source a la
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.kernels import FAR, Corner, Reach, encode, mean_code, plane_front, point_front
+from homolog.geodesics.kernels import FAR, Corner, Reach, encode, mean_code, plane_front, straight_squared
 from homolog.geodesics.lookup import LANES, MISSING
 
 # A lane loop has to stay a loop: the compiler then turns it into vector instructions.
@@ -17,6 +17,7 @@ BAND = wp.constant(128)
 """Vertices, in the order of the patch, that are settled together."""
 Lanes = wp.types.vector(length=LANES, dtype=wp.float32)
 Codes = wp.types.vector(length=LANES, dtype=wp.uint16)
+Counts = wp.types.vector(length=LANES, dtype=wp.int32)
 
 
 @wp.struct
@@ -62,6 +63,7 @@ def update(
 ) -> Lanes:
     """Return the distances at v that its triangles yield, those that changed since v's last update."""
     best = Lanes(FAR)
+    squared = Lanes(FAR * FAR)
     since = scratch.seen[v]
     for k in range(fan[v], fan[v + 1]):
         corner = corners[k]
@@ -70,10 +72,13 @@ def update(
             db = scratch.u[corner.b]
             if element == 0:
                 for lane in range(LANES):
-                    best[lane] = wp.min(best[lane], point_front(corner, da[lane], db[lane]))
+                    best[lane] = wp.min(best[lane], wp.min(da[lane] + corner.ac, db[lane] + corner.bc))
+                    squared[lane] = wp.min(squared[lane], straight_squared(corner, da[lane], db[lane]))
             else:
                 for lane in range(LANES):
                     best[lane] = wp.min(best[lane], plane_front(corner, da[lane], db[lane]))
+    for lane in range(LANES):
+        best[lane] = wp.min(best[lane], wp.sqrt(squared[lane]))
     return best
 
 
@@ -233,6 +238,10 @@ def symmetrize_tiles(
     for other in range(cluster + 1):
         if near[cluster, other] == wp.uint8(0) and near[other, cluster] == wp.uint8(0):
             continue
+        rows = Counts(MISSING)
+        for i in range(LANES):
+            if members[cluster, i] >= 0:
+                rows[i] = int(row[other, members[cluster, i]])
         for j in range(LANES):
             there = members[other, j]
             if there >= 0:
@@ -241,17 +250,14 @@ def symmetrize_tiles(
                 if row_there != MISSING:
                     codes = blocks[start[cluster] + row_there]
                 for i in range(LANES):
-                    here = members[cluster, i]
-                    if here >= 0:
-                        row_back = int(row[other, here])
-                        if row_back != MISSING:
-                            back = blocks[start[other] + row_back]
-                            mean = mean_code(int(codes[i]), int(back[j]))
-                            codes[i] = mean
-                            back[j] = mean
-                            blocks[start[other] + row_back] = back
-                        else:
-                            codes[i] = wp.uint16(MISSING)
+                    if rows[i] != MISSING:
+                        back = blocks[start[other] + rows[i]]
+                        mean = mean_code(int(codes[i]), int(back[j]))
+                        codes[i] = mean
+                        back[j] = mean
+                        blocks[start[other] + rows[i]] = back
+                    else:
+                        codes[i] = wp.uint16(MISSING)
                 if row_there != MISSING:
                     blocks[start[cluster] + row_there] = codes
 

@@ -84,8 +84,9 @@ class GeodesicTable:
         ends = np.zeros(self.n_vertices + 1, np.int64)
         wp.launch(count, rows, inputs=[*inputs, ends[1:]], device="cpu")
         np.cumsum(ends, out=ends)
-        columns, distances = np.empty(ends[-1], np.int32), np.empty(ends[-1], np.float32)
+        columns, distances = np.empty(ends[-1] + 1, np.int32), np.empty(ends[-1] + 1, np.float32)
         wp.launch(fill, rows, inputs=[*inputs, self.unit, ends[:-1].copy(), columns, distances], device="cpu")
         index = np.int32 if ends[-1] < 2**31 else np.int64
+        columns, distances = columns[:-1], distances[:-1]
         parts = (distances, columns.astype(index, copy=False), ends.astype(index))
         return csr_array(parts, shape=(self.n_vertices,) * 2)

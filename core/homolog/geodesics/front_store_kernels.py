@@ -1,0 +1,104 @@
+"""Write the distances that the front of a batch of clusters has found into tables: for CUDA."""
+
+import warp as wp
+
+import homolog.device  # noqa: F401 - starts Warp
+from homolog.geodesics.kernels import FAR, Reach, encode, mean_code
+from homolog.geodesics.lookup import LANES, MISSING
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 4})
+
+
+@wp.kernel
+def store_front_dense(
+    u: wp.array3d(dtype=wp.float32),
+    members: wp.array2d(dtype=wp.int32),
+    reach: Reach,
+    codes: wp.array2d(dtype=wp.uint16),
+):
+    """Write the rows of some clusters' sources; thread (cluster, lane, vertex)."""
+    b, lane, v = wp.tid()
+    m = members[b, lane]
+    if m >= 0:
+        codes[m, v] = encode(u[b, v, lane], reach)
+
+
+@wp.kernel
+def mark_reached(u: wp.array3d(dtype=wp.float32), reach: Reach, reached: wp.array2d(dtype=wp.int32)):
+    """Mark the vertices that any source of a cluster reaches; thread (cluster, vertex)."""
+    b, v = wp.tid()
+    nearest = float(FAR)
+    for lane in range(LANES):
+        nearest = wp.min(nearest, u[b, v, lane])
+    reached[b, v] = wp.where(nearest <= reach.stored, 1, 0)
+
+
+@wp.kernel
+def store_front_blocks(
+    u: wp.array3d(dtype=wp.float32),
+    reach: Reach,
+    upto: wp.array2d(dtype=wp.int32),
+    offset: int,
+    start: wp.array(dtype=wp.int32),
+    row: wp.array2d(dtype=wp.uint16),
+    blocks: wp.array2d(dtype=wp.uint16),
+):
+    """Write the blocks of some clusters; upto counts the reached vertices, running through all of them."""
+    b, v = wp.tid()
+    n = upto.shape[1]
+    before = int(0)
+    if b > 0:
+        before = upto[b - 1, n - 1]
+    if v == 0:
+        start[b] = offset + before
+    here = upto[b, v]
+    previous = before
+    if v > 0:
+        previous = upto[b, v - 1]
+    if here == previous:
+        row[b, v] = wp.uint16(MISSING)
+    else:
+        row[b, v] = wp.uint16(previous - before)
+        for lane in range(LANES):
+            blocks[previous, lane] = encode(u[b, v, lane], reach)
+
+
+@wp.kernel
+def symmetrize_dense(codes: wp.array2d(dtype=wp.uint16)):
+    """Replace both directions of every pair by their mean; threads are (strip, tile, entry of 16 x 16)."""
+    strip, tile, k = wp.tid()
+    i = 16 * strip + k // 16
+    j = 16 * tile + k % 16
+    if j < i and i < codes.shape[0]:
+        mean = mean_code(int(codes[i, j]), int(codes[j, i]))
+        codes[i, j] = mean
+        codes[j, i] = mean
+
+
+@wp.kernel
+def symmetrize_blocks(
+    members: wp.array2d(dtype=wp.int32),
+    slot: wp.array(dtype=wp.int32),
+    start: wp.array(dtype=wp.int32),
+    row: wp.array2d(dtype=wp.uint16),
+    blocks: wp.array2d(dtype=wp.uint16),
+):
+    """Replace both directions of every pair by their mean; the thread of the later vertex writes both."""
+    cluster, v = wp.tid()
+    here = int(row[cluster, v])
+    if here == MISSING:
+        return
+    back_cluster = slot[v] // LANES
+    back_lane = slot[v] % LANES
+    for lane in range(LANES):
+        m = members[cluster, lane]
+        if m >= 0:
+            back = int(row[back_cluster, m])
+            k = start[cluster] + here
+            if back == MISSING:
+                blocks[k, lane] = wp.uint16(MISSING)
+            elif m < v:
+                back_k = start[back_cluster] + back
+                mean = mean_code(int(blocks[k, lane]), int(blocks[back_k, back_lane]))
+                blocks[k, lane] = mean
+                blocks[back_k, back_lane] = mean
