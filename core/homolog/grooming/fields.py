@@ -59,6 +59,8 @@ def _smoothed_alike(distances: Float32Array, sigma: float) -> Float32Array:
 
 
 def _euler_number(values: Array) -> int:
+    if not (values < 0.0).any():  # smoothed away
+        return 0
     vertices, faces = marching_cubes(values)
     return len(vertices) - len(faces) // 2
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from homolog.cohort import IMAGE_SUFFIXES, suffix_of
 from homolog.errors import InputError
 from homolog.grooming.headers import read_header, segments_of
 from homolog.grooming.volumes import Segment, Segmentation, Volume, check_size
@@ -51,6 +52,11 @@ def read_volume(path: Path) -> Volume:
         raise _missing(path)
     if name.endswith(".particles"):
         raise InputError(f"{path}: holds particles without a surface; analyze them, they can't be groomed")
+    if suffix_of(path) not in IMAGE_SUFFIXES:
+        raise InputError(
+            f"{path}: is of a kind that is not read; convert it, or give its header if it has one "
+            f"({', '.join(IMAGE_SUFFIXES)})"
+        )
     if name.endswith((".nii", ".nii.gz")):
         from homolog.grooming.nifti import read_nifti
 

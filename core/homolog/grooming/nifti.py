@@ -25,6 +25,7 @@ _TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _UNITS = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}
 _NO_PLACE = "its header does not say how the patient lay (no qform or sform); RAS axes were assumed"
 _HEADER, _FARTHEST = 348, 2**28  # bytes
+_GZIP = b"\x1f\x8b"
 _DUBIOUS = 30  # of nibabel's levels: sizes of zero or below, unknown codes
 _FAULTS = (ImageFileError, HeaderDataError, OSError, EOFError, zlib.error, ValueError, OverflowError)
 _AGREE = 0.1  # voxels: more than rounding makes qform and sform differ anywhere in the volume
@@ -46,6 +47,7 @@ def read_nifti(path: Path) -> Volume:
         If it can't be read, is no 3-D volume of single numbers, too large, or if nothing tells which of
         qform and sform is true.
     """
+    _check_packing(path)
     try:
         image: Any = _opened(path)
     except _FAULTS as error:
@@ -74,6 +76,19 @@ def read_nifti(path: Path) -> Volume:
             f"{path}: is cut short or damaged; copy or export it again ({_first_line(error)})"
         ) from error
     return Volume(path, [values], _TO_LPS @ matrix, notes=notes)
+
+
+def _check_packing(path: Path) -> None:
+    """Refuse a file whose name says wrongly whether it is packed."""
+    with path.open("rb") as stream:
+        packed = stream.read(2) == _GZIP
+    said = path.name.lower().endswith(".gz")
+    if packed and not said:
+        raise InputError(f"{path}: is compressed, unlike its name; rename it to end in .nii.gz")
+    if said and not packed:
+        raise InputError(
+            f"{path}: is not compressed, unlike its name; copy it again, or rename it to end in .nii"
+        )
 
 
 def _opened(path: Path) -> Any:  # noqa: ANN401 - half of nibabel is untyped

@@ -143,6 +143,8 @@ def _groomed(name: str, source: Segmentation | TriangleMesh, settings: GroomSett
         level = level_of_mesh(_outward(_piece(source, pieces == 0)), settings.spacing)
     field, further = distance_field(level, settings.smoothing)
     mesh = isosurface(field, settings.mesh_edge, settings.adaptive_mesh)
+    if mesh.volume <= 0.0:
+        raise NumericalError("has too few voxels for a surface; segment it on a finer grid or leave it out")
     check_mesh(mesh, name)
     if dropped:
         notes.append(f"the largest of {dropped + 1} separate pieces was kept")

@@ -20,6 +20,9 @@ _MOST_VALUES = 1000
 
 _LOOKED_AT = 2_000_000
 
+_ROUNDING = 1e-3
+"""How far label values may be from whole numbers: what scaling and single precision leave."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segmentation:
@@ -102,8 +105,8 @@ class Volume:
         """Return the structures that have voxels: those with names in the file's order, then other values."""
         known = {(one.layer, one.value): one for one in self.named}
         found = []
-        for number, layer in enumerate(self.layers):
-            _check_values(self.path, layer)
+        for number in range(len(self.layers)):
+            layer = self._labels(number)
             present = [Segment("", int(value), number) for value in np.unique(layer[layer > 0])]
             found += [known.get((number, one.value), one) for one in present]
         order = {one: index for index, one in enumerate(self.named)}
@@ -142,24 +145,20 @@ class Volume:
                 "name, and give each its own name"
             )
         for one in found:
-            layer = self.layers[one.layer]
-            _check_values(self.path, layer)
-            if (layer == one.value).any():
+            if (self._labels(one.layer) == one.value).any():
                 return self.placed(one)
         listed = ", ".join(one.words for one in self.segments()[:10])
         remedy = f"it holds {listed}" if listed else "segment the structure or leave the subject out"
         raise InputError(f"{self.path}: has no voxel of {wanted}; {remedy}")
 
     def _everything(self) -> BoolArray:
-        for layer in self.layers:
-            _check_values(self.path, layer)
-            _check_is_label_map(self.path, layer)
-        mask: BoolArray = self.layers[0] > 0
+        mask: BoolArray = np.array(False)
         overlap = False
-        for number in range(1, len(self.layers)):
-            inside = self.layers[number] > 0
-            overlap |= bool((mask & inside).any())
-            mask = mask | inside
+        for number in range(len(self.layers)):
+            layer = self._labels(number)
+            _check_is_label_map(self.path, layer)
+            overlap |= bool((mask & (layer > 0)).any())
+            mask = mask | (layer > 0)
         if overlap:
             listed = ", ".join(one.words for one in self.segments())
             raise InputError(
@@ -174,7 +173,19 @@ class Volume:
 
     def placed(self, segment: Segment) -> Segmentation:
         """Return the voxels of one of `segments`."""
-        return self._placed(np.asarray(self.layers[segment.layer] == segment.value), segment.name)
+        return self._placed(np.asarray(self._labels(segment.layer) == segment.value), segment.name)
+
+    def _labels(self, number: int) -> Array:
+        """Return the values of a layer, whole numbers; raises InputError if they are none."""
+        values = self.layers[number]
+        if not np.issubdtype(values.dtype, np.floating):
+            return values
+        if not np.isfinite(values).all():
+            raise InputError(f"{self.path}: holds values that are not numbers; export the label map again")
+        whole: Array = np.rint(values)
+        if any(np.abs(one - other).max() > _ROUNDING for one, other in zip(values, whole, strict=True)):
+            raise InputError(f"{self.path}: holds fractions, so it is no label map; threshold it first")
+        return whole
 
     def _placed(self, mask: BoolArray, name: str = "") -> Segmentation:
         """Put the mask in its place, on right-handed axes."""
@@ -211,14 +222,6 @@ def check_size(path: Path, shape: Sequence[int], voxel_bytes: float) -> None:
 
 def _same(name: str, other: str) -> bool:
     return name.strip().casefold() == other.strip().casefold()
-
-
-def _check_values(path: Path, values: Array) -> None:
-    if np.issubdtype(values.dtype, np.floating):
-        if not np.isfinite(values).all():
-            raise InputError(f"{path}: holds values that are not numbers; export the label map again")
-        if (values != np.rint(values)).any():
-            raise InputError(f"{path}: holds fractions, so it is no label map; threshold it first")
 
 
 def _check_is_label_map(path: Path, values: Array) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from homolog.arrays import Array, BoolArray, FloatArray, IntArray
+from homolog.errors import NumericalError
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -36,6 +37,11 @@ def remeshed(mesh: TriangleMesh, field: DistanceField, edge: float, adaptive: bo
         Wished edge length [mm].
     adaptive : bool
         Shorter edges where the surface is strongly curved, longer ones elsewhere.
+
+    Raises
+    ------
+    NumericalError
+        If the mesh is not closed.
     """
     vertices: FloatArray = np.array(mesh.vertices)
     faces: IntArray = np.array(mesh.faces, dtype=np.int64)
@@ -60,7 +66,11 @@ class _Edges:
 def _edges(faces: IntArray) -> _Edges:
     sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     low, high = sides.min(axis=1), sides.max(axis=1)
-    twice = np.argsort(low * (faces.max() + 1) + high, kind="stable").reshape(-1, 2)
+    codes = low * (faces.max() + 1) + high
+    order = np.argsort(codes, kind="stable")
+    if len(order) % 2 or (codes[order[::2]] != codes[order[1::2]]).any():
+        raise NumericalError("its surface came out open or pinched; use another grid spacing")
+    twice = order.reshape(-1, 2)
     first = twice[:, 0]
     apex = np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])
     return _Edges(np.stack([low[first], high[first]], axis=1), twice % len(faces), apex[twice])

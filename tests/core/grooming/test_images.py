@@ -3,7 +3,7 @@ import pytest
 import SimpleITK
 
 from homolog.errors import InputError
-from homolog.grooming.images import read_segmentation
+from homolog.grooming.images import read_segmentation, read_volume
 
 
 def world_points(segmentation):
@@ -70,11 +70,41 @@ def test_a_file_cut_short_is_refused(save, suffix):
         read_segmentation(path, None)
 
 
-def test_something_else_under_an_image_name_is_refused(tmp_path):
-    path = tmp_path / "a.nii.gz"
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("a.nii", "is no readable image"),
+        ("a.nii.gz", "is not compressed, unlike its name"),
+        ("a.nrrd", "is no readable image"),
+        ("a.tif", "is of a kind that is not read; convert it"),
+        ("a.raw", "give its header if it has one"),
+    ],
+)
+def test_something_else_under_an_image_name_is_refused(tmp_path, name, message):
+    path = tmp_path / name
     path.write_text("not an image")
-    with pytest.raises(InputError, match=r"a\.nii\.gz: is no readable image"):
+    with pytest.raises(InputError, match=rf"{name}: .*{message}"):
         read_segmentation(path, None)
+
+
+def test_a_compressed_file_under_a_plain_name_is_told_how_to_be_called(save):
+    path = save(np.ones((4, 4, 4), np.uint8), "a.nii.gz")
+    with pytest.raises(
+        InputError, match=r"b\.nii: is compressed, unlike its name; rename it to end in \.nii\.gz"
+    ):
+        read_segmentation(path.rename(path.with_name("b.nii")), None)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("noise", [1e-7, 1e-4])
+def test_label_values_that_are_nearly_whole_are_taken_as_whole(save, kind, noise):
+    rng = np.random.default_rng(3)
+    labels = rng.integers(0, 3, (9, 8, 7))
+    labels[0, 0] = 0
+    path = save((labels + rng.uniform(-noise, noise, labels.shape)).astype(kind))
+    assert [one.value for one in read_volume(path).segments()] == [1, 2]
+    assert np.count_nonzero(read_segmentation(path, None).mask) == np.count_nonzero(labels)
+    assert np.count_nonzero(read_segmentation(path, 2).mask) == np.count_nonzero(labels == 2)
 
 
 @pytest.mark.parametrize("shape", [(5, 6), (5, 6, 1), (4, 5, 6, 2)])

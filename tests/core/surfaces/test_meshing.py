@@ -111,3 +111,8 @@ def test_a_field_without_a_surface_is_an_error():
 def test_edges_that_ask_for_millions_of_vertices_are_refused(torus):
     with pytest.raises(InputError, match=r"choose .* mm or more"):
         isosurface(torus, 0.01)
+
+
+def test_a_mesh_that_is_not_closed_is_an_error(torus, mesh):
+    with pytest.raises(NumericalError, match="open or pinched"):
+        remeshed(TriangleMesh(mesh.vertices, mesh.faces[1:]), torus, 1.0)
