@@ -1,6 +1,5 @@
 """Who is studied: the subjects' names, files and groups."""
 
-import csv
 import os
 from collections import Counter
 from collections.abc import Mapping
@@ -9,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from homolog.errors import InputError
+from homolog.spreadsheets import read_rows
 
 __all__ = [
     "IMAGE_SUFFIXES",
@@ -184,22 +184,25 @@ def _read_folder(folder: Path) -> Cohort:
 
 
 def _read_manifest(path: Path) -> Cohort:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream, skipinitialspace=True)
-            columns = [name.strip() for name in reader.fieldnames or []]
-            reader.fieldnames = columns
-            rows = [{key: (value or "").strip() for key, value in row.items() if key} for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: can't be read as a table; save it as CSV in UTF-8 ({error})") from error
-    missing = [name for name in ("name", "path") if name not in columns]
+    columns, rows = read_rows(path)
+    others = [one for one in columns if one not in _OWN_COLUMNS]
+    own = {one: one.lower() for one in others if one.lower() in set(_OWN_COLUMNS) - set(columns)}
+    missing = [name for name in ("name", "path") if name not in (*columns, *own.values())]
     if missing:
         raise InputError(
             f"{path}: lacks the column {' and '.join(missing)}; the first line must be name,path,group"
         )
     if not rows:
         raise InputError(f"{path}: lists no subject; add a line for each: name,path,group")
-    subjects = [_subject(row, path, line) for line, row in enumerate(rows, start=2)]
+    subjects = [
+        _subject({own.get(key, key): one for key, one in row.items()}, path, line) for line, row in rows
+    ]
+    files: dict[Path, list[str]] = {}
+    for one in subjects:
+        files.setdefault(one.path, []).append(one.name)
+    for file, names in files.items():
+        if len(set(names)) > 1:
+            raise InputError(f"{path}: {' and '.join(names)} are one file, {file.name}; give each its own")
     return Cohort(tuple(subjects), path.parent)
 
 
@@ -228,11 +231,17 @@ def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:
     except ValueError as error:
         raise InputError(f"{manifest}, line {line}: the {column} {error}; correct it") from error
     further = {key: value for key, value in row.items() if key not in _OWN_COLUMNS}
-    path, landmarks = manifest.parent / row["path"], row.get("landmarks")
+    path, landmarks = _place(manifest.parent, row["path"]), row.get("landmarks")
     return Subject(
         name=row["name"],
         path=path,
         group=row.get("group") or None,
         columns=MappingProxyType(further),
-        landmarks=manifest.parent / landmarks if landmarks else landmarks_beside(path),
+        landmarks=_place(manifest.parent, landmarks) if landmarks else landmarks_beside(path),
     )
+
+
+def _place(folder: Path, text: str) -> Path:
+    """Return where a path of a table leads; a relative one may be written with backslashes."""
+    place = folder / text
+    return place if os.path.exists(place) else folder / text.replace("\\", "/")

@@ -68,12 +68,49 @@ def test_two_files_of_one_name_are_refused(folder):
         ("name,path\na,a.nrrd\nb,\n", "line 3: the path is empty"),
         ("name,path\na/b,a.nrrd\n", "line 2: 'a/b' can't be a file name"),
         ("name,path\n..,a.nrrd\n", "can't be a file name"),
+        ("name,path\na,a.nrrd\nz,a.nrrd\n", "a and z are one file, a.nrrd; give each its own"),
+        ("name,path,group,group\na,a.nrrd,x,y\n", "several columns called group"),
+        ("name,path,group\nDoe, Jane,a.nrrd,x\n", "line 2: has more values than .* put values that hold ','"),
+        ('name,path\na,"a.nrrd\nb,b.nrrd\n', "line 3: unexpected end of data; save the table again"),
     ],
 )
 def test_a_faulty_table_is_named_with_the_line(folder, text, message):
     with pytest.raises(InputError, match=message) as caught:
         read_cohort(table(folder, text))
     assert "cohort.csv" in str(caught.value)
+
+
+PLAIN = "name,path,group,age\nÄnne,a.nrrd,HCM,61\ny,sub/b.nii.gz,,\n"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        PLAIN.encode("utf-8-sig"),
+        PLAIN.replace(",", ";").replace("\n", "\r\n").encode("utf-8-sig"),
+        PLAIN.replace(",", "\t").encode("utf-16"),
+        b"\xfe\xff" + PLAIN.replace(",", "\t").encode("utf-16-be"),
+        ("sep=;\r\n" + PLAIN.replace(",", ";")).encode(),
+        PLAIN.replace("\n", "\r").encode(),
+        PLAIN.replace("name,path,group", "Name,PATH,Group").encode(),
+        (PLAIN.replace("\n", ",,\n") + ",,,\n\n , , \n").encode(),
+        PLAIN.replace("sub/b", "sub\\b").encode(),
+        "\n".join(",".join(f'"{one}"' for one in line.split(",")) for line in PLAIN.splitlines()).encode(),
+    ],
+)
+def test_a_table_may_be_saved_by_any_spreadsheet_program(folder, content):
+    (folder / "cohort.csv").write_bytes(content)
+    first, second = read_cohort(folder).subjects
+    assert (first.name, first.path, first.group, dict(first.columns)) == (
+        "Änne", folder / "a.nrrd", "HCM", {"age": "61"},
+    )  # fmt: skip
+    assert (second.name, second.path, second.group) == ("y", folder / "sub" / "b.nii.gz", None)
+
+
+def test_a_table_in_windows_own_letters_is_refused_with_the_remedy(folder):
+    (folder / "cohort.csv").write_bytes(PLAIN.encode("cp1252"))
+    with pytest.raises(InputError, match='in Excel: "CSV UTF-8"'):
+        read_cohort(folder)
 
 
 def test_a_table_of_another_encoding_is_refused(folder):

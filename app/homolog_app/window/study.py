@@ -1,6 +1,5 @@
 """What is studied and how, as one immutable value: every edit makes a new one."""
 
-import csv
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 from homolog.cohort import IMAGE_SUFFIXES, MESH_SUFFIXES, Cohort, Subject, landmarks_beside, read_cohort
 from homolog.errors import InputError
 from homolog.settings import RunSettings
+from homolog.spreadsheets import read_rows
 
 __all__ = ["Member", "Study", "found_subjects", "with_table"]
 
@@ -130,19 +130,16 @@ def with_table(study: Study, path: Path) -> tuple[Study, int]:
     InputError
         If the file can't be read or names no subject of the study.
     """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.DictReader(stream, skipinitialspace=True))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: can't be read as a table: {error}") from error
-    if not rows:
+    columns, rows = read_rows(path)
+    named = [one for one in columns if one]
+    if not rows or not named:
         raise InputError(f"{path}: holds no rows")
-    key = next((one for one in ("name", "id") if one in rows[0]), next(iter(rows[0])))
+    key = next((one for one in named if one.lower() in ("name", "id")), named[0])
     changed: dict[str, Member] = {}
-    for row in rows:
-        member = _named(study, (row[key] or "").strip())
+    for _, row in rows:
+        member = _named(study, row[key])
         if member is not None:
-            values = {name: (value or "").strip() for name, value in row.items() if name and name != key}
+            values = {name: value for name, value in row.items() if name != key}
             group = values.pop("group", "") or member.subject.group
             values.pop("path", None)
             subject = replace(member.subject, group=group, columns={**member.subject.columns, **values})
