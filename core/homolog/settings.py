@@ -151,6 +151,15 @@ class OptimizeSettings(_Settings):
     normals_weight: Annotated[
         float, Field(gt=0.0, le=10.0, description="Weight of the entropy of surface normals H(V).")
     ] = 0.1
+    opening_weight: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            le=10.0,
+            description="How much opening angles (edges, tips, hollows) count beside normals in H(V); "
+            "0 is the paper's H(V).",
+        ),
+    ] = 0.0
     regularization_start: Annotated[
         float,
         Field(

@@ -274,7 +274,9 @@ def one_size(folder, device, size, iterations):
     jitter = np.random.default_rng(0).normal(scale=0.3, size=(count, particles, 3))
     positions = np.stack([m.vertices[row] for m, row in zip(level.meshes, rows, strict=True)]) + jitter
     launcher = Launcher(device)
-    engine = Engine(domain.fields, level, positions, geodesic=True, area=AREA, launcher=launcher)
+    engine = Engine(
+        domain.fields, domain.reliefs, level, positions, geodesic=True, area=AREA, launcher=launcher
+    )
     groups = max(1, iterations // LIST_LIFE)
     engine.start_stage([Weights(0.02, 0.05, 1.0, 0.1, 0.5)] * (3 * groups * LIST_LIFE))
     for _ in range(groups):

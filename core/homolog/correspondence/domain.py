@@ -10,7 +10,15 @@ import numpy as np
 from homolog.arrays import BoolArray
 from homolog.correspondence.sampling import REACH
 from homolog.correspondence.schedule import particle_counts
-from homolog.correspondence.surfaces import Level, Placement, build_level, field_array, length_unit, ordered
+from homolog.correspondence.surfaces import (
+    Level,
+    Placement,
+    build_level,
+    field_array,
+    length_unit,
+    opening_array,
+    ordered,
+)
 from homolog.correspondence.types import Shape
 from homolog.geodesics import GeodesicTable, solve_tables
 from homolog.progress import Tick, no_tick, part_of
@@ -40,7 +48,8 @@ class Domain:
         Optimizer's unit of length [mm of the world frame].
     placements : tuple of Placement
         Local millimetres to optimizer's coordinates.
-    fields : wp.array of FieldData
+    fields, reliefs : wp.array of FieldData
+        Distances and opening angles.
     coarse, fine : Level or None
         For fewer than `FINE_FROM` particles, and for more; None if there will never be so many.
     geodesic : bool
@@ -53,6 +62,7 @@ class Domain:
     unit: float
     placements: tuple[Placement, ...]
     fields: Any
+    reliefs: Any
     coarse: Level | None
     fine: Level | None
     geodesic: bool
@@ -127,7 +137,8 @@ def prepare(
         names=tuple(shape.name for shape in shapes),
         unit=unit,
         placements=placements,
-        fields=field_array(shapes, placements, device, part_of(tick, 0.0, 0.1)),
+        fields=field_array(shapes, placements, device, part_of(tick, 0.0, 0.08)),
+        reliefs=opening_array(shapes, placements, settings.opening_weight, device, part_of(tick, 0.08, 0.1)),
         coarse=level([s.coarse_mesh for s in shapes], complete, part_of(tick, 0.1, between)) if few else None,
         fine=level([s.mesh for s in shapes], enough, part_of(tick, between, 1.0)) if many else None,
         geodesic=geodesic,

@@ -63,8 +63,8 @@ class Engine:
 
     Parameters
     ----------
-    fields : wp.array of FieldData
-        One a shape.
+    fields, reliefs : wp.array of FieldData
+        Distances and opening angles, one a shape.
     level : Level
         Meshes and tables to measure distances on.
     particles : Particles or (M, n, 3) array
@@ -92,6 +92,7 @@ class Engine:
     def __init__(
         self,
         fields: DeviceArray,
+        reliefs: DeviceArray,
         level: Level,
         particles: Particles | FloatArray,
         *,
@@ -104,7 +105,7 @@ class Engine:
         saved = particles if isinstance(particles, Particles) else None
         positions = particles.positions if isinstance(particles, Particles) else particles
         self.shapes, self.count = positions.shape[:2]
-        self.fields, self.level, self.launch = fields, level, launcher
+        self.fields, self.reliefs, self.level, self.launch = fields, reliefs, level, launcher
         self.total = self.shapes * self.count
         self.width = math.sqrt(area / (self.count * math.pi))
         self.layout = kernels.Layout()
@@ -128,6 +129,7 @@ class Engine:
         total, make = self.total, {"device": self.launch.device}
         self.positions = wp.array(positions.reshape(-1, 3).astype(np.float32), dtype=wp.vec3, **make)
         self.bends = wp.zeros(total, dtype=wp.mat33, **make)
+        self.openings = wp.zeros(total, dtype=wp.vec4, **make)
         self.feet = wp.zeros(total, dtype=SurfacePoint, **make)
         vectors = [wp.zeros(total, dtype=wp.vec3, **make) for _ in range(6)]
         self.normals, self.centred, self.logs = vectors[:3]
@@ -246,11 +248,9 @@ class Engine:
         return longest
 
     def _project(self, newton_steps: int = NEWTON_STEPS) -> None:
-        self.launch(
-            kernels.project,
-            self.total,
-            [self.count, newton_steps, self.movable, self.fields, self.positions, self.normals, self.bends],
-        )
+        given = [self.count, newton_steps, self.movable, self.fields, self.reliefs]
+        made = [self.positions, self.normals, self.bends, self.openings]
+        self.launch(kernels.project, self.total, [*given, *made])
 
     def _locate(self) -> None:
         self.launch(
@@ -265,9 +265,8 @@ class Engine:
         surface = [self._poses, self.positions, self.normals]
         self._locate()
         sampling.repel(self.positions, self.normals, self.feet)
-        self.launch(
-            step_kernels.mean_normals, self.count, [layout, *surface, self.means, self.centred, self.logs]
-        )
+        compared = [self.openings, self.means, self.centred, self.logs]
+        self.launch(step_kernels.mean_normals, self.count, [layout, *surface, *compared])
         coupling.solve(*knobs, self.centred, self.logs)
         coupling.directions(self.centred, self.logs, self.ensemble_part, self.normals_part)
         parts = [sampling.forces, self.ensemble_part, self.normals_part]
@@ -283,6 +282,7 @@ class Engine:
                 self.normals,
                 self.means,
                 self.bends,
+                self.openings,
                 *parts,
                 self.steps,
             ],

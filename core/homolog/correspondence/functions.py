@@ -25,7 +25,7 @@ class FieldData:
     coefficients: wp.array(dtype=wp.float32, ndim=3)
     to_index: wp.mat33  # optimizer coordinates -> grid index, linear part
     origin_index: wp.vec3  # grid index of the coordinates' origin
-    scale: float  # optimizer lengths per unit of the coefficients
+    scale: float  # of the coefficients, to optimizer lengths or radians
 
 
 @wp.struct

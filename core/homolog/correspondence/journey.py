@@ -133,6 +133,7 @@ class Journey:
     def _engine(self, count: int, particles: Particles | FloatArray) -> Engine:
         return Engine(
             self.domain.fields,
+            self.domain.reliefs,
             self.domain.level(count),
             particles,
             geodesic=self.domain.geodesic,

@@ -79,11 +79,16 @@ def project(
     newton_steps: int,
     movable: wp.array(dtype=int),
     fields: wp.array(dtype=FieldData),
+    reliefs: wp.array(dtype=FieldData),
     positions: wp.array(dtype=wp.vec3),
     normals: wp.array(dtype=wp.vec3),
     bends: wp.array(dtype=wp.mat33),
+    openings: wp.array(dtype=wp.vec4),
 ):
-    """Newton steps to the zero level, then the normal n and dn/dx = (I-nn')Hess(I-nn')/|grad|."""
+    """Newton steps to the zero level, then the normal n and dn/dx = (I-nn')Hess(I-nn')/|grad|.
+
+    Also the gradient of the opening angle, and the angle.
+    """
     p = first + wp.tid()
     field = fields[p // per_shape]
     x = positions[p]
@@ -103,6 +108,9 @@ def project(
     positions[p] = x
     normals[p] = n
     bends[p] = flat * there.hessian * flat / size
+    relief = field_point(reliefs[p // per_shape], x)
+    slope = relief.gradient
+    openings[p] = wp.vec4(slope[0], slope[1], slope[2], relief.value)
 
 
 @wp.func

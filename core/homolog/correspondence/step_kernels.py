@@ -17,15 +17,21 @@ def mean_normals(
     poses: wp.array(dtype=Pose),
     positions: wp.array(dtype=wp.vec3),
     normals: wp.array(dtype=wp.vec3),
+    openings: wp.array(dtype=wp.vec4),
     means: wp.array(dtype=wp.vec3),
     centred: wp.array(dtype=wp.vec3),
     logs: wp.array(dtype=wp.vec3),
 ):
-    """Centre the positions over shapes; Fréchet mean of the normals (one Karcher step) and their Logs."""
+    """Centre the positions over shapes; Fréchet mean of the normals (one Karcher step) and their Logs.
+
+    A Log is tangential to the mean; along the mean it carries the centred opening angle.
+    """
     i = first + wp.tid()
     total = wp.vec3(0.0, 0.0, 0.0)
+    opening = float(0.0)
     for k in range(c.shapes):
         p = k * c.per_shape + i
+        opening += openings[p][3] / float(c.shapes)
         posed = poses[k].linear * positions[p] + poses[k].shift
         centred[p] = posed
         total += posed
@@ -43,7 +49,8 @@ def mean_normals(
             mean = wp.normalize(wp.cos(angle) * mean + wp.sin(angle) / angle * shift)
     means[i] = mean
     for k in range(c.shapes):
-        logs[k * c.per_shape + i] = log_map(mean, poses[k].turn * normals[k * c.per_shape + i])
+        p = k * c.per_shape + i
+        logs[p] = log_map(mean, poses[k].turn * normals[p]) + (openings[p][3] - opening) * mean
 
 
 @wp.kernel
@@ -58,6 +65,7 @@ def combine(
     normals: wp.array(dtype=wp.vec3),
     means: wp.array(dtype=wp.vec3),
     bends: wp.array(dtype=wp.mat33),
+    openings: wp.array(dtype=wp.vec4),
     forces: wp.array(dtype=wp.vec3),
     ensemble: wp.array(dtype=wp.vec3),
     log_gradients: wp.array(dtype=wp.vec3),
@@ -73,8 +81,12 @@ def combine(
     bend = bends[p]
     pose = poses[p // c.per_shape]
     upright = wp.transpose(pose.turn)
-    turned = bend * (upright * log_adjoint(means[p % c.per_shape], pose.turn * n, log_gradients[p]))
-    size = wp.ddot(bend, bend)
+    mean = means[p % c.per_shape]
+    turned = bend * (upright * log_adjoint(mean, pose.turn * n, log_gradients[p]))
+    opening = openings[p]
+    slope = tangent(wp.vec3(opening[0], opening[1], opening[2]), n)
+    turned += wp.dot(log_gradients[p], mean) * slope
+    size = wp.ddot(bend, bend) + wp.length_sq(slope)
     knobs = stage[iteration[0]]
     damping = 1.0 + knobs.step * knobs.normals_weight * size * stiffness[0]
     pulled = wp.transpose(pose.linear) * ensemble[p]

@@ -12,16 +12,25 @@ import warp as wp
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from homolog.arrays import BoolArray, DeviceArray, FloatArray, IntArray
+from homolog.arrays import BoolArray, DeviceArray, Float32Array, FloatArray, IntArray
 from homolog.correspondence.functions import FieldData
 from homolog.correspondence.kernels import Surface
+from homolog.correspondence.relief import SIZE, opening_grid
 from homolog.correspondence.types import Shape
 from homolog.errors import NumericalError
 from homolog.geodesics import GeodesicTable
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Level", "Placement", "build_level", "field_array", "length_unit", "nearest_faces"]
+__all__ = [
+    "Level",
+    "Placement",
+    "build_level",
+    "field_array",
+    "length_unit",
+    "nearest_faces",
+    "opening_array",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,23 +85,44 @@ def field_array(
     keep = []
     for index, (shape, placement) in enumerate(zip(shapes, placements, strict=True)):
         tick(index / len(shapes), f"distance field of {shape.name}")
-        keep.append(_field_data(shape, placement, device))
+        field = shape.field
+        keep.append(_field_data(field.values, field.index_to_world, placement, placement.scale, device))
+    return _packed(keep, device)
+
+
+def opening_array(
+    shapes: Sequence[Shape],
+    placements: Sequence[Placement],
+    weight: float,
+    device: str,
+    tick: Tick = no_tick,
+) -> DeviceArray:
+    """Bring weight times the opening angles [rad] to the device as cubic B-spline coefficients."""
+    keep = []
+    for index, (shape, placement) in enumerate(zip(shapes, placements, strict=True)):
+        tick(index / len(shapes), f"opening angles of {shape.name}")
+        values, grid = opening_grid(shape.field, SIZE / placement.scale)
+        keep.append(_field_data(values, grid, placement, weight, device))
+    return _packed(keep, device)
+
+
+def _packed(keep: list[FieldData], device: str) -> DeviceArray:
     fields = wp.array(keep, dtype=FieldData, device=device)
     fields.keep = keep  # an array of structs holds addresses only
     return fields
 
 
-def _field_data(shape: Shape, placement: Placement, device: str) -> FieldData:
-    field = shape.field
-    index_to_local = field.index_to_world
+def _field_data(
+    values: Float32Array, index_to_local: FloatArray, placement: Placement, scale: float, device: str
+) -> FieldData:
     to_index = np.linalg.inv(placement.linear @ index_to_local[:3, :3])
     origin = -to_index @ placement.apply(index_to_local[:3, 3])
-    coefficients = ndimage.spline_filter(field.values, order=3, output=np.float32, mode="mirror")
+    coefficients = ndimage.spline_filter(values, order=3, output=np.float32, mode="mirror")
     data = FieldData()
     data.coefficients = wp.array(coefficients, dtype=wp.float32, device=device)
     data.to_index = wp.mat33(*to_index.astype(np.float32).ravel().tolist())
     data.origin_index = wp.vec3(*origin.tolist())
-    data.scale = placement.scale
+    data.scale = scale
     return data
 
 

@@ -15,6 +15,7 @@ from homolog.correspondence.surfaces import (
     face_neighbors,
     field_array,
     nearest_faces,
+    opening_array,
 )
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
@@ -31,14 +32,21 @@ def on_sphere(count, seed=0):
     return points / np.linalg.norm(points, axis=1, keepdims=True)
 
 
-def projected(shape, placement, points):
+def projected(shape, placement, points, steps=3):
     fields = field_array([shape], [placement], "cpu")
     positions = vectors(placement.apply(points))
     normals = wp.zeros(len(points), dtype=wp.vec3, device="cpu")
     bends = wp.zeros(len(points), dtype=wp.mat33, device="cpu")
     free = wp.full(len(points), 1, dtype=int, device="cpu")
-    LAUNCHER(kernels.project, len(points), [len(points), 3, free, fields, positions, normals, bends])
-    return positions.numpy(), normals.numpy(), bends.numpy()
+    reliefs = opening_array([shape], [placement], 1.0, "cpu")
+    openings = flat_openings(len(points))
+    given, made = [len(points), steps, free, fields, reliefs], [positions, normals, bends, openings]
+    LAUNCHER(kernels.project, len(points), [*given, *made])
+    return tuple(one.numpy() for one in made)
+
+
+def flat_openings(count):
+    return wp.zeros(count, dtype=wp.vec4, device="cpu")
 
 
 def unmoved(shapes):
@@ -54,13 +62,24 @@ def turned(angle):
 
 def test_projection_reaches_the_surface_with_its_normal_and_curvature(ball):
     placement = Placement(0.5 * turned(0.7), np.array([3.0, -2.0, 1.0]))
-    positions, normals, bends = projected(ball, placement, 10.8 * on_sphere(200))
+    positions, normals, bends, _ = projected(ball, placement, 10.8 * on_sphere(200))
     radial = positions - placement.origin
     np.testing.assert_allclose(np.linalg.norm(radial, axis=1), 5.0, atol=0.01)
     outward = radial / np.linalg.norm(radial, axis=1, keepdims=True)
     np.testing.assert_allclose(normals, outward, atol=2e-3)
     flat = np.eye(3) - outward[:, :, None] * outward[:, None, :]
     np.testing.assert_allclose(bends, flat / 5.0, atol=0.02)
+
+
+def test_the_opening_angle_comes_with_its_gradient(ball):
+    placement = Placement(0.5 * turned(0.7), np.array([3.0, -2.0, 1.0]))
+    points = 10.0 * on_sphere(50)
+    openings = projected(ball, placement, points, steps=0)[3]
+    assert (openings[:, 3] < np.pi).all()  # a ball is convex
+    ahead, behind = (projected(ball, placement, r * on_sphere(50), steps=0)[3] for r in (10.05, 9.95))
+    radial = on_sphere(50) @ turned(0.7).T
+    slopes = (openings[:, :3] * radial).sum(axis=1)
+    np.testing.assert_allclose(slopes, (ahead[:, 3] - behind[:, 3]) / (0.5 * 0.1), rtol=0.01)
 
 
 def test_the_walk_ends_on_the_nearest_face(ball):
@@ -101,16 +120,19 @@ def test_face_neighbors_share_an_edge(ball):
         assert set(shared) == {2}
 
 
-def means_and_logs(means, *normals):
+def means_and_logs(means, *normals, openings=None):
     """Fréchet means, started from the given ones, and the Logs of each shape's normals."""
     layout = kernels.Layout()
     layout.per_shape, layout.shapes = len(means), len(normals)
     held, given = vectors(means), vectors(np.concatenate(normals))
+    angles = flat_openings(given.size)
+    if openings is not None:
+        angles.numpy()[:, 3] = np.ravel(openings)
     centred, logs = (wp.zeros(given.size, dtype=wp.vec3, device="cpu") for _ in range(2))
     LAUNCHER(
         step_kernels.mean_normals,
         len(means),
-        [layout, unmoved(len(normals)), given, given, held, centred, logs],
+        [layout, unmoved(len(normals)), given, given, angles, held, centred, logs],
     )
     return held.numpy(), logs.numpy().reshape(len(normals), -1, 3)
 
@@ -154,6 +176,14 @@ def test_the_mean_normal_is_the_frechet_mean():
     np.testing.assert_allclose(logs.sum(axis=0), 0.0, atol=1e-5)
 
 
+def test_opening_angles_lie_centred_along_the_mean_normal():
+    middle = on_sphere(50)
+    openings = np.random.default_rng(1).uniform(0.0, 6.0, size=(3, 50))
+    means, logs = means_and_logs(middle, middle, middle, middle, openings=openings)
+    expected = (openings - openings.mean(axis=0))[..., None] * means
+    np.testing.assert_allclose(logs, expected, atol=1e-5)
+
+
 def test_opposite_normals_give_finite_logs():
     middle = on_sphere(50)
     means, logs = means_and_logs(middle, middle, -middle)
@@ -184,6 +214,7 @@ def pulled_back(means, normals, gradients):
             vectors(normals),
             vectors(means),
             bends,
+            flat_openings(count),
             zero,
             zero,
             vectors(gradients),
@@ -217,7 +248,13 @@ def test_the_sampling_force_matches_finite_differences_of_the_sampling_energy(ba
     def sampled(positions, widths=None, rounds=40):
         """Energy, forces, widths and normals, the widths at their fixed point."""
         engine = Engine(
-            domain.fields, domain.coarse, positions, geodesic=domain.geodesic, area=AREA, launcher=LAUNCHER
+            domain.fields,
+            domain.reliefs,
+            domain.coarse,
+            positions,
+            geodesic=domain.geodesic,
+            area=AREA,
+            launcher=LAUNCHER,
         )
         sampling = engine.sampling
         if widths is not None:
