@@ -1,5 +1,6 @@
 """Covariates from a table: numbers and words to columns of a design."""
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -8,6 +9,8 @@ from homolog.arrays import FloatArray
 from homolog.errors import InputError
 
 __all__ = ["covariate_columns", "numbers"]
+
+_COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
 def covariate_columns(
@@ -29,7 +32,7 @@ def covariate_columns(
     Raises
     ------
     InputError
-        If a value is missing, or a covariate is the same for all subjects.
+        If a value is missing or can't be told, or a covariate is the same for all subjects.
     """
     columns: list[FloatArray] = []
     for title, values in table.items():
@@ -37,7 +40,10 @@ def covariate_columns(
         if missing:
             who = ", ".join(names[index] if names else f"subject {index + 1}" for index in missing[:5])
             raise InputError(f"covariate {title!r}: no value for {who}; fill it in or leave the subjects out")
-        found = numbers(values)
+        try:
+            found = numbers(values)
+        except InputError as error:
+            raise InputError(f"covariate {title!r}: {error}") from error
         if found is None:
             words = np.array([str(value).strip() for value in values])
             levels = np.unique(words)
@@ -59,8 +65,22 @@ def _missing(value: str | float) -> bool:
 
 
 def numbers(values: Sequence[str | float]) -> FloatArray | None:
-    """Return the values as numbers, or None if one of them is a word."""
+    """Return the values as numbers, or None if one of them is a word.
+
+    Decimals may be written with commas.
+
+    Raises
+    ------
+    InputError
+        If commas may as well be between thousands.
+    """
+    texts = [str(value).strip() for value in values]
+    commas = [text for text in texts if _COMMA.fullmatch(text)]
+    if commas and all(len(text.rpartition(",")[2]) == 3 for text in commas):
+        raise InputError(
+            f"{commas[0]} may be a decimal number or thousands; write such values without the comma"
+        )
     try:
-        return np.array([float(value) for value in values])
+        return np.array([float(text.replace(",", ".") if text in commas else text) for text in texts])
     except ValueError:
         return None

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from homolog.analysis.covariates import covariate_columns
+from homolog.analysis.covariates import covariate_columns, numbers
 from homolog.analysis.design import group_design, paired_design, regression_design
 from homolog.analysis.permutation import counted_p, relabellings
 from homolog.errors import InputError
@@ -26,6 +26,12 @@ def test_covariates_are_standardised_and_words_become_columns():
     assert columns[0, 1] > 0 > columns[1, 1]
 
 
+def test_decimals_with_commas_are_the_numbers_that_they_mean():
+    np.testing.assert_array_equal(numbers(["40,5", " 41", "-0,125", "1e2"]), [40.5, 41.0, -0.125, 100.0])
+    assert numbers(["40,5", "a,5"]) is None
+    assert covariate_columns({"age": ["40,5", "41,25", "39"]}).shape == (3, 1)
+
+
 @pytest.mark.parametrize(
     ("table", "words"),
     [
@@ -34,6 +40,7 @@ def test_covariates_are_standardised_and_words_become_columns():
         ({"sex": ["m", "NA", "f"]}, "'sex': no value for Ben"),
         ({"age": ["40", "40", "40"]}, "'age' is the same for all subjects"),
         ({"sex": ["m", "m", "m"]}, "'sex' is the same for all subjects"),
+        ({"dose": ["1,250", "900", "1,100"]}, "'dose': 1,250 may be a decimal number or thousands"),
     ],
 )
 def test_covariates_that_are_missing_or_constant_are_refused_by_name(table, words):
