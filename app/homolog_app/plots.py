@@ -88,7 +88,7 @@ def plot_scores(
     figure, axes = _page(4.2, 3.6, theme)
     for index, group in enumerate(dict.fromkeys(groups)):
         members = np.array([one == group for one in groups])
-        colour, marker = _COLOURS[index % 7], _MARKERS[index % 7]
+        colour, marker = _COLOURS[(index + index // 7) % 7], _MARKERS[index % 7]  # no two look alike
         x, y = scores[members][:, list(modes)].T
         label = f"{group} ({len(x)})"
         axes.scatter(x, y, s=26, linewidths=0.0, alpha=0.85, color=colour, marker=marker, label=label)

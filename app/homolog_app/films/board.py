@@ -99,16 +99,27 @@ class Board:
             self._figure.draw_artist(text)
         page = np.array(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
         for box, image in images:
-            part = page[box.y : box.y + box.height, box.x : box.x + box.width]
             seen = image[..., 3] > 0.0
-            part[seen] = _over(image[seen], part[seen])
+            rows, columns = (slice(*_ends(seen.any(axis=axis))) for axis in (1, 0))
+            part = page[box.y : box.y + box.height, box.x : box.x + box.width][rows, columns]
+            part[...] = _over(image[rows, columns], part)
         return np.asarray(page, dtype=np.uint8)
+
+
+def _ends(filled: Array) -> tuple[int, int]:
+    """Return where the first run to the last true value begins and ends."""
+    there = np.flatnonzero(filled)
+    return (int(there[0]), int(there[-1]) + 1) if len(there) else (0, 0)
 
 
 def _over(image: Array, page: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Lay an image over a part of the page, both with straight (not premultiplied) opacity."""
-    front, behind = image[..., 3:], page[..., 3:].astype(np.float32) / 255.0
-    share = front + behind * (1.0 - front)
-    colour = image[..., :3] * front + page[..., :3].astype(np.float32) / 255.0 * behind * (1.0 - front)
-    mixed = np.concatenate([colour / np.maximum(share, 1e-6), share], axis=-1)
-    return np.asarray(np.rint(255.0 * np.clip(mixed, 0.0, 1.0)), dtype=np.uint8)
+    front, behind = image[..., 3:], page.astype(np.float32)
+    mixed = behind + front * (255.0 * image - behind)
+    mixed[..., 3:] = behind[..., 3:] + front * (255.0 - behind[..., 3:])
+    clear = page[..., 3] < 255
+    if clear.any():  # what is behind counts as much as it is opaque
+        share, own = mixed[clear, 3:], 255.0 * front[clear]
+        colour = own * 255.0 * image[clear, :3] + (share - own) * behind[clear, :3]
+        mixed[clear, :3] = colour / np.maximum(share, 1e-4)
+    return np.asarray(np.rint(mixed), dtype=np.uint8)

@@ -13,6 +13,7 @@ from homolog_app.window.widgets import GRID, Panel, button, label
 __all__ = ["CohortPanel"]
 
 _TOOLS = ("file.add", "file.import", "file.export", "edit.group", "edit.include", "edit.remove")
+_GROUP_PX = (56, 120)
 
 
 class CohortPanel(Panel):
@@ -22,6 +23,7 @@ class CohortPanel(Panel):
         super().__init__("Cohort", "Tick the subjects to study, and give them groups.")
         self._session = session
         self._following = False
+        self._groups: list[str] = []
         self.model = CohortModel(session, theme, self)
         self.rows = QSortFilterProxyModel(self)
         self.rows.setSourceModel(self.model)
@@ -78,7 +80,7 @@ class CohortPanel(Panel):
         head.setHighlightSections(False)
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         head.setStretchLastSection(False)
-        for column, width in ((NAME, 152), (GROUP, 56), (VOLUME, 72), (STATUS, 80)):
+        for column, width in ((NAME, 152), (GROUP, _GROUP_PX[0]), (VOLUME, 72), (STATUS, 104)):
             head.resizeSection(column, width)
         head.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         return table
@@ -90,6 +92,10 @@ class CohortPanel(Panel):
         bad = [one for one in surveys if one is not None and one.problem and not one.awaits_choice]
         included = len(self._session.study.included)
         groups = self._session.study.groups
+        if groups != self._groups:
+            self._groups = groups
+            width = min(max(self.table.sizeHintForColumn(GROUP), _GROUP_PX[0]), _GROUP_PX[1])
+            self.table.horizontalHeader().resizeSection(GROUP, width)
         text = f"{included} of {len(members)} subjects included"
         self.count.setText(f"{text} · groups: {', '.join(groups)}" if groups else text)
         listed = "; ".join(f"{one.subject.name}: {one.problem}" for one in bad[:3])

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Qt
-from PySide6.QtWidgets import QDockWidget, QStackedWidget, QWidget
+from PySide6.QtWidgets import QDockWidget, QStackedWidget, QTabBar, QWidget
 
 from homolog_app.window.curves import EnergyCurves
 from homolog_app.window.log_pane import LogPane
@@ -56,6 +56,8 @@ class Docks(QObject):
 
     def show_for(self, open_: bool) -> None:
         """Show the plots of the open page of Explore, or energies in the steps that they belong to."""
+        for bar in self._window.findChildren(QTabBar, options=Qt.FindChildOption.FindDirectChildrenOnly):
+            bar.setAccessibleName("Below the views")  # Qt makes it when it needs it
         work, session, step = self._window.desk.work, self._window.desk.session, self._window.step
         self._inspector_dock.setVisible(open_)
         plots = self._window.inspector.explore.page.plots if step == "explore" else None

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, QTimer
+from PySide6.QtWidgets import QSizePolicy
 
 from homolog_app.window.jobs import Devices
 from homolog_app.window.widgets import label
@@ -41,7 +42,8 @@ class StatusBar(QObject):
         self.work = label("")
         self.device = label("Device: …")
         self.memory = label("")
-        self._bar.addWidget(self.work)
+        self.work.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # names may be long
+        self._bar.addWidget(self.work, 1)
         self._bar.addPermanentWidget(self.device)
         self._bar.addPermanentWidget(self.memory)
         window.desk.work.background.connect(self._show_work)

@@ -73,7 +73,7 @@ def _palette(colours: Colours) -> QPalette:
         (role.Highlight, colours.accent), (role.HighlightedText, colours.on_accent),
         (role.Link, colours.accent),
         (role.Text, colours.text), (role.WindowText, colours.text), (role.ButtonText, colours.text),
-        (role.ToolTipText, colours.text), (role.PlaceholderText, colours.faint),
+        (role.ToolTipText, colours.text), (role.PlaceholderText, colours.dim),
         (role.Accent, colours.accent),
     ):  # fmt: skip
         palette.setColor(which, QColor(value))

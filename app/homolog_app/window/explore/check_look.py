@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QSpinBox, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QSpinBox, QVBoxLayout, QWidget
 
 from homolog.arrays import FloatArray, IntArray
 from homolog_app.window.desk import Desk
 from homolog_app.window.explore.check_shown import ALONG, ENERGIES, STRAIGHT, Distances, Marks
 from homolog_app.window.explore.check_work import distances_on, energies_of, textures_of
 from homolog_app.window.explore.chosen import CheckView
-from homolog_app.window.widgets import GRID, label
+from homolog_app.window.widgets import GRID, choice, label
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, ParticleEnergies
@@ -53,7 +53,11 @@ class LookAt(QWidget):
         self._distances: Distances | None = None
         self._energies: ParticleEnergies | None = None
         self._textures: dict[str, dict[str, FloatArray]] = {}
-        self.particle, self.subject, self.show_what = QSpinBox(), QComboBox(), QComboBox()
+        self.particle, self.subject, self.show_what = (
+            QSpinBox(),
+            choice("Subject to look at"),
+            choice("What the views show"),
+        )
         self.advice = label("", "Hint", wrap=True)
         self._lay_out()
         self.particle.valueChanged.connect(lambda _: self._look())
@@ -152,12 +156,8 @@ class LookAt(QWidget):
         for words, (value, hint) in _SHOW.items():
             self.show_what.addItem(words, value)
             self.show_what.setItemData(self.show_what.count() - 1, hint, _HINT)
-        for words, accessible, widget in (
-            ("&Particle", "Particle", self.particle),
-            ("&On", "Subject to look at", self.subject),
-            ("&Show", "What the views show", self.show_what),
-        ):
-            widget.setAccessibleName(accessible)
+        self.particle.setAccessibleName("Particle")
+        for words, widget in (("&Particle", self.particle), ("&On", self.subject), ("&Show", self.show_what)):
             name = QLabel(words)
             name.setBuddy(widget)
             name.setFixedWidth(64)

@@ -1,7 +1,7 @@
 """The question: which column, from which group to which, or what number, and what is allowed for."""
 
-from PySide6.QtCore import Signal
-from PySide6.QtGui import QAction
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QAction, QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QMenu, QWidget
 
 from homolog_app.report.request import StudyRequest
@@ -12,7 +12,8 @@ from homolog_app.window.widgets import GRID, button, choice, label
 __all__ = ["GroupForm"]
 
 _MOST_VALUES = 12
-_NUMBER = "number"
+_LONG = 48
+_NUMBER, _AS_NUMBER = "number", " (as a number)"
 
 
 class GroupForm(QWidget):
@@ -95,7 +96,7 @@ class GroupForm(QWidget):
     @property
     def covariates(self) -> tuple[str, ...]:
         """The columns that are allowed for."""
-        return tuple(one.text() for one in self._covariates.actions() if one.isChecked())
+        return tuple(one.data() for one in self._covariates.actions() if one.isChecked())
 
     def offer(self) -> None:
         """Offer the columns that make groups, then those that are numbers."""
@@ -105,13 +106,21 @@ class GroupForm(QWidget):
             for column in ("group", *study.columns)
             if 1 < len(values_of(study, column)) <= _MOST_VALUES
         }
-        slopes = {f"{column} (as a number)": (column, _NUMBER) for column in numbers_of(study)}
+        problems = {f"{column}{_AS_NUMBER}": words for column, words in numbers_of(study).items()}
+        slopes = {words: (words.removesuffix(_AS_NUMBER), _NUMBER) for words in problems}
         offered = groups | slopes
         held = {self.column.itemText(at): self.column.itemData(at) for at in range(self.column.count())}
         if offered != held:
             self.column.clear()
             for words, data in offered.items():
                 self.column.addItem(words, data)
+        model = self.column.model()
+        assert isinstance(model, QStandardItemModel), "a box that is filled item by item has no other"
+        for at in range(self.column.count()):
+            problem = problems.get(self.column.itemText(at), "")
+            model.item(at).setEnabled(not problem)
+            remedy = f"{problem}: fill the table in, or leave those subjects out" if problem else ""
+            self.column.setItemData(at, remedy, Qt.ItemDataRole.ToolTipRole)
         self._offer_values()
 
     def _offer_values(self) -> None:
@@ -135,7 +144,8 @@ class GroupForm(QWidget):
         kept = self.covariates
         self._covariates.clear()
         for name, problem in covariates_of(self._session.study, column).items():
-            one = QAction(name, self._covariates, checkable=True)
+            one = QAction(name.replace("&", "&&"), self._covariates, checkable=True)
+            one.setData(name)
             one.setEnabled(not problem)
             one.setToolTip(problem or f"Take the effect of {name} out of the shapes before the test")
             one.setChecked(name in kept and not problem)
@@ -149,4 +159,7 @@ class GroupForm(QWidget):
 
     def _name_covariates(self) -> None:
         chosen = [f"{one} of the shape" if one == SIZE else one for one in self.covariates]
-        self.allow.setText(f"Allow for {', '.join(chosen)}" if chosen else "Allow for covariates…")
+        words = f"Allow for {', '.join(chosen)}" if chosen else "Allow for covariates…"
+        self.allow.setText(
+            (words if len(words) < _LONG else f"Allow for {len(chosen)} covariates").replace("&", "&&")
+        )

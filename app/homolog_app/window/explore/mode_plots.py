@@ -21,6 +21,7 @@ __all__ = ["ScatterPlot", "ScreePlot"]
 _MOST_BARS, _DENSE = 16, 10
 _VEIL = 180
 _NEAR_PX = 10.0
+_NAME_PX = 180
 _DRAG_PX = 4.0
 _REACH = 3.0
 
@@ -170,22 +171,27 @@ class ScatterPlot(Plot):
         for (x, y), name in zip(self._points, self._names, strict=True):
             if name in self._selected:
                 at = self.place(x, y)
-                words = QRectF(at.x() + 12, at.y() - 20, metrics.horizontalAdvance(name) + 4, 16)
+                told = metrics.elidedText(name, Qt.TextElideMode.ElideMiddle, _NAME_PX)
+                words = QRectF(at.x() + 12, at.y() - 20, metrics.horizontalAdvance(told) + 4, 16)
+                words.moveLeft(min(words.left(), self.width() - words.width()))
                 behind = QColor(colours.surface)
                 behind.setAlpha(_VEIL)
                 painter.fillRect(words, behind)
                 painter.setPen(QPen(QColor(colours.text), 2))
                 painter.setBrush(Qt.BrushStyle.NoBrush)
                 painter.drawEllipse(at, 9, 9)
-                painter.drawText(words, Qt.AlignmentFlag.AlignCenter, name)
+                painter.drawText(words, Qt.AlignmentFlag.AlignCenter, told)
 
     def _paint_legend(self, painter: QPainter) -> None:
         metrics = painter.fontMetrics()
         x = self.frame.right()
         if self._order == [""]:
             return
+        room = (self.frame.width() - metrics.horizontalAdvance(self.title)) / len(self._order) - 28 - 36
         for index in reversed(range(len(self._order))):
-            words = f"{self._order[index] or 'no group'} ({list(self._groups).count(self._order[index])})"
+            group, count = self._order[index] or "no group", list(self._groups).count(self._order[index])
+            told = metrics.elidedText(group, Qt.TextElideMode.ElideMiddle, max(round(room), 36))
+            words = f"{told} ({count})"
             x -= metrics.horizontalAdvance(words)
             painter.setPen(QColor(self.theme.colours.text))
             painter.drawText(QPointF(x, 18), words)

@@ -21,7 +21,7 @@ _LEFT, _TOP, _RIGHT, _BOTTOM = 56, 30, 16, 40
 def group_colour(index: int, theme: Theme) -> QColor:
     """Return the colour of a group by its place in the order of groups."""
     colours = _ON_DARK if theme.is_dark else _ON_LIGHT
-    return QColor(colours[index % len(colours)])
+    return QColor(colours[(index + index // len(MARKERS)) % len(colours)])  # no two groups look alike
 
 
 def marker(index: int, at: QPointF, radius: float) -> QPainterPath:
@@ -134,7 +134,7 @@ class Plot(QWidget):
         for y, words in zip(ys, tick_words(ys), strict=True):
             at = self.place(self.x_range[0], y)
             painter.drawLine(at, at - QPointF(4, 0))
-            painter.drawText(QRectF(at.x() - 46, at.y() - 8, 38, 16), right, words)
+            painter.drawText(QRectF(at.x() - 54, at.y() - 8, 46, 16), right, words)
         below = QRectF(frame.left(), frame.bottom() + 20, frame.width(), 18)
         painter.drawText(below, Qt.AlignmentFlag.AlignCenter, self.x_label)
         if self.y_label:

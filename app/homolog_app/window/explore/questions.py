@@ -17,14 +17,17 @@ def values_of(study: Study, column: str) -> list[str]:
     return sorted({cell for cell in cells if cell and cells.count(cell) >= _LEAST})
 
 
-def numbers_of(study: Study) -> list[str]:
-    """Return the columns that hold a number for each included subject, and not all alike; then size."""
-    found = []
+def numbers_of(study: Study) -> dict[str, str]:
+    """Return the columns that hold numbers, not all alike, and what speaks against each, or nothing.
+
+    Size is among them; those that can't be used come last.
+    """
+    found = {SIZE: ""}
     for column in study.columns:
-        numbers = {_number(cell) for cell in _cells(study, column)}
+        numbers = {_number(cell) for cell in _cells(study, column) if cell}
         if None not in numbers and len(numbers) >= _FEWEST_NUMBERS:
-            found.append(column)
-    return [*found, SIZE]
+            found[column] = _missing(study, column)
+    return dict(sorted(found.items(), key=lambda one: (bool(one[1]), one[0] == SIZE)))
 
 
 def covariates_of(study: Study, column: str) -> dict[str, str]:
@@ -34,14 +37,19 @@ def covariates_of(study: Study, column: str) -> dict[str, str]:
         if name == column:
             continue
         cells = _cells(study, name)
-        gone = [one.name for one, cell in zip(study.included, cells, strict=True) if not cell]
         if name == SIZE:
             found[name] = ""
-        elif len(gone) < len(cells):
+        elif any(cells):
             alike = len(set(cells)) == 1
-            missing = f"No value for {', '.join(gone[:3])}{' …' * (len(gone) > 3)}" if gone else ""
-            found[name] = missing or ("The same for all subjects" if alike else "")
+            found[name] = _missing(study, name) or ("The same for all subjects" if alike else "")
     return found
+
+
+def _missing(study: Study, column: str) -> str:
+    """Say which subjects have no value, if any."""
+    cells = _cells(study, column)
+    gone = [one.name for one, cell in zip(study.included, cells, strict=True) if not cell]
+    return f"No value for {', '.join(gone[:3])}{' …' * (len(gone) > 3)}" if gone else ""
 
 
 def _cells(study: Study, column: str) -> list[str]:

@@ -6,13 +6,12 @@ import numpy as np
 from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkPolyData
-from vtkmodules.vtkRenderingCore import vtkActor, vtkLight, vtkTextActor
+from vtkmodules.vtkRenderingCore import vtkActor, vtkLight
 from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLPointGaussianMapper
 
 from homolog.arrays import Array, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.window.scene.content import Content
-from homolog_app.window.scene.letters import edge_letters
 from homolog_app.window.scene.surface import (
     PLAIN,
     ArrowActor,
@@ -23,6 +22,7 @@ from homolog_app.window.scene.surface import (
     surface_actor,
     surface_data,
 )
+from homolog_app.window.scene.words import Words
 from homolog_app.window.scheme import Colours, rgb
 
 __all__ = ["Cell"]
@@ -37,9 +37,7 @@ ambientColor = ambientColor * shade + vec3(0.25 * shine);
 diffuseColor *= shade;
 """
 _MARGIN, _SPARSE = 1.22, 5
-_FREE = 0.43
 _COLOURED = (0.4, 0.6, 0.0)  # colours that mean numbers shall neither drown in shade nor in shine
-_EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 
 
 class Cell:
@@ -56,19 +54,9 @@ class Cell:
         self._ball_data = vtkPolyData()
         self._radius = 1.0
         self._make_balls()
-        self._caption = _text(15)
-        self._caption.SetPosition(0.015, 0.975)
-        self._letters = [_text(14) for _ in _EDGES]
-        for actor, (x, y) in zip(self._letters, _EDGES, strict=True):
-            actor.SetPosition(x, y)
-        for actor, across, along in zip(self._letters, (0, 2, 1, 1), (1, 1, 0, 2), strict=True):
-            actor.GetTextProperty().SetJustification(across)
-            actor.GetTextProperty().SetVerticalJustification(along)
-        self._caption.GetTextProperty().SetVerticalJustificationToTop()
         for actor in (*self._surfaces.values(), self._arrows.actor, self._lines.actor, self._balls):
             renderer.AddActor(actor)
-        for actor in (self._caption, *self._letters):
-            renderer.AddViewProp(actor)
+        self._words = Words(renderer)
         light = vtkLight()
         light.SetLightTypeToCameraLight()
         light.SetPosition(-0.3, 0.5, 1.0)
@@ -142,25 +130,9 @@ class Cell:
         self._ball_mapper.SetScaleFactor(radius)
 
     def show_words(self, size: int, *, small: bool) -> None:
-        """Write the subject's name and the letters, so many pixels high.
-
-        Small views leave out the letter at the top, where the name is; its opposite is at the bottom.
-        """
-        content = self.content
-        if content is not None:
-            self._caption.SetInput(content.name + (f"\n{content.note}" if content.note else ""))
-        for actor in (self._caption, *self._letters):
-            actor.SetVisibility(content is not None)
-            actor.GetTextProperty().SetFontSize(size)
-        if small or (content is not None and self._caption_reach() > _FREE):
-            self._letters[-1].SetVisibility(False)
-
-    def _caption_reach(self) -> float:
-        """Return the share of the view that the name takes; the letter at the top is in the middle."""
-        width, _ = self.renderer.GetSize()
-        size = [0.0, 0.0]
-        self._caption.GetSize(self.renderer, size)
-        return size[0] / width if width else 0.0
+        """Write the subject's name and note, and the letters, so many pixels high."""
+        lines = [self.content.name, self.content.note] if self.content is not None else []
+        self._words.show([one for one in lines if one], size, small=small)
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
@@ -169,9 +141,7 @@ class Cell:
         self._surfaces["raw"].GetProperty().SetColor(*rgb(colours.raw))
         for actor in (self._arrows.actor, self._lines.actor):
             actor.GetProperty().SetColor(*rgb(colours.mark))
-        self._caption.GetTextProperty().SetColor(*rgb(colours.text))
-        for actor in self._letters:
-            actor.GetTextProperty().SetColor(*rgb(colours.accent))
+        self._words.paint(colours)
 
     def face_camera(self, bounds: tuple[float, ...]) -> None:
         """Before each drawing: depth range, letters, and particles lifted off the surface towards the eye."""
@@ -183,10 +153,7 @@ class Cell:
             up = np.array(camera.GetViewUp())
             right = np.cross(ahead, up)
             right /= np.linalg.norm(right)
-            words = edge_letters(self.content.patient_axes, right, np.cross(right, ahead))
-            for actor, text in zip(self._letters, words, strict=True):
-                if actor.GetInput() != text:
-                    actor.SetInput(text)
+            self._words.face(self.content.patient_axes, right, np.cross(right, ahead))
 
     @property
     def points(self) -> FloatArray:
@@ -231,15 +198,6 @@ class Cell:
         self._balls.SetMapper(verts)
         self._balls.GetProperty().SetAmbient(1.0)
         self._balls.GetProperty().SetDiffuse(0.0)
-
-
-def _text(size: int) -> Any:  # noqa: ANN401
-    actor = vtkTextActor()
-    actor.GetPositionCoordinate().SetCoordinateSystemToNormalizedViewport()
-    actor.GetTextProperty().SetFontSize(size)
-    actor.GetTextProperty().SetFontFamilyToArial()
-    actor.GetTextProperty().SetLineSpacing(1.2)
-    return actor
 
 
 def _same_faces(one: TriangleMesh, other: TriangleMesh) -> bool:

@@ -1,0 +1,109 @@
+"""What is written in a view: the name at the top, and the anatomical letters at the edges."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.ft2font import FT2Font
+from vtkmodules.vtkRenderingCore import vtkTextActor
+from vtkmodules.vtkRenderingFreeType import vtkTextRendererStringToImage  # noqa: F401 - loads what writes
+
+from homolog.arrays import FloatArray
+from homolog_app.window.scene.letters import edge_letters
+from homolog_app.window.scheme import Colours, rgb
+
+__all__ = ["Words"]
+
+_FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"  # VTK's own knows no Greek
+_FONT_FILE = 4  # VTK_FONT_FILE
+_EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
+_FREE, _ROOM, _LEAST = 0.43, 0.97, 4
+
+
+class Words:
+    """A caption of two lines that never leaves its view, and four letters."""
+
+    def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
+        self._renderer = renderer
+        self._lines: list[str] = []
+        self._small = False
+        self._fitted: object = None
+        self._caption = _text(0.015, 0.975)
+        self._caption.GetTextProperty().SetVerticalJustificationToTop()
+        self._letters = [_text(x, y) for x, y in _EDGES]
+        for actor, across, along in zip(self._letters, (0, 2, 1, 1), (1, 1, 0, 2), strict=True):
+            actor.GetTextProperty().SetJustification(across)
+            actor.GetTextProperty().SetVerticalJustification(along)
+        for actor in (self._caption, *self._letters):
+            renderer.AddViewProp(actor)
+
+    def show(self, lines: list[str], size: int, *, small: bool) -> None:
+        """Write a caption of so many lines, or nothing, so many pixels high.
+
+        Small views leave out the letter at the top, where the name is; its opposite is at the bottom.
+        """
+        self._lines, self._small, self._fitted = lines, small, None
+        for actor in (self._caption, *self._letters):
+            actor.SetVisibility(bool(lines))
+            actor.GetTextProperty().SetFontSize(size)
+
+    def face(self, axes: FloatArray, right: FloatArray, up: FloatArray) -> None:
+        """Before each drawing: the letters of a patient's axes (3, 3) as seen now, and the caption's room."""
+        for actor, text in zip(self._letters, edge_letters(axes, right, up), strict=True):
+            if actor.GetInput() != text:
+                actor.SetInput(text)
+        width, _ = self._renderer.GetSize()
+        if width != self._fitted:
+            self._fitted = width
+            self._fit(width)
+
+    def paint(self, colours: Colours) -> None:
+        """Take the colours of the scheme."""
+        self._caption.GetTextProperty().SetColor(*rgb(colours.text))
+        for actor in self._letters:
+            actor.GetTextProperty().SetColor(*rgb(colours.accent))
+
+    def _fit(self, width: int) -> None:
+        """Shorten lines that the view has no room for; leave out the letter that the caption would touch."""
+        lines = [_written(line) for line in self._lines]
+        reach = max((self._length(line) for line in lines), default=0.0) / max(width, 1)
+        self._caption.SetInput("\n".join([self._shortened(line, _ROOM * width) for line in lines]))
+        self._letters[-1].SetVisibility(bool(lines) and not self._small and reach <= _FREE)
+
+    def _shortened(self, line: str, room: float) -> str:
+        """Return a line without so much of its middle that it fits into so many pixels."""
+        short, keep = line, len(line)
+        while (length := self._length(short)) > room and keep > _LEAST:
+            keep = max(_LEAST, min(keep - 1, int(keep * room / length)))
+            short = f"{line[: keep - keep // 2]}…{line[-(keep // 2) :]}"
+        return short
+
+    def _length(self, line: str) -> float:
+        """Return how many pixels a line takes."""
+        size = [0.0, 0.0]
+        self._caption.SetInput(line)
+        self._caption.GetSize(self._renderer, size)
+        return size[0]
+
+
+def _text(x: float, y: float) -> Any:  # noqa: ANN401
+    actor = vtkTextActor()
+    actor.GetPositionCoordinate().SetCoordinateSystemToNormalizedViewport()
+    actor.SetPosition(x, y)
+    look = actor.GetTextProperty()
+    look.SetFontFamily(_FONT_FILE)
+    look.SetFontFile(str(_FONT))
+    look.SetLineSpacing(1.2)
+    return actor
+
+
+@cache
+def _signs() -> frozenset[str]:
+    """Return the signs that the font has."""
+    return frozenset(map(chr, FT2Font(str(_FONT)).get_charmap()))
+
+
+def _written(line: str) -> str:
+    """Return a line with a box for each sign that the font lacks: VTK would leave out the whole line."""
+    return "".join(sign if sign in _signs() else "□" for sign in line)
