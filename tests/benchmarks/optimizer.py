@@ -7,7 +7,9 @@
     python tests/benchmarks/optimizer.py speed FOLDER    time and memory by shapes and particles (--plot PNG)
     python tests/benchmarks/optimizer.py whole FOLDER    seconds of whole optimizations
 
-All but the first take --device; they need only numpy, scipy, warp-lang and pydantic.
+All but the first take --device; they need only numpy, scipy, warp-lang and pydantic. The last two groom the
+ten beans that they need if the folder has none; larger cohorts are those ten over and over, each copy with a
+distance field, a geodesic table and jittered particles of its own.
 """
 
 import argparse
@@ -46,16 +48,22 @@ REAL = {
 }
 
 
+def make_beans(folder, geometry, seed):
+    """Groom ten beans once."""
+    from homolog.beans.files import write_beans
+
+    with tempfile.TemporaryDirectory() as place:
+        cohort = write_beans(Path(place), draw_beans(10, seed, geometry), seed)
+        save(folder / f"{geometry.name}{seed}.npz", cohort, GroomSettings(alignment="none"))
+
+
 def make_shapes(folder):
     """Groom every cohort once."""
-    from homolog.beans.files import write_beans
     from homolog.cohort import read_cohort
 
     for geometry in (WIDE, NARROW):
         for seed in COHORTS if geometry is WIDE else (5,):
-            with tempfile.TemporaryDirectory() as place:
-                cohort = write_beans(Path(place), draw_beans(10, seed, geometry), seed)
-                save(folder / f"{geometry.name}{seed}.npz", cohort, GroomSettings(alignment="none"))
+            make_beans(folder, geometry, seed)
     for name, (path, options) in REAL.items():
         save(folder / f"{name}.npz", read_cohort(DATA / path), GroomSettings(**options))
 
@@ -365,10 +373,12 @@ def main():
     parser.add_argument("--iterations", type=int, default=100)
     parser.add_argument("--plot", type=Path)
     arguments = parser.parse_args()
+    arguments.folder.mkdir(parents=True, exist_ok=True)
     if arguments.what == "shapes":
-        arguments.folder.mkdir(parents=True, exist_ok=True)
         make_shapes(arguments.folder)
         return 0
+    if arguments.what in ("speed", "size", "whole") and not (arguments.folder / "wide5.npz").exists():
+        make_beans(arguments.folder, WIDE, 5)
     device = choose_device(arguments.device)
     if arguments.what == "size":
         one_size(arguments.folder, device, arguments.sizes[0], arguments.iterations)
