@@ -18,6 +18,10 @@ _KIND = "DICOM SEG"
 _EXTRA = 'DICOM SEG needs the package highdicom; install it: pip install "homolog[dicom]"'
 
 
+_ROOM = ((1, 1), (0, 0), (0, 0))
+"""Frames that are left out hold nothing: an empty one at either end says that nothing is cut off there."""
+
+
 class _Layers(Sequence[Array]):
     """The segments of a DICOM SEG as layers, each made of its frames when it is asked for."""
 
@@ -40,7 +44,7 @@ class _Layers(Sequence[Array]):
         if self._last is None or self._last[0] != index:
             with dicom_faults(self._path, _KIND):
                 found = self._seg.get_volume(segment_numbers=[self._numbers[index]])
-            self._last = (index, np.asarray(found.array)[..., 0])
+            self._last = (index, np.pad(np.asarray(found.array)[..., 0], _ROOM))
         return self._last[1]
 
 
@@ -69,4 +73,6 @@ def read_seg(path: Path) -> Volume:
             )
         check_size(path, geometry.spatial_shape, 8.0)
     named = tuple(Segment(name, 1, layer) for layer, name in enumerate(names))
-    return Volume(path, _Layers(path, seg, numbers), np.asarray(geometry.affine, np.float64), named)
+    affine = np.array(geometry.affine, np.float64)
+    affine[:3, 3] -= affine[:3, 0]
+    return Volume(path, _Layers(path, seg, numbers), affine, named)

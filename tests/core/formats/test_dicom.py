@@ -245,6 +245,17 @@ def test_segments_are_read_by_name_from_where_they_lie(seg, blocks, points):
     assert np.allclose(points(read_segmentation(seg, None, "both")), expected(blocks), atol=1e-4)
 
 
+def test_frames_that_are_left_out_are_no_border(make_seg, blocks):
+    from homolog.grooming.clean import cleaned
+
+    inside = np.zeros_like(blocks)
+    inside[2:5, 3:6, 4:8] = 1
+    path = make_seg(np.stack([inside] * 2, axis=-1).astype(np.uint8).transpose(2, 1, 0, 3))
+    found = cleaned(read_segmentation(path, None, "heart"))
+    assert np.count_nonzero(found.segmentation.mask) == np.count_nonzero(inside)
+    assert not found.at_border
+
+
 def test_overlapping_segments_are_not_taken_together(seg):
     with pytest.raises(InputError, match="its segments overlap"):
         read_segmentation(seg, None)
