@@ -11,7 +11,7 @@ from harness import Target
 
 from homolog.cohort import Subject, read_cohort
 from homolog.errors import InputError
-from homolog.exchange import import_model, read_markups, write_markups
+from homolog.exchange import import_model, read_markups, write_markups, write_shapeworks
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.meshes import read_mesh, write_mesh
 from homolog.files.particles import read_particles, write_particles
@@ -221,6 +221,31 @@ def good_seg(folder: Path) -> None:
     ).save_as(folder / "a.dcm")
 
 
+def good_deflated_seg(folder: Path) -> None:
+    """The same, deflated as a whole."""
+    import pydicom
+    from pydicom.uid import DeflatedExplicitVRLittleEndian
+
+    good_seg(folder)
+    content = pydicom.dcmread(folder / "a.dcm")
+    content.file_meta.TransferSyntaxUID = DeflatedExplicitVRLittleEndian
+    content.save_as(folder / "deflated.dcm", implicit_vr=False, little_endian=True)
+    (folder / "a.dcm").unlink()
+
+
+def good_vtk_particles(folder: Path) -> None:
+    points = " ".join(f"{value:g}" for value in octahedron().vertices.ravel())
+    head = "# vtk DataFile Version 5.1\nvtk output\nASCII\nDATASET POLYDATA\nPOINTS 6 float\n"
+    (folder / "particles.vtk").write_text(f"{head}{points}\n")
+
+
+def exporting_again(folder: Path) -> object:
+    """Import a project and export it: what was kept of it is read once more."""
+    shutil.rmtree(folder / "again", ignore_errors=True)
+    importing("a.swproj")(folder)
+    return write_shapeworks(Project(folder / "made"), folder / "again")
+
+
 def good_particles_folder(folder: Path) -> None:
     """Particles of three subjects in both frames."""
     good_swproj(folder)
@@ -278,7 +303,18 @@ TARGETS = {
         lambda folder: write_particles(folder / "a.particles", octahedron().vertices),
         lambda folder: read_particles(folder / "a.particles"),
     ),
+    "cohort.csv, UTF-16": Target(
+        "cohort.csv",
+        lambda folder: (folder / "cohort.csv").write_text(
+            "sep=;\nName;Path;Group\na;a.nrrd;f\nb;b.nrrd;m\n", encoding="utf-16"
+        ),
+        lambda folder: read_cohort(folder / "cohort.csv"),
+    ),
+    "particles.vtk": Target(
+        "particles.vtk", good_vtk_particles, lambda folder: read_particles(folder / "particles.vtk")
+    ),
     ".swproj": Target("a.swproj", good_swproj, importing("a.swproj")),
+    ".swproj, exported again": Target("a.swproj", good_swproj, exporting_again),
     ".xlsx": Target("a.xlsx", good_xlsx, importing("a.xlsx")),
     "folder of .particles": Target(
         "particles/b_world.particles", good_particles_folder, importing("particles")
@@ -312,6 +348,11 @@ NATIVE = {
         *map(mesh, ("a.vtp", "a.vtk", "a.ply", "a.stl", "a.obj")),
         Target("series/3.dcm", good_series, lambda folder: read_segmentation(folder / "series", None)),
         Target("a.dcm", good_seg, lambda folder: read_segmentation(folder / "a.dcm", None, "all")),
+        Target(
+            "deflated.dcm",
+            good_deflated_seg,
+            lambda folder: read_segmentation(folder / "deflated.dcm", None, "all"),
+        ),
     )
 }
 """Readers of SimpleITK, which can end the whole process: to be tried in one of their own; and of meshes."""

@@ -62,7 +62,7 @@ def read_mesh(path: Path) -> TriangleMesh:
         faces = surface.triangles() if np.isfinite(surface.points).all() else None
     except Exception as error:  # what parsers raise on damaged files is no short list
         raise InputError(
-            f"{path}: can't be read as a mesh (cut short, damaged or of another kind: {error}); "
+            f"{path}: can't be read as a mesh (cut short, damaged or of another kind: {_told(error)}); "
             "copy or export it again"
         ) from error
     if faces is None:
@@ -164,3 +164,9 @@ def _as_polydata(mesh: TriangleMesh, point_data: Mapping[str, Array]) -> Any:  #
     space.InsertNextValue("LPS")
     polydata.GetFieldData().AddArray(space)
     return polydata
+
+
+def _told(error: Exception) -> str:
+    """Return what a parser says, without the bytes that it may have taken for numbers."""
+    text = str(error) or type(error).__name__
+    return "".join(sign if sign.isascii() and sign.isprintable() else "?" for sign in text[:80])

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from homolog.arrays import FloatArray
+from homolog.errors import InputError
 from homolog.grooming.icp import Cloud, axes_rotation, cloud_of, registered
 from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, no_tick
@@ -12,6 +13,7 @@ from homolog.settings import Alignment, GroomSettings
 
 __all__ = ["align"]
 
+_OTHER_UNIT = 100.0
 _QUANTILES = np.linspace(0.02, 0.98, 25)
 
 
@@ -36,8 +38,14 @@ def align(groomed: Sequence[GroomedSubject], settings: GroomSettings, tick: Tick
     -------
     (M, 4, 4) float64 array
         A proper rotation times one positive scale, and a translation [mm].
+
+    Raises
+    ------
+    InputError
+        If a shape is a hundred times as large or small as the others: then its unit is another.
     """
     clouds = [cloud_of(one.coarse_mesh) for one in groomed]
+    _check_units([one.name for one in groomed], [cloud.size for cloud in clouds])
     if settings.scaling:
         common = float(np.exp(np.mean([np.log(cloud.size) for cloud in clouds])))
         clouds = [cloud.scaled(common / cloud.size) for cloud in clouds]
@@ -56,6 +64,16 @@ def align(groomed: Sequence[GroomedSubject], settings: GroomSettings, tick: Tick
         to_cloud[:3, 3] = -cloud.scale * cloud.centre
         result[index] = pose @ to_cloud
     return result
+
+
+def _check_units(names: Sequence[str], sizes: Sequence[float]) -> None:
+    middle = float(np.median(sizes))
+    for name, size in zip(names, sizes, strict=True):
+        if not middle / _OTHER_UNIT < size < middle * _OTHER_UNIT:
+            times, word = (size / middle, "large") if size > middle else (middle / size, "small")
+            raise InputError(
+                f"{name}: is {times:.0f} times as {word} as the others; if its unit is another, export it in mm"
+            )
 
 
 def _medoid(clouds: Sequence[Cloud]) -> int:

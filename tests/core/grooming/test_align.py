@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from homolog.cohort import Subject
-from homolog.errors import Cancelled
+from homolog.errors import Cancelled, InputError
 from homolog.grooming import align, groom_subject
 from homolog.settings import Alignment, GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
@@ -109,3 +109,12 @@ def test_aligning_can_be_cancelled(two):
 
     with pytest.raises(Cancelled):
         align(two, GroomSettings(), stop)
+
+
+@pytest.mark.parametrize(("scale", "message"), [(1e-3, "1000 times as small"), (1e3, "1000 times as large")])
+def test_a_shape_in_another_unit_is_refused_by_name(paw, scale, message):
+    others = [replace(moved(paw, np.eye(3), np.zeros(3), size), name="other") for size in (0.5, 1, 1, 1, 2)]
+    odd = replace(moved(paw, np.eye(3), np.zeros(3), scale), name="odd")
+    with pytest.raises(InputError, match=f"odd: is {message} as the others; .* export it in mm"):
+        align([*others, odd], GroomSettings())
+    assert len(align(others, GroomSettings(alignment=Alignment.CENTER))) == 5
