@@ -72,7 +72,8 @@ def _check_units(names: Sequence[str], sizes: Sequence[float]) -> None:
         if not middle / _OTHER_UNIT < size < middle * _OTHER_UNIT:
             times, word = (size / middle, "large") if size > middle else (middle / size, "small")
             raise InputError(
-                f"{name}: is {times:.0f} times as {word} as the others; if its unit is another, export it in mm"
+                f"{name}: is {times:.0f} times as {word} as the others; if its unit is another, export it in "
+                "mm"
             )
 
 
