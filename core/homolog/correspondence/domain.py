@@ -132,7 +132,9 @@ def prepare(
 
     complete = [np.inf] * len(shapes)
     reach = REACH * math.sqrt(AREA / (math.pi * min(many))) if many else 0.0
-    enough = [reach / f.scale + 2.0 * s.mesh.mean_edge for s, f in zip(shapes, placements, strict=True)]
+    enough = [  # longer on larger surfaces, where particles lie farther apart
+        reach * 0.01 * math.sqrt(s.mesh.area) + 2.0 * s.mesh.mean_edge for s in shapes
+    ]
     return Domain(
         names=tuple(shape.name for shape in shapes),
         unit=unit,

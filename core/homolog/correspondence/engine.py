@@ -278,6 +278,7 @@ class Engine:
                 *knobs,
                 self.movable,
                 coupling.stiffness,
+                self.level.surfaces,
                 self._poses,
                 self.normals,
                 self.means,

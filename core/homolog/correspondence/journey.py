@@ -158,7 +158,8 @@ class Journey:
     def _split(self, plan: Plan) -> None:
         old = self.engine
         random = np.random.default_rng([self.settings.seed, plan.count])
-        offset = SPLIT_OFFSET * old.width
+        scales = np.cbrt(np.linalg.det(self.poses[:, :3, :3]))
+        offset = SPLIT_OFFSET * old.width * scales * old.level.sizes
         posed = split(old.posed_positions(), old.posed_normals(), plan.count, offset, random)
         self.engine = self._engine(plan.count, transformed(inverted(self.poses), posed))
 

@@ -37,6 +37,7 @@ class Surface:
     faces: wp.array(dtype=wp.vec3i)
     face_neighbors: wp.array(dtype=wp.vec3i)  # across the edges opposite to each corner
     table: TableData
+    size: float  # root of its area over that of the mean area
     held: int  # 1: none of its particles may move, so that nothing is computed for it
 
 
@@ -56,8 +57,8 @@ class Layout:
     per_shape: int  # particles on each shape, N
     shapes: int  # M
     geodesic: int  # 1: geodesic distances; 0: straight lines with the normal filter
-    expected_width: float  # Parzen width of an even layout
-    reach: float  # neighbour lists hold pairs nearer than this
+    expected_width: float  # Parzen width of an even layout on a surface of mean area
+    reach: float  # neighbour lists hold pairs nearer than this, there
 
 
 @wp.struct

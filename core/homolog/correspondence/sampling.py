@@ -1,5 +1,6 @@
 """How evenly particles lie on each surface: neighbours, Parzen widths and forces of the sampling entropy."""
 
+import numpy as np
 import warp as wp
 
 from homolog.arrays import DeviceArray
@@ -39,8 +40,9 @@ class Sampling:
         self.level, self.layout, self.launch = level, layout, launcher
         self.total = total = int(layout.shapes * layout.per_shape)
         make = {"device": launcher.device}
-        self.widths = wp.full(total, layout.expected_width, dtype=float, **make)
-        self.next_widths = wp.full(total, layout.expected_width, dtype=float, **make)
+        even = layout.expected_width * np.repeat(level.sizes, layout.per_shape)
+        self.widths = wp.array(even, dtype=float, **make)
+        self.next_widths = wp.array(even, dtype=float, **make)
         self.masses = wp.zeros(total, dtype=float, **make)
         self.energies = wp.zeros(total, dtype=float, **make)
         self.neighbors = wp.zeros((total, ROW), dtype=int, **make)
@@ -53,14 +55,15 @@ class Sampling:
     def relink(self, positions: DeviceArray, feet: DeviceArray) -> None:
         """List the neighbours of every particle anew."""
         layout = self.layout
-        apart = 2.4 * self.level.extent + 2.0 * layout.reach
+        reach = layout.reach * float(self.level.sizes.max())
+        apart = 2.4 * self.level.extent + 2.0 * reach
         wp.launch(
             sampling_kernels.spread,
             dim=self.total,
             inputs=[layout.per_shape, apart, positions, self.spread],
             device=self.launch.device,
         )
-        self.grid.build(self.spread, min(layout.reach, 2.0 * self.level.extent))
+        self.grid.build(self.spread, min(reach, 2.0 * self.level.extent))
         lists = [self.neighbors, self.counts]
         self.launch(
             sampling_kernels.link_neighbors,

@@ -54,15 +54,16 @@ def link_neighbors(
     x = spread_positions[p]
     foot = feet[p]
     count = int(0)
-    query = wp.hash_grid_query(grid, x, c.reach)
+    reach = c.reach * surfaces[shape].size
+    query = wp.hash_grid_query(grid, x, reach)
     other = int(0)
     while wp.hash_grid_query_next(query, other):
-        near = wp.length(spread_positions[other] - x) < c.reach
+        near = wp.length(spread_positions[other] - x) < reach
         if other != p and other // c.per_shape == shape and near:
             d = float(0.0)
             if c.geodesic == 1:
                 d = geodesic(table, foot, feet[other], LOOKUP_SQUARED)[3]
-            if d >= 0.0 and d < c.reach:
+            if d >= 0.0 and d < reach:
                 if count < neighbors.shape[1]:
                     neighbors[p, count] = other
                 count += 1
@@ -131,10 +132,11 @@ def repel(
             mass += w
             spread2 += w * d * d
             push += w * d * wp.vec3(pair[0], pair[1], pair[2])
-    wanted = WIDE * c.expected_width
+    even = c.expected_width * surfaces[shape].size
+    wanted = WIDE * even
     if mass > 1.0e-12:
         wanted = wp.sqrt(spread2 / (3.0 * mass))
-    next_widths[p] = wp.clamp(0.5 * (s + wanted), NARROW * c.expected_width, WIDE * c.expected_width)
+    next_widths[p] = wp.clamp(0.5 * (s + wanted), NARROW * even, WIDE * even)
     masses[p] = wp.max(mass * s * s, 1.0e-12)
     forces[p] = push / wp.max(mass * s * s, 1.0e-12)
     energies[p] = wp.log(wp.max(mass, 1.0e-12)) - 3.0 * wp.log(s)

@@ -8,7 +8,7 @@ __all__ = ["split"]
 
 
 def split(
-    positions: FloatArray, normals: FloatArray, count: int, offset: float, random: np.random.Generator
+    positions: FloatArray, normals: FloatArray, count: int, offset: FloatArray, random: np.random.Generator
 ) -> FloatArray:
     """Return `count` particles a shape: the given ones, some of them split in two.
 
@@ -17,8 +17,8 @@ def split(
     positions, normals : (M, n, 3) arrays
     count : int
         Wanted number, n < count <= 2n. Which particles are split when count < 2n is drawn.
-    offset : float
-        Distance of each half from its parent.
+    offset : (M,) array
+        Distance of each half from its parent, by shape.
     random : numpy Generator
 
     Returns
@@ -47,6 +47,7 @@ def split(
     flat = direction - own * np.einsum("nd,mnd->mn", direction, own)[..., None]
     flat = flat / np.maximum(np.linalg.norm(flat, axis=2, keepdims=True), 0.2)
     result = np.concatenate([positions, positions[:, parents]], axis=1)
-    result[:, parents] -= offset * flat
-    result[:, n:] += offset * flat
+    flat *= offset[:, None, None]
+    result[:, parents] -= flat
+    result[:, n:] += flat
     return result

@@ -3,7 +3,7 @@
 import warp as wp
 
 from homolog.correspondence.functions import log_adjoint, log_map, tangent
-from homolog.correspondence.kernels import Knobs, Layout, Pose
+from homolog.correspondence.kernels import Knobs, Layout, Pose, Surface
 
 wp.set_module_options({"enable_backward": False, "fast_math": False})
 
@@ -61,6 +61,7 @@ def combine(
     iteration: wp.array(dtype=int),
     movable: wp.array(dtype=int),
     stiffness: wp.array(dtype=float),
+    surfaces: wp.array(dtype=Surface),
     poses: wp.array(dtype=Pose),
     normals: wp.array(dtype=wp.vec3),
     means: wp.array(dtype=wp.vec3),
@@ -74,7 +75,8 @@ def combine(
     """Sum of the three descent directions times tau, in the tangent plane; zero where held.
 
     Steps are turned as the shapes are compared, so that they can be mixed across shapes. The normals' part
-    is divided by 1 + its own stiffness, else it overshoots at sharp rims.
+    is divided by 1 + its own stiffness, else it overshoots at sharp rims. On small surfaces, where particles
+    lie closer together, tau is as much smaller.
     """
     p = first + wp.tid()
     n = normals[p]
@@ -86,12 +88,14 @@ def combine(
     opening = openings[p]
     slope = tangent(wp.vec3(opening[0], opening[1], opening[2]), n)
     turned += wp.dot(log_gradients[p], mean) * slope
-    size = wp.ddot(bend, bend) + wp.length_sq(slope)
+    steep = wp.ddot(bend, bend) + wp.length_sq(slope)
     knobs = stage[iteration[0]]
-    damping = 1.0 + knobs.step * knobs.normals_weight * size * stiffness[0]
+    size = surfaces[p // c.per_shape].size
+    tau = knobs.step * wp.min(1.0, size * size)
+    damping = 1.0 + tau * knobs.normals_weight * steep * stiffness[0]
     pulled = wp.transpose(pose.linear) * ensemble[p]
     total = forces[p] - knobs.ensemble_weight * pulled - knobs.normals_weight / damping * turned
-    steps[p] = float(movable[p]) * knobs.step * (pose.turn * tangent(total, n))
+    steps[p] = float(movable[p]) * tau * (pose.turn * tangent(total, n))
 
 
 @wp.kernel

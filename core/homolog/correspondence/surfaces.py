@@ -4,6 +4,7 @@ The unit is one hundredth of the root of the mean surface area, so that nothing 
 on millimetres: regularisation and steps mean the same at every scale.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -64,11 +65,16 @@ class Level:
         One element a shape.
     meshes : list of TriangleMesh
         The same meshes, in the optimizer's coordinates.
+    extent : float
+        Largest coordinate.
+    sizes : (M,) array
+        Roots of the surfaces' areas over that of their mean: even particles lie so much farther apart.
     """
 
     surfaces: DeviceArray
     meshes: list[TriangleMesh]
     extent: float
+    sizes: FloatArray
     keep: list[Surface]
 
 
@@ -145,7 +151,8 @@ def build_level(
         )
     ]
     extent = max(float(np.abs(mesh.vertices).max()) for mesh in placed)
-    return Level(wp.array(keep, dtype=Surface, device=device), placed, extent, keep)
+    sizes = np.array([one.size for one in keep])
+    return Level(wp.array(keep, dtype=Surface, device=device), placed, extent, sizes, keep)
 
 
 def _surface(
@@ -153,6 +160,7 @@ def _surface(
 ) -> Surface:
     surface = Surface()
     surface.held = int(not moving)
+    surface.size = 0.01 * math.sqrt(mesh.area)
     surface.vertices = wp.array(mesh.vertices.astype(np.float32), dtype=wp.vec3, device=device)
     surface.faces = wp.array(mesh.faces, dtype=wp.vec3i, device=device)
     surface.face_neighbors = wp.array(face_neighbors(mesh.faces), dtype=wp.vec3i, device=device)

@@ -198,6 +198,8 @@ def pulled_back(means, normals, gradients):
     layout.per_shape, layout.shapes = count, 1
     knobs = np.zeros(1, dtype=kernels.Knobs.numpy_dtype())
     knobs["step"], knobs["normals_weight"] = 1.0, -1.0
+    even = kernels.Surface()
+    even.size = 1.0
     zero = vectors(np.zeros((count, 3)))
     out = wp.zeros(count, dtype=wp.vec3, device="cpu")
     bends = wp.array(np.tile(np.eye(3, dtype=np.float32), (count, 1, 1)), dtype=wp.mat33, device="cpu")
@@ -210,6 +212,7 @@ def pulled_back(means, normals, gradients):
             wp.zeros(1, dtype=int, device="cpu"),
             wp.full(count, 1, dtype=int, device="cpu"),
             wp.zeros(1, dtype=float, device="cpu"),
+            wp.array([even], dtype=kernels.Surface, device="cpu"),
             unmoved(1),
             vectors(normals),
             vectors(means),

@@ -141,7 +141,7 @@ def test_a_split_moves_parent_and_child_apart_the_same_way_on_every_shape():
     random = np.random.default_rng(0)
     positions = random.normal(size=(3, 6, 3))
     normals = np.tile([0.0, 0.0, 1.0], (3, 6, 1))
-    result = split(positions, normals, 9, 0.5, random)
+    result = split(positions, normals, 9, np.full(len(positions), 0.5), random)
     parents = [i for i in range(6) if not np.allclose(result[0, i], positions[0, i])]
     gaps = result[:, 6:] - result[:, parents]
     np.testing.assert_allclose(np.linalg.norm(gaps, axis=2), 1.0, rtol=1e-5)
@@ -219,3 +219,13 @@ def test_cancelling_in_the_middle_of_an_iteration_loses_nothing(found, ellipsoid
         optimize(ellipsoid_shapes, QUICK, tick=tick, checkpoint=kept.append)
     rest = optimize(ellipsoid_shapes, QUICK, resume=kept[-1])
     np.testing.assert_array_equal(rest.world, found.world)
+
+
+def test_particles_are_even_on_surfaces_of_very_different_size(make_shape):
+    shapes = [make_shape(f"r{r}", (r, r, r), spacing=r / 10.0) for r in (4.0, 12.0, 30.0)]
+    found = optimize(shapes, QUICK.model_copy(update={"particles": 60, "anneal_iterations": 150}))
+    for points in found.local:
+        gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)
+        np.fill_diagonal(gaps, np.inf)
+        nearest = gaps.min(axis=1)
+        assert nearest.std() / nearest.mean() < 0.15
