@@ -100,7 +100,7 @@ class Board:
         page = np.array(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
         for box, image in images:
             seen = image[..., 3] > 0.0
-            rows, columns = (slice(*_ends(seen.any(axis=axis))) for axis in (1, 0))
+            rows, columns = (slice(*_ends(np.asarray(seen.any(axis=axis)))) for axis in (1, 0))
             part = page[box.y : box.y + box.height, box.x : box.x + box.width][rows, columns]
             part[...] = _over(image[rows, columns], part)
         return np.asarray(page, dtype=np.uint8)

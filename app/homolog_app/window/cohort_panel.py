@@ -80,7 +80,7 @@ class CohortPanel(Panel):
         head.setHighlightSections(False)
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         head.setStretchLastSection(False)
-        for column, width in ((NAME, 152), (GROUP, _GROUP_PX[0]), (VOLUME, 72), (STATUS, 104)):
+        for column, width in ((NAME, 140), (GROUP, _GROUP_PX[0]), (VOLUME, 72), (STATUS, 96)):
             head.resizeSection(column, width)
         head.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         return table

@@ -24,7 +24,7 @@ class Inspector(QFrame):
     def __init__(self, desk: Desk, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("Inspector")
-        self.setMinimumWidth(360)
+        self.setMinimumWidth(376)
         self.cohort = CohortPanel(desk.session, desk.theme, actions)
         self.groom = GroomPanel(desk.session, actions)
         self.correspond = RunPanel(desk.session, actions)

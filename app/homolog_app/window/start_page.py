@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
 
 from homolog_app.window.actions import Actions
@@ -15,6 +15,7 @@ __all__ = ["StartPage"]
 
 _CARDS = ("file.new", "file.open", "file.sample")
 _RECENT = 6
+_WORDS_PX = 240
 
 
 class StartPage(QFrame):
@@ -42,11 +43,15 @@ class StartPage(QFrame):
         column.addSpacing(GRID)
         column.addLayout(self._recent)
         centre = QWidget()
-        centre.setFixedWidth(768)
+        centre.setMaximumWidth(768)
         centre.setLayout(column)
+        middle = QHBoxLayout()
+        middle.addStretch(1)
+        middle.addWidget(centre, 100)
+        middle.addStretch(1)
         outer = QVBoxLayout(self)
         outer.addStretch(2)
-        outer.addWidget(centre, alignment=Qt.AlignmentFlag.AlignHCenter)
+        outer.addLayout(middle)
         outer.addStretch(3)
         self.notice = label("", "Hint")
         outer.addWidget(self.notice, alignment=Qt.AlignmentFlag.AlignHCenter)
@@ -83,7 +88,11 @@ class StartPage(QFrame):
         words.setSpacing(0)
         words.addWidget(label("Homolog", "Wordmark"))
         words.addWidget(
-            label("From segmentations to corresponding points, and what varies between shapes", "Tagline")
+            label(
+                "From segmentations to corresponding points, and what varies between shapes",
+                "Tagline",
+                wrap=True,
+            )
         )
         row.addLayout(words, 1)
         return row
@@ -123,11 +132,14 @@ class StartPage(QFrame):
         row.setAccessibleName(f"Open {folder.name}" if present else f"Locate {folder.name}")
         layout = QHBoxLayout(row)
         layout.setContentsMargins(GRID, 0, GRID, 0)
-        name = label(folder.name)
-        where = label(str(folder.parent) if present else "not found — locate…", "Hint")
+        words = (folder.name, str(folder.parent) if present else "not found — locate…")
+        fitting = [
+            self.fontMetrics().elidedText(one, Qt.TextElideMode.ElideMiddle, _WORDS_PX) for one in words
+        ]
+        name, where = label(fitting[0]), label(fitting[1], "Hint")
+        row.setToolTip(str(folder))
         for one in (name, where):
             one.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        name.setMaximumSize(QSize(320, 40))
         layout.addWidget(name)
         layout.addStretch()
         layout.addWidget(where)

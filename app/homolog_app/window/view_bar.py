@@ -30,7 +30,7 @@ class ViewBar(QFrame):
         self.opacity = QSlider(Qt.Orientation.Horizontal)
         self.opacity.setRange(10, 100)
         self.opacity.setValue(100)
-        self.opacity.setFixedWidth(88)
+        self.opacity.setFixedWidth(56)
         self.opacity.setToolTip("How opaque the surfaces are")
         self.opacity.setAccessibleName("Opacity of surfaces")
         self.opacity.valueChanged.connect(lambda value: self.opacity_changed.emit(value / 100.0))

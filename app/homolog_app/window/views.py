@@ -155,9 +155,10 @@ class Views(QObject):
             new_result = session.result is not self._result
             self._result = session.result
             had_smooth = any(isinstance(one, Groomed | Loaded) for one in self._shown)
-            if (session.groomed or session.result) and not had_smooth:
-                self._window.commands["view.raw"].setChecked(False)
-                stage.scene.switch(raw=False)
+            smooth = bool(session.groomed or session.result)
+            if smooth is not had_smooth:  # there must be something to see, and not the input behind it
+                self._window.commands["view.raw"].setChecked(not smooth)
+                stage.scene.switch(raw=not smooth)
             self._shown = key
             self._subjects = subject_contents(
                 session.study.included, session.surveys, session.groomed, session.result

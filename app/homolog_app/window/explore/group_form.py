@@ -119,8 +119,7 @@ class GroupForm(QWidget):
         for at in range(self.column.count()):
             problem = problems.get(self.column.itemText(at), "")
             model.item(at).setEnabled(not problem)
-            remedy = f"{problem}: fill the table in, or leave those subjects out" if problem else ""
-            self.column.setItemData(at, remedy, Qt.ItemDataRole.ToolTipRole)
+            self.column.setItemData(at, problem, Qt.ItemDataRole.ToolTipRole)
         self._offer_values()
 
     def _offer_values(self) -> None:

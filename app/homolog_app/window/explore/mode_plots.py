@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPen, QPolygonF
+from PySide6.QtGui import QColor, QFontMetrics, QKeyEvent, QMouseEvent, QPainter, QPen, QPolygonF
 from PySide6.QtWidgets import QToolTip
 
 from homolog.arrays import FloatArray
@@ -22,6 +22,8 @@ _MOST_BARS, _DENSE = 16, 10
 _VEIL = 180
 _NEAR_PX = 10.0
 _NAME_PX = 180
+_KEY_PX = 28
+_WIDE_PX = 240
 _DRAG_PX = 4.0
 _REACH = 3.0
 
@@ -78,9 +80,11 @@ class ScreePlot(Plot):
         painter.setBrush(Qt.BrushStyle.NoBrush)
         painter.drawPolyline(line)
         frame = self.frame
-        painter.drawLine(QPointF(frame.right() - 190, 34), QPointF(frame.right() - 166, 34))
+        wide = frame.width() > _WIDE_PX
+        words, start = ("chance (95th percentile)", 190) if wide else ("chance", 80)
+        painter.drawLine(QPointF(frame.right() - start, 34), QPointF(frame.right() - start + 24, 34))
         painter.setPen(QColor(self.theme.colours.text))
-        painter.drawText(QPointF(frame.right() - 160, 38), "chance (95th percentile)")
+        painter.drawText(QPointF(frame.right() - start + 30, 38), words)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """Choose the mode whose bar is clicked."""
@@ -182,23 +186,33 @@ class ScatterPlot(Plot):
                 painter.drawEllipse(at, 9, 9)
                 painter.drawText(words, Qt.AlignmentFlag.AlignCenter, told)
 
-    def _paint_legend(self, painter: QPainter) -> None:
-        metrics = painter.fontMetrics()
-        x = self.frame.right()
+    def legend_width(self, metrics: QFontMetrics) -> float:
+        """Return what the groups' names take."""
+        words = self._legend(metrics)
+        return sum(metrics.horizontalAdvance(one) + _KEY_PX for one in words) + (_KEY_PX if words else 0)
+
+    def _legend(self, metrics: QFontMetrics) -> list[str]:
+        """Return what is written for each group, shortened where there is no room for all."""
         if self._order == [""]:
-            return
-        room = (self.frame.width() - metrics.horizontalAdvance(self.title)) / len(self._order) - 28 - 36
-        for index in reversed(range(len(self._order))):
-            group, count = self._order[index] or "no group", list(self._groups).count(self._order[index])
-            told = metrics.elidedText(group, Qt.TextElideMode.ElideMiddle, max(round(room), 36))
-            words = f"{told} ({count})"
+            return []
+        room = (self.frame.width() - metrics.horizontalAdvance(self.title)) / max(1, len(self._order))
+        least = max(round(room) - 2 * _KEY_PX, _KEY_PX)
+        told = [
+            metrics.elidedText(one or "no group", Qt.TextElideMode.ElideMiddle, least) for one in self._order
+        ]
+        counts = [list(self._groups).count(one) for one in self._order]
+        return [f"{name} ({count})" for name, count in zip(told, counts, strict=True)]
+
+    def _paint_legend(self, painter: QPainter) -> None:
+        metrics, x = painter.fontMetrics(), self.frame.right()
+        for index, words in reversed(list(enumerate(self._legend(metrics)))):
             x -= metrics.horizontalAdvance(words)
             painter.setPen(QColor(self.theme.colours.text))
             painter.drawText(QPointF(x, 18), words)
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(group_colour(index, self.theme))
             painter.drawPath(marker(index, QPointF(x - 9, 14), 4.5))
-            x -= 28
+            x -= _KEY_PX
 
     def _nearest(self, at: QPointF) -> str | None:
         if self.is_empty:

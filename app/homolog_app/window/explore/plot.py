@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QFont, QPainter, QPainterPath, QPaintEvent, QPen, QPolygonF
+from PySide6.QtGui import QColor, QFont, QFontMetrics, QPainter, QPainterPath, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QWidget
 
 from homolog_app.window.quantities import tick_words, ticks
@@ -58,7 +58,7 @@ class Plot(QWidget):
         self.x_ticks: Sequence[float] | None = None
         self.y_ticks: Sequence[float] | None = None
         self.hint = hint
-        self.setMinimumSize(220, 180)
+        self.setMinimumSize(184, 180)
         self.setAccessibleName(name)
         theme.changed.connect(self.update)
 
@@ -109,6 +109,10 @@ class Plot(QWidget):
             painter.drawRect(self.rect().adjusted(1, 1, -1, -1))
         painter.end()
 
+    def legend_width(self, metrics: QFontMetrics) -> float:
+        """Return how many pixels at the right of the title are taken."""
+        return 0.0
+
     def paint_data(self, painter: QPainter) -> None:
         """Paint what is inside the frame."""
         raise NotImplementedError
@@ -116,7 +120,11 @@ class Plot(QWidget):
     def _paint_axes(self, painter: QPainter) -> None:
         colours, frame = self.theme.colours, self.frame
         painter.setPen(QColor(colours.text))
-        painter.drawText(QPointF(frame.left(), 18), self.title)
+        metrics = painter.fontMetrics()
+        room = round(self.width() - frame.left() - self.legend_width(metrics))
+        painter.drawText(
+            QPointF(frame.left(), 18), metrics.elidedText(self.title, Qt.TextElideMode.ElideRight, room)
+        )
         painter.setPen(QPen(QColor(colours.line), 1))
         painter.drawLine(frame.bottomLeft(), frame.bottomRight())
         painter.drawLine(frame.bottomLeft(), frame.topLeft())

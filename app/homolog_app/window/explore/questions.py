@@ -1,5 +1,7 @@
 """Which columns of a cohort's table a question can be about. Knows no Qt."""
 
+from homolog.analysis.covariates import numbers
+from homolog.errors import InputError
 from homolog_app.window.study import Study
 
 __all__ = ["SIZE", "covariates_of", "numbers_of", "values_of"]
@@ -24,8 +26,12 @@ def numbers_of(study: Study) -> dict[str, str]:
     """
     found = {SIZE: ""}
     for column in study.columns:
-        numbers = {_number(cell) for cell in _cells(study, column) if cell}
-        if None not in numbers and len(numbers) >= _FEWEST_NUMBERS:
+        try:
+            values = numbers([cell for cell in _cells(study, column) if cell])
+        except InputError as error:
+            found[column] = str(error)
+            continue
+        if values is not None and len(set(values.tolist())) >= _FEWEST_NUMBERS:
             found[column] = _missing(study, column)
     return dict(sorted(found.items(), key=lambda one: (bool(one[1]), one[0] == SIZE)))
 
@@ -54,10 +60,3 @@ def _missing(study: Study, column: str) -> str:
 
 def _cells(study: Study, column: str) -> list[str]:
     return [one.group or "" if column == "group" else one.columns.get(column, "") for one in study.included]
-
-
-def _number(cell: str) -> float | None:
-    try:
-        return float(cell)
-    except ValueError:
-        return None
