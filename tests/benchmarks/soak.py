@@ -8,6 +8,7 @@ every tenth run and a verdict: flat is what grows by less than a hundredth betwe
 """
 
 import argparse
+import ctypes
 import gc
 import sys
 import tempfile
@@ -35,6 +36,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--shapes", type=int, default=10)
     parser.add_argument("--particles", type=int, default=64)
+    parser.add_argument("--trim", action="store_true", help="give freed memory back first (glibc only)")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         rows = soak(Path(name), options)
@@ -57,16 +59,18 @@ def soak(folder: Path, options: argparse.Namespace) -> np.ndarray:
     print("| run | CPU s | " + " | ".join(COLUMNS) + " |")
     for number in range(1, options.runs + 1):
         Run(project, cohort, settings).execute()
-        rows.append(in_use())
+        rows.append(in_use(trim=options.trim))
         if number in (1, options.runs) or number % 10 == 0:
             seconds = time.process_time() - began
             print(f"| {number} | {seconds:.0f} | " + " | ".join(map(str, rows[-1])) + " |", flush=True)
     return np.array(rows, dtype=float)
 
 
-def in_use() -> tuple[int, ...]:
+def in_use(*, trim: bool) -> tuple[int, ...]:
     """Return what this process has in use now."""
     gc.collect()
+    if trim:
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
     process = psutil.Process()
     modules = sum(len(module.execs) for module in wp._src.context.user_modules.values())
     memory = process.memory_info().rss // 2**20
