@@ -28,7 +28,7 @@ class GroomPanel(Panel):
         self.form.edited.connect(self.settings_edited)
         self.report = label("", "Hint", wrap=True)
         self.report.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.subject = label("", "SectionTitle")
+        self.subject = label("", "SectionTitle", wrap=True)
         self.again = button("Groom this one again")
         self.again.clicked.connect(actions["run.regroom"].trigger)
         self.body.addWidget(self.form)

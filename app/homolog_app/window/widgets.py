@@ -102,4 +102,6 @@ class Panel(QWidget):
         self.base = QFrame()
         self.base.setObjectName("PanelBase")
         self.base.setLayout(self.footer)
+        for one in (inner, self.base):  # names, however long, never make the panel wider
+            one.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         outer.addWidget(self.base)

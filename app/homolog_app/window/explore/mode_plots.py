@@ -195,7 +195,7 @@ class ScatterPlot(Plot):
         """Return what is written for each group, shortened where there is no room for all."""
         if self._order == [""]:
             return []
-        room = (self.frame.width() - metrics.horizontalAdvance(self.title)) / max(1, len(self._order))
+        room = self.frame.width() / max(1, len(self._order))
         least = max(round(room) - 2 * _KEY_PX, _KEY_PX)
         told = [
             metrics.elidedText(one or "no group", Qt.TextElideMode.ElideMiddle, least) for one in self._order

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import (
 )
 
 from homolog_app.films.settings import SIGHTS
-from homolog_app.window.widgets import GRID, label
+from homolog_app.window.widgets import GRID, choice, label
 
 __all__ = ["GroupChooser", "MotionChooser", "group_columns"]
 
@@ -39,7 +39,7 @@ class GroupChooser(QWidget):
     def __init__(self, columns: Mapping[str, Sequence[str]], *, optional: bool) -> None:
         super().__init__()
         self._columns = group_columns(columns)
-        self.column, self.first, self.second = QComboBox(), QComboBox(), QComboBox()
+        self.column, self.first, self.second = choice("Column"), choice("From"), choice("To")
         if optional:
             self.column.addItem(_NOTHING, "")
         for one in self._columns:

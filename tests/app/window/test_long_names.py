@@ -1,0 +1,77 @@
+"""Names that are long, of other scripts, or have signs that mean something elsewhere."""
+
+import pytest
+
+pytestmark = pytest.mark.window
+
+LONG = "Jürgen Müller-Lüdenscheidt, geboren 1961, rechte Niere nach dem Umbau des Geräts " + "a" * 60
+NAMES = (LONG, "Ελένη & 100 %", "山田太郎", "<b>d<_b>")
+
+
+@pytest.fixture
+def named(ellipsoids, groomed_cache, tmp_path, run):
+    """Return a project of four shapes with such names, groups and columns."""
+    from homolog.cohort import Cohort, Subject
+
+    subjects = [
+        Subject(
+            name, ellipsoids / f"{file}.nrrd", group=LONG if file in "ab" else "&Ü", columns={"a & b": file}
+        )
+        for name, file in zip(NAMES, "abcd", strict=True)
+    ]
+    return run(tmp_path / "made", Cohort(tuple(subjects), ellipsoids))
+
+
+def words_in(scene):
+    """Return the captions of the views, as they are written, and how many pixels they take."""
+    cells = scene._grid.cells[: scene._grid.count]
+    captions = [cell._words._caption for cell in cells]
+    sizes = []
+    for cell, caption in zip(cells, captions, strict=True):
+        size = [0.0, 0.0]
+        caption.GetSize(cell.renderer, size)
+        sizes.append(size[0] / cell.renderer.GetSize()[0])
+    return [one.GetInput() for one in captions], sizes
+
+
+def test_every_name_is_in_its_view_and_panels_stay_as_wide_as_they_are(window, named, tmp_path, wait, qapp):
+    window.library.take([named])
+    wait(lambda: window.desk.session.result is not None and window.step == "explore")
+    scene = window.views.stage.scene
+    scene.picture()
+    wait(lambda: all(words_in(scene)[0]))
+    captions, shares = words_in(scene)
+    assert captions[0].startswith("Jürgen Müller")
+    assert "…" in captions[0].splitlines()[0]
+    assert captions[1].startswith("Ελένη & 100 %")
+    assert captions[2].startswith("□" * 4)  # the font has no such signs, and says so
+    assert max(shares) <= 1.0
+    panels = window.inspector
+    for step in ("cohort", "groom", "correspond", "explore"):
+        window.commands[f"view.{step}"].trigger()
+        window.desk.session.select([NAMES[0]])
+        assert panels.minimumSizeHint().width() <= panels.minimumWidth()
+    for page in panels.explore.pages:
+        panels.explore.open_page(page)
+        wait(lambda: not window.desk.work.is_busy)
+        assert panels.minimumSizeHint().width() <= panels.minimumWidth()
+    assert window.minimumSizeHint().width() <= 1100
+
+
+def test_a_covariate_with_an_ampersand_is_the_column_of_that_name(window, named, wait):
+    window.library.take([named])
+    wait(lambda: window.desk.session.result is not None)
+    form = next(one.form for one in window.inspector.explore.pages if hasattr(one, "form"))
+    (action,) = [one for one in form._covariates.actions() if one.data() == "a & b"]
+    action.setChecked(True)
+    assert form.covariates == ("a & b",)
+    assert form.allow.text() == "Allow for a && b"
+
+
+def test_a_folder_opened_after_a_project_shows_its_input(explored, ellipsoids, wait):
+    assert not explored.commands["view.raw"].isChecked()
+    explored.library.leave()
+    explored.library.take([ellipsoids])
+    wait(lambda: len(explored.desk.session.surveys) == 4)
+    assert explored.commands["view.raw"].isChecked()
+    assert explored.views.stage.scene._grid.raw
