@@ -10,10 +10,13 @@ from homolog.errors import InputError
 from homolog.files.atomic import write_text
 from homolog.files.meshes import read_mesh
 from homolog.files.project import Project
+from homolog.files.records import IMPORTED
 from homolog.files.results import Result, read_result, surface_file
 from homolog.files.tables import write_table
 from homolog.inspection import Inspection, Suspect, find_places, inspect, judge
 from homolog.progress import Tick, no_tick, part_of
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import check_mesh
 
 __all__ = ["COLUMNS", "inspect_project", "mended", "rows", "write_suspects"]
 
@@ -29,12 +32,26 @@ def inspect_project(project: Project, tick: Tick = no_tick) -> tuple[Result, Ins
     Raises
     ------
     InputError
-        If there is no result, a file of it is damaged, or it has fewer than three subjects.
+        If there is no result, a file of it is damaged, it has fewer than three subjects, or a subject that
+        was imported came without a surface.
     """
     result, record = read_result(project), project.read().result
     assert record is not None, "a result was read"
     meshes = [read_mesh(surface_file(project, one.file)) for one in record.subjects]
+    if record.ended == IMPORTED:
+        _check_surfaces(result.names, meshes)
     return result, inspect(result.local, meshes, result.alignments, names=result.names, tick=tick)
+
+
+def _check_surfaces(names: Sequence[str], meshes: Sequence[TriangleMesh]) -> None:
+    for name, mesh in zip(names, meshes, strict=True):
+        try:
+            check_mesh(mesh, name)
+        except InputError as error:
+            raise InputError(
+                f"{name}: came without a surface, on which suspects are looked for; import the model with "
+                "its surfaces"
+            ) from error
 
 
 def mended(project: Project, inspection: Inspection, suspect: Suspect, tick: Tick = no_tick) -> Inspection:

@@ -164,13 +164,16 @@ def _read_folder(folder: Path) -> Cohort:
     known = IMAGE_SUFFIXES + MESH_SUFFIXES
     entries = [one for one in sorted(folder.iterdir()) if not one.name.startswith(".")]
     slices = [one for one in entries if suffix_of(one) == ".dcm" and one.is_file() and not is_dicom_seg(one)]
-    if slices:
+    files = [one for one in entries if suffix_of(one) in known and one.is_file()]
+    folders = [one for one in entries if one.is_dir()]
+    series = {one: one for one in folders if dicom_files(one)}
+    if slices or not (files or series or not dicom_files(folder)):
         raise InputError(
             f"{folder}: holds the slices of a DICOM series; give the folder above it, which holds one folder "
             "for each subject"
         )
-    files = [one for one in entries if suffix_of(one) in known and one.is_file()]
-    series = [one for one in entries if one.is_dir() and dicom_files(one)]
+    if not files and not series:
+        series = {one: below for one in folders if (below := _series_below(one))}
     if not files and not series:
         raise InputError(
             f"{folder}: holds no segmentation or mesh; known files are {', '.join(known)} and folders of "
@@ -179,8 +182,21 @@ def _read_folder(folder: Path) -> Cohort:
     subjects = [
         Subject(one.name[: -len(suffix_of(one))], one, landmarks=landmarks_beside(one)) for one in files
     ]
-    subjects += [Subject(one.name, one) for one in series]
+    subjects += [Subject(one.name, place) for one, place in series.items()]
     return Cohort(tuple(sorted(subjects, key=lambda one: one.path)), folder)
+
+
+def _series_below(folder: Path) -> Path | None:
+    """Return where a patient's one series lies, as hospitals export it: PATIENT/STUDY/SERIES."""
+    for pattern in ("*/", "*/*/"):
+        found = [one for one in sorted(folder.glob(pattern)) if one.is_dir() and dicom_files(one)]
+        if len(found) > 1:
+            raise InputError(
+                f"{folder}: holds {len(found)} DICOM series; give a cohort.csv that says which one is meant"
+            )
+        if found:
+            return found[0]
+    return None
 
 
 def _read_manifest(path: Path) -> Cohort:

@@ -43,6 +43,16 @@ def test_an_imported_model_is_described_analyzed_and_reported(exported, tmp_path
     assert "entropy-based particle optimization" not in page
 
 
+def test_particles_without_surfaces_are_analyzed_but_not_checked(exported, tmp_path, capsys):
+    project = str(tmp_path / "bare")
+    (folder,) = exported.parent.glob("*_particles")
+    assert main(["import", str(folder), project, "--progress", "none"]) == 0
+    assert main(["report", project, "--progress", "none"]) == 0
+    capsys.readouterr()
+    assert main(["check", project, "--progress", "none"]) == 2
+    assert "a: came without a surface, on which suspects are looked for" in capsys.readouterr().err
+
+
 def test_a_bad_source_is_one_line(tmp_path, capsys):
     assert main(["import", str(tmp_path / "gone.swproj"), str(tmp_path / "p"), "--progress", "none"]) == 2
     assert (

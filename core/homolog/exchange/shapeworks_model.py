@@ -73,7 +73,9 @@ def model_of_folder(folder: Path) -> ForeignModel:
             raise InputError(f"{path}: there is {frames[frame].name} too; leave one of them")
         frames[frame] = path
     if not found:
-        raise InputError(f"{folder}: holds no particles (.particles, .pts); choose another folder")
+        others = [one.name for one in sorted(folder.iterdir()) if one.suffix.lower() in (".swproj", ".xlsx")]
+        remedy = f"give the project in it, {others[0]}" if others else "choose another folder"
+        raise InputError(f"{folder}: holds no particles (.particles, .pts); {remedy}")
     subjects = tuple(
         ForeignSubject(name, particles_of(one.get("local")), particles_of(one.get("world")))
         for name, one in found.items()

@@ -250,7 +250,7 @@ def test_other_files_and_existing_projects_are_refused(exported, project, finish
         import_model(tmp_path / "a.nrrd", project)
     with pytest.raises(InputError, match="is a project already"):
         import_model(exported, finished_run)
-    with pytest.raises(InputError, match="holds no particles"):
+    with pytest.raises(InputError, match=f"holds no particles .* give the project in it, {exported.name}"):
         import_model(exported.parent, project)
 
 

@@ -115,6 +115,25 @@ def test_a_folder_of_series_is_a_cohort(series):
         read_cohort(series)
 
 
+def test_a_series_may_lie_two_folders_below_its_patient(series):
+    cohort = series.parent
+    deep = cohort.parent / "export" / "patient" / "study" / "series"
+    shutil.copytree(series, deep)
+    (one,) = read_cohort(cohort.parent / "export").subjects
+    assert (one.name, one.path) == ("patient", deep)
+    shutil.copytree(series, deep.with_name("other"))
+    with pytest.raises(InputError, match=r"patient: holds 2 DICOM series; give a cohort\.csv"):
+        read_cohort(cohort.parent / "export")
+
+
+def test_slices_without_a_suffix_are_known_for_slices(series):
+    for one in list(series.iterdir()):
+        one.rename(one.with_suffix(""))
+    assert [one.name for one in read_cohort(series.parent).subjects] == ["patient"]
+    with pytest.raises(InputError, match="holds the slices of a DICOM series; give the folder above it"):
+        read_cohort(series)
+
+
 def test_a_missing_slice_is_noticed(series):
     sorted(series.iterdir())[5].unlink()  # not one at an end
     with pytest.raises(InputError, match="its 10 slices are not alike, parallel and 3 mm apart throughout"):
