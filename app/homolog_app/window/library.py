@@ -112,6 +112,8 @@ class Library(Part):
         session, before = self._desk.session, self._desk.project
         if folder != session.folder and folder.exists() and any(folder.iterdir()):
             raise InputError(f"{folder}: is not empty; choose a new name for the project")
+        if session.result is not None and not (before.exists and before.read().result):
+            raise InputError(f"{before.folder}: was moved or deleted, and its result with it; put it back")
         if folder != session.folder and before.folder.is_dir():
             waited(self._window, f"Saving to {folder.name}…", lambda: _copy(before.folder, folder))
         save_project(Project(folder), session.study, self._view())

@@ -2,6 +2,7 @@
 
 import os
 import resource
+import shutil
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -92,6 +93,19 @@ def test_a_save_to_a_full_disk_is_told_and_leaves_the_project_as_it_was(explored
     assert Project(folder).read().subjects[0].group == "sick"
 
 
+def test_a_project_deleted_while_it_is_open_is_told_and_no_hollow_one_is_saved(explored, errors, tmp_path):
+    folder = explored.desk.session.folder
+    shutil.rmtree(folder)
+    explored.desk.session.select(["a"])
+    explored.desk.session.set_group("sick")
+    explored.library.save()
+    explored.library.save_to(tmp_path / "elsewhere")
+    assert ["was moved or deleted" in str(error) for _, error in errors] == [True, True]
+    assert explored.desk.is_changed
+    assert not folder.exists()
+    assert not (tmp_path / "elsewhere").exists()
+
+
 def test_a_journal_that_cannot_be_written_is_told_and_work_goes_on(beans, full_disk, caplog):
     beans.desk.write_journal()
     (path,) = beans.desk.sessions.glob("*/journal.json")
@@ -142,6 +156,4 @@ def test_the_problem_report_names_nobody_who_was_ever_in_the_session(window, ell
 
 
 def copied(finished, tmp_path):
-    import shutil
-
     return Path(shutil.copytree(finished, tmp_path / "copy"))
