@@ -1,0 +1,341 @@
+"""For those without a mouse, colours or eyes: every dialog, panel and page is walked and measured."""
+
+import importlib
+import pkgutil
+import shutil
+
+import numpy as np
+import pytest
+
+import homolog_app.window
+
+pytestmark = [pytest.mark.window, pytest.mark.timeout(600)]
+
+TEXT = 4.5  # WCAG 2.2, level AA
+ENLARGED = 3  # texts are measured larger: their strokes are then more than blurred edges
+TALL = 2400  # pixels: nothing has to be scrolled to
+
+
+def luminance(colours):
+    """Return the relative luminance of colours 0xRRGGBB, by WCAG."""
+    parts = np.stack([colours >> 16 & 255, colours >> 8 & 255, colours & 255], axis=-1) / 255.0
+    linear = np.where(parts <= 0.03928, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return linear @ [0.2126, 0.7152, 0.0722]
+
+
+def contrast_in(pixels):
+    """Return the contrast of text (height, width) of 0xRRGGBB with its ground, the most common colour."""
+    colours, counts = np.unique(pixels, return_counts=True)
+    ground, inks = luminance(colours[counts.argmax()]), luminance(colours[counts >= 12])
+    return ((np.maximum(inks, ground) + 0.05) / (np.minimum(inks, ground) + 0.05)).max()
+
+
+def picture_of(root):
+    """Return how a widget looks, enlarged, (height, width) of 0xRRGGBB."""
+    from PySide6.QtGui import QImage
+
+    image = QImage(root.size() * ENLARGED, QImage.Format.Format_RGB32)
+    image.setDevicePixelRatio(ENLARGED)
+    root.render(image)
+    rows = np.frombuffer(image.constBits(), np.uint32).reshape(image.height(), image.width())
+    return rows & 0xFFFFFF
+
+
+def texts_of(one):
+    """Return the parts of a widget that are text, as rectangles in it with words to name them by."""
+    from PySide6.QtCore import Qt
+    from PySide6.QtWidgets import (
+        QAbstractButton,
+        QAbstractItemView,
+        QCheckBox,
+        QComboBox,
+        QHeaderView,
+        QLabel,
+        QLineEdit,
+        QPlainTextEdit,
+        QStyle,
+        QStyleOptionButton,
+        QTabBar,
+        QToolButton,
+    )
+
+    inner = one.rect().adjusted(3, 3, -3, -3)
+    if isinstance(one, QHeaderView):
+        return []
+    if isinstance(one, QTabBar):
+        return [(one.tabRect(at), one.tabText(at)) for at in range(one.count()) if one.isTabEnabled(at)]
+    if isinstance(one, QAbstractItemView):
+        model = one.model()
+        cells = [
+            model.index(row, at)
+            for row in range(min(model.rowCount(), 40))
+            for at in range(model.columnCount())
+        ]
+        seen = [
+            (cell, one.visualRect(cell))
+            for cell in cells
+            if one.viewport().rect().contains(one.visualRect(cell))
+        ]
+        place = one.viewport().pos()
+        return [
+            (box.translated(place), str(cell.data()))
+            for cell, box in seen
+            if isinstance(cell.data(), str) and cell.data()
+        ]
+    if isinstance(one, QCheckBox):
+        option = QStyleOptionButton()
+        one.initStyleOption(option)
+        return [(one.style().subElementRect(QStyle.SubElement.SE_CheckBoxContents, option, one), one.text())]
+    if isinstance(one, QComboBox):
+        return [(inner.adjusted(0, 0, -28, 0), one.currentText())]
+    if isinstance(one, QLineEdit):
+        return [(inner, one.text() or one.placeholderText())]
+    if isinstance(one, QToolButton) and one.toolButtonStyle() is Qt.ToolButtonStyle.ToolButtonIconOnly:
+        return []
+    if isinstance(one, QLabel):
+        return [(one.contentsRect(), one.text())]
+    if isinstance(one, QAbstractButton):
+        return [(inner, one.text())]
+    if isinstance(one, QPlainTextEdit):
+        return [(inner, one.toPlainText())]
+    return []
+
+
+def controls_in(root):
+    """Return what can be operated in a widget."""
+    from PySide6 import QtWidgets as Q
+
+    kinds = (
+        Q.QAbstractButton, Q.QAbstractItemView, Q.QAbstractSlider, Q.QAbstractSpinBox, Q.QComboBox,
+        Q.QLineEdit, Q.QPlainTextEdit, Q.QTabBar,
+    )  # fmt: skip
+    parts = (Q.QScrollBar, Q.QHeaderView)
+    return [
+        one
+        for one in root.findChildren(Q.QWidget)
+        if isinstance(one, kinds)
+        and not isinstance(one, parts)
+        and one.isVisible()
+        and not (isinstance(one, Q.QTabBar) and not one.count())
+        and not isinstance(one.parent(), Q.QAbstractSpinBox | Q.QComboBox | Q.QAbstractItemView)
+    ]
+
+
+class Walk:
+    """Looks at one place of the program after the other and collects what is wrong there."""
+
+    def __init__(self, window):
+        self.window, self.theme = window, window.desk.theme
+        self.seen, self.faults = set(), set()
+
+    def look(self, where, root):
+        """Look at what is visible in a widget, in both schemes."""
+        from PySide6.QtWidgets import QWidget
+
+        shown = [one for one in [root, *root.findChildren(QWidget)] if one.isVisible()]
+        self.seen |= {kind for one in shown for kind in type(one).__mro__}
+        for one in controls_in(root):
+            self.faults |= {f"{where}: {type(one).__name__} {fault}" for fault in faults_of(one)}
+        for _ in range(2):
+            picture = picture_of(root)
+            for one in shown:
+                if one.isEnabled():
+                    self.measure(where, root, picture, one)
+            self.theme.choose("light" if self.theme.is_dark else "dark")
+
+    def measure(self, where, root, picture, one):
+        """Measure the contrast of the texts that a widget shows."""
+        from PySide6.QtCore import QPoint
+
+        scheme, corner = "dark" if self.theme.is_dark else "light", one.mapTo(root, QPoint(0, 0))
+        for box, words in texts_of(one):
+            box = (box & one.visibleRegion().boundingRect()).translated(corner)
+            rows, columns = (
+                slice(ENLARGED * max(first, 0), ENLARGED * (last + 1))
+                for first, last in ((box.top(), box.bottom()), (box.left(), box.right()))
+            )
+            part = picture[rows, columns]
+            if words.strip() and part.size and (found := contrast_in(part)) < TEXT:
+                what = f"{type(one).__name__} {words[:40]!r}"
+                self.faults.add(f"{where}, {scheme}: {what} has a contrast of {found:.2f}")
+
+
+def faults_of(control):
+    """Return what keeps people without eyes or mouse from using a control."""
+    from PySide6.QtCore import Qt
+    from PySide6.QtGui import QAccessible
+
+    name = QAccessible.queryAccessibleInterface(control).text(QAccessible.Text.Name).strip()
+    if not name:
+        yield f"{control.objectName()} in {type(control.parent()).__name__} has no name"
+    if not control.focusPolicy() & Qt.FocusPolicy.TabFocus:
+        yield f"{name!r} can't be reached by key"
+
+
+def two_labels(path):
+    """Write a file with two labels."""
+    import SimpleITK
+
+    values = np.zeros((16, 16, 16), np.uint8)
+    values[3:8, 3:13, 3:13], values[8:13, 3:13, 3:13] = 1, 2
+    SimpleITK.WriteImage(SimpleITK.GetImageFromArray(values), path)
+    return path
+
+
+def program_widgets():
+    """Return every class of widgets that the window's modules define."""
+    from PySide6.QtWidgets import QWidget
+
+    for one in pkgutil.walk_packages(homolog_app.window.__path__, "homolog_app.window."):
+        importlib.import_module(one.name)
+    found, kinds = set(), [QWidget]
+    while kinds:
+        below = kinds.pop().__subclasses__()
+        kinds += below
+        found |= {kind for kind in below if kind.__module__.startswith("homolog_app.window")}
+    return found
+
+
+@pytest.fixture
+def walk(window, monkeypatch):
+    """Return what looks at places of the window; dialogs that wait for an answer are looked at and left."""
+    from PySide6.QtWidgets import QDialog, QFileDialog, QInputDialog, QMessageBox
+
+    walk = Walk(window)
+
+    def answer(dialog):
+        dialog.show()
+        walk.look(dialog.windowTitle() or type(dialog).__name__, dialog)
+        dialog.reject()
+        return QDialog.DialogCode.Rejected
+
+    def choose(parent, title, words, items, *_):
+        dialog = QInputDialog(parent)
+        dialog.setWindowTitle(title)
+        dialog.setLabelText(words)
+        dialog.setComboBoxItems(items)
+        answer(dialog)
+        return "", False
+
+    for kind in (QDialog, QMessageBox):
+        monkeypatch.setattr(kind, "exec", answer)
+    monkeypatch.setattr(QInputDialog, "getItem", choose)
+    for name in ("getExistingDirectory", "getSaveFileName", "getOpenFileName", "getOpenFileNames"):
+        nothing = "" if name == "getExistingDirectory" else ("", "")
+        monkeypatch.setattr(QFileDialog, name, lambda *_, nothing=nothing, **__: nothing)  # the system's own
+    return walk
+
+
+@pytest.fixture
+def look(walk, window, qapp):
+    """Return a function that looks at a part of the window with everything unfolded and nothing scrolled."""
+    from PySide6.QtWidgets import QPushButton
+
+    def look_at(where, root):
+        for one in root.findChildren(QPushButton):
+            if one.isCheckable() and "▸" in one.text():
+                one.click()
+        root.window().resize(root.window().width(), TALL)
+        for _ in range(3):
+            qapp.processEvents()
+        assert root.isVisible(), where
+        walk.look(where, root)
+
+    return look_at
+
+
+@pytest.fixture
+def order(look, walk, window, qapp):
+    """Return a function that orders a command and looks at the dialog that comes of it."""
+    from PySide6.QtWidgets import QDialog
+
+    def ordered(name):
+        window.commands[name].trigger()
+        qapp.processEvents()
+        for dialog in [one for one in window.findChildren(QDialog) if one.isVisible()]:
+            look(dialog.windowTitle(), dialog)
+            dialog.close()
+
+    return ordered
+
+
+def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read(
+    window, walk, look, order, bean_project, tmp_path, wait, quick
+):
+    from PySide6.QtWidgets import QWidget
+
+    from homolog.errors import InputError
+    from homolog_app.window.asking import ask
+    from homolog_app.window.commands import COMMANDS
+    from homolog_app.window.explore.groups_page import GroupsPage
+
+    def rest():
+        wait(lambda: not work.is_busy, seconds=120)
+
+    commands, desk, panels = window.commands, window.desk, window.inspector
+    session, work, scene = desk.session, desk.work, window.views.stage.scene
+    window.views.stage.scene.hide()  # drawing it as tall takes long
+    look("start", window)
+    window.library.take([two_labels(tmp_path / "two.nrrd")])
+    wait(lambda: session.surveys)
+    look("labels", panels)
+    window.library.leave()
+
+    shutil.copytree(bean_project, tmp_path / "beans")
+    window.library.take([tmp_path / "beans"])
+    wait(lambda: session.result is not None and window.step == "explore")
+    rest()
+    walk.seen |= {kind for one in [scene, *scene.findChildren(QWidget)] for kind in type(one).__mro__}
+    for step in ("cohort", "groom", "correspond", "explore"):
+        commands[f"view.{step}"].trigger()
+        look(step, panels)
+    window.docks.show_or_hide_log()
+    commands["help.tour"].trigger()
+    look("around the views", window)
+    window.docks.show_or_hide_log()
+    for slices in (True, False):
+        commands["view.slice"].trigger()
+        if slices:
+            look("slices", window.views.stage.slices)
+    commands["view.explore"].trigger()
+    look("energies", window.docks.curves)
+    for page in panels.explore.pages:
+        panels.explore.open_page(page)
+        if page is not panels.explore.pages[0]:
+            wait(lambda: panels.explore.fitted.shape is not None)
+        rest()
+        look(page.title, page)
+        if page.plots is not None:
+            look(f"plots of {page.title}", page.plots)
+    page = panels.explore.page_of(GroupsPage)
+    for question in ("group", "size (as a number)"):
+        page.form.column.setCurrentText(question)
+        page.form.column.activated.emit(page.form.column.currentIndex())
+        commands["explore.test"].trigger()
+        rest()
+        look(question, page)
+
+    for one in COMMANDS:
+        if (one.title.endswith("…") or one.menu == "Help") and commands[one.id].isEnabled():
+            order(one.id)
+    window.helping.show_error("run", InputError("a.nrrd: is empty; choose another file"))
+    order("view.corner")
+    ask(window, "Leave?", "Something is not saved.", ("Save", "Cancel"))
+
+    commands["view.correspond"].trigger()
+    desk.edit_settings("optimize", "particles", quick(200))
+    look("more particles", panels)
+    commands["run.more"].trigger()
+    wait(lambda: work.run_job is None or work.run_job.frame is not None)
+    commands["run.pause"].trigger()
+    wait(lambda: work.run_job.status.paused)
+    look("a run", panels)
+    order("view.screenshot")
+    commands["run.cancel"].trigger()
+    rest()
+    look("a run that was cancelled", panels)
+
+    print(*sorted(walk.faults), sep="\n")
+    assert not walk.faults
+    unseen = program_widgets() - walk.seen
+    assert not unseen, "the walk lacks a place where these can be seen"
