@@ -86,11 +86,11 @@ def plot_scores(
         Background and text.
     """
     figure, axes = _page(4.2, 3.6, theme)
-    for index, group in enumerate(dict.fromkeys(groups)):
+    for index, group in enumerate(sorted(set(groups))):  # as in the window
         members = np.array([one == group for one in groups])
         colour, marker = _COLOURS[(index + index // 7) % 7], _MARKERS[index % 7]  # no two look alike
         x, y = scores[members][:, list(modes)].T
-        label = f"{group} ({len(x)})"
+        label = f"{group or 'no group'} ({len(x)})"
         axes.scatter(x, y, s=26, linewidths=0.0, alpha=0.85, color=colour, marker=marker, label=label)
         axes.scatter(
             x.mean(), y.mean(), s=110, marker=marker, facecolors="none", edgecolors=colour, linewidths=1.6
