@@ -60,6 +60,15 @@ class Subject:
     columns: Mapping[str, str] = field(default_factory=dict)
     landmarks: Path | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse names that are no text, as files of other systems may have: SimpleITK aborts on them."""
+        for one in (self.path, self.landmarks):
+            try:
+                str(one or "").encode()
+            except UnicodeEncodeError as error:
+                shown = os.fsencode(str(one)).decode("utf-8", "backslashreplace")
+                raise InputError(f"{shown}: its name is no text in UTF-8; rename it") from error
+
     @property
     def is_mesh(self) -> bool:
         """Whether the file is a surface mesh rather than a segmentation."""

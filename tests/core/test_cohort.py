@@ -1,4 +1,6 @@
+import os
 import pickle
+import sys
 
 import pytest
 
@@ -144,3 +146,12 @@ def test_a_path_that_no_system_takes_is_refused_with_its_line(tmp_path, path):
     (tmp_path / "cohort.csv").write_text(f"name,path\na,a.nrrd\nb,{path}\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"cohort\.csv, line 3: the path can't be a path: it is too long"):
         read_cohort(tmp_path / "cohort.csv")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only there are names any bytes")
+@pytest.mark.parametrize("name", [b"bad\xff.nrrd", b"M\xfcller.ply"])
+def test_a_file_name_that_is_no_text_is_refused(folder, name):
+    (folder / os.fsdecode(name)).touch()
+    with pytest.raises(InputError, match=r"\\x.*: its name is no text in UTF-8; rename it") as refused:
+        read_cohort(folder)
+    assert str(refused.value).encode()
