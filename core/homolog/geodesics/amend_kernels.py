@@ -14,14 +14,13 @@ from homolog.geodesics.bearing_kernels import (
     SETTLED,
     Turns,
     find_way,
-    least_way,
     share_of,
     tie_corner,
     trust_in,
     turn_between,
     within,
 )
-from homolog.geodesics.kernels import FAR, Corner, Reach
+from homolog.geodesics.kernels import FAR, Corner, Reach, least_way
 from homolog.geodesics.lookup import LANES
 from homolog.geodesics.sweep_kernels import BUCKETS, Lanes, Scratch
 
@@ -40,10 +39,6 @@ class Amendments:
     rivals: wp.array(dtype=wp.int32)  # (V,) corners that shortest ways may come through, as bits
     moved: wp.array(dtype=wp.int32)  # (V,) clock of the last time that a vertex' amendments moved
     settled: wp.array(dtype=wp.int32)  # (V,) clock of the last time that they were computed
-    distance: wp.array(dtype=Lanes)  # (W,) of each way to one vertex
-    way: wp.array(dtype=Lanes)  # its bearing
-    standing: wp.array(dtype=Lanes)
-    doubt: wp.array(dtype=wp.float32)
     end: wp.array(dtype=wp.int32)  # (V,) last tie of each vertex in order, one beyond
     a: wp.array(dtype=wp.int32)  # (K,) of each tie
     b: wp.array(dtype=wp.int32)
@@ -79,7 +74,7 @@ def order_reached(scratch: Scratch, amends: Amendments, limit: float) -> int:
 
 
 @wp.func
-def list_ways(
+def find_bearings(
     scratch: Scratch,
     amends: Amendments,
     v: int,
@@ -87,13 +82,21 @@ def list_ways(
     corners: wp.array(dtype=Corner),
     turns: wp.array(dtype=Turns),
     reach: Reach,
-) -> int:
-    """List the ways to a vertex; return how many. Those that may be the shortest in a lane are its rivals."""
+):
+    """Find the bearings of a vertex, and the corners that its shortest ways may come through.
+
+    A bearing is the mean of those of all ways that are equally long.
+    """
     u = scratch.u[v]
     edge = reach.slack
+    around = turns[fan[v]].around_c
+    best = Lanes(FAR)
+    first = Lanes(0.0)
+    total = Lanes(0.0)
+    mean = Lanes(0.0)
+    square = Lanes(0.0)
     rivals = int(0)
     bit = int(1)
-    n = int(0)
     for k in range(fan[v], fan[v + 1]):
         corner = corners[k]
         da = scratch.u[corner.a]
@@ -102,66 +105,33 @@ def list_ways(
         for lane in range(LANES):
             hopes += wp.where(least_way(corner, da[lane], db[lane]) < u[lane] + RIVAL * edge, 1, 0)
         if hopes > 0:
-            turn = turns[k]
-            distance = Lanes()
-            bearing = Lanes()
-            standing = Lanes()
-            doubt = float(0.0)
+            turning = turns[k]
             count = int(0)
             for lane in range(LANES):
-                way = find_way(corner, turn, da[lane], db[lane], edge)
-                distance[lane] = way.distance
-                bearing[lane] = way.bearing
-                standing[lane] = way.standing
-                doubt = way.doubt
-                near = u[lane] <= reach.stored + edge and way.distance - u[lane] < RIVAL * edge
+                way = find_way(corner, turning, da[lane], db[lane], edge)
+                best[lane] = wp.min(best[lane], way.distance)
+                share = way.standing * share_of(way.distance, u[lane], edge)
+                first[lane] = wp.where(total[lane] == 0.0, way.bearing, first[lane])
+                turn = turn_between(first[lane], way.bearing, around)
+                total[lane] += share
+                mean[lane] += share * turn
+                square[lane] += share * (turn * turn + way.doubt)
+                near = u[lane] <= reach.stored + edge and way.as_rival - u[lane] < RIVAL * edge
                 count += wp.where(near, 1, 0)
-            amends.distance[n] = distance
-            amends.way[n] = bearing
-            amends.standing[n] = standing
-            amends.doubt[n] = doubt
-            n += 1
             if count > 0:
                 rivals = rivals | bit
         bit = wp.where(k - fan[v] < LAST_BIT, bit << 1, bit)
-    amends.rivals[v] = rivals
-    return n
-
-
-@wp.func
-def find_bearings(scratch: Scratch, amends: Amendments, v: int, n: int, around: float, edge: float):
-    """Find the bearings of a vertex: the mean of those of its n ways that are equally long."""
-    u = scratch.u[v]
-    best = Lanes(FAR)
-    first = Lanes(0.0)
-    for j in range(n):
-        distance = amends.distance[j]
-        bearing = amends.way[j]
-        for lane in range(LANES):
-            first[lane] = wp.where(distance[lane] < best[lane], bearing[lane], first[lane])
-            best[lane] = wp.min(best[lane], distance[lane])
-    total = Lanes(1.0e-30)
-    mean = Lanes(0.0)
-    square = Lanes(0.0)
-    for j in range(n):
-        distance = amends.distance[j]
-        bearing = amends.way[j]
-        standing = amends.standing[j]
-        doubt = amends.doubt[j]
-        for lane in range(LANES):
-            share = standing[lane] * share_of(distance[lane], best[lane], edge)
-            turn = turn_between(first[lane], bearing[lane], around)
-            total[lane] += share
-            mean[lane] += share * turn
-            square[lane] += share * (turn * turn + doubt)
     for lane in range(LANES):
-        inverse = 1.0 / total[lane]
+        inverse = 1.0 / wp.max(total[lane], 1.0e-30)
         mean[lane] *= inverse
         trust = trust_in(square[lane] * inverse, mean[lane])
-        square[lane] = wp.where(best[lane] - u[lane] < RIVAL * edge, trust, 0.0)  # else a source
+        # without a way, or only longer ones: a source
+        trust = wp.where(total[lane] > 0.0, trust, 0.0)
+        square[lane] = wp.where(best[lane] - u[lane] < RIVAL * edge, trust, 0.0)
         mean[lane] = within(first[lane] + mean[lane], around)
     amends.bearing[v] = mean
     amends.trust[v] = square
+    amends.rivals[v] = rivals
 
 
 @wp.func
@@ -269,9 +239,7 @@ def amend_cluster(
     """Amend the distances that `sweep_cluster` has left in scratch."""
     reached = order_reached(scratch, amends, reach.stored + reach.slack)
     for p in range(reached):
-        v = amends.order[p]
-        n_ways = list_ways(scratch, amends, v, fan, corners, turns, reach)
-        find_bearings(scratch, amends, v, n_ways, turns[fan[v]].around_c, reach.slack)
+        find_bearings(scratch, amends, amends.order[p], fan, corners, turns, reach)
     n = int(0)
     for p in range(reached):
         n = tie_vertex(scratch, amends, amends.order[p], n, fan, corners, turns, reach)

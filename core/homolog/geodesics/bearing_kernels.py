@@ -9,7 +9,7 @@ and slopes at both ends, the distance on the side is known to one order more.
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.kernels import FAR, Corner, trace
+from homolog.geodesics.kernels import FAR, Corner, Ray, trace
 
 wp.set_module_options({"enable_backward": False})
 
@@ -36,7 +36,7 @@ MOST = wp.constant(0.1)
 """Largest amendment of a single triangle, as a part of the distance: more is no curvature, but two fronts."""
 UPWIND = wp.constant(0.1)
 """An end of a side nearer than the vertex beyond by less than this part of a mean edge counts less."""
-SETTLED = wp.constant(3.0e-5)
+SETTLED = wp.constant(1.0e-4)
 """Amendments that move by less than this part of a mean edge have settled."""
 ROUNDS = wp.constant(24)
 """Rounds of amendments after which to be content: then they move by less than a code; seven are usual."""
@@ -88,11 +88,18 @@ def turn_from_side(rise: float, run: float) -> float:
     return wp.where(run < 0.0, PI - arc, arc)
 
 
+@wp.func
+def rival_distance(ray: Ray) -> float:
+    """Return a way's distance, but FAR along side bc, which is the next corner's ac: it counts once."""
+    return wp.where(ray.direct == 2, FAR, ray.distance)
+
+
 @wp.struct
 class Way:
     """A way through a triangle to its corner c, as a candidate for the bearing of c."""
 
     distance: float  # at c
+    as_rival: float  # the same, but FAR if it is the next corner's
     bearing: float
     standing: float  # weight beside others equally long
     doubt: float  # 1 if rounding decides
@@ -107,6 +114,7 @@ def find_way(corner: Corner, turns: Turns, da: float, db: float, edge: float) ->
     """
     way = Way()
     ray = trace(corner, da, db)
+    way.as_rival = rival_distance(ray)
     run = corner.ac * corner.ac - corner.x * ray.crossing
     way.distance = ray.distance
     way.bearing = turns.at_c + turn_from_side(corner.y * ray.crossing, run)
@@ -117,15 +125,9 @@ def find_way(corner: Corner, turns: Turns, da: float, db: float, edge: float) ->
 
 
 @wp.func
-def least_way(corner: Corner, da: float, db: float) -> float:
-    """Return a distance that no way through a triangle falls short of, if |da - db| <= |ab|."""
-    return 0.5 * (da + db - corner.length) + corner.y
-
-
-@wp.func
 def share_of(way: float, best: float, edge: float) -> float:
     """Return the weight of a way in the bearing: 1 … 0."""
-    return wp.max(1.0 - (way - best) * (1.0 / (BLEND * edge)), 0.0)
+    return wp.min(wp.max(1.0 - (way - best) * (1.0 / (BLEND * edge)), 0.0), 1.0)
 
 
 @wp.func
@@ -205,7 +207,7 @@ def tie_corner(
     by_b = db + corner.bc
     side = wp.min(by_a, by_b)
     through = wp.where(wp.min(da, db) > 0.0, straight, FAR) < side  # from a source: along the side
-    tie.gain = wp.where(ray.distance - u < RIVAL * edge, wp.where(through, straight, side) - u, FAR)
+    tie.gain = wp.where(rival_distance(ray) - u < RIVAL * edge, wp.where(through, straight, side) - u, FAR)
     # of a and b only those nearer than c count: what follows from what then is no circle
     weight_a = (1.0 - z) * nearer(u - da, edge)
     weight_b = z * nearer(u - db, edge)

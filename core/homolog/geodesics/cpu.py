@@ -66,14 +66,11 @@ class Problem:
     def _amendments(self) -> Any:  # noqa: ANN401
         amends = amend_kernels.Amendments()
         ties = len(self.fans.corners)
-        widest = int(np.diff(self.fans.start.numpy()).max())
         for size, kind, names in (
             (self.n_vertices, sweep_kernels.Lanes, ("bearing", "trust", "amendment")),
             (self.n_vertices, wp.int32, ("order", "rivals", "moved", "settled", "end")),
             (ties, wp.int32, ("a", "b")),
             (ties, sweep_kernels.Lanes, ("share", "gain")),
-            (widest, sweep_kernels.Lanes, ("distance", "way", "standing")),
-            (widest, wp.float32, ("doubt",)),
         ):
             for name in names:
                 setattr(amends, name, wp.zeros(size, dtype=kind, device="cpu"))

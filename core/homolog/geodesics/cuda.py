@@ -9,7 +9,7 @@ import warp as wp
 from homolog.errors import InputError
 from homolog.geodesics import front_kernels, front_store_kernels, kernels
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
-from homolog.geodesics.front import BYTES_PER_VERTEX, advance, amend, make_amendments, make_front
+from homolog.geodesics.front import BYTES_PER_VERTEX, advance, amend, make_amendments, make_front, start
 from homolog.geodesics.intrinsic import triangulate
 from homolog.geodesics.lookup import LANES, MISSING
 from homolog.geodesics.plan import POINT, TablePlan, Task, block_rows
@@ -85,6 +85,7 @@ def _upload(plan: TablePlan, device: str) -> Cohort:
         sources.shape = wp.array(clusters.shape, dtype=wp.int32)
         sources.first = wp.array(fans.first.astype(np.int32), dtype=wp.int32)
         sources.reaches = wp.array(reaches, dtype=kernels.Reach)
+        sources.position = fans.position
         sources.fan = fans.start
         sources.corners = fans.corners
     return Cohort(fans, clusters, sources, reaches, plan.element_code)
@@ -93,11 +94,7 @@ def _upload(plan: TablePlan, device: str) -> Cohort:
 def _solve(state: Any, cohort: Cohort, clusters: range) -> None:  # noqa: ANN401
     """Solve some clusters into the front's u."""
     front, amends = state
-    front.u.fill_(float(kernels.FAR))
-    for array in (front.queued, front.counts):
-        array.zero_()
-    inputs = [front, cohort.sources, clusters.start]
-    wp.launch(front_kernels.seed_front, (len(clusters), LANES), inputs=inputs)
+    start(front, cohort.sources, clusters)
     advance(front, cohort.sources, clusters, cohort.element)
     if cohort.element == POINT:  # planar fronts know no bearings
         amend(front, amends, cohort.sources, cohort.fans.turns, clusters)

@@ -57,7 +57,6 @@ def fill_corners(
 def gather(
     seed: int,
     visits: int,
-    base: int,
     cluster: int,
     fan: wp.array(dtype=wp.int32),
     neighbour: wp.array(dtype=wp.int32),
@@ -81,7 +80,7 @@ def gather(
         v = queue[head]
         head += 1
         if slot[v] < 0:
-            members[cluster, found] = v - base
+            members[cluster, found] = v
             found += 1
         for k in range(fan[v], fan[v + 1]):
             y = neighbour[k]
@@ -94,7 +93,6 @@ def gather(
 
 @wp.kernel
 def grow_clusters(
-    first: wp.array(dtype=wp.int32),
     near: int,
     far: int,
     fan: wp.array(dtype=wp.int32),
@@ -104,41 +102,36 @@ def grow_clusters(
     queue: wp.array(dtype=wp.int32),
     front: wp.array(dtype=wp.int32),
     members: wp.array2d(dtype=wp.int32),
-    shape: wp.array(dtype=wp.int32),
     size: wp.array(dtype=wp.int32),
 ):
     """Group vertices along an advancing front; then group what was left over, from farther around."""
     n_clusters = int(0)
-    for s in range(first.shape[0] - 1):
-        base = first[s]
-        front[0] = base
-        slot[base] = IN_FRONT
-        head = int(0)
-        tail = int(1)
-        while head < tail:
-            seed = front[head]
-            head += 1
-            if slot[seed] < 0:
-                got = gather(seed, near, base, n_clusters, fan, neighbour, slot, seen, queue, members)
-                if got[0] == LANES:
-                    for lane in range(LANES):
-                        slot[members[n_clusters, lane] + base] = n_clusters * LANES + lane
-                    shape[n_clusters] = s
-                    n_clusters += 1
-                for k in range(got[1]):
-                    v = queue[k]
-                    if slot[v] == UNSEEN:
-                        slot[v] = IN_FRONT
-                        front[tail] = v
-                        tail += 1
-        for v in range(base, first[s + 1]):
-            if slot[v] < 0:
-                got = gather(v, far, base, n_clusters, fan, neighbour, slot, seen, queue, members)
+    front[0] = 0
+    slot[0] = IN_FRONT
+    head = int(0)
+    tail = int(1)
+    while head < tail:
+        seed = front[head]
+        head += 1
+        if slot[seed] < 0:
+            got = gather(seed, near, n_clusters, fan, neighbour, slot, seen, queue, members)
+            if got[0] == LANES:
                 for lane in range(LANES):
-                    if lane < got[0]:
-                        slot[members[n_clusters, lane] + base] = n_clusters * LANES + lane
-                    else:
-                        members[n_clusters, lane] = -1
-                shape[n_clusters] = s
+                    slot[members[n_clusters, lane]] = n_clusters * LANES + lane
                 n_clusters += 1
+            for k in range(got[1]):
+                v = queue[k]
+                if slot[v] == UNSEEN:
+                    slot[v] = IN_FRONT
+                    front[tail] = v
+                    tail += 1
+    for v in range(slot.shape[0]):
+        if slot[v] < 0:
+            got = gather(v, far, n_clusters, fan, neighbour, slot, seen, queue, members)
+            for lane in range(LANES):
+                if lane < got[0]:
+                    slot[members[n_clusters, lane]] = n_clusters * LANES + lane
+                else:
+                    members[n_clusters, lane] = -1
+            n_clusters += 1
     size[0] = n_clusters

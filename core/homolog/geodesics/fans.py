@@ -1,6 +1,7 @@
 """Meshes made ready for the solver: the triangles around every vertex, and clusters of sources."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from homolog.arrays import IntArray, frozen
+from homolog.device import cores
 from homolog.geodesics.bearing_kernels import Turns
 from homolog.geodesics.fan_kernels import UNSEEN, fill_corners, grow_clusters
 from homolog.geodesics.intrinsic import Triangulation
@@ -89,20 +91,31 @@ def find_clusters(delaunay: Triangulation) -> Clusters:
 
     In space the two walls of a thin shape would fall into one cluster; over edges they don't.
     """
-    n_vertices = len(delaunay.turn)
-    members = np.empty((n_vertices, LANES), np.int32)
-    shape = np.empty(n_vertices, np.int32)
-    slot = np.full(n_vertices, UNSEEN, np.int32)
-    size = np.zeros(1, np.int32)
-    seen = np.zeros(n_vertices + 1, np.int32)
-    queue, front = np.empty((2, n_vertices), np.int32)
-    wp.launch(
-        grow_clusters,
-        1,
-        inputs=[
-            delaunay.first.astype(np.int32), NEAR_VISITS, FAR_VISITS, *delaunay.neighbours(),
-            slot, seen, queue, front, members, shape, size,
-        ],
-        device="cpu",
-    )  # fmt: skip
-    return Clusters(frozen(members[: size[0]]), frozen(shape[: size[0]]), frozen(slot))
+    wp.load_module(grow_clusters.module, device="cpu")  # before the threads, which would each load it
+    starts, neighbour = delaunay.neighbours()
+
+    def grow(shape: int) -> tuple[IntArray, IntArray]:
+        first, end = delaunay.first[shape : shape + 2]
+        start = starts[first : end + 1]
+        return _clusters_of(start - start[0], neighbour[start[0] : start[-1]] - np.int32(first))
+
+    n_shapes = len(delaunay.first) - 1
+    with ThreadPoolExecutor(min(cores(), n_shapes)) as pool:
+        parts = list(pool.map(grow, range(n_shapes)))
+    counts = np.array([len(members) for members, _ in parts])
+    before = np.cumsum(counts) - counts
+    slots = [slot + np.int32(LANES * at) for (_, slot), at in zip(parts, before, strict=True)]
+    members = np.concatenate([members for members, _ in parts])
+    shape = np.repeat(np.arange(n_shapes, dtype=np.int32), counts)
+    return Clusters(frozen(members), frozen(shape), frozen(np.concatenate(slots)))
+
+
+def _clusters_of(start: IntArray, neighbour: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the members of one shape's clusters, and the slot of every vertex."""
+    n = len(start) - 1
+    members, slot = np.empty((n, LANES), np.int32), np.full(n, UNSEEN, np.int32)
+    size, seen = np.zeros(1, np.int32), np.zeros(n + 1, np.int32)
+    queue, front = np.empty((2, n), np.int32)
+    inputs = [NEAR_VISITS, FAR_VISITS, start, neighbour, slot, seen, queue, front, members, size]
+    wp.launch(grow_clusters, 1, inputs=inputs, device="cpu")
+    return members[: size[0]], slot

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import warp as wp
+from scipy.spatial import KDTree
 
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.arrays import Float32Array
@@ -64,16 +65,12 @@ def distances_from(
     fans = build_fans([mesh], triangulate([mesh]), "cpu")
     with wp.ScopedDevice("cpu"):
         front = make_front(1, n, 1)
-        front.u.fill_(float(kernels.FAR))
         values = front.u.numpy()[0, :, 0]
         np.minimum.at(values, where, 0.0 if start is None else np.asarray(start, np.float32))
-        around = np.unique(mesh.faces[np.isin(mesh.faces, where).any(axis=1)])
-        for array in (front.queued, front.counts):
-            array.zero_()
-        front.lists.numpy()[1, 0, : len(around)] = around
-        front.lists.numpy()[2, 0, : len(around)] = around
-        front.queued.numpy()[0, around] = 1
-        front.counts.numpy()[[1, 3], 0] = len(around)
+        nearest, _ = KDTree(mesh.vertices[where]).query(mesh.vertices)
+        front.patch.numpy()[0] = np.argsort(nearest)
+        front.size.fill_(n)
+        front.dirty.numpy()[0, mesh.faces[np.isin(mesh.faces, where).any(axis=1)]] = 1
         clusters = front_kernels.Sources()
         clusters.shape = wp.zeros(1, dtype=wp.int32)
         clusters.first = wp.zeros(1, dtype=wp.int32)

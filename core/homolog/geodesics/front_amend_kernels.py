@@ -1,8 +1,9 @@
 """Amend the distances of a batch of clusters at once (see `homolog.geodesics.bearing_kernels`): for CUDA.
 
-Each cluster's vertices in reach are listed near to far, so that one pass of its crew over the list carries
-amendments far; passes are repeated until nothing moves. The tie of the one corner that most shortest ways can
-only come through is kept, packed into a word; where several may, ties are computed again in each pass.
+Each cluster's vertices in reach are listed near to far and gone through in bands, each of which settles
+before the next: amendments follow from those of nearer vertices. Most shortest ways can only come through one
+corner or either of two: these ties are kept, share and corner packed into a word. Where there are more, ties
+are computed anew each time.
 """
 
 import warp as wp
@@ -15,78 +16,83 @@ from homolog.geodesics.bearing_kernels import (
     Tie,
     Turns,
     find_way,
-    least_way,
     share_of,
     tie_corner,
     trust_in,
     turn_between,
     within,
 )
-from homolog.geodesics.front_kernels import ALL, N_ALL, Front, Hand, Sources, hand_of, meet
-from homolog.geodesics.kernels import FAR
+from homolog.geodesics.front_kernels import (
+    BINS,
+    CREW,
+    CREW_BAND,
+    Front,
+    Hand,
+    Sources,
+    end_rings,
+    hand_of,
+    in_any_lane,
+    meet,
+    pass_on,
+    take,
+)
+from homolog.geodesics.kernels import FAR, Corner, least_way
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 4})
+wp.set_module_options({"enable_backward": False})
 
-BINS = wp.constant(256)
-"""Rings, by distance, that a cluster's vertices are listed in."""
 WHOLE = wp.constant(65535)
 """A share of one, in the upper half of a tie's word; the lower half is the corner's place in the fan …"""
 NONE = wp.constant(65535)
 """… or this: no way comes here, as to a source …"""
 MANY = wp.constant(65534)
-"""… or this: ways may come through several corners."""
+"""… or this: ways may come through more corners than are kept."""
 
 
 @wp.struct
 class FrontAmendments:
-    """What is needed beside `Front` to amend a batch of clusters; lists[0] of the front holds the order."""
+    """What is needed beside `Front` to amend a batch of clusters."""
 
     bearing: wp.array3d(dtype=wp.float32)  # (B, V, L)
     trust: wp.array3d(dtype=wp.float32)  # (B, V, L) of bearings
     amendment: wp.array3d(dtype=wp.float32)  # (B, V, L)
-    gain: wp.array3d(dtype=wp.float32)  # (B, V, L) of the only tie
-    word: wp.array3d(dtype=wp.uint32)  # (B, V, L) its share and corner
-    filled: wp.array2d(dtype=wp.int32)  # (B, BINS) how many vertices a ring holds; then where it ends
-    moved: wp.array(dtype=wp.int32)  # (B,) last round in which anything of a cluster moved
+    gain: wp.array3d(dtype=wp.vec2)  # (B, V, L) of one tie and the other
+    word: wp.array3d(dtype=wp.vec2ui)  # (B, V, L) their shares and corners
+    order: wp.array2d(dtype=wp.int32)  # (B, V) vertices in reach, near to far
+    reached: wp.array(dtype=wp.int32)  # (B,) how many
 
 
-@wp.func
-def order_reached(
-    front: Front, amends: FrontAmendments, b: int, limit: float, thread: int, threads: int
-) -> int:
-    """List the vertices within a limit of any source ring after ring; return how many."""
-    touched = front.counts[N_ALL, b]
-    lanes = front.u.shape[2]
+@wp.kernel
+def order_front(front: Front, amends: FrontAmendments, sources: Sources, offset: int, threads: int):
+    """List the vertices within reach of any source, near to far; thread (cluster, member of its crew)."""
+    b, thread = wp.tid()
+    reach = sources.reaches[sources.shape[offset + b]]
+    limit = reach.stored + reach.slack
+    scale = 0.9999 * float(BINS) / limit
+    hand = hand_of(front, sources, b, offset, thread, threads)
     for ring in range(thread, BINS, threads):
-        amends.filled[b, ring] = 0
+        front.filled[b, ring] = 0
     meet()
-    for k in range(thread, touched, threads):
-        v = front.lists[ALL, b, k]
-        nearest = float(FAR)
-        for lane in range(lanes):
-            nearest = wp.min(nearest, front.u[b, v, lane])
+    for k in range(hand.walker, front.size[b], hand.walkers):
+        v = front.patch[b, k]
+        near = int(0)
+        for lane in range(hand.lane, hand.lanes, hand.lane_step):
+            near = wp.where(front.u[b, v, lane] <= limit, 1, near)
             amends.trust[b, v, lane] = 0.0
             amends.bearing[b, v, lane] = 0.0
             amends.amendment[b, v, lane] = 0.0
-        ring = wp.where(nearest <= limit, int(nearest * (0.9999 * float(BINS) / limit)), -1)
-        front.queued[b, v] = ring
-        if ring >= 0:
-            wp.atomic_add(amends.filled, b, ring, 1)
+        near = in_any_lane(near, hand.lane_step)
+        if hand.lane == 0:
+            front.dirty[b, v] = near
+            if near != 0:
+                wp.atomic_add(front.filled, b, int(wp.min(front.u[b, v, 0], limit) * scale), 1)
+    end_rings(front, b, thread)
+    for k in range(thread, front.size[b], threads):
+        v = front.patch[b, k]
+        if front.dirty[b, v] != 0:
+            ring = int(wp.min(front.u[b, v, 0], limit) * scale)
+            amends.order[b, wp.atomic_add(front.filled, b, ring, 1)] = v
     meet()
-    if thread == 0:
-        total = int(0)
-        for ring in range(BINS):
-            n = amends.filled[b, ring]
-            amends.filled[b, ring] = total
-            total += n
-    meet()
-    for k in range(thread, touched, threads):
-        v = front.lists[ALL, b, k]
-        ring = front.queued[b, v]
-        if ring >= 0:
-            front.lists[0, b, wp.atomic_add(amends.filled, b, ring, 1)] = v
-    meet()
-    return amends.filled[b, BINS - 1]
+    amends.reached[b] = front.filled[b, BINS - 1]
 
 
 @wp.func
@@ -105,46 +111,36 @@ def find_bearing(
     u = front.u[b, v, lane]
     best = float(FAR)
     first = float(0.0)
-    rivals = int(0)
-    rival = int(NONE)
-    begin = sources.fan[hand.base + v]
-    end = sources.fan[hand.base + v + 1]
-    for c in range(begin, end):
-        corner = sources.corners[c]
-        da = front.u[b, corner.a, lane]
-        db = front.u[b, corner.b, lane]
-        if least_way(corner, da, db) < u + RIVAL * edge:
-            way = find_way(corner, turns[c], da, db, edge)
-            if way.distance < best:
-                best = way.distance
-                first = way.bearing
-            if way.distance - u < RIVAL * edge:
-                rivals += 1
-                rival = c - begin
-    around = turns[begin].around_c
-    total = float(1.0e-30)
+    total = float(0.0)
     mean = float(0.0)
     square = float(0.0)
-    for c in range(begin, end):
+    rivals = wp.vec2ui(wp.uint32(NONE), wp.uint32(NONE))
+    begin = sources.fan[hand.base + v]
+    around = turns[begin].around_c
+    da = front.u[b, sources.corners[begin].a, lane]
+    for c in range(begin, sources.fan[hand.base + v + 1]):
         corner = sources.corners[c]
-        da = front.u[b, corner.a, lane]
-        db = front.u[b, corner.b, lane]
+        db = front.u[b, corner.b, lane]  # the next corner's a
         if least_way(corner, da, db) < u + RIVAL * edge:
             way = find_way(corner, turns[c], da, db, edge)
-            share = way.standing * share_of(way.distance, best, edge)
+            best = wp.min(best, way.distance)
+            share = way.standing * share_of(way.distance, u, edge)
+            first = wp.where(total == 0.0, way.bearing, first)
             turn = turn_between(first, way.bearing, around)
             total += share
             mean += share * turn
             square += share * (turn * turn + way.doubt)
-    mean = mean / total
-    if best - u < RIVAL * edge:  # else a source
+            if way.as_rival - u < RIVAL * edge:
+                many = rivals[1] != wp.uint32(NONE) or c - begin >= MANY
+                rivals = wp.vec2ui(wp.where(many, wp.uint32(MANY), wp.uint32(c - begin)), rivals[0])
+        da = db
+    mean = mean / wp.max(total, 1.0e-30)
+    if total > 0.0 and best - u < RIVAL * edge:  # else a source
         amends.bearing[b, v, lane] = within(first + mean, around)
         amends.trust[b, v, lane] = trust_in(square / total, mean)
-    if u == 0.0 or rivals == 0:
-        rival = NONE
-    elif rivals > 1 or rival >= MANY:
-        rival = MANY
-    amends.word[b, v, lane] = wp.uint32(rival)
+    if u == 0.0:
+        rivals = wp.vec2ui(wp.uint32(NONE), wp.uint32(NONE))
+    amends.word[b, v, lane] = rivals
 
 
 @wp.func
@@ -178,6 +174,13 @@ def tie_of(
 
 
 @wp.func
+def mix(amends: FrontAmendments, corner: Corner, b: int, lane: int, share: float) -> float:
+    """Return the amendment on a corner's side, between those of its ends."""
+    of_a = amends.amendment[b, corner.a, lane]
+    return of_a + share * (amends.amendment[b, corner.b, lane] - of_a)
+
+
+@wp.func
 def carry(
     front: Front,
     amends: FrontAmendments,
@@ -190,17 +193,10 @@ def carry(
 ) -> float:
     """Return the amendment of a vertex in one lane that follows from those of others; FAR if none does."""
     b = hand.cluster
-    word = amends.word[b, v, lane]
-    place = int(word & wp.uint32(NONE))
+    words = amends.word[b, v, lane]
     begin = sources.fan[hand.base + v]
     best = float(FAR)
-    if place < MANY:
-        corner = sources.corners[begin + place]
-        of_a = amends.amendment[b, corner.a, lane]
-        of_b = amends.amendment[b, corner.b, lane]
-        share = float(word >> wp.uint32(16)) / float(WHOLE)
-        best = amends.gain[b, v, lane] + of_a + share * (of_b - of_a)
-    elif place == MANY:
+    if words[0] == wp.uint32(MANY):
         u = front.u[b, v, lane]
         for c in range(begin, sources.fan[hand.base + v + 1]):
             corner = sources.corners[c]
@@ -208,14 +204,56 @@ def carry(
             db = front.u[b, corner.b, lane]
             if least_way(corner, da, db) < u + RIVAL * edge:
                 tie = tie_of(front, amends, sources, turns, b, c, u, edge, lane)
-                of_a = amends.amendment[b, corner.a, lane]
-                of_b = amends.amendment[b, corner.b, lane]
-                best = wp.min(best, tie.gain + of_a + tie.share * (of_b - of_a))
+                best = wp.min(best, tie.gain + mix(amends, corner, b, lane, tie.share))
+        return best
+    gains = amends.gain[b, v, lane]
+    for k in range(2):
+        place = int(words[k] & wp.uint32(NONE))
+        if place < MANY:
+            share = float(words[k] >> wp.uint32(16)) / float(WHOLE)
+            best = wp.min(best, gains[k] + mix(amends, sources.corners[begin + place], b, lane, share))
     return best
 
 
+@wp.func
+def mark_beyond(front: Front, sources: Sources, hand: Hand, v: int, lane: int, moved: int, edge: float):
+    """Mark the neighbours dirty that may follow a vertex in a lane where it moved.
+
+    Those that lie much nearer do not: ends of a side count less the farther they are.
+    """
+    b = hand.cluster
+    u = front.u[b, v, lane] - 0.5 * edge
+    for c in range(sources.fan[hand.base + v], sources.fan[hand.base + v + 1]):
+        a = sources.corners[c].a
+        if in_any_lane(wp.where(front.u[b, a, lane] > u, moved, 0), hand.lane_step) != 0:
+            front.dirty[b, a] = 1
+
+
+@wp.func
+def carry_all(
+    front: Front,
+    amends: FrontAmendments,
+    sources: Sources,
+    turns: wp.array(dtype=Turns),
+    hand: Hand,
+    edge: float,
+    v: int,
+):
+    """Carry amendments to a vertex, in all lanes; where it moves, others have to know."""
+    for lane in range(hand.lane, hand.lanes, hand.lane_step):
+        amendment = carry(front, amends, sources, turns, hand, edge, v, lane)
+        moved = int(0)
+        if amendment < 0.5 * FAR:  # neither a source, nor out of reach
+            if wp.abs(amendment - amends.amendment[hand.cluster, v, lane]) > SETTLED * edge:
+                moved = 1
+            amends.amendment[hand.cluster, v, lane] = amendment
+        if in_any_lane(moved, hand.lane_step) != 0:
+            pass_on(hand.lane_step)
+            mark_beyond(front, sources, hand, v, lane, moved, edge)
+
+
 @wp.kernel
-def amend_front(
+def find_front_bearings(
     front: Front,
     amends: FrontAmendments,
     sources: Sources,
@@ -223,42 +261,84 @@ def amend_front(
     offset: int,
     threads: int,
 ):
-    """Amend the distances of each cluster whose front is at rest; thread (cluster, member of its crew)."""
+    """Find the bearings of each cluster's vertices; thread (cluster, member of its crew)."""
     b, thread = wp.tid()
     hand = hand_of(front, sources, b, offset, thread, threads)
-    reach = sources.reaches[sources.shape[offset + b]]
-    edge = reach.slack
-    reached = order_reached(front, amends, b, reach.stored + edge, thread, threads)
-    for k in range(hand.walker, reached, hand.walkers):
-        v = front.lists[0, b, k]
+    edge = sources.reaches[sources.shape[offset + b]].slack
+    for k in range(hand.walker, amends.reached[b], hand.walkers):
+        v = amends.order[b, k]
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
             find_bearing(front, amends, sources, turns, hand, edge, v, lane)
-    meet()
-    for k in range(hand.walker, reached, hand.walkers):
-        v = front.lists[0, b, k]
+
+
+@wp.kernel
+def tie_front(
+    front: Front,
+    amends: FrontAmendments,
+    sources: Sources,
+    turns: wp.array(dtype=Turns),
+    offset: int,
+    threads: int,
+):
+    """Keep the ties of each cluster's vertices; thread (cluster, member of its crew)."""
+    b, thread = wp.tid()
+    hand = hand_of(front, sources, b, offset, thread, threads)
+    edge = sources.reaches[sources.shape[offset + b]].slack
+    for k in range(hand.walker, amends.reached[b], hand.walkers):
+        v = amends.order[b, k]
+        begin = sources.fan[hand.base + v]
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
-            place = int(amends.word[b, v, lane])
-            if place < MANY:
-                c = sources.fan[hand.base + v] + place
-                tie = tie_of(front, amends, sources, turns, b, c, front.u[b, v, lane], edge, lane)
-                amends.gain[b, v, lane] = tie.gain
-                amends.word[b, v, lane] = wp.uint32(place + int(tie.share * float(WHOLE) + 0.5) * (NONE + 1))
-    amends.moved[b] = 0
+            u = front.u[b, v, lane]
+            words = amends.word[b, v, lane]
+            gains = wp.vec2(FAR, FAR)
+            for n in range(2):
+                place = int(words[n])
+                if place < MANY:
+                    tie = tie_of(front, amends, sources, turns, b, begin + place, u, edge, lane)
+                    gains[n] = tie.gain
+                    words[n] = wp.uint32(place + int(tie.share * float(WHOLE) + 0.5) * (NONE + 1))
+            amends.gain[b, v, lane] = gains
+            amends.word[b, v, lane] = words
+
+
+@wp.kernel(launch_bounds=(CREW, 4))
+def settle_front(
+    front: Front,
+    amends: FrontAmendments,
+    sources: Sources,
+    turns: wp.array(dtype=Turns),
+    offset: int,
+    threads: int,
+):
+    """Carry amendments from vertex to vertex until nothing moves, and add them; thread as above."""
+    b, thread = wp.tid()
+    hand = hand_of(front, sources, b, offset, thread, threads)
+    edge = sources.reaches[sources.shape[offset + b]].slack
+    reached = amends.reached[b]
+    turn = int(0)
+    for k in range(thread, 3, threads):
+        front.busy[b, k] = 0
     meet()
-    round = int(0)
-    while round < ROUNDS and amends.moved[b] == round:
-        round += 1
-        meet()  # all have seen what the round before left behind
-        for k in range(hand.walker, reached, hand.walkers):
-            v = front.lists[0, b, k]
-            for lane in range(hand.lane, hand.lanes, hand.lane_step):
-                amendment = carry(front, amends, sources, turns, hand, edge, v, lane)
-                if amendment < 0.5 * FAR:  # neither a source, nor out of reach
-                    if wp.abs(amendment - amends.amendment[b, v, lane]) > SETTLED * edge:
-                        amends.moved[b] = round
-                    amends.amendment[b, v, lane] = amendment
-        meet()
+    rounds = int(0)
+    pending = int(1)
+    while pending != 0 and rounds < ROUNDS:
+        rounds += 1
+        pending = int(0)
+        for first in range(0, reached, CREW_BAND):
+            passes = int(0)
+            moving = int(1)
+            while moving != 0 and passes < ROUNDS:
+                passes += 1
+                turn += 1
+                for k in range(first + hand.walker, wp.min(first + CREW_BAND, reached), hand.walkers):
+                    v = amends.order[b, k]
+                    if take(front, hand, v) != 0:
+                        front.busy[b, turn % 3] = turn
+                        carry_all(front, amends, sources, turns, hand, edge, v)
+                meet()
+                moving = wp.where(front.busy[b, turn % 3] == turn, 1, 0)
+                pending = wp.max(pending, moving)
     for k in range(hand.walker, reached, hand.walkers):
-        v = front.lists[0, b, k]
+        v = amends.order[b, k]
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
             front.u[b, v, lane] = front.u[b, v, lane] + amends.amendment[b, v, lane]

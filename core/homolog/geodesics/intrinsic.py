@@ -68,8 +68,9 @@ class Triangulation:
 
     def neighbours(self) -> tuple[IntArray, IntArray]:
         """Return the first entry of each vertex in a list, (N + 1,), and the list of all their neighbours."""
-        head = self.tail.reshape(-1, 3)[:, [1, 2, 0]].ravel()
-        return self.starts(), head[np.argsort(self.tail, kind="stable")]
+        starts, neighbour = self.starts(), np.empty_like(self.tail)
+        neighbour[starts[self.tail] + self.rank] = self.tail.reshape(-1, 3)[:, [1, 2, 0]].ravel()
+        return starts, neighbour
 
     def on_device(self, device: str) -> Any:  # noqa: ANN401 - a wp.struct has no type
         """Return the `Sides` for kernels."""

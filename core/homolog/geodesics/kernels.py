@@ -45,7 +45,7 @@ class Ray:
     before: float  # length of the straight way up to there
     along: float  # place of that source: along ab …
     below: float  # … and off it
-    direct: int  # 1 if no straight way crosses ab and this one goes along a side
+    direct: int  # 0; or, if no straight way crosses ab, 1 for the way along ac and 2 for that along bc
 
 
 @wp.func
@@ -68,7 +68,7 @@ def trace(corner: Corner, da: float, db: float) -> Ray:
     inverse = 1.0 / height
     dx = corner.x - ray.along
     straight = wp.where(inside, wp.sqrt(dx * dx + height * height), FAR)
-    ray.direct = wp.where(straight < side, 0, 1)
+    ray.direct = wp.where(straight < side, 0, wp.where(by_a <= by_b, 1, 2))
     ray.distance = wp.min(straight, side)
     ray.before = straight * ray.below * inverse
     ray.crossing = wp.where(straight < side, crossing * inverse, wp.where(by_a <= by_b, 0.0, corner.length))
@@ -76,8 +76,17 @@ def trace(corner: Corner, da: float, db: float) -> Ray:
 
 
 @wp.func
+def side_way(corner: Corner, da: float, db: float) -> float:
+    """Distance at c along the shorter of two sides."""
+    return wp.min(da + corner.ac, db + corner.bc)
+
+
+@wp.func
 def straight_squared(corner: Corner, da: float, db: float) -> float:
-    """Square of the distance at c straight from the point below ab; FAR squared if no such way crosses ab."""
+    """Square of the distance at c straight from the point below ab; FAR squared if no such way crosses ab.
+
+    With `side_way` the same as `trace`, but for all triangles around c with one root less each.
+    """
     along = ((da - db) * (da + db) + corner.length * corner.length) * corner.half
     squared = da * da - along * along
     below = wp.sqrt(wp.max(squared, 0.0))
@@ -89,9 +98,9 @@ def straight_squared(corner: Corner, da: float, db: float) -> float:
 
 
 @wp.func
-def point_front(corner: Corner, da: float, db: float) -> float:
-    """Distance at c, from the point below ab that explains both da and db."""
-    return trace(corner, da, db).distance
+def least_way(corner: Corner, da: float, db: float) -> float:
+    """Return a distance that no straight way through a triangle falls short of, if |da - db| <= |ab|."""
+    return 0.5 * (da + db - corner.length) + corner.y
 
 
 @wp.func

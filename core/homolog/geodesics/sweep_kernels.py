@@ -6,7 +6,16 @@ Distances from the sources of a cluster are solved side by side, one source a la
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.kernels import FAR, Corner, Reach, encode, mean_code, plane_front, straight_squared
+from homolog.geodesics.kernels import (
+    FAR,
+    Corner,
+    Reach,
+    encode,
+    mean_code,
+    plane_front,
+    side_way,
+    straight_squared,
+)
 from homolog.geodesics.lookup import LANES, MISSING
 
 # A lane loop has to stay a loop: the compiler then turns it into vector instructions.
@@ -72,7 +81,7 @@ def update(
             db = scratch.u[corner.b]
             if element == 0:
                 for lane in range(LANES):
-                    best[lane] = wp.min(best[lane], wp.min(da[lane] + corner.ac, db[lane] + corner.bc))
+                    best[lane] = wp.min(best[lane], side_way(corner, da[lane], db[lane]))
                     squared[lane] = wp.min(squared[lane], straight_squared(corner, da[lane], db[lane]))
             else:
                 for lane in range(LANES):

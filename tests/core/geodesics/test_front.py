@@ -1,4 +1,4 @@
-"""The form for CUDA, run on the CPU: the same kernels, one launch a step."""
+"""The form for CUDA, run on the CPU: the same kernels, a crew of one."""
 
 import numpy as np
 
@@ -25,13 +25,13 @@ def test_both_forms_agree_within_two_codes_to_first_order(slotted, storage):
     assert differences(front, sweep).max() <= 2
 
 
-def test_both_forms_agree_within_two_codes_but_where_two_ways_are_equally_long(slotted, storage):
+def test_both_forms_agree_within_two_codes_but_for_one_pair_in_ten_thousand(slotted, storage):
     front = solve_on_cuda(plan_tables([slotted], 8.0), "cpu", 10**9, no_tick)[0]
     sweep = solve_tables([slotted], 8.0)[0]
     assert front.storage == sweep.storage == storage
     apart = differences(front, sweep)
-    assert (apart > 2).mean() < 1e-3
-    assert apart.max() <= 64  # a thousandth of d_max
+    assert (apart > 2).mean() < 1e-4
+    assert apart.max() <= 16  # a quarter of a thousandth of d_max
 
 
 def test_a_cohort_in_small_batches_gives_the_tables_of_its_shapes(sphere, slotted, storage):
