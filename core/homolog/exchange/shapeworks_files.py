@@ -135,7 +135,8 @@ def _from_xlsx(path: Path) -> tuple[list[Row], dict[str, Any]]:
         elif title == "groom":
             others[title] = _by_domain(table)
         else:
-            others[title] = {row.get("key", ""): row.get("value", "") for row in table if row.get("key")}
+            pairs = (list(row.values())[:2] for row in table)  # whatever the heads are, as ShapeWorks does
+            others[title] = {pair[0]: pair[-1] for pair in pairs if len(pair) == 2 and pair[0]}
     return rows, others
 
 
@@ -156,10 +157,10 @@ def _table(path: Path, lines: Any) -> list[Row]:  # noqa: ANN401 - openpyxl has 
 
 def _by_domain(table: Sequence[Row]) -> dict[str, Row]:
     """Turn a sheet ``key | value_<domain> …`` into one table for each domain."""
-    heads = [head for head in (table[0] if table else {}) if head != "key"]
+    key, *heads = table[0] if table else ("",)
     return {
         head.removeprefix("value").removeprefix("_"): {
-            row["key"]: row[head] for row in table if row.get("key") and row.get(head)
+            row[key]: row[head] for row in table if row.get(key) and row.get(head)
         }
         for head in heads
     }

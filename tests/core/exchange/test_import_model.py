@@ -170,13 +170,19 @@ def test_a_spreadsheet_project_is_read(exported, content, project, finished_run)
     for number, row in enumerate(content["data"]):
         sheet.append([*(row[head] for head in heads), 50 + number])
     settings = book.create_sheet("optimize")
-    settings.append(["key", "value"])
+    settings.append(["parameter", "setting"])
     settings.append(["use_geodesic_distance", "false"])
+    settings.append(["", ""])
+    groom = book.create_sheet("groom")
+    groom.append(["key", "value_1", "value_2"])
+    groom.append(["fill_holes", True, "false"])
     path = exported.with_suffix(".xlsx")
     book.save(path)
     import_model(path, project)
     assert np.abs(read_result(project).world - read_result(finished_run).world).max() <= 1e-6
     assert project.read().result.subjects[3].columns == {"age": "53"}
+    kept = json.loads((project.folder / "shapeworks.json").read_text())
+    assert kept["others"]["groom"] == {"1": {"fill_holes": "true"}, "2": {"fill_holes": "false"}}
     assert project.read().result.metric == "euclidean"
 
 
