@@ -91,8 +91,13 @@ def _read_itk(path: Path) -> Volume:
     if any(not 0 <= one.layer < count for one in named):
         raise InputError(f"{path}: names segments in layers that it does not hold; save it again")
     voxel = SimpleITK.GetArrayViewFromImage(SimpleITK.Image([1, 1, 1], reader.GetPixelID())).itemsize
-    check_size(path, reader.GetSize(), voxel * count)
-    text.check_length(math.prod(reader.GetSize()) * voxel * count)
+    size = list(reader.GetSize())
+    while len(size) > 3 and size[-1] == 1:  # one point in time
+        size.pop()
+    check_size(path, size, voxel * count)
+    text.check_length(math.prod(size) * voxel * count)
+    if len(size) < len(reader.GetSize()):
+        reader.SetExtractSize([*size, *[0] * (len(reader.GetSize()) - len(size))])
     try:
         image = reader.Execute()
     except (RuntimeError, MemoryError) as error:

@@ -150,3 +150,17 @@ def test_a_header_with_broken_text_is_read_all_the_same(labelled, save):
     path = save(labelled, "a.mha")
     path.write_bytes(path.read_bytes().replace(b"CenterOfRotation", b"CenterOfRot\xff\xfeon"))
     assert read_segmentation(path, None).mask.sum() == 10
+
+
+@pytest.mark.parametrize("name", ["a.mha", "a.nrrd", "a.mhd"])
+def test_one_point_in_time_is_a_volume(tmp_path, labelled, name):
+    moment = SimpleITK.GetImageFromArray(labelled.T)
+    moment.SetSpacing([1.0, 2.0, 3.0])
+    moment.SetDirection([0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0])
+    SimpleITK.WriteImage(moment, tmp_path / f"three_{name}")
+    SimpleITK.WriteImage(SimpleITK.JoinSeries([moment]), tmp_path / name)
+    found, expected = (read_segmentation(tmp_path / one, None) for one in (name, f"three_{name}"))
+    assert np.array_equal(found.mask, expected.mask)
+    assert np.allclose(found.rotation, expected.rotation)
+    assert np.allclose(found.spacing, expected.spacing)
+    assert np.allclose(found.origin, expected.origin)
