@@ -92,12 +92,14 @@ def find_clusters(delaunay: Triangulation) -> Clusters:
     In space the two walls of a thin shape would fall into one cluster; over edges they don't.
     """
     wp.load_module(grow_clusters.module, device="cpu")  # before the threads, which would each load it
-    starts, neighbour = delaunay.neighbours()
+    starts = delaunay.starts()
 
     def grow(shape: int) -> tuple[IntArray, IntArray]:
         first, end = delaunay.first[shape : shape + 2]
         start = starts[first : end + 1]
-        return _clusters_of(start - start[0], neighbour[start[0] : start[-1]] - np.int32(first))
+        tail = delaunay.tail[start[0] : start[-1]] - np.int32(first)
+        neighbour = tail.reshape(-1, 3)[:, [1, 2, 0]].ravel()[np.argsort(tail, kind="stable")]
+        return _clusters_of(start - start[0], neighbour)
 
     n_shapes = len(delaunay.first) - 1
     with ThreadPoolExecutor(min(cores(), n_shapes)) as pool:

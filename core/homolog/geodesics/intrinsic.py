@@ -66,12 +66,6 @@ class Triangulation:
         """Return the first entry of each vertex, (N + 1,), in a list of the sides that leave it."""
         return _starts(self.tail, len(self.turn))
 
-    def neighbours(self) -> tuple[IntArray, IntArray]:
-        """Return the first entry of each vertex in a list, (N + 1,), and the list of all their neighbours."""
-        starts, neighbour = self.starts(), np.empty_like(self.tail)
-        neighbour[starts[self.tail] + self.rank] = self.tail.reshape(-1, 3)[:, [1, 2, 0]].ravel()
-        return starts, neighbour
-
     def on_device(self, device: str) -> Any:  # noqa: ANN401 - a wp.struct has no type
         """Return the `Sides` for kernels."""
         sides = Sides()
