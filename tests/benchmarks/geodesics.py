@@ -11,9 +11,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import geodesics_meshes
+import geodesics_peers
 import matplotlib.pyplot as plt
 import numpy as np
-from geodesics_peers import PEERS, exact_rows
+from geodesics_peers import PEERS, WHOLE, exact_rows
 from scipy import ndimage
 from skimage.measure import marching_cubes
 
@@ -109,9 +110,13 @@ def main() -> None:
     parser.add_argument("--shares", type=float, nargs="*", default=[0.1, 0.2])
     parser.add_argument("--meshes", nargs="*", default=[*GENERATED, "real"])
     parser.add_argument("--sources", type=int, default=24)
+    parser.add_argument(
+        "--whole", type=int, default=WHOLE, help="vertices up to which gdist's whole matrix is timed"
+    )
     parser.add_argument("--threads", action="store_true")
     parser.add_argument("--growth", type=Path)
     arguments = parser.parse_args()
+    geodesics_peers.WHOLE = arguments.whole
     solve_tables([geodesics_meshes.icosphere(100)], 5.0)[0].to_csr()  # compiles
     if arguments.sizes:
         print("| mesh | vertices | d_max | program | CPU s | / ours | mean % | p99 % | max % | missing |")
