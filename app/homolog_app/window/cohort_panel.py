@@ -79,7 +79,7 @@ class CohortPanel(Panel):
         head = table.horizontalHeader()
         head.setHighlightSections(False)
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
-        head.setStretchLastSection(False)
+        head.setStretchLastSection(True)
         for column, width in ((NAME, 140), (GROUP, _GROUP_PX[0]), (VOLUME, 72), (STATUS, 96)):
             head.resizeSection(column, width)
         head.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)

@@ -186,9 +186,8 @@ def test_neighbours_are_coloured_by_the_distances_of_their_own_shape(checking, w
         assert (tints[~near][np.arange(len(tints))[~near] != 7] == 168).all()
         assert (tints[near] != 168).any(axis=1).all()
     assert scene.bar.scale.unit == "mm"
-    assert scene.bar.scale.high == pytest.approx(
-        max(d[[7]].max() * s for d, s in zip(places.distances, places.spacing, strict=True)), rel=1e-6
-    )
+    reach = max(d[[7]].max() * s for d, s in zip(places.distances, places.spacing, strict=True))
+    assert reach <= scene.bar.scale.high * (1 + 1e-6) < 1.35 * reach
 
 
 def test_distances_along_the_surface_stand_beside_straight_ones_on_one_scale(checking, wait):
@@ -199,7 +198,7 @@ def test_distances_along_the_surface_stand_beside_straight_ones_on_one_scale(che
     distances = page.look.marks.distances
     assert [one.name.split(": ")[1] for one in scene.shown] == ["along the surface", "straight"]
     assert (distances.along >= distances.straight - 1e-3).all()
-    assert scene.bar.scale.high == pytest.approx(distances.along.max())
+    assert distances.along.max() <= scene.bar.scale.high < 1.35 * distances.along.max()
     # another place is picked on the surface
     from homolog_app.window.scene.picking import Pick
 

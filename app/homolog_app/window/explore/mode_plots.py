@@ -104,6 +104,7 @@ class ScatterPlot(Plot):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "Subjects in two modes", "Here stands where each subject lies in the modes.")
+        self.title = "Subjects"
         self.unit = "SD"
         self._points: FloatArray = np.empty((0, 2))
         self._names: Sequence[str] = ()

@@ -1,8 +1,6 @@
 """The colour scale as a picture: title, unit, ticks and what its ends mean. The window shows it, too."""
 
-import importlib.util
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from homolog_app.window.quantities import tick_words
 from homolog_app.window.scene.colour_scale import ColourScale
+from homolog_app.window.scene.font import font_file
 from homolog_app.window.scheme import Colours
 
 __all__ = ["HEIGHT", "MOST", "SIDE", "scale_picture"]
@@ -73,9 +72,4 @@ def _words(values: list[float]) -> list[str]:
 
 @cache
 def _font(size: int) -> ImageFont.FreeTypeFont:
-    """Return the font that matplotlib brings, so that pictures look alike on all machines."""
-    home = importlib.util.find_spec("matplotlib")
-    assert home is not None
-    assert home.origin is not None
-    path = Path(home.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf"
-    return ImageFont.truetype(str(path), max(size, 6))
+    return ImageFont.truetype(str(font_file()), max(size, 6))

@@ -1,22 +1,20 @@
 """What is written in a view: the name at the top, and the anatomical letters at the edges."""
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
-import matplotlib
 from matplotlib.ft2font import FT2Font
 from vtkmodules.vtkRenderingCore import vtkTextActor
 from vtkmodules.vtkRenderingFreeType import vtkTextRendererStringToImage  # noqa: F401 - loads what writes
 
 from homolog.arrays import FloatArray
+from homolog_app.window.scene.font import font_file
 from homolog_app.window.scene.letters import edge_letters
 from homolog_app.window.scheme import Colours, rgb
 
 __all__ = ["Words"]
 
-_FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"  # VTK's own knows no Greek
-_FONT_FILE = 4  # VTK_FONT_FILE
+_FONT_FILE = 4  # VTK_FONT_FILE: VTK's own fonts know no Greek
 _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 _FREE, _ROOM, _LEAST = 0.43, 0.97, 4
 
@@ -93,7 +91,7 @@ def _text(x: float, y: float) -> Any:  # noqa: ANN401
     actor.SetPosition(x, y)
     look = actor.GetTextProperty()
     look.SetFontFamily(_FONT_FILE)
-    look.SetFontFile(str(_FONT))
+    look.SetFontFile(str(font_file()))
     look.SetLineSpacing(1.2)
     return actor
 
@@ -101,7 +99,7 @@ def _text(x: float, y: float) -> Any:  # noqa: ANN401
 @cache
 def _signs() -> frozenset[str]:
     """Return the signs that the font has."""
-    return frozenset(map(chr, FT2Font(str(_FONT)).get_charmap()))
+    return frozenset(map(chr, FT2Font(str(font_file())).get_charmap()))
 
 
 def _written(line: str) -> str:
