@@ -156,8 +156,8 @@ class OptimizeSettings(_Settings):
         Field(
             ge=0.0,
             le=10.0,
-            description="How much opening angles (edges, tips, hollows) count beside normals in H(V); "
-            "0 is the paper's H(V).",
+            description="How much opening angles (edges, tips, hollows) count beside normals in H(V), times "
+            "their spread over the surfaces in radians; 0 is the paper's H(V).",
         ),
     ] = 0.0
     regularization_start: Annotated[

@@ -42,10 +42,7 @@ from homolog.surfaces.snapping import snapping
 
 DATA = Path(os.environ.get("HOMOLOG_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 COHORTS = (1, 2, 3, 5, 12)
-REAL = {
-    "vertebrae": ("vertebra_l1_verse/meshes", {}),
-    "ventricles": ("lv_acdc_dev/myo_iso", {}),
-}
+REAL = {"vertebrae": "vertebra_l1_verse/meshes", "ventricles": "lv_acdc_dev/myo_iso"}
 
 
 def make_beans(folder, geometry, seed):
@@ -64,8 +61,8 @@ def make_shapes(folder):
     for geometry in (WIDE, NARROW):
         for seed in COHORTS if geometry is WIDE else (5,):
             make_beans(folder, geometry, seed)
-    for name, (path, options) in REAL.items():
-        save(folder / f"{name}.npz", read_cohort(DATA / path), GroomSettings(**options))
+    for name, path in REAL.items():
+        save(folder / f"{name}.npz", read_cohort(DATA / path), GroomSettings())
 
 
 def save(path, cohort, settings):
@@ -100,11 +97,20 @@ def load(path):
     ]
 
 
+DEFAULTS = {}  # settings that the command line gives for all runs
+
+
 def timed(shapes, device, **options):
     """Optimize; return the correspondence and the seconds."""
     start = time.perf_counter()
-    found = optimize(shapes, OptimizeSettings(**options), device=device)
+    found = optimize(shapes, OptimizeSettings(**DEFAULTS, **options), device=device)
     return found, time.perf_counter() - start
+
+
+BEAN_HEAD = (
+    "| cohort, method | leak % | linear % | lowest % | R² p | R² w | var | fill | n > 90° % | swap % "
+    "| distance mean / p95 | nn_cv | s |\n|" + "---|" * 13
+)
 
 
 def bean_row(title, runs):
@@ -122,12 +128,6 @@ def bean_row(title, runs):
         f"| {median['nn_cv']:.3f} | {np.median([seconds for _, seconds in runs]):.1f} |",
         flush=True,
     )
-
-
-BEAN_HEAD = (
-    "| cohort, method | leak % | linear % | lowest % | R² p | R² w | var | fill | n > 90° % | swap % "
-    "| distance mean / p95 | nn_cv | s |\n|" + "---|" * 13
-)
 
 
 def quality(folder, device, seeds):
@@ -164,29 +164,25 @@ def many_seeds(folder, device):
         bean_row(f"{name} {cohort}, {particles} particles, {seeds} seeds", runs)
 
 
-def real(folder, device):
+def real(folder, device, seeds):
     """Landmark transfer on vertebrae, swapped walls on ventricles."""
+    vertebrae, ventricles = (load(folder / f"{name}.npz") for name in REAL)
     for method in (Method.GEODESIC_NORMALS, Method.EUCLIDEAN):
-        for particles in (512, 1024):
-            shapes = load(folder / "vertebrae.npz")
-            found, seconds = timed(shapes, device, method=method, particles=particles)
-            errors = landmark_errors(shapes, found.local)
+        for particles, seed in ((n, seed) for n in (512, 1024) for seed in range(seeds)):
+            options = {"method": method, "particles": particles, "seed": seed}
+            title = f"{method.value}, {particles}, seed {seed}"
+            found, seconds = timed(vertebrae, device, **options)
+            errors = landmark_errors(vertebrae, found.local)
+            middle, each = np.nanmedian(errors), np.round(np.nanmean(errors, axis=(0, 1)), 1)
             print(
-                f"vertebrae, {method.value}, {particles}: landmarks mean {np.nanmean(errors):.2f} mm, median "
-                f"{np.nanmedian(errors):.2f}, by landmark {np.round(np.nanmean(errors, axis=(0, 1)), 1)}, "
-                f"opposed normals {opposed(found.normals):.2f} %, {seconds:.1f} s",
-                where_errors(shapes, errors),
-                sep="\n",
-                flush=True,
+                f"vertebrae, {title}: landmarks mean {np.nanmean(errors):.2f} mm, median {middle:.2f}", end=""
             )
-        shapes = load(folder / "ventricles.npz")
-        found, seconds = timed(shapes, device, method=method, particles=512)
-        share, count = wall_swaps(found)
-        print(
-            f"ventricles, {method.value}, 512: swapped walls {share:.4f} % of pairs, {count} particles, "
-            f"opposed normals {opposed(found.normals):.2f} %, {seconds:.1f} s",
-            flush=True,
-        )
+            print(f", by landmark {each}, opposed normals {opposed(found.normals):.3f} %, {seconds:.1f} s")
+            print(where_errors(vertebrae, errors), flush=True)
+            found, seconds = timed(ventricles, device, **options)
+            share, count = wall_swaps(found)
+            print(f"ventricles, {title}: swapped walls {share:.4f} % of pairs, {count} particles", end="")
+            print(f", opposed normals {opposed(found.normals):.3f} %, {seconds:.1f} s", flush=True)
 
 
 def landmark_errors(shapes, particles):
@@ -371,6 +367,7 @@ def main():
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--sizes", nargs="+", default=SIZES)
     parser.add_argument("--iterations", type=int, default=100)
+    parser.add_argument("--opening-weight", type=float, help="of opening angles, for all runs")
     parser.add_argument("--plot", type=Path)
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
@@ -379,6 +376,8 @@ def main():
         return 0
     if arguments.what in ("speed", "size", "whole") and not (arguments.folder / "wide5.npz").exists():
         make_beans(arguments.folder, WIDE, 5)
+    if arguments.opening_weight is not None:
+        DEFAULTS["opening_weight"] = arguments.opening_weight
     device = choose_device(arguments.device)
     if arguments.what == "size":
         one_size(arguments.folder, device, arguments.sizes[0], arguments.iterations)
@@ -386,10 +385,12 @@ def main():
     print(describe_device(device))
     if arguments.what == "quality":
         quality(arguments.folder, device, arguments.seeds)
+    elif arguments.what == "real":
+        real(arguments.folder, device, arguments.seeds)
     elif arguments.what == "speed":
         speed(arguments.folder, device, arguments.sizes, arguments.iterations, arguments.plot)
     else:
-        {"seeds": many_seeds, "real": real, "whole": whole}[arguments.what](arguments.folder, device)
+        {"seeds": many_seeds, "whole": whole}[arguments.what](arguments.folder, device)
     return 0
 
 

@@ -54,8 +54,7 @@ def opening_grid(field: DistanceField, size: float) -> tuple[Float32Array, Float
     return (2.0 * math.pi * share).astype(np.float32), grid
 
 
-def openings_at(points: FloatArray, field: DistanceField, size: float) -> FloatArray:
-    """Return the opening angles [rad] at points (n, 3) of the field's coordinates, for balls of size [mm]."""
-    values, grid = opening_grid(field, size)
+def openings_at(points: FloatArray, values: Float32Array, grid: FloatArray) -> FloatArray:
+    """Return the opening angles [rad] of `opening_grid` at points (n, 3) of the field's coordinates."""
     nodes = np.linalg.solve(grid[:3, :3], (points - grid[:3, 3]).T)
     return np.asarray(ndimage.map_coordinates(values, nodes, np.float64, order=1, mode="nearest"))

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from homolog.arrays import BoolArray, DeviceArray, Float32Array, FloatArray, IntArray
 from homolog.correspondence.functions import FieldData
 from homolog.correspondence.kernels import Surface
-from homolog.correspondence.relief import SIZE, opening_grid
+from homolog.correspondence.relief import SIZE, opening_grid, openings_at
 from homolog.correspondence.types import Shape
 from homolog.errors import NumericalError
 from homolog.geodesics import GeodesicTable
@@ -103,12 +103,21 @@ def opening_array(
     device: str,
     tick: Tick = no_tick,
 ) -> DeviceArray:
-    """Bring weight times the opening angles [rad] to the device as cubic B-spline coefficients."""
-    keep = []
+    """Bring the opening angles, as they count, to the device as cubic B-spline coefficients.
+
+    An angle that hardly varies over the surfaces says little about the place: angles count by the weight
+    times their standard deviation over a surface [rad].
+    """
+    grids, spreads = [], []
     for index, (shape, placement) in enumerate(zip(shapes, placements, strict=True)):
         tick(index / len(shapes), f"opening angles of {shape.name}")
-        values, grid = opening_grid(shape.field, SIZE / placement.scale)
-        keep.append(_field_data(values, grid, placement, weight, device))
+        grids.append(opening_grid(shape.field, SIZE / placement.scale))
+        spreads.append(openings_at(shape.coarse_mesh.vertices, *grids[-1]).std())
+    scale = weight * float(np.mean(spreads))
+    keep = [
+        _field_data(values, grid, placement, scale, device)
+        for (values, grid), placement in zip(grids, placements, strict=True)
+    ]
     return _packed(keep, device)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from homolog.correspondence.relief import openings_at
+from homolog.correspondence.relief import opening_grid, openings_at
 from homolog.surfaces.distance_field import DistanceField
 
 
@@ -18,20 +18,24 @@ def box(half, spacing=1.0, margin=20.0):
     return DistanceField(values, frame)
 
 
+def angles(points, field):
+    return openings_at(points, *opening_grid(field, 4.0))
+
+
 def test_the_opening_angle_is_that_between_the_faces_of_an_edge():
     field = box((25.0, 25.0, 25.0))
     points = np.array([[25.0, 3.0, 2.0], [25.0, 25.0, 1.0], [25.0, 25.0, 25.0]])
     expected = np.array([np.pi, np.pi / 2, np.pi / 4])  # a plane, an edge, a corner
-    np.testing.assert_allclose(openings_at(points, field, 4.0), expected, atol=0.05)
+    np.testing.assert_allclose(angles(points, field), expected, atol=0.05)
 
 
 def test_a_finer_grid_gives_the_same_angles():
     points = np.array([[12.0, 1.0, 2.0], [12.0, 10.0, 1.0], [8.0, 12.0, 12.0]])
-    coarse, fine = (openings_at(points, box((12.0, 12.0, 12.0), spacing), 4.0) for spacing in (1.0, 0.5))
+    coarse, fine = (angles(points, box((12.0, 12.0, 12.0), spacing)) for spacing in (1.0, 0.5))
     np.testing.assert_allclose(fine, coarse, atol=0.05)
 
 
 def test_the_angles_do_not_depend_on_how_far_the_grid_reaches():
     points = np.array([[12.0, 1.0, 2.0], [12.0, 9.0, 1.0], [12.0, 9.0, 7.0]])
-    wide, tight = (openings_at(points, box((12.0, 9.0, 7.0), margin=m), 4.0) for m in (20.0, 3.0))
+    wide, tight = (angles(points, box((12.0, 9.0, 7.0), margin=m)) for m in (20.0, 3.0))
     np.testing.assert_allclose(tight, wide, atol=1e-3)
