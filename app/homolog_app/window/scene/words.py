@@ -26,6 +26,7 @@ class Words:
         self._renderer = renderer
         self._lines: list[str] = []
         self._small = False
+        self._shown: object = None
         self._fitted: object = None
         self._caption = _text(0.015, 0.975)
         self._caption.GetTextProperty().SetVerticalJustificationToTop()
@@ -41,7 +42,11 @@ class Words:
 
         Small views leave out the letter at the top, where the name is; its opposite is at the bottom.
         """
-        self._lines, self._small, self._fitted = lines, small, None
+        wanted = (lines, size, small)
+        if wanted == self._shown:
+            return
+        self._shown, self._fitted = wanted, None
+        self._lines, self._small = lines, small
         for actor in (self._caption, *self._letters):
             actor.SetVisibility(bool(lines))
             actor.GetTextProperty().SetFontSize(size)
@@ -65,16 +70,19 @@ class Words:
     def _fit(self, width: int) -> None:
         """Shorten lines that the view has no room for; leave out the letter that the caption would touch."""
         lines = [_written(line) for line in self._lines]
-        reach = max((self._length(line) for line in lines), default=0.0) / max(width, 1)
-        self._caption.SetInput("\n".join([self._shortened(line, _ROOM * width) for line in lines]))
-        self._letters[-1].SetVisibility(bool(lines) and not self._small and reach <= _FREE)
+        lengths = [self._length(line) for line in lines]
+        fitting = [self._shortened(*one, _ROOM * width) for one in zip(lines, lengths, strict=True)]
+        self._caption.SetInput("\n".join(fitting))
+        free = max(lengths, default=0.0) <= _FREE * width
+        self._letters[-1].SetVisibility(bool(lines) and not self._small and free)
 
-    def _shortened(self, line: str, room: float) -> str:
-        """Return a line without so much of its middle that it fits into so many pixels."""
+    def _shortened(self, line: str, length: float, room: float) -> str:
+        """Return a line, so many pixels long, without so much of its middle that it fits into the room."""
         short, keep = line, len(line)
-        while (length := self._length(short)) > room and keep > _LEAST:
+        while length > room and keep > _LEAST:
             keep = max(_LEAST, min(keep - 1, int(keep * room / length)))
             short = f"{line[: keep - keep // 2]}…{line[-(keep // 2) :]}"
+            length = self._length(short)
         return short
 
     def _length(self, line: str) -> float:
