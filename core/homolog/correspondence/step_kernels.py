@@ -10,6 +10,9 @@ wp.set_module_options({"enable_backward": False, "fast_math": False})
 __all__ = ["advance", "combine", "damp_held", "mean_normals", "mix", "move"]
 
 
+SMALL = wp.constant(0.75)  # size of a surface from which on tau is that of even particles on the mean one
+
+
 @wp.kernel
 def mean_normals(
     first: int,
@@ -75,8 +78,9 @@ def combine(
     """Sum of the three descent directions times tau, in the tangent plane; zero where held.
 
     Steps are turned as the shapes are compared, so that they can be mixed across shapes. The normals' part
-    is divided by 1 + its own stiffness, else it overshoots at sharp rims. On small surfaces, where particles
-    lie closer together, tau is as much smaller.
+    is divided by 1 + its own stiffness, else it overshoots at sharp rims. On surfaces so small that steps
+    would be too long for how close particles lie together tau is smaller; on others it is the same, so that
+    a motion common to all shapes stays one, which nothing damps.
     """
     p = first + wp.tid()
     n = normals[p]
@@ -91,7 +95,7 @@ def combine(
     steep = wp.ddot(bend, bend) + wp.length_sq(slope)
     knobs = stage[iteration[0]]
     size = surfaces[p // c.per_shape].size
-    tau = knobs.step * wp.min(1.0, size * size)
+    tau = knobs.step * wp.min(1.0, size * size / (SMALL * SMALL))
     damping = 1.0 + tau * knobs.normals_weight * steep * stiffness[0]
     pulled = wp.transpose(pose.linear) * ensemble[p]
     total = forces[p] - knobs.ensemble_weight * pulled - knobs.normals_weight / damping * turned
