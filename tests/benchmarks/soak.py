@@ -56,21 +56,22 @@ def soak(folder: Path, options: argparse.Namespace) -> np.ndarray:
     cohort = read_cohort(folder / "beans")
     settings = RunSettings(optimize=OptimizeSettings(particles=options.particles, **_SHORT), device="cpu")
     project, rows, began = Project(folder / "project"), [], time.process_time()
+    libc = ctypes.CDLL("libc.so.6") if options.trim else None
     print("| run | CPU s | " + " | ".join(COLUMNS) + " |")
     for number in range(1, options.runs + 1):
         Run(project, cohort, settings).execute()
-        rows.append(in_use(trim=options.trim))
+        rows.append(in_use(libc))
         if number in (1, options.runs) or number % 10 == 0:
             seconds = time.process_time() - began
             print(f"| {number} | {seconds:.0f} | " + " | ".join(map(str, rows[-1])) + " |", flush=True)
     return np.array(rows, dtype=float)
 
 
-def in_use(*, trim: bool) -> tuple[int, ...]:
-    """Return what this process has in use now."""
+def in_use(libc: ctypes.CDLL | None) -> tuple[int, ...]:
+    """Return what this process has in use now, after giving back what is free if a library is given."""
     gc.collect()
-    if trim:
-        ctypes.CDLL("libc.so.6").malloc_trim(0)
+    if libc is not None:
+        libc.malloc_trim(0)
     process = psutil.Process()
     modules = sum(len(module.execs) for module in wp._src.context.user_modules.values())
     memory = process.memory_info().rss // 2**20

@@ -22,6 +22,8 @@ __all__ = ["COARSE_VERTICES", "GroomReport", "GroomedSubject", "groom", "groom_s
 
 COARSE_VERTICES = 1500
 
+_FEWEST_VOXELS = 8
+
 
 @dataclass(frozen=True, slots=True)
 class GroomReport:
@@ -110,7 +112,13 @@ def read_source(subject: Subject, settings: GroomSettings) -> Segmentation | Tri
     """
     try:
         if not subject.is_mesh:
-            return read_segmentation(subject.path, settings.label, settings.segment)
+            found = read_segmentation(subject.path, settings.label, settings.segment)
+            if (count := int(found.mask.sum())) < _FEWEST_VOXELS:
+                raise InputError(
+                    f"{subject.path}: has only {count} voxel(s) of the structure, which make no shape; "
+                    "segment it or leave the subject out"
+                )
+            return found
         mesh = read_mesh(subject.path)
     except OSError as error:
         reason = error.strerror or error
