@@ -22,7 +22,7 @@ from homolog.geodesics.bearing_kernels import (
 )
 from homolog.geodesics.kernels import FAR, Corner, Reach, least_way
 from homolog.geodesics.lookup import LANES
-from homolog.geodesics.sweep_kernels import BUCKETS, Lanes, Scratch
+from homolog.geodesics.sweep_kernels import BUCKETS, Counts, Lanes, Scratch
 
 # A lane loop has to stay a loop: the compiler then turns it into vector instructions.
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
@@ -95,6 +95,7 @@ def find_bearings(
     total = Lanes(0.0)
     mean = Lanes(0.0)
     square = Lanes(0.0)
+    by_b = Counts(0)
     rivals = int(0)
     bit = int(1)
     for k in range(fan[v], fan[v + 1]):
@@ -116,10 +117,14 @@ def find_bearings(
                 total[lane] += share
                 mean[lane] += share * turn
                 square[lane] += share * (turn * turn + way.doubt)
-                near = u[lane] <= reach.stored + edge and way.as_rival - u[lane] < RIVAL * edge
-                count += wp.where(near, 1, 0)
+                near = u[lane] <= reach.stored + edge and way.distance - u[lane] < RIVAL * edge
+                again = way.by_a * by_b[lane]  # the way along a side that the corner before has already
+                count += wp.where(near, 1 - again, 0)
+                by_b[lane] = way.by_b
             if count > 0:
                 rivals = rivals | bit
+        else:
+            by_b = Counts(0)
         bit = wp.where(k - fan[v] < LAST_BIT, bit << 1, bit)
     for lane in range(LANES):
         inverse = 1.0 / wp.max(total[lane], 1.0e-30)

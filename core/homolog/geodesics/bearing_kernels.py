@@ -9,7 +9,7 @@ and slopes at both ends, the distance on the side is known to one order more.
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.kernels import FAR, Corner, Ray, trace
+from homolog.geodesics.kernels import FAR, Corner, trace
 
 wp.set_module_options({"enable_backward": False})
 
@@ -88,20 +88,15 @@ def turn_from_side(rise: float, run: float) -> float:
     return wp.where(run < 0.0, PI - arc, arc)
 
 
-@wp.func
-def rival_distance(ray: Ray) -> float:
-    """Return a way's distance, but FAR along side bc, which is the next corner's ac: it counts once."""
-    return wp.where(ray.direct == 2, FAR, ray.distance)
-
-
 @wp.struct
 class Way:
     """A way through a triangle to its corner c, as a candidate for the bearing of c."""
 
     distance: float  # at c
-    as_rival: float  # the same, but FAR if it is the next corner's
     bearing: float
     standing: float  # weight beside others equally long
+    by_a: int  # 1 if it goes along ac …
+    by_b: int  # … or bc
     doubt: float  # 1 if rounding decides
 
 
@@ -114,9 +109,10 @@ def find_way(corner: Corner, turns: Turns, da: float, db: float, edge: float) ->
     """
     way = Way()
     ray = trace(corner, da, db)
-    way.as_rival = rival_distance(ray)
     run = corner.ac * corner.ac - corner.x * ray.crossing
     way.distance = ray.distance
+    way.by_a = wp.where(ray.direct == 1, 1, 0)
+    way.by_b = wp.where(ray.direct == 2, 1, 0)
     way.bearing = turns.at_c + turn_from_side(corner.y * ray.crossing, run)
     way.doubt = wp.where(wp.min(corner.length, wp.min(corner.ac, corner.bc)) < SHORT * edge, 1.0, 0.0)
     inner = wp.min(ray.crossing, corner.length - ray.crossing) * (2.0 * corner.half / INNER)
@@ -207,7 +203,7 @@ def tie_corner(
     by_b = db + corner.bc
     side = wp.min(by_a, by_b)
     through = wp.where(wp.min(da, db) > 0.0, straight, FAR) < side  # from a source: along the side
-    tie.gain = wp.where(rival_distance(ray) - u < RIVAL * edge, wp.where(through, straight, side) - u, FAR)
+    tie.gain = wp.where(ray.distance - u < RIVAL * edge, wp.where(through, straight, side) - u, FAR)
     # of a and b only those nearer than c count: what follows from what then is no circle
     weight_a = (1.0 - z) * nearer(u - da, edge)
     weight_b = z * nearer(u - db, edge)

@@ -11,7 +11,7 @@ from homolog.geodesics.lookup import LANES
 
 __all__ = ["BYTES_PER_VERTEX", "advance", "amend", "make_amendments", "make_front", "start"]
 
-BYTES_PER_VERTEX = 4 * 8 * LANES + 4 * 3
+BYTES_PER_VERTEX = 4 * 10 * LANES + 4 * 3
 """Scratch of a cluster for each vertex: u, bearings, trust, amendments, ties; dirty, patch, order."""
 
 
@@ -32,8 +32,8 @@ def make_amendments(batch: int, n: int, lanes: int = LANES) -> Any:  # noqa: ANN
     amends = amending.FrontAmendments()
     for name in ("bearing", "trust", "amendment"):
         setattr(amends, name, wp.empty((batch, n, lanes), dtype=wp.float32))
-    amends.gain = wp.empty((batch, n, lanes), dtype=wp.vec2)
-    amends.word = wp.empty((batch, n, lanes), dtype=wp.vec2ui)
+    amends.gain = wp.empty((batch, n, lanes), dtype=wp.vec3)
+    amends.word = wp.empty((batch, n, lanes), dtype=wp.vec3ui)
     amends.order = wp.empty((batch, n), dtype=wp.int32)
     amends.reached = wp.empty(batch, dtype=wp.int32)
     return amends

@@ -1,9 +1,9 @@
 """Amend the distances of a batch of clusters at once (see `homolog.geodesics.bearing_kernels`): for CUDA.
 
 Each cluster's vertices in reach are listed near to far and gone through in bands, each of which settles
-before the next: amendments follow from those of nearer vertices. Most shortest ways can only come through one
-corner or either of two: these ties are kept, share and corner packed into a word. Where there are more, ties
-are computed anew each time.
+before the next: amendments follow from those of nearer vertices. Most shortest ways can only come through
+one corner, either of two or of three: these ties are kept, share and corner packed into a word. Where there
+are more, ties are computed anew each time.
 """
 
 import warp as wp
@@ -55,8 +55,8 @@ class FrontAmendments:
     bearing: wp.array3d(dtype=wp.float32)  # (B, V, L)
     trust: wp.array3d(dtype=wp.float32)  # (B, V, L) of bearings
     amendment: wp.array3d(dtype=wp.float32)  # (B, V, L)
-    gain: wp.array3d(dtype=wp.vec2)  # (B, V, L) of one tie and the other
-    word: wp.array3d(dtype=wp.vec2ui)  # (B, V, L) their shares and corners
+    gain: wp.array3d(dtype=wp.vec3)  # (B, V, L) of up to three ties
+    word: wp.array3d(dtype=wp.vec3ui)  # (B, V, L) their shares and corners
     order: wp.array2d(dtype=wp.int32)  # (B, V) vertices in reach, near to far
     reached: wp.array(dtype=wp.int32)  # (B,) how many
 
@@ -114,7 +114,8 @@ def find_bearing(
     total = float(0.0)
     mean = float(0.0)
     square = float(0.0)
-    rivals = wp.vec2ui(wp.uint32(NONE), wp.uint32(NONE))
+    by_b = int(0)
+    rivals = wp.vec3ui(wp.uint32(NONE), wp.uint32(NONE), wp.uint32(NONE))
     begin = sources.fan[hand.base + v]
     around = turns[begin].around_c
     da = front.u[b, sources.corners[begin].a, lane]
@@ -130,16 +131,21 @@ def find_bearing(
             total += share
             mean += share * turn
             square += share * (turn * turn + way.doubt)
-            if way.as_rival - u < RIVAL * edge:
-                many = rivals[1] != wp.uint32(NONE) or c - begin >= MANY
-                rivals = wp.vec2ui(wp.where(many, wp.uint32(MANY), wp.uint32(c - begin)), rivals[0])
+            if way.distance - u < RIVAL * edge and way.by_a * by_b == 0:  # else the corner before has it
+                many = rivals[2] != wp.uint32(NONE) or c - begin >= MANY
+                rivals = wp.vec3ui(
+                    wp.where(many, wp.uint32(MANY), wp.uint32(c - begin)), rivals[0], rivals[1]
+                )
+            by_b = way.by_b
+        else:
+            by_b = 0
         da = db
     mean = mean / wp.max(total, 1.0e-30)
     if total > 0.0 and best - u < RIVAL * edge:  # else a source
         amends.bearing[b, v, lane] = within(first + mean, around)
         amends.trust[b, v, lane] = trust_in(square / total, mean)
     if u == 0.0:
-        rivals = wp.vec2ui(wp.uint32(NONE), wp.uint32(NONE))
+        rivals = wp.vec3ui(wp.uint32(NONE), wp.uint32(NONE), wp.uint32(NONE))
     amends.word[b, v, lane] = rivals
 
 
@@ -207,7 +213,7 @@ def carry(
                 best = wp.min(best, tie.gain + mix(amends, corner, b, lane, tie.share))
         return best
     gains = amends.gain[b, v, lane]
-    for k in range(2):
+    for k in range(3):
         place = int(words[k] & wp.uint32(NONE))
         if place < MANY:
             share = float(words[k] >> wp.uint32(16)) / float(WHOLE)
@@ -290,8 +296,8 @@ def tie_front(
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
             u = front.u[b, v, lane]
             words = amends.word[b, v, lane]
-            gains = wp.vec2(FAR, FAR)
-            for n in range(2):
+            gains = wp.vec3(FAR, FAR, FAR)
+            for n in range(3):
                 place = int(words[n])
                 if place < MANY:
                     tie = tie_of(front, amends, sources, turns, b, begin + place, u, edge, lane)
