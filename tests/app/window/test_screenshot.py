@@ -172,9 +172,11 @@ def test_what_is_wrong_with_a_view_is_said(finished, tmp_path, capsys, view, wor
 
 
 @pytest.fixture
-def running(groomed, wait, quick):
+def running(groomed, wait):
     """Return a window in which a run has been paused."""
-    groomed.desk.edit_settings("optimize", "particles", quick(64))
+    from homolog.settings import OptimizeSettings
+
+    groomed.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
     groomed.commands["run.start"].trigger()
     wait(lambda: groomed.views.run.frame is not None)
     groomed.commands["run.pause"].trigger()
