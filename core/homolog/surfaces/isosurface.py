@@ -15,6 +15,7 @@ __all__ = ["coarse_isosurface", "isosurface", "marching_cubes"]
 VERTICES = 6000
 MOST_VERTICES = 250_000
 _EQUILATERAL = 2.0 / np.sqrt(3.0)  # edge² times vertices, over the area
+_SLIVER = 0.05  # of the volume of the nodes inside
 _NEAREST = 1e-3
 """Values closer to zero than this part of the largest are moved away: vertices on nodes make needles."""
 
@@ -39,7 +40,7 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
     Raises
     ------
     InputError
-        If the edges are too short for this surface.
+        If the edges are too short for this surface, or hardly anything is inside: threads of voxels.
     NumericalError
         If the field has no zero level.
     """
@@ -49,6 +50,9 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
         )
     nodes, faces = marching_cubes(field.values)
     raw = TriangleMesh(nodes @ field.index_to_world[:3, :3].T + field.index_to_world[:3, 3], faces)
+    inside = np.count_nonzero(field.values < 0.0) * abs(np.linalg.det(field.index_to_world[:3, :3]))
+    if raw.volume < _SLIVER * inside:
+        raise InputError("is too thin for its grid; use a finer grid spacing, or leave it out")
     edge = edge or _edge_for(raw.area, VERTICES)
     count = round(_EQUILATERAL * raw.area / edge**2)
     if count > MOST_VERTICES:

@@ -175,6 +175,14 @@ def test_a_single_voxel_is_no_shape(save, spacing):
         groom_subject(Subject("s", path), GroomSettings())
 
 
+@pytest.mark.parametrize("smoothing", [1.0, 3.0])
+def test_a_thread_of_voxels_is_refused(save, smoothing):
+    values = np.zeros((24, 8, 7), np.uint8)
+    values[4:20, 4, 3] = 1
+    with pytest.raises(InputError, match="s: is too thin for its grid"):
+        groom_subject(Subject("s", save(values)), GroomSettings(smoothing=smoothing))
+
+
 def test_mesh_edges_that_would_fill_the_memory_are_refused(sphere_volume):
     with pytest.raises(InputError, match=r"mesh edges of 0\.001 mm would make"):
         groomed(sphere_volume(), mesh_edge=0.001)
