@@ -22,9 +22,9 @@ from homolog.progress import no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
 PHASES = {
-    "advance_front": "solve", "seed_front": "solve", "amend_front": "amend", "store_front": "store",
-    "mark_reached": "store", "symmetrize": "symmetrize", "corners": "fans", "memset": "fill",
-    "memtile": "fill", "memcpy": "copy",
+    "advance_front": "solve", "seed_front": "solve", "order_front": "order", "bearings": "bearings",
+    "tie_front": "ties", "settle_front": "settle", "store_front": "store", "mark_reached": "store",
+    "symmetrize": "symmetrize", "corners": "fans", "memset": "fill", "memtile": "fill", "memcpy": "copy",
 }  # fmt: skip
 
 
