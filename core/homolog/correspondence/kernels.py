@@ -88,7 +88,7 @@ def project(
 ):
     """Newton steps to the zero level, then the normal n and dn/dx = (I-nn')Hess(I-nn')/|grad|.
 
-    Also the gradient of the opening angle, and the angle.
+    Also the gradient of the opening angle, and the angle, where it counts.
     """
     p = first + wp.tid()
     field = fields[p // per_shape]
@@ -109,9 +109,11 @@ def project(
     positions[p] = x
     normals[p] = n
     bends[p] = flat * there.hessian * flat / size
-    relief = field_point(reliefs[p // per_shape], x)
-    slope = relief.gradient
-    openings[p] = wp.vec4(slope[0], slope[1], slope[2], relief.value)
+    relief = reliefs[p // per_shape]
+    if relief.scale != 0.0:
+        opening = field_point(relief, x)
+        slope = opening.gradient
+        openings[p] = wp.vec4(slope[0], slope[1], slope[2], opening.value)
 
 
 @wp.func

@@ -106,8 +106,10 @@ def opening_array(
     """Bring the opening angles, as they count, to the device as cubic B-spline coefficients.
 
     An angle that hardly varies over the surfaces says little about the place: angles count by the weight
-    times their standard deviation over a surface [rad].
+    times their standard deviation over a surface [rad]. Without a weight nothing is computed.
     """
+    if weight == 0.0:
+        return _packed([FieldData() for _ in shapes], device)  # of scale 0: kernels leave them alone
     grids, spreads = [], []
     for index, (shape, placement) in enumerate(zip(shapes, placements, strict=True)):
         tick(index / len(shapes), f"opening angles of {shape.name}")
