@@ -23,6 +23,7 @@ from homolog.geodesics import solve_tables
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.simplify import simplified
 
+QUICK = 5.0  # seconds: what takes less is called three times, and the best one counts
 GENERATED = ("icosphere", "bean", "cup", "obtuse")
 
 
@@ -51,7 +52,10 @@ def compare(name: str, mesh: TriangleMesh, share: float, n_sources: int) -> None
     pairs = (truth > 0) & (truth <= d_max)
     ours = 0.0
     for peer, call in PEERS.items():
+        begin = time.perf_counter()
         rows, seconds = call(mesh, d_max, sources)
+        if time.perf_counter() - begin < QUICK:
+            seconds = min(seconds, *(call(mesh, d_max, sources)[1] for _ in range(2)))
         ours = ours or seconds
         there = pairs & np.isfinite(rows) & (rows > 0) & (rows < 1e30)
         error = np.abs(rows[there] / truth[there] - 1)
