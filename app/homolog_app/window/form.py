@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 
 from homolog.parameters import Parameter, parameters
 from homolog_app.window.quantities import parse_number
-from homolog_app.window.widgets import GRID, button, label
+from homolog_app.window.widgets import GRID, NumberBox, button, label
 
 __all__ = ["SettingsForm", "SettingsPair"]
 
@@ -193,9 +193,8 @@ class _Row(QWidget):
             choice.activated.connect(lambda _: self._report(choice.currentData()))
             return choice
         if one.kind is int and not one.automatic and one.low is not None and one.high is not None:
-            number = QSpinBox(minimum=int(one.low), maximum=int(one.high))
+            number = NumberBox(int(one.low), int(one.high))
             number.setKeyboardTracking(False)
-            number.setButtonSymbols(QSpinBox.ButtonSymbols.NoButtons)
             number.setFixedWidth(112)
             number.setAlignment(Qt.AlignmentFlag.AlignRight)
             number.valueChanged.connect(self._report)

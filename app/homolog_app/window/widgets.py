@@ -10,11 +10,12 @@ from PySide6.QtWidgets import (
     QPushButton,
     QScrollArea,
     QSizePolicy,
+    QSpinBox,
     QVBoxLayout,
     QWidget,
 )
 
-__all__ = ["GRID", "Panel", "button", "choice", "label", "rule", "set_primary"]
+__all__ = ["GRID", "NumberBox", "Panel", "button", "choice", "label", "rule", "set_primary"]
 
 GRID = 8
 
@@ -105,3 +106,15 @@ class Panel(QWidget):
         for one in (inner, self.base):  # names, however long, never make the panel wider
             one.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         outer.addWidget(self.base)
+
+
+class NumberBox(QSpinBox):
+    """A whole number; its buttons are hidden by the style sheet.
+
+    Without buttons (`NoButtons`) Qt 6.11.3 and 6.12.0 leave a styled box's number no room. Its margins are
+    set here, since versions differ in whether they add the style sheet's.
+    """
+
+    def __init__(self, low: int = 0, high: int = 99) -> None:
+        super().__init__(minimum=low, maximum=high)
+        self.lineEdit().setTextMargins(8, 0, 8, 0)

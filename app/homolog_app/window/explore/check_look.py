@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QSpinBox, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from homolog.arrays import FloatArray, IntArray
 from homolog_app.window.desk import Desk
 from homolog_app.window.explore.check_shown import ALONG, ENERGIES, STRAIGHT, Distances, Marks
 from homolog_app.window.explore.check_work import distances_on, energies_of, textures_of
 from homolog_app.window.explore.chosen import CheckView
-from homolog_app.window.widgets import GRID, choice, label
+from homolog_app.window.widgets import GRID, NumberBox, choice, label
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, ParticleEnergies
@@ -54,7 +54,7 @@ class LookAt(QWidget):
         self._energies: ParticleEnergies | None = None
         self._textures: dict[str, dict[str, FloatArray]] = {}
         self.particle, self.subject, self.show_what = (
-            QSpinBox(),
+            NumberBox(),
             choice("Subject to look at"),
             choice("What the views show"),
         )
@@ -152,7 +152,6 @@ class LookAt(QWidget):
         column.addWidget(label("Look at", "SectionTitle"))
         self.particle.setSpecialValueText("none")
         self.particle.setRange(-1, -1)
-        self.particle.setButtonSymbols(QSpinBox.ButtonSymbols.NoButtons)
         for words, (value, hint) in _SHOW.items():
             self.show_what.addItem(words, value)
             self.show_what.setItemData(self.show_what.count() - 1, hint, _HINT)

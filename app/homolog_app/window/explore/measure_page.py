@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QHeaderView,
     QLabel,
     QSlider,
-    QSpinBox,
     QTableView,
 )
 
@@ -29,7 +28,7 @@ from homolog_app.window.explore.present import with_present_table
 from homolog_app.window.explore.subject_table import SORTED_BY, SubjectTable
 from homolog_app.window.quantities import signed
 from homolog_app.window.scene.content import Content, Shown
-from homolog_app.window.widgets import GRID, button, choice, label, rule
+from homolog_app.window.widgets import GRID, NumberBox, button, choice, label, rule
 
 if TYPE_CHECKING:
     from homolog_app.exports.measures import Measures
@@ -57,7 +56,7 @@ class MeasurePage(ExplorePage):
         self._along: dict[int, Measures] = {}
         self._asked: tuple[object, int] = (None, -1)
         self._next = 0
-        self.particles = (QSpinBox(), QSpinBox())
+        self.particles = (NumberBox(), NumberBox())
         self.mode, self.place = choice("Mode"), QSlider(Qt.Orientation.Horizontal)
         self.at = label("")
         self.table = SubjectTable(_HEADS, self)
@@ -76,7 +75,6 @@ class MeasurePage(ExplorePage):
         grid.setHorizontalSpacing(GRID)
         for row, (words, box) in enumerate(zip(names, self.particles, strict=True)):
             box.setAccessibleName(words)
-            box.setButtonSymbols(QSpinBox.ButtonSymbols.NoButtons)
             name = QLabel(words)
             name.setBuddy(box)
             grid.addWidget(name, row, 0)
