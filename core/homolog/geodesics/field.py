@@ -11,7 +11,7 @@ from homolog.arrays import Float32Array
 from homolog.errors import InputError
 from homolog.geodesics import front_kernels, kernels
 from homolog.geodesics.fans import build_fans
-from homolog.geodesics.front import advance, amend, make_amendments, make_front
+from homolog.geodesics.front import advance, amend, clear, make_amendments, make_front
 from homolog.geodesics.intrinsic import triangulate
 from homolog.geodesics.plan import POINT, Task
 from homolog.progress import Tick, no_tick
@@ -65,6 +65,7 @@ def distances_from(
     fans = build_fans([mesh], triangulate([mesh]), "cpu")
     with wp.ScopedDevice("cpu"):
         front = make_front(1, n, 1)
+        clear(front)
         values = front.u.numpy()[0, :, 0]
         np.minimum.at(values, where, 0.0 if start is None else np.asarray(start, np.float32))
         nearest, _ = KDTree(mesh.vertices[where]).query(mesh.vertices)

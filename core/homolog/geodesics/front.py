@@ -9,7 +9,7 @@ from homolog.geodesics import front_kernels
 from homolog.geodesics.kernels import FAR
 from homolog.geodesics.lookup import LANES
 
-__all__ = ["BYTES_PER_VERTEX", "advance", "amend", "make_amendments", "make_front", "start"]
+__all__ = ["BYTES_PER_VERTEX", "advance", "amend", "clear", "make_amendments", "make_front", "start"]
 
 BYTES_PER_VERTEX = 4 * 10 * LANES + 4 * 3
 """Scratch of a cluster for each vertex: u, bearings, trust, amendments, ties; dirty, patch, order."""
@@ -18,12 +18,12 @@ BYTES_PER_VERTEX = 4 * 10 * LANES + 4 * 3
 def make_front(batch: int, n: int, lanes: int = LANES) -> Any:  # noqa: ANN401 - a wp.struct has no type
     """Return a front of so many clusters, vertices and lanes on the current device."""
     front = front_kernels.Front()
-    front.u = wp.full((batch, n, lanes), float(FAR), dtype=wp.float32)
-    front.dirty = wp.zeros((batch, n), dtype=wp.int32)
+    front.u = wp.empty((batch, n, lanes), dtype=wp.float32)
+    front.dirty = wp.empty((batch, n), dtype=wp.int32)
     front.patch = wp.empty((batch, n), dtype=wp.int32)
     front.size = wp.empty(batch, dtype=wp.int32)
     front.filled = wp.empty((batch, int(front_kernels.BINS)), dtype=wp.int32)
-    front.busy = wp.zeros((batch, 3), dtype=wp.int32)
+    front.busy = wp.empty((batch, 3), dtype=wp.int32)
     return front
 
 
@@ -39,11 +39,16 @@ def make_amendments(batch: int, n: int, lanes: int = LANES) -> Any:  # noqa: ANN
     return amends
 
 
-def start(front: Any, sources: Any, clusters: range) -> None:  # noqa: ANN401
-    """Lay the patches of some clusters, all distances FAR but those of their sources to themselves."""
+def clear(front: Any) -> None:  # noqa: ANN401
+    """Forget all distances."""
     front.u.fill_(float(FAR))
     front.dirty.zero_()
     front.busy.zero_()
+
+
+def start(front: Any, sources: Any, clusters: range) -> None:  # noqa: ANN401
+    """Lay the patches of some clusters, all distances FAR but those of their sources to themselves."""
+    clear(front)
     crew = _crew(front)
     inputs = [front, sources, clusters.start, crew]
     wp.launch(front_kernels.lay_patches, (len(clusters), crew), inputs=inputs, block_dim=crew)

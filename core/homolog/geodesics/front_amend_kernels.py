@@ -302,7 +302,7 @@ def tie_front(
                 if place < MANY:
                     tie = tie_of(front, amends, sources, turns, b, begin + place, u, edge, lane)
                     gains[n] = tie.gain
-                    words[n] = wp.uint32(place + int(tie.share * float(WHOLE) + 0.5) * (NONE + 1))
+                    words[n] = wp.uint32(place) | (wp.uint32(tie.share * float(WHOLE) + 0.5) << wp.uint32(16))
             amends.gain[b, v, lane] = gains
             amends.word[b, v, lane] = words
 
