@@ -265,22 +265,11 @@ def one_size(folder, device, size, iterations):
     """Measure one size and print it as JSON."""
     import warp as wp
 
-    base = load(folder / "wide5.npz")
     count, particles = map(int, size.split("x"))
-    shapes = [base[k % len(base)] for k in range(count)]
     before = memory()
     start = time.perf_counter()
-    domain = prepare(shapes, OptimizeSettings(particles=particles), device=device)
+    engine = an_engine(folder, device, count, particles)
     prepared, tables = time.perf_counter() - start, memory() - before
-    level = domain.level(particles)
-    chosen = [spread_indices(m.vertices, min(particles, len(m.vertices))) for m in level.meshes[: len(base)]]
-    rows = [np.resize(chosen[k % len(base)], particles) for k in range(count)]
-    jitter = np.random.default_rng(0).normal(scale=0.3, size=(count, particles, 3))
-    positions = np.stack([m.vertices[row] for m, row in zip(level.meshes, rows, strict=True)]) + jitter
-    launcher = Launcher(device)
-    engine = Engine(
-        domain.fields, domain.reliefs, level, positions, geodesic=True, area=AREA, launcher=launcher
-    )
     groups = max(1, iterations // LIST_LIFE)
     engine.start_stage([Weights(0.02, 0.05, 1.0, 0.1, 0.5)] * (3 * groups * LIST_LIFE))
     for _ in range(groups):
@@ -300,8 +289,22 @@ def one_size(folder, device, size, iterations):
         "tables": tables,
         "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
     }
-    launcher.close()
+    engine.launch.close()
     print(json.dumps(row))
+
+
+def an_engine(folder, device, count, particles):
+    """Return an engine with particles spread over so many beans, copies of ten."""
+    base = load(folder / "wide5.npz")
+    shapes = [base[k % len(base)] for k in range(count)]
+    domain = prepare(shapes, OptimizeSettings(particles=particles), device=device)
+    level = domain.level(particles)
+    chosen = [spread_indices(m.vertices, min(particles, len(m.vertices))) for m in level.meshes[: len(base)]]
+    rows = [np.resize(chosen[k % len(base)], particles) for k in range(count)]
+    jitter = np.random.default_rng(0).normal(scale=0.3, size=(count, particles, 3))
+    positions = np.stack([m.vertices[row] for m, row in zip(level.meshes, rows, strict=True)]) + jitter
+    given = {"geodesic": True, "area": AREA, "launcher": Launcher(device)}
+    return Engine(domain.fields, domain.reliefs, level, positions, **given)
 
 
 def memory():
