@@ -109,8 +109,9 @@ class DeviceCoupling(Coupling):
         shapes = self.shapes
         make = {"device": launcher.device}
         self._covariances = [wp.zeros((shapes, shapes), dtype=wp.float64, **make) for _ in range(2)]
-        size = (int(dual_kernels.MATRICES), shapes, shapes)
-        self._matrices = [wp.zeros(size, dtype=wp.float64, **make) for _ in range(2)]
+        self._blocks = -(-shapes // int(dual_kernels.SIDE))
+        size = (int(dual_kernels.MATRICES), self._blocks, self._blocks)
+        self._matrices = [wp.zeros(size, dtype=wp.mat44d, **make) for _ in range(2)]
         self._logdets: DeviceArray = wp.zeros(size[0], dtype=wp.float64, **make)
         self._small = [wp.zeros((shapes, shapes), dtype=float, **make) for _ in range(3)]
 
@@ -123,9 +124,9 @@ class DeviceCoupling(Coupling):
         for rows, out in zip((centred, logs), self._covariances, strict=True):
             wp.launch_tiled(
                 dual_kernels.gram,
-                dim=(shapes, shapes),
-                inputs=[self.count, divisor, rows, out],
-                block_dim=dual_kernels.BLOCK,
+                dim=(self._blocks, self._blocks),
+                inputs=[shapes, self.count, divisor, rows, out],
+                block_dim=dual_kernels.LANES,
                 device=device,
             )
         source: DeviceArray = self._matrices[0]
@@ -136,7 +137,7 @@ class DeviceCoupling(Coupling):
             inputs=[stage, iteration, *self._covariances, source, self._logdets, self.stiffness],
             device=device,
         )
-        for pivot in range(shapes):
+        for pivot in range(self._blocks):
             wp.launch(
                 dual_kernels.eliminate,
                 dim=source.shape,
@@ -170,8 +171,12 @@ class DeviceCoupling(Coupling):
         return np.array([logdets[0], logdets[2]]) * 0.5 * (self.shapes - 1) / self.shapes
 
     def _mix(self, matrix: DeviceArray, source: DeviceArray, target: DeviceArray) -> None:
-        total = self.shapes * self.count
-        self.launch(step_kernels.mix, total, [self.count, self.shapes, matrix, source, target])
+        wp.launch(
+            dual_kernels.mix,
+            dim=(self._blocks, self.count),
+            inputs=[self.shapes, self.count, matrix, source, target],
+            device=self.launch.device,
+        )
 
 
 def coupling(layout: kernels.Layout, movable: DeviceArray, held: bool, launcher: Launcher) -> Coupling:

@@ -7,7 +7,7 @@ from homolog.correspondence.kernels import Knobs, Layout, Pose, Surface
 
 wp.set_module_options({"enable_backward": False, "fast_math": False})
 
-__all__ = ["advance", "combine", "damp_held", "mean_normals", "mix", "move"]
+__all__ = ["advance", "combine", "damp_held", "mean_normals", "move"]
 
 
 SMALL = wp.constant(0.75)  # size of a surface from which on tau is that of even particles on the mean one
@@ -100,25 +100,6 @@ def combine(
     pulled = wp.transpose(pose.linear) * ensemble[p]
     total = forces[p] - knobs.ensemble_weight * pulled - knobs.normals_weight / damping * turned
     steps[p] = float(movable[p]) * tau * (pose.turn * tangent(total, n))
-
-
-@wp.kernel
-def mix(
-    first: int,
-    per_shape: int,
-    shapes: int,
-    matrix: wp.array(dtype=float, ndim=2),
-    source: wp.array(dtype=wp.vec3),
-    target: wp.array(dtype=wp.vec3),
-):
-    """target[k] = sum_l matrix[k, l] source[l], per particle: a small matrix across the shapes."""
-    p = first + wp.tid()
-    i = p % per_shape
-    k = p // per_shape
-    total = wp.vec3(0.0, 0.0, 0.0)
-    for other in range(shapes):
-        total += matrix[k, other] * source[other * per_shape + i]
-    target[p] = total
 
 
 @wp.kernel

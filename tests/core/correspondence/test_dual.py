@@ -59,11 +59,16 @@ def test_entropy_per_particle_does_not_depend_on_how_often_each_particle_is_coun
 
 
 @pytest.mark.parametrize("held", [False, True])
-def test_the_device_coupling_computes_what_the_host_coupling_does(rows, held):
+@pytest.mark.parametrize("shapes", [2, 4, 10])  # fewer than a block, one, and no whole number of them
+def test_the_device_coupling_computes_what_the_host_coupling_does(shapes, held):
+    random = np.random.default_rng(shapes)
+    size = random.normal(size=(shapes, 1)) * random.normal(size=3 * PARTICLES)  # one mode dwarfs the others
+    rows = 20.0 * size + 0.05 * random.normal(size=(shapes, 3 * PARTICLES))
+    rows -= rows.mean(axis=0)
     launcher = Launcher("cpu", threads=1)
     knobs = np.zeros(1, dtype=Knobs.numpy_dtype())
-    knobs["step"], knobs["ensemble_weight"] = 2.0, 0.3
-    knobs["regularization"], knobs["normals_regularization"] = 0.4, 0.1
+    knobs["step"], knobs["ensemble_weight"] = 2.0, 0.02
+    knobs["regularization"], knobs["normals_regularization"] = 5e-4, 0.01
     stage = wp.array(knobs, dtype=Knobs, device="cpu")
     iteration = wp.zeros(1, dtype=int, device="cpu")
     centred, logs = (
@@ -71,19 +76,19 @@ def test_the_device_coupling_computes_what_the_host_coupling_does(rows, held):
         for values in (rows, 0.1 * rows[::-1])
     )
     layout = Layout()
-    layout.shapes, layout.per_shape = SHAPES, PARTICLES
-    free = np.random.default_rng(1).random(SHAPES * PARTICLES) < 0.7
+    layout.shapes, layout.per_shape = shapes, PARTICLES
+    free = random.random(shapes * PARTICLES) < 0.7
     movable = wp.array(free if held else np.ones_like(free), dtype=int, device="cpu")
     results = []
     for kind in (HostCoupling, DeviceCoupling):
         coupling = kind(layout, movable, held, launcher)
-        out = [wp.zeros(SHAPES * PARTICLES, dtype=wp.vec3, device="cpu") for _ in range(3)]
+        out = [wp.zeros(shapes * PARTICLES, dtype=wp.vec3, device="cpu") for _ in range(3)]
         coupling.solve(stage, iteration, centred, logs)
         coupling.directions(centred, logs, out[0], out[1])
         coupling.damp(stage, iteration, centred, out[2])
         results.append([*(array.numpy() for array in out), coupling.stiffness.numpy(), coupling.entropies()])
     for host, device in zip(*results, strict=True):
-        np.testing.assert_allclose(host, device, rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(host, device, rtol=1e-5, atol=3e-4 * np.abs(host).max())
 
 
 def test_where_all_shapes_may_move_holding_others_changes_nothing(rows):
