@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+from homolog.files.markups import write_markups
 from homolog.files.project import Project
 from homolog.files.results import read_result
 from homolog_app.cli import main
@@ -205,16 +206,36 @@ def test_new_subjects_are_fitted_to_the_result(project, scans, tmp_path, capsys)
     assert np.median(moved) < 1.0  # the same segmentation: particles are 4 mm apart
 
 
+def test_a_fit_needs_no_landmarks_as_its_particles_are_those_of_the_result(project, scans, tmp_path):
+    new = shutil.copy(scans / "b.nrrd", tmp_path / "e.nrrd")
+    write_markups(tmp_path / "e.mrk.json", np.zeros((1, 3)))
+    assert main(["run", str(project.folder), "--landmarks", "--fit", str(new), *QUIET]) == 0
+    assert project.read().subjects[-1].landmarks == "../e.mrk.json"
+
+
+def test_a_fit_that_was_refused_can_be_asked_for_again(project, scans, tmp_path, capsys):
+    new, good = shutil.copy(scans / "b.nrrd", tmp_path / "e.nrrd"), (scans / "a.nrrd").read_bytes()
+    fit = ["run", str(project.folder), "--fit", str(new), *QUIET]
+    shutil.copy(scans / "b.nrrd", scans / "a.nrrd")
+    assert main(fit) == 2
+    assert "a: the surface is not that of the result" in capsys.readouterr().err
+    (scans / "a.nrrd").write_bytes(good)
+    assert main(fit) == 0
+    assert read_result(project).names[-1] == "e"
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["--fit", "nothing.nrrd"], "is no segmentation or mesh"),
-        (["--fit", "scans/a.nrrd"], "several subjects are called a"),
+        (["--fit", "scans/a.nrrd"], "for every subject already"),
+        (["--fit", "other/a.nrrd"], "several subjects are called a"),
         (["--fit", "scans/a.nrrd", "--resume"], "leave out --out and --resume"),
     ],
 )
 def test_files_that_cannot_be_fitted_are_named(project, words, said, capsys, monkeypatch):
     monkeypatch.chdir(project.folder.parent)
+    shutil.copytree("scans", "other")
     if "--resume" in words:
         project.write(project.read().model_copy(update={"unfinished": True}))
     assert main(["run", str(project.folder), *words, *QUIET]) == 2

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from homolog.cohort import IMAGE_SUFFIXES, MESH_SUFFIXES, Cohort, Subject, read_cohort
+from homolog.cohort import IMAGE_SUFFIXES, MESH_SUFFIXES, Cohort, Subject, landmarks_beside, read_cohort
 from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
@@ -146,8 +146,13 @@ def _what_to_run(arguments: argparse.Namespace) -> tuple[Project, Cohort, RunSet
 
 
 def _with_new(cohort: Cohort, paths: Sequence[Path]) -> Cohort:
-    """Return the cohort with the subjects of further files, folders or tables at its end."""
-    new = [one for path in paths for one in _subjects_of(path)]
+    """Return the cohort with the subjects of further files, folders or tables at its end.
+
+    Those that it has already, from a fit that was refused or broken off, are not added twice.
+    """
+    there = {(one.name, one.path.resolve()) for one in cohort.subjects}
+    given = [one for path in paths for one in _subjects_of(path)]
+    new = [one for one in given if (one.name, one.path.resolve()) not in there]
     names = Counter(one.name for one in (*cohort.subjects, *new))
     repeated = [name for name, count in names.items() if count > 1]
     if repeated:
@@ -161,7 +166,8 @@ def _subjects_of(path: Path) -> tuple[Subject, ...]:
     suffixes = [one for one in (*IMAGE_SUFFIXES, *MESH_SUFFIXES) if path.name.lower().endswith(one)]
     if not path.is_file() or not suffixes:
         raise InputError(f"{path}: is no segmentation or mesh; correct the path")
-    return (Subject(path.name[: -len(max(suffixes, key=len))], path.resolve()),)
+    name = path.name[: -len(max(suffixes, key=len))]
+    return (Subject(name, path.resolve(), landmarks=landmarks_beside(path.resolve())),)
 
 
 def _adds_particles(

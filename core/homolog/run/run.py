@@ -179,7 +179,7 @@ class Run:
             self._claim(cohort)
             groomed = self._groomed(cohort)
             shapes = self._aligned(groomed, base)
-            if self._settings.optimize.landmarks:
+            if self._settings.optimize.landmarks and base is None:  # it gives the first particles
                 shapes = with_landmarks(shapes, cohort)
             fingerprint = fingerprint_of(self._settings.optimize, shapes, self._control.tick)
             self._study = Study(cohort, self._settings, groomed, shapes, fingerprint, device)
