@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from homolog.arrays import FloatArray
+from homolog_app.fonts import legible
 from homolog_app.pictures.colours import LIGHT, Theme
 
 __all__ = ["plot_discriminant", "plot_energies", "plot_quality", "plot_scores", "plot_scree"]
@@ -127,7 +128,7 @@ def plot_discriminant(
         axes.scatter(own, height, s=26, linewidths=0.0, alpha=0.85, color=_COLOURS[row], marker=_MARKERS[row])
         axes.plot([own.mean()] * 2, [row - 0.4, row + 0.4], color=_COLOURS[row], linewidth=1.6)
     axes.axvline(0.0, color=theme.text, linewidth=0.6, linestyle=(0, (4, 3)))
-    axes.set_yticks([0, 1], names)
+    axes.set_yticks([0, 1], [legible(name) for name in names])  # a tick's words are set anew when drawn
     axes.set_ylim(-0.6, 1.6)
     axes.set_xlabel("place along the discriminant (mm)")
     return figure

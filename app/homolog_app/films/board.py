@@ -11,6 +11,7 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from homolog.arrays import Array
+from homolog_app.fonts import complete_text
 from homolog_app.pictures.colours import Theme
 from homolog_app.pictures.layout import draw_displacement_bar
 
@@ -49,8 +50,9 @@ class Board:
         points = size * self.em * 72.0 / _DPI
         text = self._figure.text(
             x / self.width, 1.0 - y / self.height, words, ha="center", va="center", color=self._theme.text,
-            fontsize=points, parse_math=False,
+            fontsize=points,
         )  # fmt: skip
+        complete_text(text)
         taken = text.get_window_extent().width
         text.set_fontsize(max(points * min(room / taken, 1.0), _LEAST_TEXT * 72.0 / _DPI))
         return text
@@ -96,6 +98,7 @@ class Board:
             self._still = self._canvas.copy_from_bbox(self._figure.bbox)  # type: ignore[no-untyped-call]
         self._canvas.restore_region(self._still)  # type: ignore[no-untyped-call]
         for text in self._changing:
+            complete_text(text)
             self._figure.draw_artist(text)
         page = np.array(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
         for box, image in images:

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 
 from homolog.arrays import Array
 from homolog.files.atomic import replacing
+from homolog_app.fonts import complete_texts
 from homolog_app.pictures.colours import LIGHT, Theme, diverging_table
 
 __all__ = ["Panel", "arrange", "draw_displacement_bar", "write_picture"]
@@ -159,6 +160,7 @@ def write_picture(figure: Figure, path: Path) -> None:
     InputError
         If the file can't be written.
     """
+    complete_texts(figure)
     drawn, kind = io.BytesIO(), path.suffix.lower().removeprefix(".")  # some backends leave files open
     with rc_context({"svg.hashsalt": "homolog"}):
         figure.savefig(

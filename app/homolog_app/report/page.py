@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from importlib.resources import files
 
+from homolog_app.fonts import complete_texts
 from homolog_app.report.figures import ReportFigure
 
 __all__ = ["Page"]
@@ -84,6 +85,7 @@ def _text(words: str) -> str:
 
 def _figure(one: ReportFigure) -> str:
     picture = io.BytesIO()
+    complete_texts(one.figure)
     one.figure.savefig(picture, format="png", dpi=_DPI, facecolor=one.figure.get_facecolor())
     data = base64.b64encode(picture.getvalue()).decode("ascii")
     width = round(one.figure.get_figwidth() * 96)

@@ -1,14 +1,15 @@
 """The colour scale as a picture: title, unit, ticks and what its ends mean. The window shows it, too."""
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from homolog_app.fonts import font_file, written
 from homolog_app.window.quantities import tick_words
 from homolog_app.window.scene.colour_scale import ColourScale
-from homolog_app.window.scene.font import font_file
 from homolog_app.window.scheme import Colours
 
 __all__ = ["HEIGHT", "MOST", "SIDE", "scale_picture"]
@@ -41,10 +42,12 @@ def scale_picture(
     paper = "#00000000" if transparent else colours.scene
     page = Image.new("RGBA", (width, round(HEIGHT * ratio)), paper)
     draw = ImageDraw.Draw(page)
-    font = _font(round(_LETTERS * ratio))
+    size = round(_LETTERS * ratio)
     line = f"{scale.title} ({scale.unit})" if scale.unit else scale.title
     line += f" · {scale.note}" if scale.note else ""
-    draw.text((width / 2, 12 * ratio), line, colours.text, font, anchor="mm")
+    own = font_file(line)  # groups may be named in any script
+    draw.text((width / 2, 12 * ratio), written(line, own), colours.text, _font(own, size), anchor="mm")
+    font = _font(font_file(), size)
     length = round(min(MOST * ratio, width - 2 * SIDE * ratio))
     left, top = round((width - length) / 2), round(_TOP * ratio)
     bottom = top + round(_BAR * ratio)
@@ -71,5 +74,5 @@ def _words(values: list[float]) -> list[str]:
 
 
 @cache
-def _font(size: int) -> ImageFont.FreeTypeFont:
-    return ImageFont.truetype(str(font_file()), max(size, 6))
+def _font(path: Path, size: int) -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(str(path), max(size, 6))

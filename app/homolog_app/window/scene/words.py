@@ -1,14 +1,12 @@
 """What is written in a view: the name at the top, and the anatomical letters at the edges."""
 
-from functools import cache
 from typing import Any
 
-from matplotlib.ft2font import FT2Font
 from vtkmodules.vtkRenderingCore import vtkTextActor
 from vtkmodules.vtkRenderingFreeType import vtkTextRendererStringToImage  # noqa: F401 - loads what writes
 
 from homolog.arrays import FloatArray
-from homolog_app.window.scene.font import font_file
+from homolog_app.fonts import font_file, written
 from homolog_app.window.scene.letters import edge_letters
 from homolog_app.window.scheme import Colours, rgb
 
@@ -17,6 +15,7 @@ __all__ = ["Words"]
 _FONT_FILE = 4  # VTK_FONT_FILE: VTK's own fonts know no Greek
 _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 _FREE, _ROOM, _LEAST = 0.43, 0.97, 4
+_CUT = "…"
 
 
 class Words:
@@ -69,7 +68,10 @@ class Words:
 
     def _fit(self, width: int) -> None:
         """Shorten lines that the view has no room for; leave out the letter that the caption would touch."""
-        lines = [_written(line) for line in self._lines]
+        words = "\n".join(self._lines)
+        font = font_file(words + _CUT)
+        self._caption.GetTextProperty().SetFontFile(str(font))
+        lines = written(words, font).split("\n")
         lengths = [self._length(line) for line in lines]
         fitting = [self._shortened(*one, _ROOM * width) for one in zip(lines, lengths, strict=True)]
         self._caption.SetInput("\n".join(fitting))
@@ -81,7 +83,7 @@ class Words:
         short, keep = line, len(line)
         while length > room and keep > _LEAST:
             keep = max(_LEAST, min(keep - 1, int(keep * room / length)))
-            short = f"{line[: keep - keep // 2]}…{line[-(keep // 2) :]}"
+            short = f"{line[: keep - keep // 2]}{_CUT}{line[-(keep // 2) :]}"
             length = self._length(short)
         return short
 
@@ -102,14 +104,3 @@ def _text(x: float, y: float) -> Any:  # noqa: ANN401
     look.SetFontFile(str(font_file()))
     look.SetLineSpacing(1.2)
     return actor
-
-
-@cache
-def _signs() -> frozenset[str]:
-    """Return the signs that the font has."""
-    return frozenset(map(chr, FT2Font(str(font_file())).get_charmap()))
-
-
-def _written(line: str) -> str:
-    """Return a line with a box for each sign that the font lacks: VTK would leave out the whole line."""
-    return "".join(sign if sign in _signs() else "□" for sign in line)

@@ -1,0 +1,59 @@
+"""Which font writes what, and what is written where no font has a sign."""
+
+import warnings
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from homolog_app import fonts
+from homolog_app.pictures import write_picture
+from homolog_app.plots import plot_discriminant
+
+HAN = "王"
+
+
+@pytest.fixture
+def nothing_installed(monkeypatch):
+    """A system without fonts."""
+    fonts.font_file.cache_clear()
+    monkeypatch.setattr(fonts, "_system_files", tuple)
+    yield
+    fonts.font_file.cache_clear()
+
+
+def test_latin_and_greek_words_are_written_by_the_usual_font():
+    assert fonts.font_file("Müller Ωμέγα, 5.2 mm²").name == "DejaVuSans.ttf"
+
+
+def test_the_first_font_that_has_all_signs_is_taken(monkeypatch, nothing_installed):
+    signs = {"usual": "ab", "half": "ab王", "whole": "ab王明"}
+    monkeypatch.setattr(fonts, "_usual_file", lambda: "usual")
+    monkeypatch.setattr(fonts, "_system_files", lambda: ("half", "whole"))
+    monkeypatch.setattr(fonts, "_lacking", lambda path, words: frozenset(words) - frozenset(signs[path]))
+    assert [fonts.font_file(words) for words in ("ab", "a王", "a王明")] == ["usual", "half", "whole"]
+
+
+def test_a_sign_that_no_font_has_is_a_box(nothing_installed):
+    assert fonts.legible(f"a{HAN}b") == "a□b"
+    assert fonts.written(f"{HAN}\n{HAN}", fonts.font_file()) == "□\n□"
+
+
+def test_names_that_no_font_has_or_that_look_like_formulas_are_written_without_a_warning(
+    nothing_installed, tmp_path
+):
+    figure = plot_discriminant(np.arange(4.0), np.array([0, 0, 1, 1]), (HAN, r"b$\foo$"))
+    figure.text(0.5, 0.5, f"{HAN} $\\frac$")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_picture(figure, tmp_path / "names.svg")
+    assert (tmp_path / "names.svg").stat().st_size > 0
+
+
+def test_matplotlib_writes_with_the_font_that_has_the_sign(monkeypatch, tmp_path):
+    text = Figure().text(0.0, 0.0, "a\u16a0")  # a rune, which stands for what the usual font lacks
+    usual, other = fonts.font_file(), fonts.font_file().with_name("DejaVuSerif.ttf")
+    monkeypatch.setattr(fonts, "font_file", lambda words="": other if "\u16a0" in words else usual)
+    monkeypatch.setattr(fonts, "_lacking", lambda path, words: frozenset())
+    fonts.complete_text(text)
+    assert text.get_fontfamily() == ["DejaVu Sans", "DejaVu Serif"]
