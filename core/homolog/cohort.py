@@ -147,7 +147,7 @@ def suffix_of(path: Path) -> str:
 def landmarks_beside(path: Path) -> Path | None:
     """Return the markups file that lies beside a subject's file under its name, if there is one."""
     stem = path.name[: len(path.name) - len(suffix_of(path))]
-    beside = path.with_name(stem + _MARKUPS)
+    beside = path.parent / (stem + _MARKUPS)  # with_name knows no root
     return beside if beside.is_file() else None
 
 
