@@ -79,14 +79,10 @@ def look(scene: Scene, column: float, row: float) -> Sight:
 
 
 @wp.func
-def weights(a: wp.vec3, b: wp.vec3, c: wp.vec3, x: float, y: float) -> wp.vec2:
-    """Return the shares of a triangle's first two corners at a place; outside, a share is negative."""
+def edges(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec4:
+    """Return how the shares of a triangle's first two corners grow along a row and down; NaN if it is none."""
     area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    if area == 0.0:
-        return wp.vec2(-1.0, -1.0)
-    u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
-    v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
-    return wp.vec2(u, v)
+    return wp.vec4(b[1] - c[1], c[0] - b[0], c[1] - a[1], a[0] - c[0]) / area
 
 
 @wp.kernel
@@ -114,19 +110,22 @@ def fill(
     for face in range(scene.faces.shape[0]):
         indices = scene.faces[face]
         a, b, c = places[indices[0]], places[indices[1]], places[indices[2]]
+        grow = edges(a, b, c)
         top = wp.max(int(wp.ceil(wp.min(a[1], wp.min(b[1], c[1])) - 0.5)), low)
         bottom = wp.min(int(wp.floor(wp.max(a[1], wp.max(b[1], c[1])) - 0.5)) + 1, high)
         left = wp.max(int(wp.ceil(wp.min(a[0], wp.min(b[0], c[0])) - 0.5)), 0)
         right = wp.min(int(wp.floor(wp.max(a[0], wp.max(b[0], c[0])) - 0.5)) + 1, image.shape[1])
         for row in range(top, bottom):
+            y = float(row) + 0.5 - c[1]
             for column in range(left, right):
-                at = weights(a, b, c, float(column) + 0.5, float(row) + 0.5)
-                w = 1.0 - at[0] - at[1]
-                if at[0] >= 0.0 and at[1] >= 0.0 and w >= 0.0:
-                    depth = at[0] * a[2] + at[1] * b[2] + w * c[2]
+                x = float(column) + 0.5 - c[0]
+                u, v = grow[0] * x + grow[1] * y, grow[2] * x + grow[3] * y
+                w = 1.0 - u - v
+                if u >= 0.0 and v >= 0.0 and w >= 0.0:
+                    depth = u * a[2] + v * b[2] + w * c[2]
                     if nearest[row, column] < 0 or depth < relief[row, column][3]:
                         nearest[row, column] = face
-                        relief[row, column] = wp.vec4(at[0], at[1], 0.0, depth)
+                        relief[row, column] = wp.vec4(u, v, 0.0, depth)
     for row in range(low, high):
         for column in range(image.shape[1]):
             front = nearest[row, column]

@@ -35,6 +35,7 @@ class Renderer:
         self._scene.faces = wp.array(faces.astype(np.int32), dtype=wp.vec3i, device=_DEVICE)
         self._scene.normals = warp_vectors(np.concatenate([solid.normals for solid in solids]))
         self._scene.colours = warp_vectors(np.concatenate([solid.colours for solid in solids]))
+        self._buffers = _buffers(0, 0)  # kept: fresh memory costs as much as drawing in it
         wp.load_module(kernels, device=_DEVICE)  # once, before threads launch on it
 
     def move(self, vertices: FloatArray, normals: FloatArray, colours: FloatArray) -> None:
@@ -68,8 +69,9 @@ class Renderer:
         scene = self._scene
         scene.corner, scene.right, scene.up = (wp.vec3(*map(float, one)) for one in (corner, right, up))
         scene.step = step
-        image, relief = (wp.empty((height, width), dtype=wp.vec4, device=_DEVICE) for _ in range(2))
-        nearest = wp.empty((height, width), dtype=int, device=_DEVICE)
+        if self._buffers[0].shape != (height, width):
+            self._buffers = _buffers(height, width)
+        nearest, relief, image = self._buffers
         way = self._vertices - corner
         places = np.stack([way @ right / step, way @ -up / step, way @ -back], axis=1)
         on_page = warp_vectors(places)
@@ -91,6 +93,13 @@ class Renderer:
             for draw_band in (fill_band, smooth_band):
                 list(pool.map(draw_band, range(-(-height // rows))))
         return np.array(image.numpy())
+
+
+def _buffers(height: int, width: int) -> tuple["wp.array", "wp.array", "wp.array"]:
+    """Return room for each pixel's nearest face, its normal and depth, and its colour."""
+    kinds = (int, wp.vec4, wp.vec4)
+    nearest, relief, image = (wp.empty((height, width), dtype=kind, device=_DEVICE) for kind in kinds)
+    return nearest, relief, image
 
 
 def render(solids: Sequence[Solid], frame: Frame, width: int) -> NDArray[np.float32]:
