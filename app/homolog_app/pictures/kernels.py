@@ -80,7 +80,7 @@ def look(scene: Scene, column: float, row: float) -> Sight:
 
 @wp.func
 def edges(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec4:
-    """Return how the shares of a triangle's first two corners grow along a row and down; not finite if flat."""
+    """Return how the shares of a triangle's first two corners grow along rows and columns."""
     area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     return wp.vec4(b[1] - c[1], c[0] - b[0], c[1] - a[1], a[0] - c[0]) / area
 
