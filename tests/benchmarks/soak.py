@@ -93,15 +93,16 @@ def soak(folder: Path, options: argparse.Namespace) -> np.ndarray:
     write_beans(folder / "beans", draw_beans(options.shapes), 5)
     cohort = read_cohort(folder / "beans")
     settings = RunSettings(optimize=OptimizeSettings(particles=options.particles, **_SHORT), device="cpu")
-    project, rows, began = Project(folder / "project"), [], time.process_time()
+    project, began = Project(folder / "project"), time.process_time()
+    rows = np.empty((options.runs, len(COLUMNS)))  # what is noted takes no further memory
     print(row_of("run", ("CPU s", *COLUMNS)))
     for number in range(1, options.runs + 1):
         Run(project, cohort, settings).execute()
-        rows.append(in_use(options.trim))
+        rows[number - 1] = now = in_use(options.trim)
         if number in (1, options.runs) or number % 10 == 0:
             seconds = time.process_time() - began
-            print(row_of(number, (f"{seconds:.0f}", *rows[-1])), flush=True)
-    return np.array(rows, dtype=float)
+            print(row_of(number, (f"{seconds:.0f}", *now)), flush=True)
+    return rows
 
 
 def in_use(trim: bool) -> tuple[float, ...]:

@@ -25,6 +25,8 @@ _log = logging.getLogger(__name__)
 
 _PATIENCE = 0.1  # s between looks at the tick while workers are busy
 
+_Work = Future[tuple[str, GroomedSubject]]
+
 
 @dataclass(frozen=True, slots=True)
 class Problem:
@@ -38,7 +40,7 @@ def check_cohort(cohort: Cohort, settings: GroomSettings, tick: Tick = no_tick) 
     """Read every file and return what is wrong with the bad ones, in the cohort's order.
 
     Nothing is computed or written. Faults that only grooming can find are few: a grid that would not fit
-    into memory, or nothing left after smoothing.
+    into memory, a mesh too small for the edges asked for, or nothing left after smoothing.
     """
     problems = []
     called: dict[str, str] = {}
@@ -79,6 +81,7 @@ def groom_cohort(
     executor: Executor | None = None,
     cache: Path | None = None,
     tick: Tick = no_tick,
+    left_out: list[Problem] | None = None,
 ) -> list[GroomedSubject]:
     """Groom every subject.
 
@@ -95,6 +98,8 @@ def groom_cohort(
         what it was then gets a note and a line in the log.
     tick : Tick
         Called at least every 0.1 s.
+    left_out : list of Problem, optional
+        Subjects that fail are added to it and left out of the result; without it the first one is raised.
 
     Returns
     -------
@@ -113,7 +118,14 @@ def groom_cohort(
     if missing:
         with nullcontext(executor) if executor else worker_processes(min(len(missing), cores())) as used:
             futures = {used.submit(_groomed, subject, settings): subject for subject in missing}
-            for subject, (key, done) in _as_they_finish(futures, part_of(tick, 0.1, 1.0)):
+            for subject, future in _as_they_finish(futures, part_of(tick, 0.1, 1.0)):
+                try:
+                    key, done = future.result()
+                except (InputError, NumericalError) as error:
+                    if left_out is None:
+                        raise
+                    left_out.append(Problem(subject.name, str(error)))
+                    continue
                 if cache and key != keys[subject.name]:
                     raise InputError(
                         f"{subject.path}: was changed while it was read; run again when it is whole"
@@ -121,7 +133,7 @@ def groom_cohort(
                 found[subject.name] = _noted(cache, done, key) if cache else done
                 if cache:
                     save_groomed(cache, done, key)
-    return [found[subject.name] for subject in cohort.subjects]
+    return [found[subject.name] for subject in cohort.subjects if subject.name in found]
 
 
 def _from_cache(
@@ -154,10 +166,8 @@ def _noted(cache: Path, done: GroomedSubject, key: str) -> GroomedSubject:
     return replace(done, report=replace(done.report, notes=(*done.report.notes, note)))
 
 
-def _as_they_finish(
-    futures: dict[Future[tuple[str, GroomedSubject]], Subject], tick: Tick
-) -> Iterator[tuple[Subject, tuple[str, GroomedSubject]]]:
-    """Yield results as they come, ticking meanwhile; drop what waits when something goes wrong."""
+def _as_they_finish(futures: dict[_Work, Subject], tick: Tick) -> Iterator[tuple[Subject, _Work]]:
+    """Yield what is done as it comes, ticking meanwhile; drop what waits when something goes wrong."""
     pending = set(futures)
     try:
         while pending:
@@ -166,12 +176,12 @@ def _as_they_finish(
             done, pending = wait(pending, _PATIENCE, FIRST_COMPLETED)
             for future in futures:
                 if future in done:
-                    yield futures[future], future.result()
-    except BrokenExecutor as error:
-        raise NumericalError(
-            "a grooming process died, most likely for lack of memory; "
-            "use fewer workers or a larger grid spacing"
-        ) from error
+                    if isinstance(error := future.exception(), BrokenExecutor):
+                        raise NumericalError(
+                            "a grooming process died, most likely for lack of memory; "
+                            "use fewer workers or a larger grid spacing"
+                        ) from error
+                    yield futures[future], future
     finally:
         for future in pending:
             future.cancel()

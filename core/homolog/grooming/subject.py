@@ -152,7 +152,10 @@ def _groomed(name: str, source: Segmentation | TriangleMesh, settings: GroomSett
     field, further = distance_field(level, settings.smoothing)
     mesh = isosurface(field, settings.mesh_edge, settings.adaptive_mesh)
     if mesh.volume <= 0.0:
-        raise NumericalError("has too few voxels for a surface; segment it on a finer grid or leave it out")
+        raise NumericalError(
+            "is too small for a surface: look at its unit, segment it on a finer grid, ask for shorter edges "
+            "(mesh edge), or leave it out"
+        )
     check_mesh(mesh, name)
     if dropped:
         notes.append(f"the largest of {dropped + 1} separate pieces was kept")

@@ -21,7 +21,7 @@ from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import writing
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord
-from homolog.grooming import GroomedSubject, align, check_cohort, groom_cohort
+from homolog.grooming import GroomedSubject, Problem, align, check_cohort, groom_cohort
 from homolog.progress import no_tick, patiently
 from homolog.run.base import Base, read_base
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
@@ -177,7 +177,7 @@ class Run:
         with self.project.locked(), device_faults("cpu"):
             base = self._base(cohort)
             self._claim(cohort)
-            groomed = self._groomed(cohort)
+            cohort, groomed = self._groomed(cohort)
             shapes = self._aligned(groomed, base)
             if self._settings.optimize.landmarks and base is None:  # it gives the first particles
                 shapes = with_landmarks(shapes, cohort)
@@ -204,11 +204,14 @@ class Run:
         if problems and not self._skip_bad:
             raise InputError("\n".join(self._notes))
         cohort = self._cohort.without({one.subject for one in problems})
+        self._check_number(cohort)
+        return cohort
+
+    def _check_number(self, cohort: Cohort) -> None:
         if len(cohort.subjects) < 2:
             count = "only one" if cohort.subjects else "no"
             message = f"{cohort.folder}: has {count} usable subject; a shape model needs two or more"
             raise InputError("\n".join([*self._notes, message]))
-        return cohort
 
     def _base(self, cohort: Cohort) -> Base | None:
         if self._resume and self.project.exists:
@@ -237,16 +240,24 @@ class Run:
             )
         )
 
-    def _groomed(self, cohort: Cohort) -> list[GroomedSubject]:
+    def _groomed(self, cohort: Cohort) -> tuple[Cohort, list[GroomedSubject]]:
         self._control.enter(Phase.GROOMING, "grooming")
+        left_out: list[Problem] = []
         with worker_processes(self._settings.workers or cores()) as executor:
-            return groom_cohort(
+            groomed = groom_cohort(
                 cohort,
                 self._settings.groom,
                 executor=executor,
                 cache=self.project.groomed,
                 tick=self._control.tick,
+                left_out=left_out if self._skip_bad else None,
             )
+        if left_out:
+            self._notes += [one.message for one in left_out]
+            cohort = cohort.without({one.subject for one in left_out})
+            self._check_number(cohort)
+            self._claim(cohort)
+        return cohort, groomed
 
     def _aligned(self, groomed: Sequence[GroomedSubject], base: Base | None) -> list[Shape]:
         self._control.enter(Phase.ALIGNING, "aligning")

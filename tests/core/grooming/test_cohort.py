@@ -104,6 +104,23 @@ def test_a_file_that_changes_while_it_is_read_stops_the_work(cohort, tmp_path, s
     assert not (tmp_path / "groomed" / "b.npz").exists()
 
 
+def test_what_cannot_be_groomed_is_raised_or_left_out_by_name(cohort):
+    class Failing(Here):
+        def submit(self, function, /, *arguments, **named):
+            if arguments[0].name != "b":
+                return super().submit(function, *arguments, **named)
+            future = Future()
+            future.set_exception(NumericalError("b: is too small"))
+            return future
+
+    problems = []
+    with pytest.raises(NumericalError, match="b: is too small"):
+        groom_cohort(cohort, SETTINGS, executor=Failing())
+    groomed = groom_cohort(cohort, SETTINGS, executor=Failing(), left_out=problems)
+    assert [one.name for one in groomed] == ["a", "c"]
+    assert [(one.subject, one.message) for one in problems] == [("b", "b: is too small")]
+
+
 def test_names_do_not_lead_out_of_the_cache(cohort, tmp_path):
     evil = Cohort((replace(cohort.subjects[0], name="../../evil"),), cohort.folder)
     for _ in range(2):

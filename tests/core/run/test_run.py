@@ -8,6 +8,7 @@ from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError, NumericalError
 from homolog.files.meshes import read_mesh
 from homolog.files.results import read_modes, read_result, read_surfaces
+from homolog.grooming import Problem, groom_cohort
 from homolog.run import FinishReason, Phase
 from homolog.settings import Method
 
@@ -201,6 +202,19 @@ def test_bad_files_can_be_left_out(start, groomed):
     assert run.execute() is FinishReason.COMPLETED
     assert read_result(groomed).names == ("a", "b", "c", "d")
     assert ["e.nrrd" in note for note in run.notes] == [True]
+
+
+def test_what_grooming_cannot_use_is_left_out_too(start, groomed, monkeypatch):
+    def groom_all_but_b(cohort, *_, left_out, **how):
+        left_out.append(Problem("b", "b: is too small for a surface"))
+        return groom_cohort(cohort.without({"b"}), *_, **how)
+
+    monkeypatch.setattr("homolog.run.run.groom_cohort", groom_all_but_b)
+    run = start(skip_bad=True)
+    assert run.execute() is FinishReason.COMPLETED
+    assert read_result(groomed).names == ("a", "c", "d")
+    assert [one.name for one in groomed.read().subjects] == ["a", "c", "d"]
+    assert run.notes == ("b: is too small for a surface",)
 
 
 def test_a_cohort_of_one_is_refused(start, project):
