@@ -93,6 +93,8 @@ def plot_scores(
         x, y = scores[members][:, list(modes)].T
         label = f"{group or 'no group'} ({len(x)})"
         axes.scatter(x, y, s=26, linewidths=0.0, alpha=0.85, color=colour, marker=marker, label=label)
+        if not any(groups):
+            continue  # without groups there is nothing to tell apart, and the mean is the origin
         axes.scatter(
             x.mean(), y.mean(), s=110, marker=marker, facecolors="none", edgecolors=colour, linewidths=1.6
         )
@@ -101,7 +103,8 @@ def plot_scores(
     axes.set_ylabel(words[1])
     axes.axhline(0.0, color=theme.text, linewidth=0.4, zorder=0)
     axes.axvline(0.0, color=theme.text, linewidth=0.4, zorder=0)
-    _legend(axes, theme)
+    if any(groups):
+        _legend(axes, theme)
     return figure
 
 

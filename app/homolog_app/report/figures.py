@@ -53,8 +53,8 @@ def model_figures(
         yield ReportFigure(
             "scores",
             scores_figure(model, [one or "" for one in result.groups]),
-            "Subjects in the first two modes (root mean square displacement of the particles); large open "
-            "markers are the groups' means.",
+            "Subjects in the first two modes (root mean square displacement of the particles)"
+            + ("; large open markers are the groups' means." if any(result.groups) else "."),
         )
     tick(0.2, "pictures of the modes")
     shown = min(max(parallel.kept, 1), 3, len(model.variances))
@@ -110,9 +110,8 @@ def scores_figure(
     theme: Theme = LIGHT,
 ) -> Figure:
     """Draw the subjects in the plane of two modes, each with its label's colour and marker."""
-    groups = [one or "no group" for one in labels]
     scores = _per_particle(model.scores, model.mean)
-    return plot_scores(scores, model.explained, groups, modes=modes, theme=theme)
+    return plot_scores(scores, model.explained, labels, modes=modes, theme=theme)
 
 
 def quality_figure(result: Result, model: ShapeModel, theme: Theme = LIGHT) -> Figure:

@@ -86,11 +86,12 @@ def _made(record: ResultRecord) -> str:
 
 
 def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence[Study]) -> None:
-    groups = [one.group or "no group" for one in record.subjects]
-    counts = ", ".join(f"{groups.count(group)} {group}" for group in dict.fromkeys(groups))
+    groups = [one.group for one in record.subjects]
+    counts = ", ".join(f"{groups.count(one)} {one or 'no group'}" for one in dict.fromkeys(groups))
     page.paragraph(
-        f"{len(record.subjects)} subjects ({counts}) with {record.particles} corresponding particles each; "
-        f"{record.metric} distances; {record.folded_faces} folded faces on the mean surface."
+        f"{len(groups)} subjects{f' ({counts})' if any(groups) else ''} with {record.particles} "
+        f"corresponding particles each; {record.metric} distances; {record.folded_faces} folded faces on "
+        "the mean surface."
     )
     page.heading("Findings")
     for words in outlier_words(result):

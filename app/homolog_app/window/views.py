@@ -132,7 +132,7 @@ class Views(QObject):
             self._session.select([self._session.study.included[self._sliced + step].name])
             self._tell_page()
         else:
-            self.stage.scene.show_page(self.stage.scene.page + step)
+            self.stage.scene.turn_page(step)
 
     def choose_layout(self, count: int) -> None:
         """Show so many subjects a page, or so many shapes of the model."""

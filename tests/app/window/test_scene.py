@@ -144,6 +144,28 @@ def test_slices_go_from_subject_to_subject_and_switch_off_what_they_do_not_show(
 
 
 @pytest.mark.window
+def test_a_page_of_larger_shapes_is_seen_whole_and_the_one_before_as_large_as_then(groomed):
+    scene = groomed.views.stage.scene
+    groomed.commands["view.grid1"].trigger()
+    groomed.commands["view.reset"].trigger()
+    camera = scene._grid.cells[0].renderer.GetActiveCamera()
+    fitting = []
+    for page in range(scene.pages):
+        scene.show_page(page)
+        scene.fit()
+        fitting.append(camera.GetParallelScale())
+    scene.show_page(0)
+    scene.fit()
+    seen = [camera.GetParallelScale()]
+    for step in [1] * (scene.pages - 1) + [-1] * (scene.pages - 1):
+        scene.turn_page(step)
+        seen.append(camera.GetParallelScale())
+    assert seen[: scene.pages] == pytest.approx(np.maximum.accumulate(fitting))
+    assert set(seen[scene.pages :]) == {seen[scene.pages - 1]}
+    assert len(set(fitting)) > 1, "shapes of one size show nothing"
+
+
+@pytest.mark.window
 def test_whole_shapes_stay_whole_when_the_window_is_made_narrow_unless_they_were_zoomed(groomed, wait):
     scene = groomed.views.stage.scene
     groomed.commands["view.grid1"].trigger()

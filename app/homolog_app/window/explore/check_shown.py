@@ -20,8 +20,8 @@ ENERGIES = {"sampling": "crowding", "ensemble": "odd positions", "normals": "odd
 _PALE = (168, 168, 168)
 _MARK = (214, 30, 130)
 _LIGHT, _DARK = np.array([(236, 231, 220), (38, 110, 140)], float)
-# Viridis (Smith and van der Walt 2015) at nine places.
 _ROUND = (1.0, 1.2, 1.6, 2.0, 2.4, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # their quarters are short numbers
+# Viridis (Smith and van der Walt 2015) at nine places.
 _VIRIDIS = np.array(
     [(68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129),
      (92, 200, 99), (170, 220, 50), (253, 231, 37)], float,

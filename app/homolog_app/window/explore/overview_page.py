@@ -43,10 +43,8 @@ class OverviewPage(ExplorePage):
             self.body.addWidget(one)
         self.body.addSpacing(GRID)
         self.body.addWidget(label("Playback", "SectionTitle"))
-        self.body.addWidget(
-            label("Space plays the run from its stored frames; the slider below the views goes anywhere.",
-                  "Hint", wrap=True)
-        )  # fmt: skip
+        self.playback = label("", "Hint", wrap=True)
+        self.body.addWidget(self.playback)
         self.body.addSpacing(GRID)
         self.body.addWidget(label("Files", "SectionTitle"))
         self.body.addWidget(self.files)
@@ -60,6 +58,11 @@ class OverviewPage(ExplorePage):
     def _show(self) -> None:
         loaded = self._session.result
         self.summary.setText(loaded.summary if loaded else "")
+        self.playback.setText(
+            "Space plays the run from its stored frames; the slider below the views goes anywhere."
+            if loaded and loaded.frames
+            else "This run can't be played: only the window keeps frames of its runs."
+        )
         folder = self._session.folder
         self.base.setVisible(self._session.folder is None)
         self.files.setText(

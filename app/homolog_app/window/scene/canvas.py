@@ -64,7 +64,7 @@ class Canvas(BaseModel):
     scheme: Literal["light", "dark"] = "light"
     layout: Literal[1, 4, 9, 16] = 4
     page: Annotated[int, Field(ge=0)] = 0
-    raw: bool = True
+    raw: bool = False
     groomed: bool = True
     particles: bool = True
     opacity: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0

@@ -37,6 +37,10 @@ ambientColor = ambientColor * shade + vec3(0.25 * shine);
 diffuseColor *= shade;
 """
 _MARGIN, _SPARSE = 1.22, 5
+_LIGHTS = (
+    ((-0.3, 0.5, 1.0), 0.9),
+    ((0.8, -0.9, 0.5), 0.35),
+)  # the second lights what would be too dark
 _COLOURED = (0.4, 0.6, 0.0)  # colours that mean numbers shall neither drown in shade nor in shine
 
 
@@ -57,10 +61,12 @@ class Cell:
         for actor in (*self._surfaces.values(), self._arrows.actor, self._lines.actor, self._balls):
             renderer.AddActor(actor)
         self._words = Words(renderer)
-        light = vtkLight()
-        light.SetLightTypeToCameraLight()
-        light.SetPosition(-0.3, 0.5, 1.0)
-        renderer.AddLight(light)
+        for place, strength in _LIGHTS:
+            light = vtkLight()
+            light.SetLightTypeToCameraLight()
+            light.SetPosition(*place)
+            light.SetIntensity(strength)
+            renderer.AddLight(light)
 
     def place(self, viewport: tuple[float, float, float, float] | None) -> None:
         """Give the view a part of the window, or none."""

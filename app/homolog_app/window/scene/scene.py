@@ -102,6 +102,7 @@ class Scene(QWidget):
         if not self._grid.columns:
             self._grid.place_cells()
             self.show_page(first // count)
+            self._keep_whole()
 
     def display(self, shown: Shown) -> None:
         """Show other contents.
@@ -122,6 +123,8 @@ class Scene(QWidget):
             self.look("corner")
         elif self._grid.shape != before:
             self.fit()
+        elif len(shown.contents) != len(had):
+            self._keep_whole()
 
     def show_page(self, page: int) -> None:
         """Show a page of the contents."""
@@ -131,6 +134,11 @@ class Scene(QWidget):
         if (grid.page, grid.pages, grid.columns) != self._told:
             self._told = (grid.page, grid.pages, grid.columns)
             self.page_changed.emit()
+
+    def turn_page(self, step: int) -> None:
+        """Show the page before (-1) or after (1), as whole shapes."""
+        self.show_page(self._grid.page + step)
+        self._keep_whole()
 
     def show_name(self, name: str) -> None:
         """Turn to the page with a subject."""
@@ -185,6 +193,17 @@ class Scene(QWidget):
         self._fitted = self._grid.fit(self._plot.width(), self._plot.height()) or self._fitted
         self._fit = self._looks
         self._plot.update()
+
+    def _keep_whole(self) -> None:
+        """Zoom out where shapes that have come into view would be cut, unless the user has zoomed."""
+        if self._fit != self._looks:
+            return
+        cameras = self._grid.cameras.each
+        before = [one.GetParallelScale() for one in cameras]
+        self.fit()
+        for camera, scale in zip(cameras, before, strict=True):
+            camera.SetParallelScale(max(scale, camera.GetParallelScale()))  # sizes stay comparable
+        self._fit = self._looks
 
     @property
     def _looks(self) -> list[object]:
