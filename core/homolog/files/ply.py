@@ -21,12 +21,14 @@ def read_ply(content: bytes) -> Polygons:
     Raises
     ------
     ValueError
-        If the file is cut short. trimesh raises others on damaged ones.
+        If the file is cut short or holds no surface. trimesh raises others on damaged ones.
     """
     from trimesh.exchange.ply import load_ply
 
     header = content.partition(b"end_header")[0].decode("latin-1")
     counts = {kind: int(count) for kind, count in re.findall(r"element\s+(\w+)\s+(\d+)", header)}
+    if not {"vertex", "face"} <= counts.keys():
+        raise ValueError("no points or no faces")
     if max(counts["vertex"], counts["face"]) > len(content):
         raise ValueError("fewer bytes than points or faces")
     found = load_ply(io.BytesIO(content), skip_materials=True)

@@ -177,7 +177,10 @@ class Header:
     def _check_beside(self, name: str) -> None:
         place = PurePosixPath(os.path.normpath(name))
         if place.is_absolute() or ".." in place.parts or ":" in name:
-            raise InputError(f"{self.path}: its voxels are said to be in {name}; put that file beside it")
+            raise InputError(
+                f"{self.path}: its voxels are said to be in {name}; put that file beside the header, and "
+                "name it there without a folder"
+            )
         if not os.path.isfile(self.path.parent / place):  # no name is too long for it
             raise InputError(
                 f"{self.path}: its voxels are in {name}, which is not there; put that file beside it"
@@ -217,8 +220,8 @@ def segments_of(path: Path, values: Mapping[str, str]) -> tuple[Segment, ...]:
         If a value or layer is no number.
     """
     found = []
-    number = 0
-    while (name := values.get(f"Segment{number}_Name")) is not None:
+    for number in sorted(int(key[1]) for key in map(_NAMED.fullmatch, values) if key):
+        name = values[f"Segment{number}_Name"]
         try:
             value, layer = (int(values.get(f"Segment{number}_{key}", default)) for key, default in _DEFAULTS)
         except ValueError as error:
@@ -226,10 +229,10 @@ def segments_of(path: Path, values: Mapping[str, str]) -> tuple[Segment, ...]:
                 f"{path}: its header says nothing sensible of segment {name!r} ({error}); save it again"
             ) from error
         found.append(Segment(name, value, layer))
-        number += 1
     return tuple(found)
 
 
+_NAMED = re.compile(r"Segment(0|[1-9][0-9]{0,5})_Name")  # some programs begin with 1, or leave gaps
 _DEFAULTS = (("LabelValue", "1"), ("Layer", "0"))
 
 

@@ -313,6 +313,15 @@ def test_polygons_of_a_ply_are_split(tmp_path, corners, area):
     assert read_mesh(path).area == pytest.approx(area)
 
 
+def test_a_ply_of_points_alone_is_no_surface(tmp_path):
+    header = "ply\nformat ascii 1.0\nelement vertex 1\n" + "".join(
+        f"property float {axis}\n" for axis in "xyz"
+    )
+    (tmp_path / "cloud.ply").write_text(f"{header}end_header\n1 2 3\n")
+    with pytest.raises(InputError, match=r"cloud\.ply: can't be read as a mesh .*no points or no faces"):
+        read_mesh(tmp_path / "cloud.ply")
+
+
 def test_a_ply_as_text_with_colours_is_read(tmp_path):
     path = tmp_path / "a.ply"
     path.write_text(

@@ -52,7 +52,7 @@ def test_a_detached_header_finds_its_voxels_beside_it(blocks, write_nrrd, points
 def test_voxels_elsewhere_than_beside_the_header_are_refused(blocks, write_nrrd, tmp_path, name):
     path = write_nrrd("a.nhdr", blocks, data_file=name)
     with pytest.raises(
-        InputError, match=r"a\.nhdr: its voxels are said to be in .*; put that file beside it"
+        InputError, match=r"a\.nhdr: its voxels are said to be in .*; put that file beside the header"
     ):
         read_segmentation(path, None)
     meta = tmp_path / "a.mhd"

@@ -44,6 +44,15 @@ def test_segments_are_listed_with_their_names(flat, layered):
     assert [one.name for one in read_volume(layered).segments()] == ["heart", "lung", "tumour"]
 
 
+@pytest.mark.parametrize(("first", "second"), [(1, 2), (3, 12)])
+def test_segments_are_found_whatever_numbers_the_header_gives_them(blocks, write_nrrd, named, first, second):
+    text = "\n".join(named(("Left heart", 1, 0), ("lung", 2, 0)))
+    text = text.replace("Segment1_", f"Segment{second}_").replace("Segment0_", f"Segment{first}_")
+    path = write_nrrd("a.seg.nrrd", blocks, text.split("\n"))
+    assert np.array_equal(read_segmentation(path, None, "lung").mask, blocks == 2)
+    assert [one.name for one in read_volume(path).segments()] == ["Left heart", "lung"]
+
+
 def test_overlapping_layers_are_split_by_name(layered):
     assert read_segmentation(layered, None, "tumour").mask.sum() == 4 * 3 * 2
     assert read_segmentation(layered, None, "heart").mask.sum() == 2 * 3 * 4
