@@ -9,7 +9,15 @@ import warp as wp
 from homolog.errors import InputError
 from homolog.geodesics import front_kernels, front_store_kernels, kernels
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
-from homolog.geodesics.front import BYTES_PER_VERTEX, advance, amend, make_amendments, make_front, start
+from homolog.geodesics.front import (
+    advance,
+    amend,
+    largest_batch,
+    largest_patch,
+    make_amendments,
+    make_front,
+    start,
+)
 from homolog.geodesics.intrinsic import triangulate
 from homolog.geodesics.lookup import LANES, MISSING
 from homolog.geodesics.plan import POINT, TablePlan, Task, block_rows
@@ -49,11 +57,12 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
     cohort = _upload(plan, device)
     ends = np.searchsorted(cohort.clusters.shape, np.arange(len(plan.tasks) + 1)).tolist()
     n_clusters = len(cohort.clusters.shape)
-    fitting = min(scratch // BYTES_PER_VERTEX, _AT_ONCE) // cohort.largest
-    batch = int(np.clip(fitting, 1, n_clusters))
+    n = cohort.largest
     tables = []
     with wp.ScopedDevice(device):
-        front, amends = make_front(batch, cohort.largest), make_amendments(batch, cohort.largest)
+        capacity = largest_patch(cohort.sources, n_clusters)
+        batch = min(largest_batch(n, capacity, scratch), max(1, _AT_ONCE // n), n_clusters)
+        front, amends = make_front(batch, n, capacity), make_amendments(batch, n, capacity)
         store = _DenseStore if plan.dense else _BlockStore
         stores = [store(cohort, task, k, ends[k], ends[k + 1]) for k, task in enumerate(plan.tasks)]
         for begin in range(0, n_clusters, batch):
@@ -88,6 +97,7 @@ def _upload(plan: TablePlan, device: str) -> Cohort:
         sources.position = fans.position
         sources.fan = fans.start
         sources.corners = fans.corners
+        sources.margin = fans.margin
     return Cohort(fans, clusters, sources, reaches, plan.element_code)
 
 

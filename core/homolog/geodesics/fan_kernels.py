@@ -53,6 +53,25 @@ def fill_corners(
     turns[at] = turn
 
 
+@wp.kernel
+def find_margins(
+    fan: wp.array(dtype=wp.int32), corners: wp.array(dtype=Corner), margin: wp.array(dtype=float)
+):
+    """Find by how much each corner's b may be nearer than its vertex v and follow from it still.
+
+    That is |vw| - y in the triangles (v, w, b) on both sides of vb, with y the height of b over vw.
+    """
+    v = wp.tid()
+    begin = fan[v]
+    end = fan[v + 1]
+    for c in range(begin, end):
+        here = corners[c]
+        there = corners[wp.where(c + 1 < end, c + 1, begin)]
+        margin[c] = wp.max(
+            here.ac - here.length * here.y / here.ac, there.bc - there.length * there.y / there.bc
+        )
+
+
 @wp.func
 def gather(
     seed: int,

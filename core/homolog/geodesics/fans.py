@@ -11,7 +11,7 @@ import warp as wp
 from homolog.arrays import IntArray, frozen
 from homolog.device import cores
 from homolog.geodesics.bearing_kernels import Turns
-from homolog.geodesics.fan_kernels import UNSEEN, fill_corners, grow_clusters
+from homolog.geodesics.fan_kernels import UNSEEN, fill_corners, find_margins, grow_clusters
 from homolog.geodesics.intrinsic import Triangulation
 from homolog.geodesics.kernels import Corner
 from homolog.geodesics.lookup import LANES
@@ -41,6 +41,8 @@ class Fans:
         Triangles as seen from each vertex; they count vertices within their shape.
     turns : (K,) Turns wp.array
         How each triangle's sides are turned at their ends.
+    margin : (K,) float32 wp.array
+        By how much each corner's b may be nearer than its vertex [mm] and follow from it still.
     """
 
     first: IntArray
@@ -48,6 +50,7 @@ class Fans:
     start: Any
     corners: Any
     turns: Any
+    margin: Any
 
 
 def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: str) -> Fans:
@@ -63,8 +66,10 @@ def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: 
         faces_first = wp.array(face_first.astype(np.int32), dtype=wp.int32)
         inputs = [sides, faces_first, start, corners, turns]
         wp.launch(fill_corners, len(delaunay.tail), inputs=inputs)
+        margin = wp.empty(len(delaunay.tail), dtype=wp.float32)
+        wp.launch(find_margins, len(centred), inputs=[start, corners, margin])
         position = wp.array(centred.astype(np.float32), dtype=wp.vec3)
-    return Fans(first, position, start, corners, turns)
+    return Fans(first, position, start, corners, turns, margin)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

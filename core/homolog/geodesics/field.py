@@ -64,7 +64,7 @@ def distances_from(
     reach.stored = float(kernels.FAR)
     fans = build_fans([mesh], triangulate([mesh]), "cpu")
     with wp.ScopedDevice("cpu"):
-        front = make_front(1, n, 1)
+        front = make_front(1, n, n, lanes=1)
         clear(front)
         values = front.u.numpy()[0, :, 0]
         np.minimum.at(values, where, 0.0 if start is None else np.asarray(start, np.float32))
@@ -78,11 +78,12 @@ def distances_from(
         clusters.reaches = wp.array([reach], dtype=kernels.Reach)
         clusters.fan = fans.start
         clusters.corners = fans.corners
+        clusters.margin = fans.margin
         tick(0.0, f"{name}: geodesic distances")
         advance(front, clusters, range(1), POINT)
         reach.stored = float(values.max())
         clusters.reaches = wp.array([reach], dtype=kernels.Reach)
         tick(0.5, f"{name}: geodesic distances")
-        amend(front, make_amendments(1, n, 1), clusters, fans.turns, range(1))
+        amend(front, make_amendments(1, n, n, lanes=1), clusters, fans.turns, range(1))
     distances: Float32Array = values.copy()
     return distances

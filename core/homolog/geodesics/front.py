@@ -9,32 +9,67 @@ from homolog.geodesics import front_kernels
 from homolog.geodesics.kernels import FAR
 from homolog.geodesics.lookup import LANES
 
-__all__ = ["BYTES_PER_VERTEX", "advance", "amend", "clear", "make_amendments", "make_front", "start"]
+__all__ = [
+    "advance",
+    "amend",
+    "clear",
+    "largest_batch",
+    "largest_patch",
+    "make_amendments",
+    "make_front",
+    "start",
+]
 
-BYTES_PER_VERTEX = 4 * 10 * LANES + 4 * 3
-"""Scratch of a cluster for each vertex: u, bearings, trust, amendments, ties; dirty, patch, order."""
+_LAST_INT = 2**31 - 1
+"""Kernels count places in memory in 32 bits."""
 
 
-def make_front(batch: int, n: int, lanes: int = LANES) -> Any:  # noqa: ANN401 - a wp.struct has no type
-    """Return a front of so many clusters, vertices and lanes on the current device."""
+def largest_batch(n: int, capacity: int, scratch: int) -> int:
+    """Return for how many clusters there is room in so many bytes, one at least.
+
+    Parameters
+    ----------
+    n : int
+        Vertices of the largest mesh.
+    capacity : int
+        Vertices of the largest patch.
+    """
+    kept = int(amending.KEPT)
+    for_vertex = 4 * 4 * LANES + 4  # u, bearing, trust, amendment; dirty
+    for_place = 4 * 2 * kept * LANES + 4 * 2  # gains, words; patch, order
+    fitting = scratch // (for_vertex * n + for_place * capacity)
+    return max(1, min(fitting, _LAST_INT // (LANES * max(n, kept * capacity))))
+
+
+def largest_patch(sources: Any, n_clusters: int) -> int:  # noqa: ANN401 - a wp.struct has no type
+    """Return how many vertices the largest patch of all clusters has."""
+    size = wp.zeros(n_clusters, dtype=wp.int32)
+    crew = front_kernels.CREW
+    wp.launch(front_kernels.measure_patches, (n_clusters, crew), [sources, crew, size], block_dim=crew)
+    return int(size.numpy().max())
+
+
+def make_front(batch: int, n: int, capacity: int, lanes: int = LANES) -> Any:  # noqa: ANN401
+    """Return a front of so many clusters, vertices, vertices a patch and lanes on the current device."""
     front = front_kernels.Front()
     front.u = wp.empty((batch, n, lanes), dtype=wp.float32)
     front.dirty = wp.empty((batch, n), dtype=wp.int32)
-    front.patch = wp.empty((batch, n), dtype=wp.int32)
+    front.patch = wp.empty((batch, capacity), dtype=wp.int32)
     front.size = wp.empty(batch, dtype=wp.int32)
     front.filled = wp.empty((batch, int(front_kernels.BINS)), dtype=wp.int32)
-    front.busy = wp.empty((batch, 3), dtype=wp.int32)
+    front.listed = wp.empty(batch * int(front_kernels.CREW_BAND), dtype=wp.int32)
     return front
 
 
-def make_amendments(batch: int, n: int, lanes: int = LANES) -> Any:  # noqa: ANN401
+def make_amendments(batch: int, n: int, capacity: int, lanes: int = LANES) -> Any:  # noqa: ANN401
     """Return what `amend` needs for such a front, on the current device."""
     amends = amending.FrontAmendments()
     for name in ("bearing", "trust", "amendment"):
         setattr(amends, name, wp.empty((batch, n, lanes), dtype=wp.float32))
-    amends.gain = wp.empty((batch, n, lanes), dtype=wp.vec3)
-    amends.word = wp.empty((batch, n, lanes), dtype=wp.vec3ui)
-    amends.order = wp.empty((batch, n), dtype=wp.int32)
+    kept = int(amending.KEPT)
+    amends.gain = wp.empty((batch, capacity, kept * lanes), dtype=wp.float32)
+    amends.word = wp.empty((batch, capacity, kept * lanes), dtype=wp.uint32)
+    amends.order = wp.empty((batch, capacity), dtype=wp.int32)
     amends.reached = wp.empty(batch, dtype=wp.int32)
     return amends
 
@@ -43,7 +78,6 @@ def clear(front: Any) -> None:  # noqa: ANN401
     """Forget all distances."""
     front.u.fill_(float(FAR))
     front.dirty.zero_()
-    front.busy.zero_()
 
 
 def start(front: Any, sources: Any, clusters: range) -> None:  # noqa: ANN401

@@ -29,16 +29,22 @@ from homolog.geodesics.front_kernels import (
     Front,
     Hand,
     Sources,
+    a_of,
+    b_of,
+    beyond,
+    corner_at,
     end_rings,
     hand_of,
     in_any_lane,
+    list_dirty,
+    mark_around,
     meet,
-    pass_on,
-    take,
+    read,
+    read_around,
 )
 from homolog.geodesics.kernels import FAR, Corner, least_way
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
 
 WHOLE = wp.constant(65535)
 """A share of one, in the upper half of a tie's word; the lower half is the corner's place in the fan …"""
@@ -48,6 +54,17 @@ MANY = wp.constant(65534)
 """… or this: ways may come through more corners than are kept."""
 
 
+KEPT = wp.constant(6)
+"""Ties that are kept of a vertex in one lane: nearly all have one or two."""
+Words = wp.types.vector(length=6, dtype=wp.uint32)
+
+
+@wp.func_native("return values.data[at];")
+def read_word(values: wp.array3d(dtype=wp.uint32), at: int) -> wp.uint32:
+    """Return a value of an array by its place in memory."""
+    ...
+
+
 @wp.struct
 class FrontAmendments:
     """What is needed beside `Front` to amend a batch of clusters."""
@@ -55,9 +72,9 @@ class FrontAmendments:
     bearing: wp.array3d(dtype=wp.float32)  # (B, V, L)
     trust: wp.array3d(dtype=wp.float32)  # (B, V, L) of bearings
     amendment: wp.array3d(dtype=wp.float32)  # (B, V, L)
-    gain: wp.array3d(dtype=wp.vec3)  # (B, V, L) of up to three ties
-    word: wp.array3d(dtype=wp.vec3ui)  # (B, V, L) their shares and corners
-    order: wp.array2d(dtype=wp.int32)  # (B, V) vertices in reach, near to far
+    gain: wp.array3d(dtype=wp.float32)  # (B, P, KEPT L) of ties, by place in the order: read in a row
+    word: wp.array3d(dtype=wp.uint32)  # (B, P, KEPT L) their shares and corners, likewise
+    order: wp.array2d(dtype=wp.int32)  # (B, P) vertices in reach, near to far
     reached: wp.array(dtype=wp.int32)  # (B,) how many
 
 
@@ -77,10 +94,12 @@ def order_front(front: Front, amends: FrontAmendments, sources: Sources, offset:
         near = int(0)
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
             near = wp.where(front.u[b, v, lane] <= limit, 1, near)
-            amends.trust[b, v, lane] = 0.0
-            amends.bearing[b, v, lane] = 0.0
-            amends.amendment[b, v, lane] = 0.0
         near = in_any_lane(near, hand.lane_step)
+        for lane in range(hand.lane, hand.lanes, hand.lane_step):
+            amends.amendment[b, v, lane] = 0.0
+            if near == 0:  # the others are about to get theirs
+                amends.trust[b, v, lane] = 0.0
+                amends.bearing[b, v, lane] = 0.0
         if hand.lane == 0:
             front.dirty[b, v] = near
             if near != 0:
@@ -103,11 +122,12 @@ def find_bearing(
     turns: wp.array(dtype=Turns),
     hand: Hand,
     edge: float,
-    v: int,
+    place: int,
     lane: int,
 ):
     """Find the bearing of a vertex in one lane, and the corner that its shortest way comes through."""
     b = hand.cluster
+    v = amends.order[b, place]
     u = front.u[b, v, lane]
     best = float(FAR)
     first = float(0.0)
@@ -115,13 +135,16 @@ def find_bearing(
     mean = float(0.0)
     square = float(0.0)
     by_b = int(0)
-    rivals = wp.vec3ui(wp.uint32(NONE), wp.uint32(NONE), wp.uint32(NONE))
+    rivals = Words(wp.uint32(NONE))
     begin = sources.fan[hand.base + v]
+    last = sources.fan[hand.base + v + 1] - 1
     around = turns[begin].around_c
-    da = front.u[b, sources.corners[begin].a, lane]
-    for c in range(begin, sources.fan[hand.base + v + 1]):
-        corner = sources.corners[c]
-        db = front.u[b, corner.b, lane]  # the next corner's a
+    origin = hand.origin + lane
+    da = read(front.u, origin + a_of(sources.corners, begin) * hand.lanes)
+    db = read(front.u, origin + b_of(sources.corners, begin) * hand.lanes)  # the next corner's a
+    for c in range(begin, last + 1):
+        ahead = read(front.u, origin + b_of(sources.corners, wp.min(c + 1, last)) * hand.lanes)
+        corner = corner_at(sources.corners, c)
         if least_way(corner, da, db) < u + RIVAL * edge:
             way = find_way(corner, turns[c], da, db, edge)
             best = wp.min(best, way.distance)
@@ -132,21 +155,23 @@ def find_bearing(
             mean += share * turn
             square += share * (turn * turn + way.doubt)
             if way.distance - u < RIVAL * edge and way.by_a * by_b == 0:  # else the corner before has it
-                many = rivals[2] != wp.uint32(NONE) or c - begin >= MANY
-                rivals = wp.vec3ui(
-                    wp.where(many, wp.uint32(MANY), wp.uint32(c - begin)), rivals[0], rivals[1]
-                )
+                many = rivals[KEPT - 1] != wp.uint32(NONE) or c - begin >= MANY
+                for k in range(KEPT - 1):
+                    rivals[KEPT - 1 - k] = rivals[KEPT - 2 - k]
+                rivals[0] = wp.uint32(wp.where(many, MANY, c - begin))
             by_b = way.by_b
         else:
             by_b = 0
         da = db
+        db = ahead
     mean = mean / wp.max(total, 1.0e-30)
-    if total > 0.0 and best - u < RIVAL * edge:  # else a source
-        amends.bearing[b, v, lane] = within(first + mean, around)
-        amends.trust[b, v, lane] = trust_in(square / total, mean)
+    amends.bearing[b, v, lane] = within(first + mean, around)
+    found = total > 0.0 and best - u < RIVAL * edge  # else a source
+    amends.trust[b, v, lane] = wp.where(found, trust_in(square / wp.max(total, 1.0e-30), mean), 0.0)
     if u == 0.0:
-        rivals = wp.vec3ui(wp.uint32(NONE), wp.uint32(NONE), wp.uint32(NONE))
-    amends.word[b, v, lane] = rivals
+        rivals = Words(wp.uint32(NONE))
+    for k in range(KEPT):
+        amends.word[b, place, k * hand.lanes + lane] = rivals[k]
 
 
 @wp.func
@@ -155,25 +180,25 @@ def tie_of(
     amends: FrontAmendments,
     sources: Sources,
     turns: wp.array(dtype=Turns),
-    b: int,
+    hand: Hand,
     c: int,
     u: float,
     edge: float,
     lane: int,
 ) -> Tie:
     """Return the tie of one corner in one lane."""
-    corner = sources.corners[c]
-    a = corner.a
-    e = corner.b
+    corner = corner_at(sources.corners, c)
+    a = hand.origin + corner.a * hand.lanes + lane
+    b = hand.origin + corner.b * hand.lanes + lane
     return tie_corner(
         corner,
         turns[c],
-        front.u[b, a, lane],
-        front.u[b, e, lane],
-        amends.bearing[b, a, lane],
-        amends.bearing[b, e, lane],
-        amends.trust[b, a, lane],
-        amends.trust[b, e, lane],
+        read(front.u, a),
+        read(front.u, b),
+        read(amends.bearing, a),
+        read(amends.bearing, b),
+        read(amends.trust, a),
+        read(amends.trust, b),
         u,
         edge,
     )
@@ -187,7 +212,7 @@ def mix(amends: FrontAmendments, corner: Corner, b: int, lane: int, share: float
 
 
 @wp.func
-def carry(
+def carry_anew(
     front: Front,
     amends: FrontAmendments,
     sources: Sources,
@@ -197,65 +222,76 @@ def carry(
     v: int,
     lane: int,
 ) -> float:
-    """Return the amendment of a vertex in one lane that follows from those of others; FAR if none does."""
+    """Return the amendment of a vertex in one lane from ties that are computed anew."""
     b = hand.cluster
-    words = amends.word[b, v, lane]
-    begin = sources.fan[hand.base + v]
     best = float(FAR)
-    if words[0] == wp.uint32(MANY):
-        u = front.u[b, v, lane]
-        for c in range(begin, sources.fan[hand.base + v + 1]):
-            corner = sources.corners[c]
-            da = front.u[b, corner.a, lane]
-            db = front.u[b, corner.b, lane]
-            if least_way(corner, da, db) < u + RIVAL * edge:
-                tie = tie_of(front, amends, sources, turns, b, c, u, edge, lane)
-                best = wp.min(best, tie.gain + mix(amends, corner, b, lane, tie.share))
-        return best
-    gains = amends.gain[b, v, lane]
-    for k in range(3):
-        place = int(words[k] & wp.uint32(NONE))
-        if place < MANY:
-            share = float(words[k] >> wp.uint32(16)) / float(WHOLE)
-            best = wp.min(best, gains[k] + mix(amends, sources.corners[begin + place], b, lane, share))
+    u = front.u[b, v, lane]
+    for c in range(sources.fan[hand.base + v], sources.fan[hand.base + v + 1]):
+        corner = sources.corners[c]
+        da = front.u[b, corner.a, lane]
+        db = front.u[b, corner.b, lane]
+        if least_way(corner, da, db) < u + RIVAL * edge:
+            tie = tie_of(front, amends, sources, turns, hand, c, u, edge, lane)
+            best = wp.min(best, tie.gain + mix(amends, corner, b, lane, tie.share))
     return best
 
 
 @wp.func
-def mark_beyond(front: Front, sources: Sources, hand: Hand, v: int, lane: int, moved: int, edge: float):
-    """Mark the neighbours dirty that may follow a vertex in a lane where it moved.
-
-    Those that lie much nearer do not: ends of a side count less the farther they are.
-    """
-    b = hand.cluster
-    u = front.u[b, v, lane] - 0.5 * edge
-    for c in range(sources.fan[hand.base + v], sources.fan[hand.base + v + 1]):
-        a = sources.corners[c].a
-        if in_any_lane(wp.where(front.u[b, a, lane] > u, moved, 0), hand.lane_step) != 0:
-            front.dirty[b, a] = 1
+def follow(
+    amends: FrontAmendments, sources: Sources, hand: Hand, begin: int, lane: int, word: wp.uint32, gain: float
+) -> float:
+    """Return the amendment that follows by a kept tie; FAR by none."""
+    corner = int(word & wp.uint32(NONE))
+    tied = corner < MANY
+    c = begin + wp.where(tied, corner, 0)
+    of_a = read(amends.amendment, hand.origin + a_of(sources.corners, c) * hand.lanes + lane)
+    of_b = read(amends.amendment, hand.origin + b_of(sources.corners, c) * hand.lanes + lane)
+    share = float(word >> wp.uint32(16)) * (1.0 / float(WHOLE))
+    return wp.where(tied, gain + of_a + share * (of_b - of_a), FAR)
 
 
 @wp.func
-def carry_all(
+def carry_on(
     front: Front,
     amends: FrontAmendments,
     sources: Sources,
     turns: wp.array(dtype=Turns),
     hand: Hand,
     edge: float,
-    v: int,
-):
-    """Carry amendments to a vertex, in all lanes; where it moves, others have to know."""
-    for lane in range(hand.lane, hand.lanes, hand.lane_step):
-        amendment = carry(front, amends, sources, turns, hand, edge, v, lane)
-        moved = int(0)
-        if amendment < 0.5 * FAR:  # neither a source, nor out of reach
-            if wp.abs(amendment - amends.amendment[hand.cluster, v, lane]) > SETTLED * edge:
-                moved = 1
-            amends.amendment[hand.cluster, v, lane] = amendment
-        if in_any_lane(moved, hand.lane_step) != 0:
-            pass_on(hand.lane_step)
-            mark_beyond(front, sources, hand, v, lane, moved, edge)
+    place: int,
+    lane: int,
+) -> int:
+    """Carry amendments to a vertex, in one lane; return the bits of the neighbours that have to know."""
+    v = amends.order[hand.cluster, place]
+    begin = sources.fan[hand.base + v]
+    origin = hand.origin + lane
+    at = origin + v * hand.lanes
+    before = read(amends.amendment, at)
+    first = (hand.cluster * amends.word.shape[1] + place) * KEPT * hand.lanes + lane
+    word = read_word(amends.word, first)
+    amendment = float(FAR)
+    if word == wp.uint32(MANY):
+        amendment = carry_anew(front, amends, sources, turns, hand, edge, v, lane)
+    else:
+        # nearly always one or two, which are read at once; the corner of none is as good as any
+        second = first + hand.lanes
+        other = read_word(amends.word, second)
+        one = follow(amends, sources, hand, begin, lane, word, read(amends.gain, first))
+        two = follow(amends, sources, hand, begin, lane, other, read(amends.gain, second))
+        amendment = wp.min(one, two)
+        k = int(2)
+        while other != wp.uint32(NONE) and k < KEPT:
+            other = read_word(amends.word, first + k * hand.lanes)
+            gain = read(amends.gain, first + k * hand.lanes)
+            amendment = wp.min(amendment, follow(amends, sources, hand, begin, lane, other, gain))
+            k += 1
+    if amendment > 0.5 * FAR:  # a source, or out of reach
+        return 0
+    amends.amendment[hand.cluster, v, lane] = amendment
+    if wp.abs(amendment - before) > SETTLED * edge:
+        around = read_around(front.u, sources, hand, v, lane)
+        return beyond(sources, hand, v, read(front.u, at) - RIVAL * edge, around)
+    return 0
 
 
 @wp.kernel
@@ -272,9 +308,8 @@ def find_front_bearings(
     hand = hand_of(front, sources, b, offset, thread, threads)
     edge = sources.reaches[sources.shape[offset + b]].slack
     for k in range(hand.walker, amends.reached[b], hand.walkers):
-        v = amends.order[b, k]
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
-            find_bearing(front, amends, sources, turns, hand, edge, v, lane)
+            find_bearing(front, amends, sources, turns, hand, edge, k, lane)
 
 
 @wp.kernel
@@ -295,16 +330,18 @@ def tie_front(
         begin = sources.fan[hand.base + v]
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
             u = front.u[b, v, lane]
-            words = amends.word[b, v, lane]
-            gains = wp.vec3(FAR, FAR, FAR)
-            for n in range(3):
-                place = int(words[n])
-                if place < MANY:
-                    tie = tie_of(front, amends, sources, turns, b, begin + place, u, edge, lane)
-                    gains[n] = tie.gain
-                    words[n] = wp.uint32(place) | (wp.uint32(tie.share * float(WHOLE) + 0.5) << wp.uint32(16))
-            amends.gain[b, v, lane] = gains
-            amends.word[b, v, lane] = words
+            n = int(0)
+            place = int(amends.word[b, k, lane])
+            while place < MANY:
+                at = n * hand.lanes + lane
+                tie = tie_of(front, amends, sources, turns, hand, begin + place, u, edge, lane)
+                share = wp.uint32(tie.share * float(WHOLE) + 0.5)
+                amends.gain[b, k, at] = tie.gain
+                amends.word[b, k, at] = wp.uint32(place) | (share << wp.uint32(16))
+                n += 1
+                place = NONE
+                if n < KEPT:
+                    place = int(amends.word[b, k, at + hand.lanes])
 
 
 @wp.kernel(launch_bounds=(CREW, 4))
@@ -321,10 +358,6 @@ def settle_front(
     hand = hand_of(front, sources, b, offset, thread, threads)
     edge = sources.reaches[sources.shape[offset + b]].slack
     reached = amends.reached[b]
-    turn = int(0)
-    for k in range(thread, 3, threads):
-        front.busy[b, k] = 0
-    meet()
     rounds = int(0)
     pending = int(1)
     while pending != 0 and rounds < ROUNDS:
@@ -332,18 +365,20 @@ def settle_front(
         pending = int(0)
         for first in range(0, reached, CREW_BAND):
             passes = int(0)
-            moving = int(1)
-            while moving != 0 and passes < ROUNDS:
+            n = int(1)
+            while n != 0 and passes < ROUNDS:
                 passes += 1
-                turn += 1
-                for k in range(first + hand.walker, wp.min(first + CREW_BAND, reached), hand.walkers):
-                    v = amends.order[b, k]
-                    if take(front, hand, v) != 0:
-                        front.busy[b, turn % 3] = turn
-                        carry_all(front, amends, sources, turns, hand, edge, v)
+                n = list_dirty(
+                    front, amends.order, b, first, wp.min(first + CREW_BAND, reached), thread, threads
+                )
+                pending = wp.max(pending, n)
+                for k in range(hand.walker, n, hand.walkers):
+                    place = front.listed[b * CREW_BAND + k]
+                    told = int(0)
+                    for lane in range(hand.lane, hand.lanes, hand.lane_step):
+                        told = told | carry_on(front, amends, sources, turns, hand, edge, place, lane)
+                    mark_around(front, sources, hand, amends.order[b, place], told)
                 meet()
-                moving = wp.where(front.busy[b, turn % 3] == turn, 1, 0)
-                pending = wp.max(pending, moving)
     for k in range(hand.walker, reached, hand.walkers):
         v = amends.order[b, k]
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
