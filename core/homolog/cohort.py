@@ -152,8 +152,12 @@ def landmarks_beside(path: Path) -> Path | None:
 
 
 def dicom_files(folder: Path) -> list[Path]:
-    """Return the DICOM files of a folder, by their content; their names may end in anything."""
-    return [one for one in sorted(folder.iterdir()) if one.is_file() and _beginning(one)[128:132] == b"DICM"]
+    """Return the DICOM files of a folder, by their content; their names may end in anything.
+
+    A DICOMDIR, the table of contents of a disc, is none of them.
+    """
+    files = [one for one in sorted(folder.iterdir()) if one.is_file() and one.name.upper() != "DICOMDIR"]
+    return [one for one in files if _beginning(one)[128:132] == b"DICM"]
 
 
 def is_dicom_seg(path: Path) -> bool:

@@ -60,7 +60,12 @@ def read_series(folder: Path, files: Sequence[Path]) -> Volume:
 def _header(path: Path) -> _Slice:
     with dicom_faults(path, _KIND):
         content = _read(path, without_pixels=True)
-        spacing = np.array(next(content[name].value for name in _SPACINGS if name in content), np.float64)
+        if int(content.get("NumberOfFrames") or 1) > 1:
+            raise ValueError("it has several frames")
+        sizes = [content[name].value for name in _SPACINGS if name in content]
+        if not sizes:
+            raise ValueError(f"it lacks {_SPACINGS[0]}")
+        spacing = np.array(sizes[0], np.float64)
         axes = np.array(content.ImageOrientationPatient, np.float64).reshape(2, 3)
         place = np.array(content.ImagePositionPatient, np.float64).reshape(3)
         axes = axes * spacing[::-1].reshape(2, 1)
@@ -86,14 +91,20 @@ def _step(folder: Path, slices: Sequence[_Slice]) -> FloatArray:
         for one in slices
     )
     steps = np.diff([one.place for one in slices], axis=0) if len(slices) > 1 else np.zeros((1, 3))
-    step: FloatArray = np.median(steps, axis=0)
-    length = float(np.linalg.norm(step))
-    if not alike or not length > 0.0 or np.abs(steps - step).max() > _UNEVEN * length:
+    usual: FloatArray = np.median(steps, axis=0)
+    length = float(np.linalg.norm(usual))
+    if np.linalg.norm(steps, axis=1).min() <= _UNEVEN * length and len(slices) > 1:
+        raise InputError(
+            f"{folder}: several of its {len(slices)} slices lie at one place (copies, or several points in "
+            "time); leave one at each place"
+        )
+    if not alike or not length > 0.0 or np.abs(steps - usual).max() > _UNEVEN * length:
         raise InputError(
             f"{folder}: its {len(slices)} slices are not alike, parallel and {length:.3g} mm apart "
             "throughout; copy the missing ones, or export a label map of even slices"
         )
-    return step
+    whole: FloatArray = steps.mean(axis=0)  # places are rounded in many files: from the first to the last
+    return whole
 
 
 def _pixels(one: _Slice) -> Array:

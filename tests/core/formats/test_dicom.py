@@ -190,11 +190,39 @@ def test_slices_are_read_however_they_are_written(series, blocks, points, edit):
     assert np.allclose(points(read_segmentation(series, 2)), expected(blocks, 2), atol=1e-4)
 
 
+def jolt(content):
+    content.ImagePositionPatient = [
+        float(one) + 0.004 * (int(content.InstanceNumber) % 2) for one in content.ImagePositionPatient
+    ]
+
+
+def test_places_that_were_rounded_make_a_stack_all_the_same(series, blocks, points):
+    each(series, jolt)
+    assert np.allclose(points(read_segmentation(series, 2)), expected(blocks, 2), atol=0.005)
+
+
+def test_the_contents_of_a_disc_are_no_slice(series, blocks, points):
+    (series / "DICOMDIR").write_bytes(b"\0" * 128 + b"DICM")
+    assert np.allclose(points(read_segmentation(series, 2)), expected(blocks, 2), atol=1e-4)
+
+
+def test_a_slice_that_is_there_twice_is_told(series):
+    one = min(series.iterdir())
+    (series / "copy").write_bytes(one.read_bytes())
+    with pytest.raises(InputError, match="several of its 12 slices lie at one place"):
+        read_segmentation(series, None)
+
+
 def test_rescaled_values_are_read_rescaled(series, blocks, points):
     each(series, scale)
     assert np.allclose(points(read_segmentation(series, 2)), expected(blocks, 2), atol=1e-4)
     with pytest.raises(InputError, match="has no voxel of label 1; it holds 2"):
         read_segmentation(series, 1)
+
+
+def unsized(content):
+    for name in ("PixelSpacing", "NominalScannedPixelSpacing", "ImagerPixelSpacing"):
+        content.pop(name, None)
 
 
 def tilt(content):
@@ -204,12 +232,13 @@ def tilt(content):
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        (lambda content: setattr(content, "NumberOfFrames", 2), "can't be read as a slice"),
+        (lambda content: setattr(content, "NumberOfFrames", 2), "it has several frames"),
+        (unsized, "it lacks PixelSpacing"),
         (lambda content: setattr(content, "Rows", 65535), "can't be read as a slice|of which"),
         (lambda content: delattr(content, "ImageOrientationPatient"), "can't be read as a slice"),
         (
             lambda content: setattr(content, "ImagePositionPatient", [0, 0, 0]),
-            "not alike, parallel and 0 mm apart",
+            r"several of its \d+ slices lie at one place",
         ),
         (lambda content: setattr(content, "PixelSpacing", [0.0, 1.0]), "its pixels are"),
         (lambda content: setattr(content.file_meta, "TransferSyntaxUID", DEFLATED), "is deflated as a whole"),
