@@ -8,6 +8,7 @@ from PySide6.QtGui import QColor, QImage, QPixmap
 
 from homolog.arrays import Array
 from homolog_app.window.icons import pixmap
+from homolog_app.window.quantities import millilitres
 from homolog_app.window.scheme import rgb
 from homolog_app.window.session import Session
 from homolog_app.window.study import Member
@@ -137,7 +138,7 @@ class CohortModel(QAbstractTableModel):
             case 1:
                 return member.subject.group or ""
             case 2:
-                return f"{survey.volume_ml:.3g} ml" if survey and not survey.problem else ""
+                return millilitres(survey.volume_ml) if survey and not survey.problem else ""
             case 3:
                 return self._status(member)[0]
         return member.subject.columns.get(self._columns[column - len(_HEADS)], "")

@@ -6,6 +6,7 @@ from homolog.settings import GroomSettings
 from homolog_app.window.actions import Actions
 from homolog_app.window.form import SettingsPair
 from homolog_app.window.progress import Progress
+from homolog_app.window.quantities import millilitres
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
 from homolog_app.window.subjects import Groomed
@@ -75,8 +76,8 @@ def _sentences(groomed: Groomed) -> str:
     report = groomed.subject.report
     change = 100.0 * (report.volume_after / report.volume_before - 1.0)
     lines = [
-        f"Volume {report.volume_before:.3g} ml in the file, "
-        f"{report.volume_after:.3g} ml groomed ({change:+.1f} %)",
+        f"Volume {millilitres(report.volume_before)} in the file, "
+        f"{millilitres(report.volume_after)} groomed ({change:+.1f} %)",
         f"{len(groomed.subject.mesh.vertices)} vertices, {report.genus} handle{'s' * (report.genus != 1)}",
         *report.notes,
     ]

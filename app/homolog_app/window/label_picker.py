@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QComboBox, QFrame, QVBoxLayout
 
 from homolog.arrays import Array
 from homolog_app.window.cohort_model import thumbnail
+from homolog_app.window.quantities import millilitres
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID, label
@@ -56,7 +57,7 @@ class LabelPicker(QFrame):
         for value, seen in sorted(found.items(), key=lambda one: (isinstance(one[0], int), one[0])):
             mean = sum(volume for volume, _ in seen) / len(seen)
             name = f"Label {value}" if isinstance(value, int) else value
-            text = f"{name} · {mean:.3g} ml · in {len(seen)} of {count} subjects"
+            text = f"{name} · {millilitres(mean)} · in {len(seen)} of {count} subjects"
             self.choice.addItem(QIcon(thumbnail(seen[0][1], self._theme.colours.bone, _PICTURE)), text, value)
         self.choice.setCurrentIndex(max(0, self.choice.findData(chosen)))
 

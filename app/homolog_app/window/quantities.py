@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-__all__ = ["duration", "parse_number", "short", "signed", "tick_words", "ticks"]
+__all__ = ["duration", "millilitres", "parse_number", "short", "signed", "tick_words", "ticks"]
 
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 
@@ -35,6 +35,12 @@ def short(value: float) -> str:
     if abs(value) <= 1e-12:
         return "0"
     return (f"{value:.0f}" if 1000.0 <= abs(value) < 1e6 else f"{value:.3g}").replace("-", "−")
+
+
+def millilitres(volume: float) -> str:
+    """Return a volume with three digits or all those before the point: ``"96.0 ml"``, ``"1532 ml"``."""
+    digits = 2 - math.floor(math.log10(volume)) if volume > 0.0 else 0
+    return f"{volume:.{min(max(digits, 0), 6)}f} ml"
 
 
 def tick_words(values: Sequence[float]) -> list[str]:

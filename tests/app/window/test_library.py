@@ -11,6 +11,7 @@ import pytest
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
 from homolog_app.cli import main
+from homolog_app.window.quantities import millilitres
 
 HEAVY = ("warp", "SimpleITK", "pyvista", "pyvistaqt", "vtkmodules", "matplotlib", "skimage")
 
@@ -64,7 +65,7 @@ def test_ticks_groups_and_covariates_are_edited_in_the_table(beans):
     model.setData(model.index(2, 1), "HCM")
     assert [one.included for one in session.study.members] == [True, False, True, True]
     assert session.study.members[2].subject.group == "HCM"
-    assert model.index(0, 2).data() == f"{session.surveys['a'].volume_ml:.3g} ml"
+    assert model.index(0, 2).data() == millilitres(session.surveys["a"].volume_ml)
 
 
 @pytest.mark.window

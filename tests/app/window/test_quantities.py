@@ -2,7 +2,7 @@
 
 import pytest
 
-from homolog_app.window.quantities import short, signed, tick_words, ticks
+from homolog_app.window.quantities import millilitres, short, signed, tick_words, ticks
 
 
 def test_ticks_are_round_and_have_zero_among_them():
@@ -25,3 +25,11 @@ def test_numbers_have_a_true_minus_and_no_exponent_that_people_would_not_write()
     assert signed(1.234, 1) == "+1.2"
     assert short(-5379.4) == "−5379"
     assert short(0.07061) == "0.0706"
+
+
+@pytest.mark.parametrize(
+    ("volume", "words"),
+    [(96.0, "96.0 ml"), (1532.4, "1532 ml"), (2.948, "2.95 ml"), (0.0371, "0.0371 ml"), (0.0, "0 ml")],
+)
+def test_volumes_have_three_digits_or_all_before_the_point(volume, words):
+    assert millilitres(volume) == words
