@@ -90,6 +90,7 @@ def good_checkpoint(folder: Path) -> None:
         "means": np.ones((5, 3), np.float32),
         "poses": np.stack([np.eye(4)] * 2),
         "faces": np.zeros((2, 5), np.int32),
+        "repaired": np.zeros((2, 5), np.int32),
         "energies": np.zeros((1, 4)),
     }
     counts = {one.name: 1 for one in fields(Checkpoint) if one.name not in arrays}

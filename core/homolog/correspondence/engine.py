@@ -16,7 +16,7 @@ from homolog.correspondence.sampling import LIST_LIFE, REACH, Sampling
 from homolog.correspondence.surfaces import Level, nearest_faces
 from homolog.geodesics.lookup import SurfacePoint
 
-__all__ = ["Engine", "Particles", "Weights"]
+__all__ = ["Engine", "Particles", "Weights", "turns_of"]
 
 NEWTON_STEPS = 2
 
@@ -188,6 +188,11 @@ class Engine:
         result: Float32Array = self.normals.numpy().reshape(self.shapes, self.count, 3).copy()
         return result
 
+    def host_means(self) -> FloatArray:
+        """Return the mean normals as the shapes are compared, shape (n, 3)."""
+        result: FloatArray = self.means.numpy().astype(np.float64)
+        return result
+
     def posed_positions(self) -> FloatArray:
         """Return the particles as they are compared, shape (M, n, 3)."""
         turned = np.einsum("mij,mnj->mni", self.poses[:, :3, :3], self.host_positions().astype(np.float64))
@@ -235,6 +240,12 @@ class Engine:
         """
         sampling = float(self.sampling.energies.numpy().mean(dtype=np.float64))
         return np.array([sampling, *self.coupling.entropies()])
+
+    def place(self, positions: FloatArray) -> None:
+        """Put the particles that may move there, (M, n, 3) near the surfaces."""
+        self.positions.assign(positions.reshape(-1, 3).astype(np.float32))
+        self._project()
+        self.find_again()
 
     def find_again(self) -> None:
         """Look for every particle's face in space, as at the start: walks along the mesh went astray."""

@@ -15,6 +15,7 @@ from homolog.correspondence.sampling import LIST_LIFE
 from homolog.correspondence.schedule import Plan
 from homolog.correspondence.splitting import split
 from homolog.correspondence.start import first_particles
+from homolog.correspondence.strays import put_right
 from homolog.correspondence.types import (
     Checkpoint,
     Correspondence,
@@ -82,6 +83,7 @@ class Journey:
             self.iteration, self.energies = resume.iteration, resume.energies.tolist()
             self.poses = resume.poses
             self.engine = self._engine(self.stages[begin].count, _particles(resume))
+            self.repaired = resume.repaired.copy()
         reason = Reason.ITERATIONS
         for index in range(begin, len(self.stages)):
             plan = self.stages[index]
@@ -131,6 +133,7 @@ class Journey:
         return index
 
     def _engine(self, count: int, particles: Particles | FloatArray) -> Engine:
+        self.repaired = np.zeros((len(self.domain.names), count), np.int32)
         return Engine(
             self.domain.fields,
             self.domain.reliefs,
@@ -168,8 +171,10 @@ class Journey:
         self.engine.start_stage([plan.weights(i) for i in range(plan.iterations)], done)
         self._next_frame = 0.0  # a stage is seen however short it is
         if done == 0:
+            if plan.until_converged:
+                self._put_right(done)
             self._checkpoint(index, done)
-        before = math.inf
+        before = float(np.sum(self.energies[-1][1:])) if done >= RECORD else math.inf
         while done < plan.iterations:
             times = min(LIST_LIFE, plan.iterations - done)
             self._iterate(index, done, times)
@@ -177,12 +182,28 @@ class Journey:
             self.iteration += times
             if done % RECORD == 0 or done == plan.iterations:
                 objective = self._record(plan)
-                if plan.until_converged and abs(before - objective) < self.tolerance:
+                settled = plan.until_converged and abs(before - objective) < self.tolerance
+                if settled and not self._put_right(done):
                     return Reason.CONVERGED
                 before = objective
                 self._align(SLIDING if plan.stage is Stage.SPLITTING else 1.0)
             self._report(index, done)
         return Reason.ITERATIONS
+
+    def _put_right(self, done: int) -> bool:
+        """Move strays to where the other shapes have them; False if there are none.
+
+        Each before it settles, and once while it does, so that this comes to an end.
+        """
+        if not self.settings.method.uses_normals:
+            return False
+        allowed = self.repaired <= self.iteration - done
+        if self.start is not None and self.start.movable is not None:
+            allowed &= self.start.movable
+        self.launcher.breathe()
+        moved = put_right(self.engine, allowed)
+        self.repaired[moved] = self.iteration
+        return bool(moved.any())
 
     def _iterate(self, index: int, done: int, times: int) -> None:
         """Move the particles; if that is cancelled on the way, keep where they were before."""
@@ -227,12 +248,19 @@ class Journey:
             self._checkpoint(index, done)
         plan = self.stages[index]
         behind = self._costs[:index].sum() + self._costs[index] * min(1.0, done / plan.usual)
-        self._now = (behind / self._costs.sum(), f"{plan.stage.value}: {plan.count} particles")
+        self._now = (
+            behind / self._costs.sum(),
+            f"{plan.stage.value}: {plan.count} particles{self._repairs()}",
+        )
         try:
             self.tick(*self._now)
         except Cancelled:
             self._checkpoint(index, done)
             raise
+
+    def _repairs(self) -> str:
+        count, shapes = np.count_nonzero(self.repaired), np.count_nonzero(self.repaired.any(axis=1))
+        return f", {count} put right on {shapes} shape{'s' if shapes > 1 else ''}" if count else ""
 
     def _frame(self, index: int) -> Frame:
         world = self.engine.posed_positions() * self.domain.unit
@@ -267,6 +295,7 @@ class Journey:
                 poses=self.poses,
                 faces=now.faces,
                 energies=energies,
+                repaired=self.repaired.copy(),
             )
         )
 
@@ -285,6 +314,7 @@ class Journey:
             alignments=alignments,
             iterations=self.iteration,
             reason=reason,
+            repaired=self.repaired,
         )
 
 

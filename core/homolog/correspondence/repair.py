@@ -7,12 +7,12 @@ optimizer has to find the place but not the neighbourhood.
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.optimizer import optimize
 from homolog.correspondence.start import SmoothingMap, features, register, spread_indices, vertex_normals
+from homolog.correspondence.strays import predicted, snapped
 from homolog.correspondence.surfaces import Placement, length_unit
 from homolog.correspondence.types import Correspondence, Observe, Shape, Start
 from homolog.errors import InputError
@@ -20,10 +20,9 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["fitting_start", "predicted", "repair"]
+__all__ = ["fitting_start", "repair"]
 
 CONTROL = 400  # points that drive a thin-plate map
-NEAR, FAR = 300, 100  # particles around a patch that tell its place, and more all over the shape
 TIGHT = 1e-6  # smoothing of a thin-plate map that passes through its targets
 ANNEAL, SETTLE = 100, 200  # iterations of a repair, at most
 LOOSE = 0.2  # regularisation at its start
@@ -85,46 +84,6 @@ def repair(
     return optimize(shapes, settings, device=device, tick=tick, observe=observe, start=start)
 
 
-def predicted(world: FloatArray, misplaced: BoolArray) -> FloatArray:
-    """Return particles of which the misplaced ones are where the other subjects have them.
-
-    Parameters
-    ----------
-    world : (M, N, 3) array
-        Aligned particles.
-    misplaced : (M, N) bool array
-        Those to be moved.
-
-    Returns
-    -------
-    (M, N, 3) array
-        For each subject the mean of the others is carried to it by a thin-plate map through the particles
-        that are in place, most of them around the misplaced ones.
-
-    Raises
-    ------
-    InputError
-        If on some subject none is in place.
-    """
-    result = world.copy()
-    for k in np.flatnonzero(misplaced.any(axis=1)).tolist():
-        trusted = ~misplaced
-        trusted[k] = False
-        trusted[:, ~trusted.any(axis=0)] = True  # misplaced on all others: better they than none
-        trusted[k] = False
-        weights = trusted / trusted.sum(axis=0)
-        others = np.einsum("mn,mnd->nd", weights, world)
-        if misplaced[k].all():
-            raise InputError("no particle of one subject is in place; fit the subject to the others instead")
-        sought, known = np.flatnonzero(misplaced[k]), np.flatnonzero(~misplaced[k])
-        near = np.argsort(cKDTree(others[sought]).query(others[known])[0])[:NEAR]
-        far = spread_indices(others[known], min(FAR, len(known)))
-        guides = known[np.union1d(near, far)]
-        carry = RBFInterpolator(others[guides], world[k, guides], kernel="linear", degree=1)
-        result[k, sought] = carry(others[sought])
-    return result
-
-
 def fitting_start(
     shapes: Sequence[Shape], local: FloatArray, known: BoolArray, tick: Tick = no_tick
 ) -> Start:
@@ -163,8 +122,8 @@ def fitting_start(
         particles = placements[nearest].apply(start[nearest])
         normals = _normals_at(fine, particles)
         moved, normals = _carried(coarse[nearest], coarse[k], particles, normals, here)
-        snapped = _snapped(moved, normals, _moved(shapes[k].mesh, placements[k]))
-        start[k] = placements[k].invert(snapped)
+        feet = snapped(moved, normals, _moved(shapes[k].mesh, placements[k]))
+        start[k] = placements[k].invert(feet)
     return Start(start, np.repeat(~known[:, None], local.shape[1], axis=1))
 
 
@@ -181,8 +140,8 @@ def _placed(shapes: Sequence[Shape], local: FloatArray, misplaced: BoolArray) ->
             if j != k:
                 normals += _normals_at(_moved(shape.mesh, placements[j]), world[j, columns])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-        snapped = _snapped(goals[k, columns], normals, _moved(shapes[k].mesh, placements[k]))
-        result[k, columns] = placements[k].invert(snapped)
+        feet = snapped(goals[k, columns], normals, _moved(shapes[k].mesh, placements[k]))
+        result[k, columns] = placements[k].invert(feet)
     return result
 
 
@@ -212,14 +171,3 @@ def _carried(
     through = SmoothingMap.between(source.vertices[control], points)
     near = cKDTree(features(source.vertices, vertex_normals(source))).query(features(points, normals))[1]
     return through.moved(deformed.vertices[control], TIGHT), vertex_normals(deformed)[near]
-
-
-def _snapped(points: FloatArray, normals: FloatArray, mesh: TriangleMesh) -> FloatArray:
-    """Return points on a mesh near the given ones, on the side that faces as the normals do, (n, 3)."""
-    nearest = cKDTree(features(mesh.vertices, vertex_normals(mesh))).query(features(points, normals))[1]
-    feet, upward = mesh.vertices[nearest], vertex_normals(mesh)[nearest]
-    aside = points - feet
-    aside -= upward * np.einsum("nd,nd->n", aside, upward)[:, None]
-    length = np.linalg.norm(aside, axis=1, keepdims=True)
-    snapped: FloatArray = feet + aside * np.minimum(1.0, mesh.mean_edge / np.maximum(length, 1e-12))
-    return snapped

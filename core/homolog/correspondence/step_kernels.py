@@ -77,10 +77,12 @@ def combine(
 ):
     """Sum of the three descent directions times tau, in the tangent plane; zero where held.
 
-    Steps are turned as the shapes are compared, so that they can be mixed across shapes. The normals' part
-    is divided by 1 + its own stiffness, else it overshoots at sharp rims. On surfaces so small that steps
-    would be too long for how close particles lie together tau is smaller; on others it is the same, so that
-    a motion common to all shapes stays one, which nothing damps.
+    Steps are turned as the shapes are compared, so that they can be mixed across shapes. They are implicit in
+    the normals: (I + tau w_V r (S² + gg'))^-1 damps them where the normal turns fast, else they overshoot at
+    sharp rims, with r the stiffest shape's and g the slope of the opening angle. The whole sum is damped, so
+    that the parts balance where they did. On surfaces so small that steps would be too long for how close
+    particles lie together tau is smaller; on others it is the same, so that a motion common to all shapes
+    stays one.
     """
     p = first + wp.tid()
     n = normals[p]
@@ -92,14 +94,15 @@ def combine(
     opening = openings[p]
     slope = tangent(wp.vec3(opening[0], opening[1], opening[2]), n)
     turned += wp.dot(log_gradients[p], mean) * slope
-    steep = wp.ddot(bend, bend) + wp.length_sq(slope)
     knobs = stage[iteration[0]]
     size = surfaces[p // c.per_shape].size
     tau = knobs.step * wp.min(1.0, size * size / (SMALL * SMALL))
-    damping = 1.0 + tau * knobs.normals_weight * steep * stiffness[0]
     pulled = wp.transpose(pose.linear) * ensemble[p]
-    total = forces[p] - knobs.ensemble_weight * pulled - knobs.normals_weight / damping * turned
-    steps[p] = float(movable[p]) * tau * (pose.turn * tangent(total, n))
+    total = tangent(forces[p] - knobs.ensemble_weight * pulled - knobs.normals_weight * turned, n)
+    stiff = tau * knobs.normals_weight * stiffness[0] * (bend * bend + wp.outer(slope, slope))
+    steps[p] = (
+        float(movable[p]) * tau * (pose.turn * (wp.inverse(wp.identity(n=3, dtype=float) + stiff) * total))
+    )
 
 
 @wp.kernel

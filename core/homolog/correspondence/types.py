@@ -130,6 +130,8 @@ class Checkpoint:
         Faces of the level's meshes that the particles are on.
     energies : (T, 4) float64 array
         As recorded so far.
+    repaired : (M, n) int32 array
+        The iteration at which a particle was put right, 0 where it was not.
     """
 
     left: int
@@ -141,6 +143,7 @@ class Checkpoint:
     poses: FloatArray
     faces: IntArray
     energies: FloatArray
+    repaired: IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,6 +162,9 @@ class Correspondence:
         Local to world, as they ended.
     iterations : int
     reason : Reason
+    repaired : (M, N) int32 array
+        The iteration at which a particle that faced another way than on most shapes was put right, 0 where
+        none was.
     """
 
     world: FloatArray
@@ -168,6 +174,7 @@ class Correspondence:
     alignments: FloatArray
     iterations: int
     reason: Reason
+    repaired: IntArray
 
 
 Observe = Callable[[Frame], None]

@@ -62,11 +62,11 @@ def _fits_together(stored: dict[str, Array]) -> bool:
         all(one.ndim == 0 and one.dtype.kind == "i" and one >= 0 for one in counts)
         and len(shape) == 3
         and shape[2] == 3
-        and stored["widths"].shape == stored["faces"].shape == shape[:2]
+        and stored["widths"].shape == stored["faces"].shape == stored["repaired"].shape == shape[:2]
         and stored["means"].shape == shape[1:]
         and stored["poses"].shape == (shape[0], 4, 4)
         and stored["energies"].shape[1:] == (4,)
-        and stored["faces"].dtype == np.int32
+        and stored["faces"].dtype == stored["repaired"].dtype == np.int32
         and all(stored[name].dtype == np.float32 for name in ("positions", "widths", "means"))
         and all(stored[name].dtype == np.float64 for name in ("energies", "poses"))
         and all(np.isfinite(one).all() for one in stored.values() if one.dtype.kind == "f")

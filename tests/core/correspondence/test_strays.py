@@ -1,0 +1,105 @@
+"""Particles on the wrong wall of one shape: told from shapes that differ, moved back, alike after a kill."""
+
+import numpy as np
+import pytest
+
+from homolog.correspondence import Start, journey, optimize
+from homolog.correspondence.strays import strays
+from homolog.settings import Method, OptimizeSettings
+
+QUICK = OptimizeSettings(particles=64, anneal_iterations=20, settle_iterations=300)
+ON = QUICK.model_copy(update={"anneal_iterations": 5, "split_iterations": 5, "regularization_start": 5e-4})
+SHAPE = 2  # that a particle strays on
+
+
+def turned(degrees):
+    """Return unit normals (..., 3), turned so far from z."""
+    angle = np.radians(degrees)
+    return np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=-1)
+
+
+def strays_of(degrees):
+    """Judge normals (M, N) turned so far from a mean of z."""
+    return strays(turned(np.asarray(degrees, float)), np.tile([0.0, 0.0, 1.0], (len(degrees[0]), 1)))
+
+
+@pytest.fixture(scope="module")
+def discs(make_shape):
+    """Return five flat ellipsoids that differ in one axis."""
+    return [make_shape(f"disc {k}", (14.0, 12.0 + 0.5 * k, 3.0)) for k in range(5)]
+
+
+@pytest.fixture(scope="module")
+def spoiled(discs):
+    """Return an optimized layout with the middle particle of a disc on its opposite wall, and which it is."""
+    local = np.array(optimize(discs, QUICK).local)
+    particle = int(np.argmin(np.linalg.norm(local[SHAPE, :, :2], axis=1)))
+    local[SHAPE, particle, 2] *= -1.0
+    return local, particle
+
+
+def test_a_stray_is_told_from_shapes_that_agree():
+    degrees = np.full((5, 30), 5.0)
+    degrees[3, 7] = 80.0
+    expected = np.zeros((5, 30), bool)
+    expected[3, 7] = True
+    np.testing.assert_array_equal(strays_of(degrees), expected)
+
+
+def test_where_all_shapes_differ_nobody_strays():
+    degrees = np.full((5, 30), 5.0)
+    degrees[:, 7] = [60.0, 20.0, 25.0, 40.0, 0.0]
+    assert not strays_of(degrees).any()
+
+
+def test_two_shapes_cannot_tell_which_of_them_strays():
+    degrees = np.full((2, 30), 5.0)
+    degrees[1, 7] = 80.0
+    assert not strays_of(degrees).any()
+
+
+def test_a_shape_that_is_matched_differently_as_a_whole_is_left_alone():
+    degrees = np.full((5, 30), 5.0)
+    degrees[3, :10] = 80.0
+    assert not strays_of(degrees).any()
+
+
+def test_a_particle_on_the_wrong_wall_is_put_right_and_the_run_says_so(discs, spoiled):
+    local, particle = spoiled
+    words = []
+    found = optimize(discs, ON, start=Start(local), tick=lambda _, message: words.append(message))
+    np.testing.assert_array_equal(np.argwhere(found.repaired > 0), [[SHAPE, particle]])
+    assert np.einsum("nd,nd->n", found.normals[SHAPE], found.normals[0]).min() > 0.9
+    assert words[-1] == "optimizing: 64 particles, 1 put right on 1 shape"
+
+
+def test_the_objective_is_lower_after_a_repair(discs, spoiled):
+    found = optimize(discs, ON, start=Start(spoiled[0]))
+    objective = found.energies[:, 1:].sum(axis=1)
+    before = objective[found.energies[:, 0] <= found.repaired.max()]
+    assert objective[-1] < before.min() - 0.05
+
+
+def test_held_particles_are_not_put_right(discs, spoiled):
+    local, particle = spoiled
+    movable = np.ones(local.shape[:2], bool)
+    movable[SHAPE, particle] = False
+    found = optimize(discs, ON, start=Start(local, movable))
+    np.testing.assert_array_equal(found.local[SHAPE, particle], local[SHAPE, particle])
+
+
+def test_without_normals_in_the_objective_nothing_is_repaired(discs, spoiled):
+    settings = ON.model_copy(update={"method": Method.GEODESIC})
+    assert not optimize(discs, settings, start=Start(spoiled[0])).repaired.any()
+
+
+def test_a_run_resumed_before_or_after_a_repair_ends_bit_identical(discs, spoiled, monkeypatch):
+    monkeypatch.setattr(journey, "KEEP_S", 0.0)
+    kept = []
+    whole = optimize(discs, ON, start=Start(spoiled[0]), checkpoint=kept.append)
+    first = [one.repaired.any() for one in kept].index(True)
+    for checkpoint in (kept[first - 1], kept[first], kept[-1]):
+        rest = optimize(discs, ON, start=Start(spoiled[0]), resume=checkpoint)
+        np.testing.assert_array_equal(rest.local, whole.local)
+        np.testing.assert_array_equal(rest.repaired, whole.repaired)
+        np.testing.assert_array_equal(rest.energies, whole.energies)
