@@ -4,7 +4,12 @@ import gzip
 
 import numpy as np
 import pytest
+import SimpleITK
 
+TURN = np.array(
+    [[0.8, 0.6, 0.0], [0.6, -0.8, 0.0], [0.0, 0.0, -1.0]]
+)  # columns: along x, y and z of the grid
+SPACING, ORIGIN = np.array([1.5, 2.0, 3.0]), np.array([5.0, -6.0, 7.0])
 SPACES = {"left-posterior-superior": (1, 1, 1), "right-anterior-superior": (-1, -1, 1)}
 
 
@@ -68,3 +73,106 @@ def named():
         ]
 
     return lines
+
+
+@pytest.fixture
+def expected():
+    """Return a function that gives where the voxels of a value lie [LPS] in the DICOM files, sorted."""
+
+    def of(blocks, value=None):
+        inside = np.argwhere(blocks > 0 if value is None else blocks == value)
+        found = inside * SPACING @ TURN.T + ORIGIN
+        return found[np.lexsort(np.round(found, 1).T)]
+
+    return of
+
+
+@pytest.fixture
+def series(blocks, tmp_path):
+    """Return a folder with one DICOM file a slice, in an order that their names don't tell."""
+    folder = tmp_path / "cohort" / "patient"
+    folder.mkdir(parents=True)
+    write_slices(folder, blocks, "1.2.3.4")
+    return folder
+
+
+def write_slices(folder, blocks, uid):
+    """Write a label map of oblique axes as the slices of a series."""
+    writer = SimpleITK.ImageFileWriter()
+    writer.KeepOriginalImageUIDOn()
+    for k in range(blocks.shape[2]):
+        image = SimpleITK.GetImageFromArray(blocks[:, :, k].T[None])
+        image.SetSpacing(SPACING.tolist())
+        place = ORIGIN + TURN[:, 2] * SPACING[2] * k
+        tags = {
+            "0008|0060": "OT", "0020|000d": "1.2.3", "0020|000e": uid, "0008|0018": f"{uid}.{k + 1}",
+            "0020|0032": "\\".join(map(str, place)), "0020|0013": str(k),
+            "0020|0037": "\\".join(map(str, [*TURN[:, 0], *TURN[:, 1]])), "0010|0010": "Doe^Jane",
+        }  # fmt: skip
+        for key, value in tags.items():
+            image.SetMetaData(key, value)
+        writer.SetFileName(folder / f"{uid}_{(7 * k) % 11:02d}.dcm")
+        writer.Execute(image)
+
+
+@pytest.fixture
+def write_series():
+    """Return a function that writes a further series: folder, labels, its number."""
+    return write_slices
+
+
+def rewritten(path, edit):
+    import pydicom
+
+    content = pydicom.dcmread(path)
+    edit(content)
+    uid = content.file_meta.TransferSyntaxUID
+    how = {"implicit_vr": uid.is_implicit_VR, "little_endian": uid.is_little_endian}
+    pydicom.dcmwrite(path, content, force_encoding=True, **how)
+
+
+@pytest.fixture
+def each():
+    """Return a function that changes every slice of a folder."""
+
+    def change(series, edit):
+        for path in sorted(series.iterdir()):
+            rewritten(path, edit)
+
+    return change
+
+
+@pytest.fixture
+def make_seg(series, tmp_path):
+    """Return a function that writes a DICOM SEG over the series: masks (K, J, I[, 2]), type, what else."""
+    import highdicom as hd
+    import pydicom
+    from pydicom.sr.codedict import codes
+
+    sources = [pydicom.dcmread(one) for one in sorted(series.iterdir())]
+    for one in sources:
+        one.FrameOfReferenceUID, one.PatientID, one.StudyID = "1.2.9", "p", "s"
+        for name in ("PatientBirthDate", "PatientSex", "StudyDate", "StudyTime", "AccessionNumber"):
+            setattr(one, name, "")
+        one.ReferringPhysicianName, one.SliceThickness, one.PixelSpacing = "", 3.0, [2.0, 1.5]
+    sources.sort(key=lambda one: int(one.InstanceNumber))
+    descriptions = [
+        hd.seg.SegmentDescription(
+            segment_number=number, segment_label=name, algorithm_type="MANUAL",
+            segmented_property_category=codes.SCT.Organ, segmented_property_type=codes.SCT.Liver,
+        )
+        for number, name in enumerate(("heart", "both"), start=1)
+    ]  # fmt: skip
+
+    def make(masks, kind="BINARY", edit=None, **how):
+        made = hd.seg.Segmentation(
+            sources, masks, kind, descriptions, "1.2.5", 1, "1.2.5.1", 1, "maker", "model", "1", "1", **how
+        )
+        path = tmp_path / "seg" / "a.dcm"
+        path.parent.mkdir(exist_ok=True)
+        made.save_as(path)
+        if edit is not None:
+            rewritten(path, edit)
+        return path
+
+    return make
