@@ -18,7 +18,7 @@ from homolog.files.records import ResultRecord, ResultSubject
 from homolog.grooming import GroomedSubject
 from homolog.grooming.cache import load_groomed
 from homolog.progress import Tick, no_tick, part_of
-from homolog.run.result import Outcome, Study, model_of, write_result
+from homolog.run.result import Outcome, Study, model_of, noted, write_result
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["mean_of", "mend", "read_study", "write_mended"]
@@ -110,7 +110,7 @@ def write_mended(project: Project, local: FloatArray, notes: Mapping[str, str], 
     with project.locked():
         before = project.read()
         study = read_study(project)
-        groomed = [_noted(one, notes.get(one.name)) for one in study.groomed]
+        groomed = [noted(one, notes[one.name]) if one.name in notes else one for one in study.groomed]
         assert before.result is not None, "a study was read"
         alignments = np.stack([one.alignment for one in study.shapes])
         world = np.einsum("mij,mnj->mni", alignments[:, :3, :3], local) + alignments[:, None, :3, 3]
@@ -146,10 +146,3 @@ def _cohort(project: Project, result: ResultRecord) -> Cohort:
         for one in result.subjects
     ]
     return Cohort(tuple(subjects), project.folder)
-
-
-def _noted(groomed: GroomedSubject, note: str | None) -> GroomedSubject:
-    if note is None:
-        return groomed
-    report = replace(groomed.report, notes=(*groomed.report.notes, note))
-    return replace(groomed, report=report)

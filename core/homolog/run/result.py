@@ -1,7 +1,7 @@
 """A finished run on disk: particles, shape model, tables, and the record of how they came about."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from homolog.analysis.reconstruction import MeanSurface, mean_surface, medoid
 from homolog.analysis.shape_model import ShapeModel, fit_shape_model
-from homolog.arrays import FloatArray
+from homolog.arrays import BoolArray, FloatArray
 from homolog.cohort import Cohort
-from homolog.correspondence import Shape
+from homolog.correspondence import Correspondence, Shape
 from homolog.device import describe_device
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
@@ -26,7 +26,17 @@ from homolog.run.identity import content_of, versions
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["CANCELLED", "Outcome", "Study", "model_of", "write_model", "write_result", "write_surfaces"]
+__all__ = [
+    "CANCELLED",
+    "Outcome",
+    "Study",
+    "model_of",
+    "noted",
+    "with_repairs",
+    "write_model",
+    "write_result",
+    "write_surfaces",
+]
 
 CANCELLED = "cancelled"
 """How a result `ended` that was kept although its run was not done."""
@@ -87,6 +97,28 @@ class Outcome:
     iterations: int
     ended: str
     seconds: Mapping[str, float]
+
+
+def noted(groomed: GroomedSubject, note: str) -> GroomedSubject:
+    """Return a subject with one more note in its report."""
+    return replace(groomed, report=replace(groomed.report, notes=(*groomed.report.notes, note)))
+
+
+def with_repairs(study: Study, found: Correspondence) -> Study:
+    """Return the study with a note on every subject whose particles were put right, if any were."""
+    if not found.repaired.any():
+        return study
+    subjects: BoolArray = np.any(found.repaired > 0, axis=1)
+    objective = found.energies[:, 1:].sum(axis=1)
+    first = found.repaired[found.repaired > 0].min()
+    before = objective[np.searchsorted(found.energies[:, 0], first)]
+    note = (
+        "particles that faced another way than on most subjects were put right, "
+        f"{np.count_nonzero(found.repaired)} on {subjects.sum()} subjects in all "
+        f"(objective {before:.4f} then, {objective[-1]:.4f} in the end)"
+    )
+    groomed = [noted(one, note) if odd else one for one, odd in zip(study.groomed, subjects, strict=True)]
+    return replace(study, groomed=groomed)
 
 
 def model_of(outcome: Outcome, tick: Tick) -> tuple[ShapeModel, MeanSurface]:

@@ -29,7 +29,7 @@ from homolog.run.control import Control
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
 from homolog.run.identity import fingerprint_of
 from homolog.run.landmarks import with_landmarks
-from homolog.run.result import CANCELLED, Outcome, Study, model_of, write_result
+from homolog.run.result import CANCELLED, Outcome, Study, model_of, with_repairs, write_result
 from homolog.run.tables import KeptTables
 from homolog.settings import RunSettings
 from homolog.workers import worker_processes
@@ -186,7 +186,7 @@ class Run:
             found = self._optimized(self._study, base)
             self._control.enter(Phase.MODELING, "principal components")
             outcome = Outcome(
-                self._study, found.world, found.local, found.alignments, found.energies,
+                with_repairs(self._study, found), found.world, found.local, found.alignments, found.energies,
                 found.iterations, found.reason.value, self._control.seconds,
             )  # fmt: skip
             model, surface = patiently(
