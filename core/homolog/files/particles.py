@@ -35,8 +35,8 @@ def write_particles(path: Path, points: FloatArray) -> None:
 def read_particles(path: Path) -> FloatArray:
     """Read particles, shape (N, 3) [mm], read-only.
 
-    ShapeWorks also keeps them as the points of a legacy ``.vtk`` file. Like ShapeWorks, stops at the first
-    line that doesn't start with a number.
+    ShapeWorks also keeps them as the points of a legacy ``.vtk`` file. Like ShapeWorks, passes
+    over empty lines and stops at the first one that doesn't start with a number.
 
     Raises
     ------
@@ -48,13 +48,15 @@ def read_particles(path: Path) -> FloatArray:
     try:
         if path.suffix.lower() == ".vtk":
             return _checked(path, read_legacy_vtk(stored).points)
-        lines = stored.decode("utf-8").splitlines()
+        lines = stored.decode("utf-8-sig").splitlines()
     except ValueError as error:
         raise InputError(f"{path}: can't be read as particles: {error}; choose another file") from error
     points = []
     for number, line in enumerate(lines, start=1):
         words = line.split()
-        if not words or not _is_number(words[0]):
+        if not words:
+            continue
+        if not _is_number(words[0]):
             break
         if len(words) != 3 or not all(_is_number(word) for word in words):
             raise InputError(f"{path}, line {number}: is no point; each line must be three numbers")

@@ -17,6 +17,11 @@ def test_a_file_is_one_point_a_line_without_header(tmp_path):
     assert (tmp_path / "a.particles").read_text() == "1.0 2.5 -3.0\n0.0 0.1 1e+300\n"
 
 
+def test_empty_lines_and_a_mark_of_the_encoding_are_passed_over(tmp_path):
+    (tmp_path / "a.particles").write_text("\ufeff\n1 2 3\n\n  \n4 5 6\r\n\n", encoding="utf-8")
+    assert read_particles(tmp_path / "a.particles").tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
 def test_reading_stops_at_the_first_line_that_is_no_number(tmp_path):
     (tmp_path / "a.particles").write_text("1 2 3\n4 5 6\n# end\n7 8 9\n")
     assert read_particles(tmp_path / "a.particles").tolist() == [[1, 2, 3], [4, 5, 6]]
