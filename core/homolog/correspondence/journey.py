@@ -34,7 +34,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["Journey", "Keep"]
 
 RECORD = 20  # iterations between two rows of the energy table
-KEEP_S = 30.0  # seconds between two checkpoints
+KEEP_S = 20.0  # seconds between two checkpoints: with the iterations under way no more than 30 are lost
 FRAME_S = 0.05  # seconds between two frames
 LOST = 5.0  # optimizer lengths from the mesh, of a particle that is not on the surface any more
 SPLIT_OFFSET = 0.25  # of the Parzen width
