@@ -99,6 +99,10 @@ def read_markups(path: Path) -> Markups:
         unit or coordinate system makes no sense.
     """
     path = Path(path)
+    if path.suffix.lower() == ".fcsv":
+        raise InputError(
+            f"{path}: is a list of older versions of Slicer; open it there and save it as .mrk.json"
+        )
     markups = read_json(path, "Slicer markups file").get("markups")
     lists = [one for one in markups if isinstance(one, dict)] if isinstance(markups, list) else []
     if len(lists) != 1:
