@@ -126,7 +126,7 @@ def groomed_before(
 
     found = []
     for number, subject in enumerate(cohort.subjects):
-        tick(number / len(cohort.subjects), f"looking for {subject.name}")
+        tick(number / len(cohort.subjects), f"looking for the groomed shape of {subject.name}")
         if not (project.groomed / f"{file_stems([subject.name])[0]}.npz").is_file():
             return None
         try:

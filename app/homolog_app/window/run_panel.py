@@ -38,10 +38,30 @@ class RunPanel(Panel):
         name.setBuddy(self.device)
         self.further = label("", "Hint", wrap=True)
         self.more, self.fit = button("Add particles"), button("Fit new subjects")
-        for one, command in ((self.more, "run.more"), (self.fit, "run.fit")):
+        self.from_result = self._make_further()
+        for widget in (
+            self.form, rule(), name, self.device, self.device_help, self.summary, self.from_result,
+        ):  # fmt: skip
+            self.body.addWidget(widget)
+        self.body.addStretch()
+        self.progress = Progress(actions)
+        self.pause, self.go = button("Pause"), button("Run", "primary")
+        self.resume, self.keep = button("Resume"), button("Keep particles")
+        self.proceed = button("Next: Explore", "primary")
+        self._lay_out_footer()
+        for one, command in (
+            (self.more, "run.more"), (self.fit, "run.fit"), (self.pause, "run.pause"), (self.go, "run.start"),
+            (self.resume, "run.resume"), (self.keep, "run.keep"), (self.proceed, "view.explore"),
+        ):  # fmt: skip
             one.clicked.connect(actions[command].trigger)
-        self.from_result = QWidget()
-        column = QVBoxLayout(self.from_result)
+        session.study_changed.connect(self.refresh)
+        session.facts_changed.connect(self.refresh)
+        self.refresh()
+
+    def _make_further(self) -> QWidget:
+        """Return what is offered beside a new run."""
+        further = QWidget()
+        column = QVBoxLayout(further)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(GRID)
         column.addWidget(label("Go on from the result", "SectionTitle"))
@@ -51,22 +71,9 @@ class RunPanel(Panel):
         both.addWidget(self.fit)
         both.addStretch()
         column.addLayout(both)
-        for widget in (
-            self.form, rule(), name, self.device, self.device_help, self.summary, self.from_result,
-        ):  # fmt: skip
-            self.body.addWidget(widget)
-        self.body.addStretch()
-        self.progress = Progress(actions)
-        self.pause = button("Pause")
-        self.pause.clicked.connect(actions["run.pause"].trigger)
-        self.go = button("Run", "primary")
-        self.go.clicked.connect(actions["run.start"].trigger)
-        self.resume = button("Resume")
-        self.resume.clicked.connect(actions["run.resume"].trigger)
-        self.keep = button("Keep particles")
-        self.keep.clicked.connect(actions["run.keep"].trigger)
-        self.proceed = button("Next: Explore", "primary")
-        self.proceed.clicked.connect(actions["view.explore"].trigger)
+        return further
+
+    def _lay_out_footer(self) -> None:
         self.footer.addWidget(self.progress)
         self.progress.buttons.insertWidget(0, self.pause)
         row = QHBoxLayout()
@@ -76,9 +83,6 @@ class RunPanel(Panel):
         row.addWidget(self.keep)
         self.footer.addLayout(row)
         self.footer.addWidget(self.proceed)
-        session.study_changed.connect(self.refresh)
-        session.facts_changed.connect(self.refresh)
-        self.refresh()
 
     def show_devices(self, devices: dict[str, str]) -> None:
         """List the devices of this machine: alias and description."""

@@ -50,7 +50,7 @@ class Views(QObject):
         self._session.selection_changed.connect(self._follow_selection)
         for name in ("link", "raw", "groomed", "particles", "grid4"):
             window.commands[f"view.{name}"].setChecked(True)
-        self._own_particles, self._balls = False, False
+        self._own_particles, self._balls, self._generation = False, False, 0
         self._told: tuple[int, tuple[int, ...]] = (0, ())
         self.refresh()
 
@@ -147,6 +147,9 @@ class Views(QObject):
     def refresh(self) -> None:
         """Show what the session holds now."""
         session, stage = self._session, self.stage
+        if session.generation != self._generation:
+            self._generation = session.generation
+            stage.scene.begin_anew()
         key: list[object] = [*session.study.included, session.result]
         for one in session.study.included:
             groomed, survey = session.groomed.get(one.name), session.surveys.get(one.name)

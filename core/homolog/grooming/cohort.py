@@ -143,7 +143,7 @@ def _from_cache(
     found: dict[str, GroomedSubject] = {}
     keys: dict[str, str] = {}
     for index, subject in enumerate(cohort.subjects if cache else ()):
-        tick(index / len(cohort.subjects), f"looking for {subject.name}")
+        tick(index / len(cohort.subjects), f"looking for the groomed shape of {subject.name}")
         keys[subject.name] = content_key(read_source(subject, settings), settings)
         groomed = load_groomed(cache, subject.name, keys[subject.name]) if cache else None
         if groomed:

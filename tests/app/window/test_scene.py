@@ -1,5 +1,7 @@
 """The views: letters, colours, pages, pictures."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -163,6 +165,18 @@ def test_a_page_of_larger_shapes_is_seen_whole_and_the_one_before_as_large_as_th
     assert seen[: scene.pages] == pytest.approx(np.maximum.accumulate(fitting))
     assert set(seen[scene.pages :]) == {seen[scene.pages - 1]}
     assert len(set(fitting)) > 1, "shapes of one size show nothing"
+
+
+@pytest.mark.window
+def test_another_project_is_seen_from_the_usual_side(explored, tmp_path, wait):
+    camera = explored.views.stage.scene._grid.cells[0].renderer.GetActiveCamera()
+    usual = camera.GetDirectionOfProjection()
+    explored.commands["view.head"].trigger()
+    assert camera.GetDirectionOfProjection() != pytest.approx(usual)
+    shutil.copytree(tmp_path / "copy", tmp_path / "another")
+    explored.library.take([tmp_path / "another"])
+    wait(lambda: explored.desk.session.folder == tmp_path / "another" and explored.desk.session.result)
+    assert camera.GetDirectionOfProjection() == pytest.approx(usual)
 
 
 @pytest.mark.window

@@ -83,6 +83,7 @@ class ModeSliders(QWidget):
         for row in self._rows:
             self._choice.removeButton(row.name)
             self._column.removeWidget(row)
+            row.hide()  # it goes only when the event loop comes round
             row.deleteLater()
         self._rows, self._shape = [], shape
         if shape is not None:

@@ -31,6 +31,8 @@ from homolog_app.window.widgets import GRID, button, label
 
 __all__ = ["ExportDialog", "Exported"]
 
+_FRAME = 80  # pixels of a screen that title bar and borders may take
+
 
 @dataclass(frozen=True, slots=True)
 class Exported:
@@ -150,7 +152,8 @@ class ExportDialog(QDialog):
         self.show_.hide()
         self.go.setDefault(True)
         height = 300 if self.settings is None else 430
-        self.resize(940 if self.preview else 640, 760 if self.chooser else height)
+        room = self.screen().availableGeometry().height() - _FRAME
+        self.resize(940 if self.preview else 640, min(760, room) if self.chooser else height)
 
     def _make_middle(self) -> QHBoxLayout:
         """Return what is chosen, the form made from the settings, and the preview."""

@@ -126,6 +126,10 @@ class Scene(QWidget):
         elif len(shown.contents) != len(had):
             self._keep_whole()
 
+    def begin_anew(self) -> None:
+        """Let the next contents be seen from the usual side, whole, from their first page."""
+        self._fitted, self._left_at, self._grid.page = False, 0, 0
+
     def show_page(self, page: int) -> None:
         """Show a page of the contents."""
         self._grid.page = page
