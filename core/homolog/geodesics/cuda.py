@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from homolog.errors import InputError
-from homolog.geodesics import front_kernels, front_store_kernels, kernels
+from homolog.geodesics import crew_kernels, front_store_kernels, kernels
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
 from homolog.geodesics.front import (
     advance,
@@ -73,7 +73,7 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
             _solve((front, amends), cohort, range(begin, end))
             for k in shapes:
                 low, high = max(begin, ends[k]), min(end, ends[k + 1])
-                stores[k].add(front.u[low - begin : high - begin], low - ends[k])
+                stores[k].add(front, slice(low - begin, high - begin), low - ends[k])
                 if high == ends[k + 1]:
                     task, unit = plan.tasks[k], float(cohort.reaches[k].unit)
                     arrays = stores[k].finish()
@@ -88,7 +88,7 @@ def _upload(plan: TablePlan, device: str) -> Cohort:
     delaunay = triangulate(meshes)
     fans, clusters = build_fans(meshes, delaunay, device), find_clusters(delaunay)
     reaches = [task.kernel_reach() for task in plan.tasks]
-    sources = front_kernels.Sources()
+    sources = crew_kernels.Sources()
     with wp.ScopedDevice(device):
         sources.members = wp.array(clusters.members, dtype=wp.int32, ndim=2)
         sources.shape = wp.array(clusters.shape, dtype=wp.int32)
@@ -119,8 +119,8 @@ class _DenseStore:
         self._members = cohort.sources.members[begin:end]
         self._codes = wp.empty((n, n), dtype=wp.uint16)
 
-    def add(self, u: Any, at: int) -> None:  # noqa: ANN401
-        n = self._codes.shape[0]
+    def add(self, front: Any, which: slice, at: int) -> None:  # noqa: ANN401
+        u, n = front.u[which], self._codes.shape[0]
         inputs = [u, self._members[at : at + u.shape[0]], self._reach, self._codes]
         wp.launch(front_store_kernels.store_front_dense, (u.shape[0], LANES, n), inputs=inputs)
 
@@ -145,15 +145,19 @@ class _BlockStore:
         self._blocks = wp.empty((block_rows(task), LANES), dtype=wp.uint16)
         self._rows = 0
 
-    def add(self, u: Any, at: int) -> None:  # noqa: ANN401
-        n_clusters, n = u.shape[0], self._row.shape[1]
-        reached = wp.empty((n_clusters, n), dtype=wp.int32)
-        wp.launch(front_store_kernels.mark_reached, reached.shape, inputs=[u, self._reach, reached])
+    def add(self, front: Any, which: slice, at: int) -> None:  # noqa: ANN401
+        u, patch = front.u[which], front.patch[which]
+        n_clusters, capacity = patch.shape
+        reached = wp.empty((n_clusters, capacity), dtype=wp.int32)
+        inputs = [u, patch, front.size[which], self._reach, reached]
+        wp.launch(front_store_kernels.mark_reached, reached.shape, inputs=inputs)
         wp.utils.array_scan(reached.flatten(), reached.flatten(), inclusive=True)
-        first, self._rows = self._rows, self._rows + int(reached[n_clusters - 1, n - 1 : n].numpy()[0])
+        first = self._rows
+        self._rows += int(reached[n_clusters - 1, capacity - 1 : capacity].numpy()[0])
         self._make_room(first)
         start, row = self._start[at : at + n_clusters], self._row[at : at + n_clusters]
-        inputs = [u, self._reach, reached, first, start, row, self._blocks[first : self._rows]]
+        row.fill_(MISSING)
+        inputs = [u, patch, self._reach, reached, first, start, row, self._blocks[first : self._rows]]
         wp.launch(front_store_kernels.store_front_blocks, reached.shape, inputs=inputs)
 
     def _make_room(self, used: int) -> None:

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.arrays import Float32Array
 from homolog.errors import InputError
-from homolog.geodesics import front_kernels, kernels
+from homolog.geodesics import crew_kernels, kernels
 from homolog.geodesics.fans import build_fans
 from homolog.geodesics.front import advance, amend, clear, make_amendments, make_front
 from homolog.geodesics.intrinsic import triangulate
@@ -72,7 +72,7 @@ def distances_from(
         front.patch.numpy()[0] = np.argsort(nearest)
         front.size.fill_(n)
         front.dirty.numpy()[0, mesh.faces[np.isin(mesh.faces, where).any(axis=1)]] = 1
-        clusters = front_kernels.Sources()
+        clusters = crew_kernels.Sources()
         clusters.shape = wp.zeros(1, dtype=wp.int32)
         clusters.first = wp.zeros(1, dtype=wp.int32)
         clusters.reaches = wp.array([reach], dtype=kernels.Reach)

@@ -4,8 +4,9 @@ from typing import Any
 
 import warp as wp
 
+from homolog.geodesics import crew_kernels, front_kernels
 from homolog.geodesics import front_amend_kernels as amending
-from homolog.geodesics import front_kernels
+from homolog.geodesics import front_bearing_kernels as bearings
 from homolog.geodesics.kernels import FAR
 from homolog.geodesics.lookup import LANES
 
@@ -34,7 +35,7 @@ def largest_batch(n: int, capacity: int, scratch: int) -> int:
     capacity : int
         Vertices of the largest patch.
     """
-    kept = int(amending.KEPT)
+    kept = int(bearings.KEPT)
     for_vertex = 4 * 4 * LANES + 4  # u, bearing, trust, amendment; dirty
     for_place = 4 * 2 * kept * LANES + 4 * 2  # gains, words; patch, order
     fitting = scratch // (for_vertex * n + for_place * capacity)
@@ -44,29 +45,29 @@ def largest_batch(n: int, capacity: int, scratch: int) -> int:
 def largest_patch(sources: Any, n_clusters: int) -> int:  # noqa: ANN401 - a wp.struct has no type
     """Return how many vertices the largest patch of all clusters has."""
     size = wp.zeros(n_clusters, dtype=wp.int32)
-    crew = front_kernels.CREW
+    crew = crew_kernels.CREW
     wp.launch(front_kernels.measure_patches, (n_clusters, crew), [sources, crew, size], block_dim=crew)
     return int(size.numpy().max())
 
 
 def make_front(batch: int, n: int, capacity: int, lanes: int = LANES) -> Any:  # noqa: ANN401
     """Return a front of so many clusters, vertices, vertices a patch and lanes on the current device."""
-    front = front_kernels.Front()
+    front = crew_kernels.Front()
     front.u = wp.empty((batch, n, lanes), dtype=wp.float32)
     front.dirty = wp.empty((batch, n), dtype=wp.int32)
     front.patch = wp.empty((batch, capacity), dtype=wp.int32)
     front.size = wp.empty(batch, dtype=wp.int32)
-    front.filled = wp.empty((batch, int(front_kernels.BINS)), dtype=wp.int32)
-    front.listed = wp.empty(batch * int(front_kernels.CREW_BAND), dtype=wp.int32)
+    front.filled = wp.empty((batch, int(crew_kernels.BINS)), dtype=wp.int32)
+    front.listed = wp.empty(batch * int(crew_kernels.CREW_BAND), dtype=wp.int32)
     return front
 
 
 def make_amendments(batch: int, n: int, capacity: int, lanes: int = LANES) -> Any:  # noqa: ANN401
     """Return what `amend` needs for such a front, on the current device."""
-    amends = amending.FrontAmendments()
+    amends = bearings.FrontAmendments()
     for name in ("bearing", "trust", "amendment"):
         setattr(amends, name, wp.empty((batch, n, lanes), dtype=wp.float32))
-    kept = int(amending.KEPT)
+    kept = int(bearings.KEPT)
     amends.gain = wp.empty((batch, capacity, kept * lanes), dtype=wp.float32)
     amends.word = wp.empty((batch, capacity, kept * lanes), dtype=wp.uint32)
     amends.order = wp.empty((batch, capacity), dtype=wp.int32)
@@ -99,11 +100,12 @@ def amend(front: Any, amends: Any, sources: Any, turns: Any, clusters: range) ->
     """Amend the distances of some clusters whose front has come to rest."""
     crew = _crew(front)
     dim = (len(clusters), crew)
-    wp.launch(amending.order_front, dim, [front, amends, sources, clusters.start, crew], block_dim=crew)
+    order = [front, amends, sources, clusters.start, crew]
+    wp.launch(bearings.order_front, dim, order, block_dim=crew)
     inputs = [front, amends, sources, turns, clusters.start, crew]
-    for kernel in (amending.find_front_bearings, amending.tie_front, amending.settle_front):
+    for kernel in (bearings.find_front_bearings, amending.tie_front, amending.settle_front):
         wp.launch(kernel, dim, inputs=inputs, block_dim=crew)
 
 
 def _crew(front: Any) -> int:  # noqa: ANN401
-    return 1 if front.u.device.is_cpu else front_kernels.CREW
+    return 1 if front.u.device.is_cpu else crew_kernels.CREW

@@ -2,30 +2,17 @@
 
 Each cluster's vertices in reach are listed near to far and gone through in bands, each of which settles
 before the next: amendments follow from those of nearer vertices. Most shortest ways can only come through
-one corner, either of two or of three: these ties are kept, share and corner packed into a word. Where there
-are more, ties are computed anew each time.
+one corner, or either of two or three: these ties are kept, share and corner packed into a word. Where there
+are more than are kept, ties are computed anew each time.
 """
 
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.bearing_kernels import (
-    RIVAL,
-    ROUNDS,
-    SETTLED,
-    Tie,
-    Turns,
-    find_way,
-    share_of,
-    tie_corner,
-    trust_in,
-    turn_between,
-    within,
-)
-from homolog.geodesics.front_kernels import (
-    BINS,
+from homolog.geodesics.bearing_kernels import RIVAL, ROUNDS, SETTLED, Tie, Turns, tie_corner
+from homolog.geodesics.crew_kernels import (
+    AMEND_BAND,
     CREW,
-    CREW_BAND,
     Front,
     Hand,
     Sources,
@@ -33,145 +20,26 @@ from homolog.geodesics.front_kernels import (
     b_of,
     beyond,
     corner_at,
-    end_rings,
     hand_of,
-    in_any_lane,
     list_dirty,
+    listed,
     mark_around,
     meet,
     read,
-    read_around,
 )
+from homolog.geodesics.front_bearing_kernels import KEPT, MANY, NONE, FrontAmendments
 from homolog.geodesics.kernels import FAR, Corner, least_way
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
 
 WHOLE = wp.constant(65535)
-"""A share of one, in the upper half of a tie's word; the lower half is the corner's place in the fan …"""
-NONE = wp.constant(65535)
-"""… or this: no way comes here, as to a source …"""
-MANY = wp.constant(65534)
-"""… or this: ways may come through more corners than are kept."""
-
-
-KEPT = wp.constant(6)
-"""Ties that are kept of a vertex in one lane: nearly all have one or two."""
-Words = wp.types.vector(length=6, dtype=wp.uint32)
+"""A share of one, in the upper half of a tie's word; its lower half is the corner's place in the fan."""
 
 
 @wp.func_native("return values.data[at];")
 def read_word(values: wp.array3d(dtype=wp.uint32), at: int) -> wp.uint32:
     """Return a value of an array by its place in memory."""
     ...
-
-
-@wp.struct
-class FrontAmendments:
-    """What is needed beside `Front` to amend a batch of clusters."""
-
-    bearing: wp.array3d(dtype=wp.float32)  # (B, V, L)
-    trust: wp.array3d(dtype=wp.float32)  # (B, V, L) of bearings
-    amendment: wp.array3d(dtype=wp.float32)  # (B, V, L)
-    gain: wp.array3d(dtype=wp.float32)  # (B, P, KEPT L) of ties, by place in the order: read in a row
-    word: wp.array3d(dtype=wp.uint32)  # (B, P, KEPT L) their shares and corners, likewise
-    order: wp.array2d(dtype=wp.int32)  # (B, P) vertices in reach, near to far
-    reached: wp.array(dtype=wp.int32)  # (B,) how many
-
-
-@wp.kernel
-def order_front(front: Front, amends: FrontAmendments, sources: Sources, offset: int, threads: int):
-    """List the vertices within reach of any source, near to far; thread (cluster, member of its crew)."""
-    b, thread = wp.tid()
-    reach = sources.reaches[sources.shape[offset + b]]
-    limit = reach.stored + reach.slack
-    scale = 0.9999 * float(BINS) / limit
-    hand = hand_of(front, sources, b, offset, thread, threads)
-    for ring in range(thread, BINS, threads):
-        front.filled[b, ring] = 0
-    meet()
-    for k in range(hand.walker, front.size[b], hand.walkers):
-        v = front.patch[b, k]
-        near = int(0)
-        for lane in range(hand.lane, hand.lanes, hand.lane_step):
-            near = wp.where(front.u[b, v, lane] <= limit, 1, near)
-        near = in_any_lane(near, hand.lane_step)
-        for lane in range(hand.lane, hand.lanes, hand.lane_step):
-            amends.amendment[b, v, lane] = 0.0
-            if near == 0:  # the others are about to get theirs
-                amends.trust[b, v, lane] = 0.0
-                amends.bearing[b, v, lane] = 0.0
-        if hand.lane == 0:
-            front.dirty[b, v] = near
-            if near != 0:
-                wp.atomic_add(front.filled, b, int(wp.min(front.u[b, v, 0], limit) * scale), 1)
-    end_rings(front, b, thread)
-    for k in range(thread, front.size[b], threads):
-        v = front.patch[b, k]
-        if front.dirty[b, v] != 0:
-            ring = int(wp.min(front.u[b, v, 0], limit) * scale)
-            amends.order[b, wp.atomic_add(front.filled, b, ring, 1)] = v
-    meet()
-    amends.reached[b] = front.filled[b, BINS - 1]
-
-
-@wp.func
-def find_bearing(
-    front: Front,
-    amends: FrontAmendments,
-    sources: Sources,
-    turns: wp.array(dtype=Turns),
-    hand: Hand,
-    edge: float,
-    place: int,
-    lane: int,
-):
-    """Find the bearing of a vertex in one lane, and the corner that its shortest way comes through."""
-    b = hand.cluster
-    v = amends.order[b, place]
-    u = front.u[b, v, lane]
-    best = float(FAR)
-    first = float(0.0)
-    total = float(0.0)
-    mean = float(0.0)
-    square = float(0.0)
-    by_b = int(0)
-    rivals = Words(wp.uint32(NONE))
-    begin = sources.fan[hand.base + v]
-    last = sources.fan[hand.base + v + 1] - 1
-    around = turns[begin].around_c
-    origin = hand.origin + lane
-    da = read(front.u, origin + a_of(sources.corners, begin) * hand.lanes)
-    db = read(front.u, origin + b_of(sources.corners, begin) * hand.lanes)  # the next corner's a
-    for c in range(begin, last + 1):
-        ahead = read(front.u, origin + b_of(sources.corners, wp.min(c + 1, last)) * hand.lanes)
-        corner = corner_at(sources.corners, c)
-        if least_way(corner, da, db) < u + RIVAL * edge:
-            way = find_way(corner, turns[c], da, db, edge)
-            best = wp.min(best, way.distance)
-            share = way.standing * share_of(way.distance, u, edge)
-            first = wp.where(total == 0.0, way.bearing, first)
-            turn = turn_between(first, way.bearing, around)
-            total += share
-            mean += share * turn
-            square += share * (turn * turn + way.doubt)
-            if way.distance - u < RIVAL * edge and way.by_a * by_b == 0:  # else the corner before has it
-                many = rivals[KEPT - 1] != wp.uint32(NONE) or c - begin >= MANY
-                for k in range(KEPT - 1):
-                    rivals[KEPT - 1 - k] = rivals[KEPT - 2 - k]
-                rivals[0] = wp.uint32(wp.where(many, MANY, c - begin))
-            by_b = way.by_b
-        else:
-            by_b = 0
-        da = db
-        db = ahead
-    mean = mean / wp.max(total, 1.0e-30)
-    amends.bearing[b, v, lane] = within(first + mean, around)
-    found = total > 0.0 and best - u < RIVAL * edge  # else a source
-    amends.trust[b, v, lane] = wp.where(found, trust_in(square / wp.max(total, 1.0e-30), mean), 0.0)
-    if u == 0.0:
-        rivals = Words(wp.uint32(NONE))
-    for k in range(KEPT):
-        amends.word[b, place, k * hand.lanes + lane] = rivals[k]
 
 
 @wp.func
@@ -259,10 +127,10 @@ def carry_on(
     hand: Hand,
     edge: float,
     place: int,
+    v: int,
     lane: int,
 ) -> int:
     """Carry amendments to a vertex, in one lane; return the bits of the neighbours that have to know."""
-    v = amends.order[hand.cluster, place]
     begin = sources.fan[hand.base + v]
     origin = hand.origin + lane
     at = origin + v * hand.lanes
@@ -273,43 +141,27 @@ def carry_on(
     if word == wp.uint32(MANY):
         amendment = carry_anew(front, amends, sources, turns, hand, edge, v, lane)
     else:
-        # nearly always one or two, which are read at once; the corner of none is as good as any
+        # nearly always one, two or three, which are read at once
         second = first + hand.lanes
+        third = second + hand.lanes
         other = read_word(amends.word, second)
+        last = read_word(amends.word, third)
         one = follow(amends, sources, hand, begin, lane, word, read(amends.gain, first))
         two = follow(amends, sources, hand, begin, lane, other, read(amends.gain, second))
-        amendment = wp.min(one, two)
-        k = int(2)
-        while other != wp.uint32(NONE) and k < KEPT:
-            other = read_word(amends.word, first + k * hand.lanes)
+        three = follow(amends, sources, hand, begin, lane, last, read(amends.gain, third))
+        amendment = wp.min(one, wp.min(two, three))
+        k = int(3)
+        while last != wp.uint32(NONE) and k < KEPT:
+            last = read_word(amends.word, first + k * hand.lanes)
             gain = read(amends.gain, first + k * hand.lanes)
-            amendment = wp.min(amendment, follow(amends, sources, hand, begin, lane, other, gain))
+            amendment = wp.min(amendment, follow(amends, sources, hand, begin, lane, last, gain))
             k += 1
     if amendment > 0.5 * FAR:  # a source, or out of reach
         return 0
     amends.amendment[hand.cluster, v, lane] = amendment
     if wp.abs(amendment - before) > SETTLED * edge:
-        around = read_around(front.u, sources, hand, v, lane)
-        return beyond(sources, hand, v, read(front.u, at) - RIVAL * edge, around)
+        return beyond(front, sources, hand, v, lane, read(front.u, at) - RIVAL * edge)
     return 0
-
-
-@wp.kernel
-def find_front_bearings(
-    front: Front,
-    amends: FrontAmendments,
-    sources: Sources,
-    turns: wp.array(dtype=Turns),
-    offset: int,
-    threads: int,
-):
-    """Find the bearings of each cluster's vertices; thread (cluster, member of its crew)."""
-    b, thread = wp.tid()
-    hand = hand_of(front, sources, b, offset, thread, threads)
-    edge = sources.reaches[sources.shape[offset + b]].slack
-    for k in range(hand.walker, amends.reached[b], hand.walkers):
-        for lane in range(hand.lane, hand.lanes, hand.lane_step):
-            find_bearing(front, amends, sources, turns, hand, edge, k, lane)
 
 
 @wp.kernel
@@ -325,11 +177,14 @@ def tie_front(
     b, thread = wp.tid()
     hand = hand_of(front, sources, b, offset, thread, threads)
     edge = sources.reaches[sources.shape[offset + b]].slack
-    for k in range(hand.walker, amends.reached[b], hand.walkers):
-        v = amends.order[b, k]
+    last = amends.reached[b] - 1
+    next_v = amends.order[b, wp.min(hand.walker, last)]
+    for k in range(hand.walker, last + 1, hand.walkers):
+        v = next_v
+        next_v = amends.order[b, wp.min(k + hand.walkers, last)]
         begin = sources.fan[hand.base + v]
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
-            u = front.u[b, v, lane]
+            u = read(front.u, hand.origin + v * hand.lanes + lane)
             n = int(0)
             place = int(amends.word[b, k, lane])
             while place < MANY:
@@ -363,21 +218,26 @@ def settle_front(
     while pending != 0 and rounds < ROUNDS:
         rounds += 1
         pending = int(0)
-        for first in range(0, reached, CREW_BAND):
+        for first in range(0, reached, AMEND_BAND):
             passes = int(0)
             n = int(1)
             while n != 0 and passes < ROUNDS:
                 passes += 1
                 n = list_dirty(
-                    front, amends.order, b, first, wp.min(first + CREW_BAND, reached), thread, threads
+                    front, amends.order, b, first, wp.min(first + AMEND_BAND, reached), thread, threads
                 )
                 pending = wp.max(pending, n)
+                next_place = listed(front, b, hand.walker, n)
+                next_v = amends.order[b, next_place]
                 for k in range(hand.walker, n, hand.walkers):
-                    place = front.listed[b * CREW_BAND + k]
+                    place = next_place
+                    v = next_v
+                    next_place = listed(front, b, k + hand.walkers, n)
+                    next_v = amends.order[b, next_place]
                     told = int(0)
                     for lane in range(hand.lane, hand.lanes, hand.lane_step):
-                        told = told | carry_on(front, amends, sources, turns, hand, edge, place, lane)
-                    mark_around(front, sources, hand, amends.order[b, place], told)
+                        told = told | carry_on(front, amends, sources, turns, hand, edge, place, v, lane)
+                    mark_around(front, sources, hand, v, told)
                 meet()
     for k in range(hand.walker, reached, hand.walkers):
         v = amends.order[b, k]

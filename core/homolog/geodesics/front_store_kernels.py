@@ -24,18 +24,26 @@ def store_front_dense(
 
 
 @wp.kernel
-def mark_reached(u: wp.array3d(dtype=wp.float32), reach: Reach, reached: wp.array2d(dtype=wp.int32)):
-    """Mark the vertices that any source of a cluster reaches; thread (cluster, vertex)."""
-    b, v = wp.tid()
+def mark_reached(
+    u: wp.array3d(dtype=wp.float32),
+    patch: wp.array2d(dtype=wp.int32),
+    size: wp.array(dtype=wp.int32),
+    reach: Reach,
+    reached: wp.array2d(dtype=wp.int32),
+):
+    """Mark those vertices of its patch that any source of a cluster reaches; thread (cluster, place)."""
+    b, k = wp.tid()
     nearest = float(FAR)
-    for lane in range(LANES):
-        nearest = wp.min(nearest, u[b, v, lane])
-    reached[b, v] = wp.where(nearest <= reach.stored, 1, 0)
+    if k < size[b]:
+        for lane in range(LANES):
+            nearest = wp.min(nearest, u[b, patch[b, k], lane])
+    reached[b, k] = wp.where(nearest <= reach.stored, 1, 0)
 
 
 @wp.kernel
 def store_front_blocks(
     u: wp.array3d(dtype=wp.float32),
+    patch: wp.array2d(dtype=wp.int32),
     reach: Reach,
     upto: wp.array2d(dtype=wp.int32),
     offset: int,
@@ -44,20 +52,17 @@ def store_front_blocks(
     blocks: wp.array2d(dtype=wp.uint16),
 ):
     """Write the blocks of some clusters; upto counts the reached vertices, running through all of them."""
-    b, v = wp.tid()
-    n = upto.shape[1]
+    b, k = wp.tid()
     before = int(0)
     if b > 0:
-        before = upto[b - 1, n - 1]
-    if v == 0:
+        before = upto[b - 1, upto.shape[1] - 1]
+    if k == 0:
         start[b] = offset + before
-    here = upto[b, v]
     previous = before
-    if v > 0:
-        previous = upto[b, v - 1]
-    if here == previous:
-        row[b, v] = wp.uint16(MISSING)
-    else:
+    if k > 0:
+        previous = upto[b, k - 1]
+    if upto[b, k] > previous:
+        v = patch[b, k]
         row[b, v] = wp.uint16(previous - before)
         for lane in range(LANES):
             blocks[previous, lane] = encode(u[b, v, lane], reach)

@@ -1,0 +1,254 @@
+"""What the crew of a cluster works with: its state, its hands, lists of what is dirty, and reads.
+
+On CUDA each cluster has a block of threads, its crew; on a CPU the crew is one thread. A vertex is dirty if a
+neighbour fell since its last update. Each pass over a band of vertices lists what is dirty and makes it
+clean, and then shares the list out among the crew; whoever falls marks its neighbours dirty, after it has
+written its distance. Distances only ever fall, so that reading a neighbour while it is being lowered is
+harmless.
+"""
+
+import warp as wp
+
+import homolog.device  # noqa: F401 - starts Warp
+from homolog.geodesics.bearing_kernels import LAST_BIT
+from homolog.geodesics.kernels import Corner, Reach
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
+
+BINS = wp.constant(256)
+"""Rings, by distance, that vertices are listed in."""
+CREW = 256
+"""Threads that share one cluster on a GPU: sixteen vertices at a time."""
+CREW_BAND = wp.constant(512)
+"""Vertices, in the order of the patch, that are settled together, a multiple of the crew …"""
+AMEND_BAND = wp.constant(256)
+"""… when amendments are: they follow from each other less."""
+FROM_EIGHT = wp.constant(~255)
+"""The bits of all neighbours from the ninth on."""
+
+
+@wp.struct
+class Front:
+    """The state of a batch of clusters."""
+
+    u: wp.array3d(dtype=wp.float32)  # (B, V, L) distances, FAR where there are none yet
+    dirty: wp.array2d(dtype=wp.int32)  # (B, V) 1 if the vertex awaits an update
+    patch: wp.array2d(dtype=wp.int32)  # (B, P) vertices, near to far
+    size: wp.array(dtype=wp.int32)  # (B,) vertices in the patch
+    filled: wp.array2d(dtype=wp.int32)  # (B, BINS) how many vertices a ring holds; then where it ends
+    listed: wp.array(dtype=wp.int32)  # (B * CREW_BAND,) places of the dirty vertices of each cluster's band
+
+
+@wp.struct
+class Sources:
+    """All clusters of a cohort and the meshes that they lie on."""
+
+    members: wp.array2d(dtype=wp.int32)
+    shape: wp.array(dtype=wp.int32)
+    first: wp.array(dtype=wp.int32)
+    reaches: wp.array(dtype=Reach)
+    position: wp.array(dtype=wp.vec3)
+    fan: wp.array(dtype=wp.int32)
+    corners: wp.array(dtype=Corner)
+    margin: wp.array(dtype=wp.float32)
+
+
+@wp.struct
+class Hand:
+    """What one thread of a cluster's crew does: one vertex in so many, and of these one lane in so many."""
+
+    cluster: int  # in the batch
+    origin: int  # of the cluster in all arrays by cluster, vertex and lane
+    base: int  # first vertex of its shape
+    lanes: int
+    lane: int
+    lane_step: int
+    walker: int
+    walkers: int
+
+
+@wp.func
+def hand_of(front: Front, sources: Sources, cluster: int, offset: int, thread: int, threads: int) -> Hand:
+    """Return the part of a thread in a cluster's crew; lanes side by side if there are threads enough."""
+    hand = Hand()
+    hand.cluster = cluster
+    hand.base = sources.first[sources.shape[offset + cluster]]
+    hand.lanes = front.u.shape[2]
+    hand.origin = cluster * front.u.shape[1] * hand.lanes
+    hand.lane_step = wp.min(threads, hand.lanes)
+    hand.lane = thread % hand.lane_step
+    hand.walker = thread // hand.lane_step
+    hand.walkers = threads // hand.lane_step
+    return hand
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    __syncthreads();
+#endif
+""")
+def meet():
+    """Wait for all threads of the crew, and see what they wrote."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const unsigned side_by_side = ((1u << together) - 1u) << (threadIdx.x & 31u & ~(unsigned(together) - 1u));
+    return static_cast<int>(__reduce_or_sync(side_by_side, unsigned(flags)));
+#else
+    return flags;
+#endif
+""")
+def in_any_lane(flags: int, together: int) -> int:
+    """Return the flags set in any of the threads side by side that share a vertex, 16 at most."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    __shared__ int counts[32];
+    const int warp = threadIdx.x >> 5, lane = threadIdx.x & 31;
+    const unsigned votes = __ballot_sync(0xffffffffu, flag);
+    if (lane == 0)
+        counts[warp] = __popc(votes);
+    __syncthreads();
+    int at = n + __popc(votes & ((1u << lane) - 1u));
+    for (int w = 0; w < static_cast<int>(blockDim.x >> 5); ++w) {
+        at += w < warp ? counts[w] : 0;
+        n += counts[w];
+    }
+    if (flag)
+        listed.data[first + at] = value;
+    __syncthreads();
+    return n;
+#else
+    if (flag)
+        listed.data[first + n] = value;
+    return n + flag;
+#endif
+""")
+def enlist(flag: int, value: int, listed: wp.array(dtype=wp.int32), first: int, n: int) -> int:
+    """Append the values of threads whose flag is 1, not 0, to a list of n so far; return how many it has."""
+    ...
+
+
+# Arrays are read as they lie in memory: Warp's own indexing, which allows for any strides and negative
+# indices, takes as many instructions as what is computed from the values.
+@wp.func_native("return values.data[at];")
+def read(values: wp.array3d(dtype=wp.float32), at: int) -> float:
+    """Return a value of an array by its place in memory."""
+    ...
+
+
+@wp.func_native("return margins.data[at];")
+def margin_at(margins: wp.array(dtype=wp.float32), at: int) -> float:
+    """Return one of the margins."""
+    ...
+
+
+@wp.func_native("return corners.data[at].a;")
+def a_of(corners: wp.array(dtype=Corner), at: int) -> int:
+    """Return the a of one of the corners."""
+    ...
+
+
+@wp.func_native("return corners.data[at].b;")
+def b_of(corners: wp.array(dtype=Corner), at: int) -> int:
+    """Return the b of one of the corners."""
+    ...
+
+
+@wp.func_native("""
+    const wp::float32* values = reinterpret_cast<const wp::float32*>(corners.data + at) + 4 * half;
+#if defined(__CUDA_ARCH__)
+    const float4 four = *reinterpret_cast<const float4*>(values);
+    return wp::vec_t<4, wp::float32>(four.x, four.y, four.z, four.w);
+#else
+    return wp::vec_t<4, wp::float32>(values[0], values[1], values[2], values[3]);
+#endif
+""")
+def half_corner(corners: wp.array(dtype=Corner), at: int, half: int) -> wp.vec4:
+    """Return the first or second four values of a corner, in one read."""
+    ...
+
+
+@wp.func
+def corner_at(corners: wp.array(dtype=Corner), at: int) -> Corner:
+    """Return one of the corners."""
+    low = half_corner(corners, at, 0)
+    high = half_corner(corners, at, 1)
+    corner = Corner()
+    corner.a = wp.cast(low[0], wp.int32)
+    corner.b = wp.cast(low[1], wp.int32)
+    corner.length = low[2]
+    corner.half = low[3]
+    corner.x = high[0]
+    corner.y = high[1]
+    corner.ac = high[2]
+    corner.bc = high[3]
+    return corner
+
+
+@wp.func
+def list_dirty(
+    front: Front, order: wp.array2d(dtype=wp.int32), b: int, first: int, end: int, thread: int, threads: int
+) -> int:
+    """List the places, first … end in an order, of dirty vertices and make these clean; return how many."""
+    n = int(0)
+    for k in range(first, end, threads):
+        dirty = int(0)
+        if k + thread < end:
+            v = order[b, k + thread]
+            dirty = front.dirty[b, v]
+            if dirty != 0:
+                front.dirty[b, v] = 0
+        n = enlist(dirty, k + thread, front.listed, b * CREW_BAND, n)
+    return n
+
+
+@wp.func
+def listed(front: Front, b: int, k: int, n: int) -> int:
+    """Return the k-th place of a list of n; the last one's for any beyond."""
+    return front.listed[b * CREW_BAND + wp.max(wp.min(k, n - 1), 0)]
+
+
+@wp.func
+def mark_around(front: Front, sources: Sources, hand: Hand, v: int, told: int):
+    """Mark those neighbours of a vertex dirty whose bits are set in any thread that shares it."""
+    bits = in_any_lane(told, hand.lane_step)
+    begin = sources.fan[hand.base + v]
+    for c in range(begin + hand.lane, sources.fan[hand.base + v + 1], hand.lane_step):
+        if ((bits >> wp.min(c - begin, LAST_BIT)) & 1) != 0:
+            front.dirty[hand.cluster, sources.corners[c].b] = 1
+
+
+@wp.func
+def beyond(front: Front, sources: Sources, hand: Hand, v: int, lane: int, u: float) -> int:
+    """Return the bits of those neighbours whose distance may follow from that of a vertex.
+
+    No straight way through a triangle (v, w, x) to x is shorter than (u(v) + u(w) - |vw|) / 2 + y, with y the
+    height of x over vw; and u(w) >= u(v) - |vw|. So x, if nearer than u(v) by more than |vw| - y, need not
+    be told.
+    """
+    bits = int(0)
+    begin = sources.fan[hand.base + v]
+    last = sources.fan[hand.base + v + 1] - 1
+    for k in range(8):  # all at once; the last one again if there are fewer
+        c = wp.min(begin + k, last)
+        there = read(front.u, hand.origin + b_of(sources.corners, c) * hand.lanes + lane)
+        bits = bits | wp.where(there > u - margin_at(sources.margin, c), 1 << k, 0)
+    return wp.where(last - begin < 8, bits, bits | FROM_EIGHT)
+
+
+@wp.func
+def end_rings(front: Front, b: int, thread: int):
+    """Turn the numbers in each ring into where it begins in the list."""
+    meet()
+    if thread == 0:
+        total = int(0)
+        for ring in range(BINS):
+            n = front.filled[b, ring]
+            front.filled[b, ring] = total
+            total += n
+    meet()

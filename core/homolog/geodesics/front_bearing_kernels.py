@@ -1,0 +1,170 @@
+"""Find the bearings of a batch of clusters at once (see `homolog.geodesics.bearing_kernels`): for CUDA."""
+
+import warp as wp
+
+import homolog.device  # noqa: F401 - starts Warp
+from homolog.geodesics.bearing_kernels import (
+    RIVAL,
+    Turns,
+    find_way,
+    share_of,
+    trust_in,
+    turn_between,
+    within,
+)
+from homolog.geodesics.crew_kernels import (
+    BINS,
+    Front,
+    Hand,
+    Sources,
+    a_of,
+    b_of,
+    corner_at,
+    end_rings,
+    hand_of,
+    meet,
+    read,
+)
+from homolog.geodesics.kernels import FAR, least_way
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
+
+KEPT = wp.constant(6)
+"""Ties that are kept of a vertex in one lane, each by a word with the place of its corner in the fan: nearly
+all have one or two."""
+NONE = wp.constant(65535)
+"""In place of a corner: no way comes here, as to a source …"""
+MANY = wp.constant(65534)
+"""… or ways may come through more corners than are kept."""
+Words = wp.types.vector(length=6, dtype=wp.uint32)
+
+
+@wp.struct
+class FrontAmendments:
+    """What is needed beside `Front` to amend a batch of clusters."""
+
+    bearing: wp.array3d(dtype=wp.float32)  # (B, V, L)
+    trust: wp.array3d(dtype=wp.float32)  # (B, V, L) of bearings
+    amendment: wp.array3d(dtype=wp.float32)  # (B, V, L)
+    gain: wp.array3d(dtype=wp.float32)  # (B, P, KEPT L) of ties, by place in the order: read in a row
+    word: wp.array3d(dtype=wp.uint32)  # (B, P, KEPT L) their shares and corners, likewise
+    order: wp.array2d(dtype=wp.int32)  # (B, P) vertices in reach, near to far
+    reached: wp.array(dtype=wp.int32)  # (B,) how many
+
+
+@wp.kernel
+def order_front(front: Front, amends: FrontAmendments, sources: Sources, offset: int, threads: int):
+    """List the vertices within reach of any source, near to far; thread (cluster, member of its crew)."""
+    b, thread = wp.tid()
+    reach = sources.reaches[sources.shape[offset + b]]
+    limit = reach.stored + reach.slack
+    scale = 0.9999 * float(BINS) / limit
+    hand = hand_of(front, sources, b, offset, thread, threads)
+    for ring in range(thread, BINS, threads):
+        front.filled[b, ring] = 0
+    meet()
+    for k in range(thread, front.size[b], threads):
+        v = front.patch[b, k]
+        nearest = float(FAR)
+        for lane in range(hand.lanes):
+            nearest = wp.min(nearest, read(front.u, hand.origin + v * hand.lanes + lane))
+        front.dirty[b, v] = wp.where(nearest <= limit, 1, 0)
+        if nearest <= limit:
+            wp.atomic_add(front.filled, b, int(wp.min(front.u[b, v, 0], limit) * scale), 1)
+    end_rings(front, b, thread)
+    for k in range(thread, front.size[b], threads):
+        v = front.patch[b, k]
+        if front.dirty[b, v] != 0:
+            ring = int(wp.min(front.u[b, v, 0], limit) * scale)
+            amends.order[b, wp.atomic_add(front.filled, b, ring, 1)] = v
+    for k in range(hand.walker, front.size[b], hand.walkers):
+        v = front.patch[b, k]
+        for lane in range(hand.lane, hand.lanes, hand.lane_step):
+            amends.amendment[b, v, lane] = 0.0
+            if front.dirty[b, v] == 0:  # the others are about to get theirs
+                amends.trust[b, v, lane] = 0.0
+                amends.bearing[b, v, lane] = 0.0
+    meet()
+    amends.reached[b] = front.filled[b, BINS - 1]
+
+
+@wp.func
+def find_bearing(
+    front: Front,
+    amends: FrontAmendments,
+    sources: Sources,
+    turns: wp.array(dtype=Turns),
+    hand: Hand,
+    edge: float,
+    place: int,
+    v: int,
+    lane: int,
+):
+    """Find the bearing of a vertex in one lane, and the corner that its shortest way comes through."""
+    b = hand.cluster
+    u = read(front.u, hand.origin + v * hand.lanes + lane)
+    best = float(FAR)
+    first = float(0.0)
+    total = float(0.0)
+    mean = float(0.0)
+    square = float(0.0)
+    by_b = int(0)
+    rivals = Words(wp.uint32(NONE))
+    begin = sources.fan[hand.base + v]
+    last = sources.fan[hand.base + v + 1] - 1
+    around = turns[begin].around_c
+    origin = hand.origin + lane
+    da = read(front.u, origin + a_of(sources.corners, begin) * hand.lanes)
+    db = read(front.u, origin + b_of(sources.corners, begin) * hand.lanes)  # the next corner's a
+    for c in range(begin, last + 1):
+        ahead = read(front.u, origin + b_of(sources.corners, wp.min(c + 1, last)) * hand.lanes)
+        corner = corner_at(sources.corners, c)
+        if least_way(corner, da, db) < u + RIVAL * edge:
+            way = find_way(corner, turns[c], da, db, edge)
+            best = wp.min(best, way.distance)
+            share = way.standing * share_of(way.distance, u, edge)
+            first = wp.where(total == 0.0, way.bearing, first)
+            turn = turn_between(first, way.bearing, around)
+            total += share
+            mean += share * turn
+            square += share * (turn * turn + way.doubt)
+            if way.distance - u < RIVAL * edge and way.by_a * by_b == 0:  # else the corner before has it
+                many = rivals[KEPT - 1] != wp.uint32(NONE) or c - begin >= MANY
+                for k in range(KEPT - 1):
+                    rivals[KEPT - 1 - k] = rivals[KEPT - 2 - k]
+                rivals[0] = wp.uint32(wp.where(many, MANY, c - begin))
+            by_b = way.by_b
+        else:
+            by_b = 0
+        da = db
+        db = ahead
+    mean = mean / wp.max(total, 1.0e-30)
+    amends.bearing[b, v, lane] = within(first + mean, around)
+    found = total > 0.0 and best - u < RIVAL * edge  # else a source
+    amends.trust[b, v, lane] = wp.where(found, trust_in(square / wp.max(total, 1.0e-30), mean), 0.0)
+    if u == 0.0:
+        rivals = Words(wp.uint32(NONE))
+    for k in range(KEPT):
+        amends.word[b, place, k * hand.lanes + lane] = rivals[k]
+
+
+@wp.kernel
+def find_front_bearings(
+    front: Front,
+    amends: FrontAmendments,
+    sources: Sources,
+    turns: wp.array(dtype=Turns),
+    offset: int,
+    threads: int,
+):
+    """Find the bearings of each cluster's vertices; thread (cluster, member of its crew)."""
+    b, thread = wp.tid()
+    hand = hand_of(front, sources, b, offset, thread, threads)
+    edge = sources.reaches[sources.shape[offset + b]].slack
+    last = amends.reached[b] - 1
+    next_v = amends.order[b, wp.min(hand.walker, last)]
+    for k in range(hand.walker, last + 1, hand.walkers):
+        v = next_v
+        next_v = amends.order[b, wp.min(k + hand.walkers, last)]
+        for lane in range(hand.lane, hand.lanes, hand.lane_step):
+            find_bearing(front, amends, sources, turns, hand, edge, k, v, lane)
