@@ -3,6 +3,8 @@
 What they need of the core is slow to import, so they do it themselves.
 """
 
+import re
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +36,7 @@ __all__ = [
     "read_files",
 ]
 
+_KERNELS = re.compile(r"homolog\.\w+\.\w*kernels")
 _SAMPLE_SEED = 5
 _SAMPLE_COMPLETE = ".complete"
 
@@ -49,26 +52,21 @@ class Devices:
 def prepare(tick: Tick) -> Devices:
     """Import what is heavy and compile the kernels, so that the first run starts at once."""
     tick(0.0, "preparing compute kernels (first start only)")
+    import matplotlib.font_manager  # noqa: F401 - lists the system's fonts, for names of other scripts
     import warp
 
+    import homolog.run  # noqa: F401 - brings all that a run computes with
     from homolog.device import choose_device, describe_device
 
     automatic = choose_device("auto")
     aliases = ["cpu", *(device.alias for device in warp.get_cuda_devices())]
     words = {"auto": f"Automatic ({describe_device(automatic)})"}
     words |= {alias: describe_device(alias) for alias in aliases}
-    modules = _kernel_modules()
+    modules = [name for name in sys.modules if _KERNELS.fullmatch(name)]
     for number, module in enumerate(modules):
         tick(number / len(modules), "preparing compute kernels (first start only)")
         warp.load_module(module, device=automatic)
     return Devices(words, automatic)
-
-
-def _kernel_modules() -> list[object]:
-    import importlib
-
-    parts = ("surfaces", "geodesics", "correspondence")
-    return [importlib.import_module(f"homolog.{part}.kernels") for part in parts]
 
 
 def read_files(
