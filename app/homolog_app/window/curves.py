@@ -16,6 +16,7 @@ __all__ = ["EnergyCurves"]
 _NAMES = ("Sampling", "Ensemble", "Normals")
 _MEANINGS = ("evenness on each surface", "agreement across shapes", "agreement of normals")
 _MOST_POINTS = 400
+_FIRST = 20  # one of so many iterations is among the first
 _LEFT, _TOP, _BOTTOM, _RIGHT = 64, 44, 32, 16
 
 
@@ -96,7 +97,8 @@ def _rounded(value: float, span: float) -> float:
 
 
 def _range(values: FloatArray) -> tuple[float, float]:
-    """Return the range to show: without the leaps of the first iterations, with room around a flat curve."""
-    low, high = (float(one) for one in np.percentile(values, (4, 96)))
+    """Return the range to show: all but leaps of the first iterations, with room around a flat curve."""
+    later = values[len(values) // _FIRST :]
+    low, high = float(later.min()), float(later.max())
     room = 0.05 * (high - low) or abs(high) * 0.05 or 1.0
     return low - room, high + room
