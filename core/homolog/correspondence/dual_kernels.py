@@ -95,19 +95,19 @@ def inverted(matrix: wp.mat44d):
     out = matrix
     determinant = wp.float64(1.0)
     for p in range(SIDE):
-        d = out[p, p]
-        determinant *= d
+        determinant *= out[p, p]
+        d = wp.float64(1.0) / out[p, p]
         for i in range(SIDE):
             if i != p:
-                factor = out[i, p] / d
+                factor = out[i, p] * d
                 for j in range(SIDE):
                     if j != p:
                         out[i, j] -= factor * out[p, j]
                 out[i, p] = -factor
         for j in range(SIDE):
             if j != p:
-                out[p, j] /= d
-        out[p, p] = wp.float64(1.0) / d
+                out[p, j] *= d
+        out[p, p] = d
     return out, determinant
 
 

@@ -1,5 +1,7 @@
 """How evenly particles lie on each surface: neighbours, Parzen widths and forces of the sampling entropy."""
 
+import math
+
 import numpy as np
 import warp as wp
 
@@ -13,6 +15,7 @@ __all__ = ["LIST_LIFE", "REACH", "Sampling"]
 ROW = 64  # neighbours that a row holds; an even layout needs 20
 SKIN = 1.08  # neighbour lists reach this much farther than forces, and last this many iterations:
 LIST_LIFE = 5
+CELLS = 64  # of the hash grid in each direction; twice as many for more particles than cells
 REACH = sampling_kernels.CUTOFF * sampling_kernels.WIDEST * SKIN
 """Longest distance that a neighbour list needs, in even Parzen widths."""
 
@@ -50,7 +53,9 @@ class Sampling:
         self.pairs = wp.zeros((total, ROW), dtype=wp.vec4, **make)
         self.forces = wp.zeros(total, dtype=wp.vec3, **make)
         self.spread = wp.zeros(total, dtype=wp.vec3, **make)
-        self.grid = wp.HashGrid(64, 64, 64, device=launcher.device)
+        self.side = math.ceil(round(layout.shapes ** (1.0 / 3.0), 6))
+        cells = CELLS if total < CELLS**3 else 2 * CELLS
+        self.grid = wp.HashGrid(cells, cells, cells, device=launcher.device)
 
     def relink(self, positions: DeviceArray, feet: DeviceArray) -> None:
         """List the neighbours of every particle anew."""
@@ -60,7 +65,7 @@ class Sampling:
         wp.launch(
             sampling_kernels.spread,
             dim=self.total,
-            inputs=[layout.per_shape, apart, positions, self.spread],
+            inputs=[layout.per_shape, self.side, apart, positions, self.spread],
             device=self.launch.device,
         )
         self.grid.build(self.spread, min(reach, 2.0 * self.level.extent))

@@ -22,13 +22,20 @@ LOOKUP_SQUARED = wp.constant(0)
 @wp.kernel
 def spread(
     per_shape: int,
+    side: int,
     apart: float,
     positions: wp.array(dtype=wp.vec3),
     spread_positions: wp.array(dtype=wp.vec3),
 ):
-    """Move the shapes side by side, so that one hash grid serves them all."""
+    """Move the shapes apart, so that one hash grid serves them all.
+
+    They fill a cube, `side` in a row: the grid repeats itself, and in one long row those that come to lie in
+    the same cells grow with the number of shapes, and with them the candidates of every particle.
+    """
     p = wp.tid()
-    spread_positions[p] = positions[p] + wp.vec3(apart * float(p // per_shape), 0.0, 0.0)
+    k = p // per_shape
+    place = wp.vec3(float(k % side), float(k // side % side), float(k // (side * side)))
+    spread_positions[p] = positions[p] + apart * place
 
 
 @wp.kernel
