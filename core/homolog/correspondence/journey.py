@@ -1,6 +1,5 @@
 """The way through the stages: iterations, splits, and what is reported and kept meanwhile."""
 
-import math
 import time
 from collections.abc import Callable, Sequence
 
@@ -171,26 +170,41 @@ class Journey:
         self.engine.start_stage([plan.weights(i) for i in range(plan.iterations)], done)
         self._next_frame = 0.0  # a stage is seen however short it is
         if done == 0:
-            if plan.until_converged:
-                self._put_right(done)
             self._checkpoint(index, done)
-        before = float(np.sum(self.energies[-1][1:])) if done >= RECORD else math.inf
+            if plan.until_converged:
+                self._put_right(index, done)
+        elif (
+            self.repaired.max() < self.iteration and self._settled(plan, done) and self._is_done(index, done)
+        ):
+            return Reason.CONVERGED  # it was cancelled while strays were put right
         while done < plan.iterations:
             times = min(LIST_LIFE, plan.iterations - done)
             self._iterate(index, done, times)
             done += times
             self.iteration += times
             if done % RECORD == 0 or done == plan.iterations:
-                objective = self._record(plan)
-                settled = plan.until_converged and abs(before - objective) < self.tolerance
-                if settled and not self._put_right(done):
+                self._record(plan)
+                if self._is_done(index, done):
                     return Reason.CONVERGED
-                before = objective
-                self._align(SLIDING if plan.stage is Stage.SPLITTING else 1.0)
             self._report(index, done)
         return Reason.ITERATIONS
 
-    def _put_right(self, done: int) -> bool:
+    def _is_done(self, index: int, done: int) -> bool:
+        """Whether a stage is converged; if not, align the shapes and go on."""
+        plan = self.stages[index]
+        if self._settled(plan, done) and not self._put_right(index, done):
+            return True
+        self._align(SLIDING if plan.stage is Stage.SPLITTING else 1.0)
+        return False
+
+    def _settled(self, plan: Plan, done: int) -> bool:
+        """Whether the objective changed little between a stage's last two records, the last being now."""
+        if not plan.until_converged or done < 2 * RECORD or (done % RECORD and done < plan.iterations):
+            return False
+        before, now = (float(np.sum(row[1:])) for row in self.energies[-2:])
+        return abs(before - now) < self.tolerance
+
+    def _put_right(self, index: int, done: int) -> bool:
         """Move strays to where the other shapes have them; False if there are none.
 
         Each before it settles, and once while it does, so that this comes to an end.
@@ -200,8 +214,12 @@ class Journey:
         allowed = self.repaired <= self.iteration - done
         if self.start is not None and self.start.movable is not None:
             allowed &= self.start.movable
-        self.launcher.breathe()
-        moved = put_right(self.engine, allowed)
+        before = self.engine.particles()
+        try:
+            moved = put_right(self.engine, allowed)
+        except Cancelled:
+            self._checkpoint(index, done, before)
+            raise
         self.repaired[moved] = self.iteration
         return bool(moved.any())
 
@@ -214,12 +232,11 @@ class Journey:
             self._checkpoint(index, done, before)
             raise
 
-    def _record(self, plan: Plan) -> float:
+    def _record(self, plan: Plan) -> None:
         parts = self.engine.energy() * [1.0, plan.weight, plan.normals_weight]
         if not np.isfinite(parts).all():
             self._check_particles()
         self.energies.append([float(self.iteration), *parts.tolist()])
-        return float(parts.sum())
 
     def _check_particles(self) -> None:
         """Refuse to go on with particles that are not on their surfaces."""

@@ -4,6 +4,8 @@ A particle that has slipped over a rim feels nothing on the flat wall behind it 
 Where the other shapes agree, they tell its place.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
@@ -53,17 +55,22 @@ def put_right(engine: Engine, allowed: BoolArray) -> BoolArray:
     wrong = strays(engine.posed_normals(), means) & allowed
     if not wrong.any():
         return wrong
-    goals = transformed(inverted(engine.poses), predicted(engine.posed_positions(), wrong))
+    goals = transformed(
+        inverted(engine.poses), predicted(engine.posed_positions(), wrong, engine.launch.breathe)
+    )
     normals = np.einsum("mji,nj->mni", turns_of(engine.poses), means)
     positions = engine.host_positions().astype(np.float64)
     for k in np.flatnonzero(wrong.any(axis=1)).tolist():
+        engine.launch.breathe()
         one = wrong[k]
         positions[k, one] = snapped(goals[k, one], normals[k, one], engine.level.meshes[k])
     engine.place(positions)
     return wrong
 
 
-def predicted(world: FloatArray, misplaced: BoolArray) -> FloatArray:
+def predicted(
+    world: FloatArray, misplaced: BoolArray, breathe: Callable[[], None] = lambda: None
+) -> FloatArray:
     """Return particles of which the misplaced ones are where the other subjects have them.
 
     Parameters
@@ -72,6 +79,8 @@ def predicted(world: FloatArray, misplaced: BoolArray) -> FloatArray:
         Aligned particles.
     misplaced : (M, N) bool array
         Those to be moved.
+    breathe : callable
+        Called before each subject; it may raise to stop the work.
 
     Returns
     -------
@@ -86,6 +95,7 @@ def predicted(world: FloatArray, misplaced: BoolArray) -> FloatArray:
     """
     result = world.copy()
     for k in np.flatnonzero(misplaced.any(axis=1)).tolist():
+        breathe()
         trusted = ~misplaced
         trusted[k] = False
         trusted[:, ~trusted.any(axis=0)] = True  # misplaced on all others: better they than none

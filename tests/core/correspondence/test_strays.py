@@ -5,6 +5,7 @@ import pytest
 
 from homolog.correspondence import Start, journey, optimize
 from homolog.correspondence.strays import strays
+from homolog.errors import Cancelled
 from homolog.settings import Method, OptimizeSettings
 
 QUICK = OptimizeSettings(particles=64, anneal_iterations=20, settle_iterations=300)
@@ -103,3 +104,20 @@ def test_a_run_resumed_before_or_after_a_repair_ends_bit_identical(discs, spoile
         np.testing.assert_array_equal(rest.local, whole.local)
         np.testing.assert_array_equal(rest.repaired, whole.repaired)
         np.testing.assert_array_equal(rest.energies, whole.energies)
+
+
+def test_a_run_cancelled_in_the_middle_of_a_repair_ends_bit_identical(discs, spoiled, monkeypatch):
+    whole = optimize(discs, ON, start=Start(spoiled[0]))
+
+    def cancelled(*_):
+        raise Cancelled
+
+    kept = []
+    monkeypatch.setattr("homolog.correspondence.strays.snapped", cancelled)
+    with pytest.raises(Cancelled):
+        optimize(discs, ON, start=Start(spoiled[0]), checkpoint=kept.append)
+    monkeypatch.undo()
+    assert not kept[-1].repaired.any()
+    rest = optimize(discs, ON, start=Start(spoiled[0]), resume=kept[-1])
+    np.testing.assert_array_equal(rest.local, whole.local)
+    np.testing.assert_array_equal(rest.energies, whole.energies)
