@@ -133,8 +133,8 @@ def geodesic(table: TableData, x: SurfacePoint, y: SurfacePoint, form: int) -> w
     """Return the derivative of the geodesic distance D(x, y) with respect to x, and D.
 
     Form 0 interpolates the square: D² = Σ aᵢ bⱼ dᵢⱼ² - Σ aᵢ |vᵢ - x|² - Σ bⱼ |wⱼ - y|², exact in the plane
-    and smooth at x = y. Form 1 is the paper's (Datar et al. 2011, section 2): D = Σ aᵢ bⱼ dᵢⱼ, too long
-    for points closer than an edge or two, and not 0 at x = y.
+    and smooth at x = y; within one triangle D is |x - y|. Form 1 is the paper's (Datar et al. 2011,
+    section 2): D = Σ aᵢ bⱼ dᵢⱼ, too long for points closer than an edge or two, and not 0 at x = y.
 
     Returns
     -------
@@ -143,6 +143,11 @@ def geodesic(table: TableData, x: SurfacePoint, y: SurfacePoint, form: int) -> w
         in the table's unit of length. D is negative, and the derivative 0, if one of the nine vertex
         distances is out of the table's range.
     """
+    if form == 0 and x.corners == y.corners:
+        # straight, where rounded codes would be a hundredth of an edge off
+        apart = x.position - y.position
+        away = wp.normalize(apart)
+        return wp.vec4(away[0], away[1], away[2], wp.length(apart))
     codes = corner_codes(table, x.corners, y.corners)
     toward = wp.vec3(0.0, 0.0, 0.0)  # y's interpolation at each corner of x
     for i in range(3):

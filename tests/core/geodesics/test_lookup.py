@@ -157,3 +157,17 @@ def test_tables_of_several_shapes_lie_in_one_array_scaled(sphere, storage):
         there = (wanted > 0) | (pairs[which::2, 0] == pairs[which::2, 1])
         assert found.numpy()[which::2][there] == pytest.approx(wanted[there], rel=1e-5)
         assert (found.numpy()[which::2][~there] < 0).all()
+
+
+def test_within_one_triangle_the_distance_is_straight(pairs, storage):
+    mesh = pairs[0]
+    random = np.random.default_rng(3)
+    faces = np.repeat(random.integers(len(mesh.faces), size=(200, 1)), 2, axis=1)
+    points = random_points(mesh, faces, random)
+    points[:20, 1] = points[:20, 0]
+    found = between(mesh, solve_table(mesh, 15.0), faces, points)
+    apart = points[:, 0] - points[:, 1]
+    np.testing.assert_allclose(found[:, 3], np.linalg.norm(apart, axis=1), atol=1e-5)
+    assert (found[:20] == 0).all()
+    away = apart[20:] / np.linalg.norm(apart[20:], axis=1, keepdims=True)
+    assert np.median(np.einsum("ij,ij->i", found[20:, :3], away)) > 0.9999

@@ -1,0 +1,124 @@
+"""Geodesic distance between any two points of a surface, against exact polyhedral distances.
+
+Needs the bench extra: ``python tests/benchmarks/geodesics_points.py``. Real surfaces are added where
+HOMOLOG_DATA names their folder. For the exact solver points within faces are made vertices of a second mesh,
+which leaves the surface as it is.
+"""
+
+import argparse
+import os
+from pathlib import Path
+
+import geodesics_meshes
+import numpy as np
+import warp as wp
+from geodesics import GENERATED, diagonal, real_surfaces
+from geodesics_peers import exact_rows
+
+from homolog.geodesics import GeodesicTable, solve_table
+from homolog.geodesics.lookup import TableData, geodesic, surface_point
+from homolog.surfaces.mesh import TriangleMesh
+
+BINS = (0.25, 0.5, 1.0, 2.0, 5.0, np.inf)  # mean edges
+FORMS = {"squared": 0, "plain": 1}
+
+
+@wp.kernel
+def look_up(
+    tables: wp.array(dtype=TableData),
+    vertices: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=wp.vec3i),
+    face: wp.array2d(dtype=wp.int32),
+    point: wp.array2d(dtype=wp.vec3),
+    form: int,
+    found: wp.array(dtype=float),
+):
+    """Look up the distances of pairs of points."""
+    k = wp.tid()
+    x = surface_point(vertices, faces, face[k, 0], point[k, 0])
+    y = surface_point(vertices, faces, face[k, 1], point[k, 1])
+    found[k] = geodesic(tables[0], x, y, form)[3]
+
+
+def distances(
+    mesh: TriangleMesh, table: GeodesicTable, face: np.ndarray, point: np.ndarray, form: int
+) -> np.ndarray:
+    """Return the distances (n,) of pairs of points; faces (n, 2), points (n, 2, 3)."""
+    data = table.on_device("cpu")
+    with wp.ScopedDevice("cpu"):
+        found = wp.zeros(len(face), dtype=float)
+        inputs = [
+            wp.array([data], dtype=TableData),
+            wp.array(mesh.vertices.astype(np.float32), dtype=wp.vec3),
+            wp.array(mesh.faces.astype(np.int32), dtype=wp.vec3i),
+            wp.array(face.astype(np.int32), dtype=wp.int32, ndim=2),
+            wp.array(point.astype(np.float32), dtype=wp.vec3, ndim=2),
+            form,
+        ]
+        wp.launch(look_up, len(face), inputs=inputs, outputs=[found])
+        return found.numpy()
+
+
+def with_points(mesh: TriangleMesh, faces: np.ndarray, points: np.ndarray) -> TriangleMesh:
+    """Return the same surface with a point within each of some faces made a vertex."""
+    new = len(mesh.vertices) + np.arange(len(faces))
+    a, b, c = mesh.faces[faces].T
+    parts = [np.column_stack(corners) for corners in ((a, b, new), (b, c, new), (c, a, new))]
+    kept = np.delete(mesh.faces, faces, axis=0)
+    return TriangleMesh(np.vstack([mesh.vertices, points]), np.vstack([kept, *parts]))
+
+
+def compare(name: str, mesh: TriangleMesh, share: float, n_sources: int, random: np.random.Generator) -> None:
+    """Print the errors of both forms by distance."""
+    d_max, edge = share * diagonal(mesh), mesh.mean_edge
+    longest = np.linalg.norm(
+        mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, 1, 1)], axis=2
+    ).max()
+    table = solve_table(mesh, d_max + 2.0 * longest)
+    faces = np.sort(random.choice(len(mesh.faces), len(mesh.faces) // 3, replace=False))
+    weights = random.dirichlet([2.0, 2.0, 2.0], len(faces))
+    points = np.einsum("ij,ijk->ik", weights, mesh.vertices[mesh.faces[faces]])
+    sources = random.choice(len(faces), n_sources, replace=False)
+    n = len(mesh.vertices)
+    truth = exact_rows(with_points(mesh, faces, points), d_max, n + sources)[:, n:]
+    x, y = np.nonzero((truth > 0) & (truth <= d_max))
+    pairs, exact = np.column_stack([sources[x], y]), truth[x, y]
+    for form, number in FORMS.items():
+        found = distances(mesh, table, faces[pairs], points[pairs], number)
+        error = 100.0 * np.abs(found / exact - 1.0)
+        assert (found >= 0).all(), "a pair within d_max is missing"
+        which = np.digitize(exact / edge, BINS) - 1
+        cells = [
+            f"{error[which == k].mean():8.3f} / {np.percentile(error[which == k], 99):7.3f}" for k in range(5)
+        ]
+        same = np.column_stack([sources, sources])
+        own = distances(mesh, table, faces[same], points[same], number).max() / edge
+        print(
+            f"{name:10s} {n:6d} {form:8s} {len(exact):7d} pairs {' |'.join(cells)} | "
+            f"from 1/4 edge {error[which >= 0].mean():.3f} | D(x, x) at most {own:.4f} edges",
+            flush=True,
+        )
+
+
+def main() -> None:
+    """Compare on every surface."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--size", type=int, default=5000)
+    parser.add_argument(
+        "--share", type=float, default=0.2, help="d_max, as a part of the bounding box' diagonal"
+    )
+    parser.add_argument("--sources", type=int, default=60)
+    arguments = parser.parse_args()
+    random = np.random.default_rng(0)
+    print(
+        "relative error, percent, mean / 99th percentile, at 1/4-1/2 | 1/2-1 | 1-2 | 2-5 | above 5 mean edges"
+    )
+    surfaces = [(name, getattr(geodesics_meshes, name)(arguments.size)) for name in GENERATED]
+    if "HOMOLOG_DATA" in os.environ:
+        surfaces += real_surfaces(Path(os.environ["HOMOLOG_DATA"]), arguments.size)
+    for name, mesh in surfaces:
+        compare(name, mesh, arguments.share, arguments.sources, random)
+
+
+if __name__ == "__main__":
+    main()
