@@ -22,7 +22,17 @@ from homolog.geodesics.bearing_kernels import (
 )
 from homolog.geodesics.kernels import FAR, Corner, Reach, least_way
 from homolog.geodesics.lookup import LANES
-from homolog.geodesics.sweep_kernels import BUCKETS, Counts, Lanes, Scratch
+from homolog.geodesics.patch_kernels import (
+    BUCKETS,
+    Counts,
+    Lanes,
+    Scratch,
+    b_at,
+    int_at,
+    lanes_at,
+    put_lanes,
+    sort_into_buckets,
+)
 
 # A lane loop has to stay a loop: the compiler then turns it into vector instructions.
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
@@ -35,6 +45,7 @@ class Amendments:
     bearing: wp.array(dtype=Lanes)  # (V,)
     trust: wp.array(dtype=Lanes)  # (V,) of bearings, 0 but for vertices in reach
     amendment: wp.array(dtype=Lanes)  # (V,) 0 but for vertices in reach
+    found: wp.array(dtype=wp.int32)  # (V,) vertices in reach
     order: wp.array(dtype=wp.int32)  # (V,) vertices in reach, near to far
     rivals: wp.array(dtype=wp.int32)  # (V,) corners that shortest ways may come through, as bits
     moved: wp.array(dtype=wp.int32)  # (V,) clock of the last time that a vertex' amendments moved
@@ -52,25 +63,21 @@ def order_reached(scratch: Scratch, amends: Amendments, limit: float) -> int:
     for k in range(BUCKETS + 1):
         scratch.bucket[k] = 0
     scale = 0.9999 * float(BUCKETS) / limit
+    n = int(0)
     for p in range(scratch.size[0]):
-        v = scratch.patch[p]
-        u = scratch.u[v]
+        v = int_at(scratch.patch, p)
+        u = lanes_at(scratch.u, v)
         near = int(0)
         for lane in range(LANES):
-            near += wp.where(u[lane] <= limit, 1, 0)
-        k = wp.where(near > 0, int(wp.min(u[0], limit) * scale), -1)
-        scratch.bin[v] = k
-        if k >= 0:
-            scratch.bucket[k + 1] += 1
-    for k in range(BUCKETS):
-        scratch.bucket[k + 1] += scratch.bucket[k]
-    for p in range(scratch.size[0]):
-        v = scratch.patch[p]
-        k = scratch.bin[v]
-        if k >= 0:
-            amends.order[scratch.bucket[k]] = v
-            scratch.bucket[k] += 1
-    return scratch.bucket[BUCKETS]
+            near |= wp.where(u[lane] <= limit, 1, 0)
+        # without a branch, which would be mispredicted
+        k = int(wp.min(u[0], limit) * scale)
+        amends.found[n] = v
+        scratch.bin[n] = k
+        scratch.bucket[k + 1] += near
+        n += near
+    sort_into_buckets(scratch, n, amends.found, amends.order)
+    return n
 
 
 @wp.func
@@ -87,9 +94,11 @@ def find_bearings(
 
     A bearing is the mean of those of all ways that are equally long.
     """
-    u = scratch.u[v]
-    edge = reach.slack
-    around = turns[fan[v]].around_c
+    u = lanes_at(scratch.u, v)
+    edge = reach.edge
+    k = int_at(fan, v)
+    end = int_at(fan, v + 1)
+    around = turns[k].around_c
     best = Lanes(FAR)
     first = Lanes(0.0)
     total = Lanes(0.0)
@@ -98,13 +107,13 @@ def find_bearings(
     by_b = Counts(0)
     rivals = int(0)
     bit = int(1)
-    for k in range(fan[v], fan[v + 1]):
+    da = lanes_at(scratch.u, b_at(corners, end - 1))
+    while k < end:
         corner = corners[k]
-        da = scratch.u[corner.a]
-        db = scratch.u[corner.b]
+        db = lanes_at(scratch.u, corner.b)
         hopes = int(0)
         for lane in range(LANES):
-            hopes += wp.where(least_way(corner, da[lane], db[lane]) < u[lane] + RIVAL * edge, 1, 0)
+            hopes |= wp.where(least_way(corner, da[lane], db[lane]) < u[lane] + RIVAL * edge, 1, 0)
         if hopes > 0:
             turning = turns[k]
             count = int(0)
@@ -117,15 +126,17 @@ def find_bearings(
                 total[lane] += share
                 mean[lane] += share * turn
                 square[lane] += share * (turn * turn + way.doubt)
-                near = u[lane] <= reach.stored + edge and way.distance - u[lane] < RIVAL * edge
+                near = u[lane] <= reach.limit and way.distance - u[lane] < RIVAL * edge
                 again = way.by_a * by_b[lane]  # the way along a side that the corner before has already
-                count += wp.where(near, 1 - again, 0)
+                count |= wp.where(near, 1 - again, 0)
                 by_b[lane] = way.by_b
             if count > 0:
                 rivals = rivals | bit
         else:
             by_b = Counts(0)
-        bit = wp.where(k - fan[v] < LAST_BIT, bit << 1, bit)
+        bit = wp.where(bit < 1 << LAST_BIT, bit << 1, bit)
+        da = db
+        k += 1
     for lane in range(LANES):
         inverse = 1.0 / wp.max(total[lane], 1.0e-30)
         mean[lane] *= inverse
@@ -134,8 +145,8 @@ def find_bearings(
         trust = wp.where(total[lane] > 0.0, trust, 0.0)
         square[lane] = wp.where(best[lane] - u[lane] < RIVAL * edge, trust, 0.0)
         mean[lane] = within(first[lane] + mean[lane], around)
-    amends.bearing[v] = mean
-    amends.trust[v] = square
+    put_lanes(amends.bearing, v, mean)
+    put_lanes(amends.trust, v, square)
     amends.rivals[v] = rivals
 
 
@@ -151,18 +162,19 @@ def tie_vertex(
     reach: Reach,
 ) -> int:
     """Write a vertex' ties, the n-th of all and those after it; return the next n."""
-    rivals = amends.rivals[v]
-    u = scratch.u[v]
-    for k in range(fan[v], fan[v + 1]):
+    rivals = int_at(amends.rivals, v)
+    u = lanes_at(scratch.u, v)
+    first = int_at(fan, v)
+    for k in range(first, int_at(fan, v + 1)):
         if (rivals & 1) != 0:
             corner = corners[k]
             turn = turns[k]
-            da = scratch.u[corner.a]
-            db = scratch.u[corner.b]
-            at_a = amends.bearing[corner.a]
-            at_b = amends.bearing[corner.b]
-            trust_a = amends.trust[corner.a]
-            trust_b = amends.trust[corner.b]
+            da = lanes_at(scratch.u, corner.a)
+            db = lanes_at(scratch.u, corner.b)
+            at_a = lanes_at(amends.bearing, corner.a)
+            at_b = lanes_at(amends.bearing, corner.b)
+            trust_a = lanes_at(amends.trust, corner.a)
+            trust_b = lanes_at(amends.trust, corner.b)
             share = Lanes(0.0)
             gain = Lanes(0.0)
             for lane in range(LANES):
@@ -176,16 +188,16 @@ def tie_vertex(
                     trust_a[lane],
                     trust_b[lane],
                     u[lane],
-                    reach.slack,
+                    reach.edge,
                 )
                 share[lane] = tie.share
                 gain[lane] = tie.gain
             amends.a[n] = corner.a
             amends.b[n] = corner.b
-            amends.share[n] = share
-            amends.gain[n] = gain
+            put_lanes(amends.share, n, share)
+            put_lanes(amends.gain, n, gain)
             n += 1
-        rivals = wp.where(k - fan[v] < LAST_BIT, rivals >> 1, rivals)
+        rivals = wp.where(k - first < LAST_BIT, rivals >> 1, rivals)
     return n
 
 
@@ -194,21 +206,21 @@ def amend_vertex(scratch: Scratch, amends: Amendments, v: int, first: int, end: 
     """Compute a vertex' amendments from its ties first … end; return how many moved."""
     best = Lanes(FAR)
     for n in range(first, end):
-        of_a = amends.amendment[amends.a[n]]
-        of_b = amends.amendment[amends.b[n]]
-        share = amends.share[n]
-        gain = amends.gain[n]
+        of_a = lanes_at(amends.amendment, int_at(amends.a, n))
+        of_b = lanes_at(amends.amendment, int_at(amends.b, n))
+        share = lanes_at(amends.share, n)
+        gain = lanes_at(amends.gain, n)
         for lane in range(LANES):
             value = gain[lane] + of_a[lane] + share[lane] * (of_b[lane] - of_a[lane])
-            best[lane] = wp.min(best[lane], value)
-    old = amends.amendment[v]
-    u = scratch.u[v]
+            best[lane] = wp.where(value < best[lane], value, best[lane])
+    old = lanes_at(amends.amendment, v)
+    u = lanes_at(scratch.u, v)
     moved = int(0)
     for lane in range(LANES):
         kept = u[lane] == 0.0 or best[lane] > 0.5 * FAR  # a source, or out of reach
         best[lane] = wp.where(kept, 0.0, best[lane])
-        moved += wp.where(wp.abs(best[lane] - old[lane]) > settled, 1, 0)
-    amends.amendment[v] = best
+        moved |= wp.where(wp.abs(best[lane] - old[lane]) > settled, 1, 0)
+    put_lanes(amends.amendment, v, best)
     return moved
 
 
@@ -218,12 +230,15 @@ def settle(scratch: Scratch, amends: Amendments, reached: int, clock: int, settl
     total = int(0)
     first = int(0)
     for p in range(reached):
-        v = amends.order[p]
-        end = amends.end[p]
+        v = int_at(amends.order, p)
+        end = int_at(amends.end, p)
         latest = int(0)
         for n in range(first, end):
-            latest = wp.max(latest, wp.max(amends.moved[amends.a[n]], amends.moved[amends.b[n]]))
-        if clock == 0 or latest > amends.settled[v]:
+            latest = wp.max(
+                latest,
+                wp.max(int_at(amends.moved, int_at(amends.a, n)), int_at(amends.moved, int_at(amends.b, n))),
+            )
+        if clock == 0 or latest > int_at(amends.settled, v):
             amends.settled[v] = clock + p + 1
             if amend_vertex(scratch, amends, v, first, end, settled) > 0:
                 amends.moved[v] = clock + p + 1
@@ -242,7 +257,7 @@ def amend_cluster(
     reach: Reach,
 ):
     """Amend the distances that `sweep_cluster` has left in scratch."""
-    reached = order_reached(scratch, amends, reach.stored + reach.slack)
+    reached = order_reached(scratch, amends, reach.limit)
     for p in range(reached):
         find_bearings(scratch, amends, amends.order[p], fan, corners, turns, reach)
     n = int(0)
@@ -252,7 +267,7 @@ def amend_cluster(
     moving = int(1)
     round = int(0)
     while moving > 0 and round < ROUNDS:
-        moving = settle(scratch, amends, reached, round * reached, SETTLED * reach.slack)
+        moving = settle(scratch, amends, reached, round * reached, SETTLED * reach.edge)
         round += 1
     for p in range(reached):
         v = amends.order[p]

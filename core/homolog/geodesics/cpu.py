@@ -3,23 +3,26 @@
 import itertools
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from homolog.errors import InputError
-from homolog.geodesics import amend_kernels, kernels, sweep_kernels
+from homolog.geodesics import amend_kernels, kernels, patch_kernels, store_kernels, sweep_kernels
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
-from homolog.geodesics.intrinsic import triangulate
+from homolog.geodesics.intrinsic import Triangulation, triangulate
 from homolog.geodesics.lookup import LANES, MISSING
 from homolog.geodesics.plan import POINT, TablePlan, Task
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
+from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["deal", "solve_on_cpu"]
 
+STRIP = 8
+"""Clusters whose pairs with those before them are averaged in one launch."""
 Report = Callable[[float], None]
 """Takes the fraction done; may raise to stop the work."""
 
@@ -29,9 +32,10 @@ class Problem:
     """One mesh ready to be solved."""
 
     task: Task
-    fans: Fans
-    clusters: Clusters
-    members: Any  # clusters.members as a wp.array
+    fans: Fans  # vertices numbered by slot: what is near on the surface is then near in memory
+    clusters: Clusters  # vertices numbered as in the mesh, which tables are …
+    names: Any  # … and the number there of each vertex of the fans
+    groups: Any
     reach: Any
     element: int
 
@@ -41,17 +45,21 @@ class Problem:
 
     def solver(self) -> tuple[Any, Callable[[int], None]]:
         """Return scratch for one thread, and what solves a cluster into it."""
-        scratch = sweep_kernels.Scratch()
+        n = self.n_vertices
+        scratch = patch_kernels.Scratch()
         scratch.u = wp.full(
-            self.n_vertices, sweep_kernels.Lanes(float(kernels.FAR)), dtype=sweep_kernels.Lanes, device="cpu"
+            n, patch_kernels.Lanes(float(kernels.FAR)), dtype=patch_kernels.Lanes, device="cpu"
         )
-        for name in ("dirty", "changed", "seen", "bin", "patch"):
-            setattr(scratch, name, wp.zeros(self.n_vertices, dtype=wp.int32, device="cpu"))
-        scratch.bucket = wp.zeros(int(sweep_kernels.BUCKETS) + 1, dtype=wp.int32, device="cpu")
+        flags = n + 2 * patch_kernels.TOGETHER
+        scratch.dirty = wp.zeros(flags, dtype=wp.uint8, device="cpu")
+        scratch.place = wp.full(n, flags - 1, dtype=wp.int32, device="cpu")
+        for name in ("patch", "found", "bin"):
+            setattr(scratch, name, wp.zeros(n, dtype=wp.int32, device="cpu"))
+        scratch.bucket = wp.zeros(int(patch_kernels.BUCKETS) + 1, dtype=wp.int32, device="cpu")
         scratch.size = wp.zeros(1, dtype=wp.int32, device="cpu")
         fans = self.fans
-        inputs = [scratch, fans.position, fans.start, fans.corners, self.reach, self.members, self.element, 0]
-        sweep = _recorded(sweep_kernels.sweep_cluster, 1, inputs)
+        inputs = [scratch, fans.position, fans.start, fans.corners, fans.margin, self.reach, self.groups]
+        sweep = _recorded(sweep_kernels.sweep_cluster, 1, [*inputs, self.element, 0])
         if self.element != POINT:  # planar fronts know no bearings
             return scratch, lambda cluster: _launch(sweep, cluster)
         inputs = [scratch, self._amendments(), fans.start, fans.corners, fans.turns, self.reach]
@@ -67,14 +75,34 @@ class Problem:
         amends = amend_kernels.Amendments()
         ties = len(self.fans.corners)
         for size, kind, names in (
-            (self.n_vertices, sweep_kernels.Lanes, ("bearing", "trust", "amendment")),
-            (self.n_vertices, wp.int32, ("order", "rivals", "moved", "settled", "end")),
+            (self.n_vertices, patch_kernels.Lanes, ("bearing", "trust", "amendment")),
+            (self.n_vertices, wp.int32, ("found", "order", "rivals", "moved", "settled", "end")),
             (ties, wp.int32, ("a", "b")),
-            (ties, sweep_kernels.Lanes, ("share", "gain")),
+            (ties, patch_kernels.Lanes, ("share", "gain")),
         ):
             for name in names:
                 setattr(amends, name, wp.zeros(size, dtype=kind, device="cpu"))
         return amends
+
+
+def _by_clusters(task: Task, delaunay: Triangulation, clusters: Clusters, element: int) -> Problem:
+    """Return the problem with vertices numbered by slot."""
+    names = np.argsort(clusters.slot).astype(np.int32)
+    number = np.empty_like(names)
+    number[names] = np.arange(len(names), dtype=np.int32)
+    mesh = TriangleMesh(task.mesh.vertices[names], number[task.mesh.faces])
+    fans = build_fans([mesh], replace(delaunay, tail=number[delaunay.tail], turn=delaunay.turn[names]), "cpu")
+    there = clusters.members >= 0
+    members = np.where(there, number[clusters.members], -1)
+    places = fans.position.numpy()[members]
+    centres = np.sum(places, axis=1, where=there[..., None]) / there.sum(axis=1, keepdims=True)
+    apart = np.linalg.norm(places - centres[:, None], axis=2)
+    groups = patch_kernels.Groups()
+    groups.members = wp.array(members, dtype=wp.int32, device="cpu")
+    groups.centre = wp.array(centres, dtype=wp.vec3, device="cpu")
+    groups.radius = wp.array(np.max(apart, axis=1, where=there, initial=0.0), dtype=wp.float32, device="cpu")
+    named = wp.array(names, dtype=wp.int32, device="cpu")
+    return Problem(task, fans, clusters, named, groups, task.kernel_reach(), element)
 
 
 def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> GeodesicTable:
@@ -85,12 +113,12 @@ def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> Geode
         tick(done, f"{task.name}: geodesic distances")
 
     report(0.0)
-    for module in (kernels, sweep_kernels, amend_kernels):  # before the threads, which would each load them
+    # before the threads, which would each load them
+    for module in (kernels, sweep_kernels, amend_kernels, store_kernels):
         wp.load_module(module, device="cpu")
     delaunay = triangulate([task.mesh])
-    fans, clusters = build_fans([task.mesh], delaunay, "cpu"), find_clusters(delaunay)
-    members = wp.array(clusters.members, dtype=wp.int32, ndim=2, device="cpu")
-    problem = Problem(task, fans, clusters, members, task.kernel_reach(), plan.element_code)
+    clusters = find_clusters(delaunay)
+    problem = _by_clusters(task, delaunay, clusters, plan.element_code)
     arrays = (_solve_dense if plan.dense else _solve_blocks)(problem, threads, report)
     return GeodesicTable(len(task.mesh.vertices), task.d_max, float(problem.reach.unit), *arrays)
 
@@ -101,7 +129,11 @@ def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, .
 
     def worker() -> Callable[[int], None]:
         scratch, solve = problem.solver()
-        store = _recorded(sweep_kernels.store_dense, 1, [scratch, problem.reach, problem.members, codes, 0])
+        store = _recorded(
+            store_kernels.store_dense,
+            1,
+            [scratch, problem.reach, problem.names, problem.groups.members, codes, 0],
+        )
 
         def solve_cluster(cluster: int) -> None:
             solve(cluster)
@@ -113,7 +145,7 @@ def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, .
     tiles = -(-n // 16)
 
     def symmetrize(strip: int) -> None:
-        wp.launch(sweep_kernels.symmetrize_strip, 1, inputs=[codes, strip], device="cpu")
+        wp.launch(store_kernels.symmetrize_strip, 1, inputs=[codes, strip], device="cpu")
 
     deal(lambda: symmetrize, tiles, threads, lambda done: report(0.95 + 0.05 * done))
     return (codes,)
@@ -128,10 +160,12 @@ def _solve_blocks(problem: Problem, threads: int, report: Report) -> tuple[Any, 
 
     def worker() -> Callable[[int], None]:
         scratch, solve = problem.solver()
-        block = wp.empty(n, dtype=sweep_kernels.Codes, device="cpu")
+        block = wp.empty(n, dtype=patch_kernels.Codes, device="cpu")
         n_rows = wp.zeros(1, dtype=wp.int32, device="cpu")
         store = _recorded(
-            sweep_kernels.store_block, 1, [scratch, problem.reach, slot, row, near, block, n_rows, 0]
+            store_kernels.store_block,
+            1,
+            [scratch, problem.reach, problem.names, slot, row, near, block, n_rows, 0],
         )
         rows, count = block.numpy(), n_rows.numpy()
 
@@ -148,20 +182,25 @@ def _solve_blocks(problem: Problem, threads: int, report: Report) -> tuple[Any, 
 
     deal(worker, n_clusters, threads, lambda done: report(0.95 * done))
     starts = np.concatenate([[0], np.cumsum([len(block) for block in blocks])])
-    codes = wp.empty((int(starts[-1]), LANES), dtype=wp.uint16, device="cpu")
+    codes = wp.empty((int(starts[-1]) + 1, LANES), dtype=wp.uint16, device="cpu")
     together = codes.numpy()
     for cluster in range(n_clusters):
         together[starts[cluster] : starts[cluster + 1]] = blocks[cluster]
         blocks[cluster] = None  # memory goes back as the copy grows
+    together[-1] = MISSING
     start = wp.array(starts[:-1].astype(np.int32), dtype=wp.int32, device="cpu")
-    lanes = wp.array(together, dtype=sweep_kernels.Codes, device="cpu", copy=False)
+    lanes = wp.array(together, dtype=patch_kernels.Codes, device="cpu", copy=False)
 
-    def symmetrize(cluster: int) -> None:
-        inputs = [problem.members, start, row, near, lanes, cluster]
-        wp.launch(sweep_kernels.symmetrize_tiles, 1, inputs=inputs, device="cpu")
+    members = wp.array(problem.clusters.members, dtype=wp.int32, ndim=2, device="cpu")
 
-    deal(lambda: symmetrize, n_clusters, threads, lambda done: report(0.95 + 0.05 * done))
-    return codes, row, start, slot
+    def symmetrize(strip: int) -> None:
+        first = strip * STRIP
+        inputs = [members, start, row, near, lanes, first]
+        dim = min(STRIP, n_clusters - first)
+        wp.launch(store_kernels.symmetrize_tiles, dim, inputs=inputs, device="cpu")
+
+    deal(lambda: symmetrize, -(-n_clusters // STRIP), threads, lambda done: report(0.95 + 0.05 * done))
+    return codes[:-1], row, start, slot
 
 
 def deal(worker: Callable[[], Callable[[int], None]], n_items: int, threads: int, report: Report) -> None:

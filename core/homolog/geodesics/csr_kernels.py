@@ -4,11 +4,21 @@ import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.lookup import LANES, MISSING
-from homolog.geodesics.sweep_kernels import Codes, Counts
+from homolog.geodesics.patch_kernels import Codes, Counts, code_at, int_at
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 
-Ends = wp.types.vector(length=LANES, dtype=wp.int64)
+
+@wp.func_native("columns.data[at] = column; distances.data[at] = distance;")
+def put_entry(
+    columns: wp.array(dtype=wp.int32),
+    distances: wp.array(dtype=wp.float32),
+    at: wp.int64,
+    column: int,
+    distance: float,
+):
+    """Write an entry."""
+    ...
 
 
 @wp.kernel
@@ -74,21 +84,26 @@ def fill_blocks(
     end: wp.array(dtype=wp.int64),
     columns: wp.array(dtype=wp.int32),
     distances: wp.array(dtype=wp.float32),
+    reached: wp.array(dtype=wp.int32),
 ):
-    """Write the entries of the rows of one cluster's vertices; `end` as in `fill_dense`."""
+    """Write the entries of the rows of one cluster's vertices; `end` as in `fill_dense`.
+
+    `reached` is scratch, one entry for each vertex.
+    """
     cluster = wp.tid()
     spare = wp.int64(columns.shape[0] - 1)  # in place of a branch, which would be mispredicted half the time
-    n = Ends()
-    for lane in range(LANES):
-        if vertex[cluster, lane] >= 0:
-            n[lane] = end[vertex[cluster, lane]]
+    n = int(0)
     for v in range(row.shape[1]):
-        near = int(row[cluster, v])
-        if near != MISSING:
-            code = codes[start[cluster] + near]
-            for lane in range(LANES):
-                there = int(code[lane]) != MISSING  # lanes without a vertex reach nothing
-                k = wp.where(there, n[lane], spare)
-                columns[k] = v
-                distances[k] = float(code[lane]) * unit
-                n[lane] += wp.int64(wp.where(there, 1, 0))
+        reached[n] = v
+        n += wp.where(int(row[cluster, v]) != MISSING, 1, 0)
+    for lane in range(LANES):
+        i = vertex[cluster, lane]
+        if i >= 0:
+            k = end[i]
+            for p in range(n):
+                v = int_at(reached, p)
+                code = code_at(codes, start[cluster] + int(row[cluster, v]), lane)
+                there = code != MISSING
+                put_entry(columns, distances, wp.where(there, k, spare), v, float(code) * unit)
+                k += wp.int64(wp.where(there, 1, 0))
+            end[i] = k

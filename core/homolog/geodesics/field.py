@@ -61,7 +61,7 @@ def distances_from(
     if len(where) == 0 or where.min() < 0 or where.max() >= n:
         raise InputError(f"{name}: sources have to be vertices of the mesh, 0 … {n - 1}")
     reach = Task(name, mesh, np.inf, 1.0, mesh.mean_edge).kernel_reach()
-    reach.stored = float(kernels.FAR)
+    reach.stored = reach.limit = float(kernels.FAR)
     fans = build_fans([mesh], triangulate([mesh]), "cpu")
     with wp.ScopedDevice("cpu"):
         front = make_front(1, n, n, lanes=1)

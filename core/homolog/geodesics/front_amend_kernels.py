@@ -176,7 +176,7 @@ def tie_front(
     """Keep the ties of each cluster's vertices; thread (cluster, member of its crew)."""
     b, thread = wp.tid()
     hand = hand_of(front, sources, b, offset, thread, threads)
-    edge = sources.reaches[sources.shape[offset + b]].slack
+    edge = sources.reaches[sources.shape[offset + b]].edge
     last = amends.reached[b] - 1
     next_v = amends.order[b, wp.min(hand.walker, last)]
     for k in range(hand.walker, last + 1, hand.walkers):
@@ -211,7 +211,7 @@ def settle_front(
     """Carry amendments from vertex to vertex until nothing moves, and add them; thread as above."""
     b, thread = wp.tid()
     hand = hand_of(front, sources, b, offset, thread, threads)
-    edge = sources.reaches[sources.shape[offset + b]].slack
+    edge = sources.reaches[sources.shape[offset + b]].edge
     reached = amends.reached[b]
     rounds = int(0)
     pending = int(1)

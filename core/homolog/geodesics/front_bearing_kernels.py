@@ -57,7 +57,7 @@ def order_front(front: Front, amends: FrontAmendments, sources: Sources, offset:
     """List the vertices within reach of any source, near to far; thread (cluster, member of its crew)."""
     b, thread = wp.tid()
     reach = sources.reaches[sources.shape[offset + b]]
-    limit = reach.stored + reach.slack
+    limit = reach.limit
     scale = 0.9999 * float(BINS) / limit
     hand = hand_of(front, sources, b, offset, thread, threads)
     for ring in range(thread, BINS, threads):
@@ -160,7 +160,7 @@ def find_front_bearings(
     """Find the bearings of each cluster's vertices; thread (cluster, member of its crew)."""
     b, thread = wp.tid()
     hand = hand_of(front, sources, b, offset, thread, threads)
-    edge = sources.reaches[sources.shape[offset + b]].slack
+    edge = sources.reaches[sources.shape[offset + b]].edge
     last = amends.reached[b] - 1
     next_v = amends.order[b, wp.min(hand.walker, last)]
     for k in range(hand.walker, last + 1, hand.walkers):

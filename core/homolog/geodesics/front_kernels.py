@@ -51,7 +51,7 @@ def ball_around(sources: Sources, cluster: int) -> wp.vec4:
         if m >= 0:
             radius = wp.max(radius, wp.length(sources.position[base + m] - centre))
     reach = sources.reaches[shape]
-    return wp.vec4(centre[0], centre[1], centre[2], radius + reach.stored + reach.slack)
+    return wp.vec4(centre[0], centre[1], centre[2], radius + reach.limit)
 
 
 @wp.kernel
@@ -128,7 +128,7 @@ def lower(front: Front, sources: Sources, hand: Hand, reach: Reach, v: int, lane
         db = ahead
     if best < old - reach.changed:
         front.u[hand.cluster, v, lane] = best
-        if best <= reach.stored + reach.slack:
+        if best <= reach.limit:
             return beyond(front, sources, hand, v, lane, best)
     return 0
 

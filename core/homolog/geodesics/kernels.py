@@ -31,7 +31,8 @@ class Reach:
     """How far one shape's distances are followed, and how exactly."""
 
     stored: float  # longest distance that is stored
-    slack: float  # a mean edge more is followed, since a value just inside may come from just outside
+    limit: float  # to there it is followed, a mean edge beyond d_max: a value inside may come from outside
+    edge: float  # mean edge
     changed: float  # smaller improvements are not passed on
     unit: float  # length of one code step
 
@@ -88,11 +89,10 @@ def straight_squared(corner: Corner, da: float, db: float) -> float:
     With `side_way` the same as `trace`, but for all triangles around c with one root less each.
     """
     along = ((da - db) * (da + db) + corner.length * corner.length) * corner.half
-    squared = da * da - along * along
-    below = wp.sqrt(wp.max(squared, 0.0))
+    below = wp.sqrt(da * da - along * along)  # not a number, and so not inside, where nothing explains both
     height = below + corner.y
     crossing = along * corner.y + corner.x * below
-    inside = squared >= 0.0 and crossing >= 0.0 and crossing <= corner.length * height
+    inside = crossing >= 0.0 and crossing <= corner.length * height
     dx = corner.x - along
     return wp.where(inside, dx * dx + height * height, FAR * FAR)
 

@@ -65,7 +65,8 @@ class Task:
         reach = kernels.Reach()
         reach.unit = self.reach / int(kernels.LAST)
         reach.stored = (MISSING - 1) * reach.unit
-        reach.slack = self.edge
+        reach.limit = max(reach.stored, self.reach + self.edge)
+        reach.edge = self.edge
         reach.changed = CHANGED * self.edge
         return reach
 

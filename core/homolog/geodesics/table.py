@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 
 from homolog.geodesics.csr_kernels import count_blocks, count_dense, fill_blocks, fill_dense
 from homolog.geodesics.lookup import LANES, TableData
-from homolog.geodesics.sweep_kernels import Codes
+from homolog.geodesics.patch_kernels import Codes
 
 __all__ = ["GeodesicTable"]
 
@@ -81,11 +81,13 @@ class GeodesicTable:
             vertex.ravel()[self.slot.numpy()] = np.arange(self.n_vertices)
             lanes = wp.array(codes.numpy(), dtype=Codes, device="cpu", copy=False)
             count, fill, rows, inputs = count_blocks, fill_blocks, len(start), [lanes, row, start, vertex]
+        reached = [] if self.row is None else [np.empty(self.n_vertices, np.int32)]
         ends = np.zeros(self.n_vertices + 1, np.int64)
         wp.launch(count, rows, inputs=[*inputs, ends[1:]], device="cpu")
         np.cumsum(ends, out=ends)
         columns, distances = np.empty(ends[-1] + 1, np.int32), np.empty(ends[-1] + 1, np.float32)
-        wp.launch(fill, rows, inputs=[*inputs, self.unit, ends[:-1].copy(), columns, distances], device="cpu")
+        outputs = [ends[:-1].copy(), columns, distances, *reached]
+        wp.launch(fill, rows, inputs=[*inputs, self.unit, *outputs], device="cpu")
         index = np.int32 if ends[-1] < 2**31 else np.int64
         columns, distances = columns[:-1], distances[:-1]
         parts = (distances, columns.astype(index, copy=False), ends.astype(index))
