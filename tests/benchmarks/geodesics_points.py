@@ -7,8 +7,10 @@ which leaves the surface as it is.
 
 import argparse
 import os
+from collections.abc import Callable
 from pathlib import Path
 
+import gdist
 import geodesics_meshes
 import numpy as np
 import warp as wp
@@ -16,11 +18,12 @@ from geodesics import GENERATED, diagonal, real_surfaces
 from geodesics_peers import exact_rows
 
 from homolog.geodesics import GeodesicTable, solve_table
-from homolog.geodesics.lookup import TableData, geodesic, surface_point
+from homolog.geodesics.lookup import MISSING, TableData, geodesic, surface_point
 from homolog.surfaces.mesh import TriangleMesh
 
 BINS = (0.25, 0.5, 1.0, 2.0, 5.0, np.inf)  # mean edges
 FORMS = {"squared": 0, "plain": 1}
+Solver = Callable[[TriangleMesh, float], GeodesicTable]
 
 
 @wp.kernel
@@ -68,13 +71,25 @@ def with_points(mesh: TriangleMesh, faces: np.ndarray, points: np.ndarray) -> Tr
     return TriangleMesh(np.vstack([mesh.vertices, points]), np.vstack([kept, *parts]))
 
 
-def compare(name: str, mesh: TriangleMesh, share: float, n_sources: int, random: np.random.Generator) -> None:
+def exact_table(mesh: TriangleMesh, reach: float) -> GeodesicTable:
+    """Return a dense table of exact distances between vertices: what is left is the interpolation's error."""
+    exact = gdist.local_gdist_matrix(mesh.vertices, mesh.faces.astype(np.int32), max_distance=reach).tocoo()
+    unit = reach / 65000
+    codes = np.full((len(mesh.vertices),) * 2, MISSING, np.uint16)
+    codes[exact.row, exact.col] = np.round(exact.data / unit)
+    np.fill_diagonal(codes, 0)
+    return GeodesicTable(len(mesh.vertices), reach, unit, wp.array(codes, dtype=wp.uint16, device="cpu"))
+
+
+def compare(
+    name: str, mesh: TriangleMesh, share: float, n_sources: int, random: np.random.Generator, solve: Solver
+) -> None:
     """Print the errors of both forms by distance."""
     d_max, edge = share * diagonal(mesh), mesh.mean_edge
     longest = np.linalg.norm(
         mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, 1, 1)], axis=2
     ).max()
-    table = solve_table(mesh, d_max + 2.0 * longest)
+    table = solve(mesh, d_max + 2.0 * longest)
     faces = np.sort(random.choice(len(mesh.faces), len(mesh.faces) // 3, replace=False))
     weights = random.dirichlet([2.0, 2.0, 2.0], len(faces))
     points = np.einsum("ij,ijk->ik", weights, mesh.vertices[mesh.faces[faces]])
@@ -108,6 +123,8 @@ def main() -> None:
         "--share", type=float, default=0.2, help="d_max, as a part of the bounding box' diagonal"
     )
     parser.add_argument("--sources", type=int, default=60)
+    parser.add_argument("--meshes", nargs="*", default=[*GENERATED, "vertebra", "ventricle"])
+    parser.add_argument("--exact", action="store_true", help="interpolate exact distances between vertices")
     arguments = parser.parse_args()
     random = np.random.default_rng(0)
     print(
@@ -117,7 +134,9 @@ def main() -> None:
     if "HOMOLOG_DATA" in os.environ:
         surfaces += real_surfaces(Path(os.environ["HOMOLOG_DATA"]), arguments.size)
     for name, mesh in surfaces:
-        compare(name, mesh, arguments.share, arguments.sources, random)
+        if name in arguments.meshes:
+            solve = exact_table if arguments.exact else solve_table
+            compare(name, mesh, arguments.share, arguments.sources, random, solve)
 
 
 if __name__ == "__main__":
