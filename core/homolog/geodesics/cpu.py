@@ -126,14 +126,12 @@ def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> Geode
 def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, ...]:
     n = problem.n_vertices
     codes = wp.full((n, n), MISSING, dtype=wp.uint16, device="cpu")
+    members = wp.array(problem.clusters.members, dtype=wp.int32, ndim=2, device="cpu")
 
     def worker() -> Callable[[int], None]:
         scratch, solve = problem.solver()
-        store = _recorded(
-            store_kernels.store_dense,
-            1,
-            [scratch, problem.reach, problem.names, problem.groups.members, codes, 0],
-        )
+        inputs = [scratch, problem.reach, problem.names, *_rows(n), members, codes, 0]
+        store = _recorded(store_kernels.store_dense, 1, inputs)
 
         def solve_cluster(cluster: int) -> None:
             solve(cluster)
@@ -142,13 +140,21 @@ def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, .
         return solve_cluster
 
     deal(worker, len(problem.clusters.members), threads, lambda done: report(0.95 * done))
-    tiles = -(-n // 16)
+    strips = -(-n // store_kernels.TILE)
 
     def symmetrize(strip: int) -> None:
         wp.launch(store_kernels.symmetrize_strip, 1, inputs=[codes, strip], device="cpu")
 
-    deal(lambda: symmetrize, tiles, threads, lambda done: report(0.95 + 0.05 * done))
+    deal(lambda: symmetrize, strips, threads, lambda done: report(0.95 + 0.05 * done))
     return (codes,)
+
+
+def _rows(n_vertices: int) -> tuple[Any, Any]:
+    """Return room for the vertices that a cluster reaches, and for their codes."""
+    return (
+        wp.empty(n_vertices, dtype=wp.int32, device="cpu"),
+        wp.empty(n_vertices, dtype=patch_kernels.Codes, device="cpu"),
+    )
 
 
 def _solve_blocks(problem: Problem, threads: int, report: Report) -> tuple[Any, ...]:
@@ -160,13 +166,10 @@ def _solve_blocks(problem: Problem, threads: int, report: Report) -> tuple[Any, 
 
     def worker() -> Callable[[int], None]:
         scratch, solve = problem.solver()
-        block = wp.empty(n, dtype=patch_kernels.Codes, device="cpu")
+        reached, block = _rows(n)
         n_rows = wp.zeros(1, dtype=wp.int32, device="cpu")
-        store = _recorded(
-            store_kernels.store_block,
-            1,
-            [scratch, problem.reach, problem.names, slot, row, near, block, n_rows, 0],
-        )
+        inputs = [scratch, problem.reach, problem.names, reached, block, slot, row, near, n_rows, 0]
+        store = _recorded(store_kernels.store_block, 1, inputs)
         rows, count = block.numpy(), n_rows.numpy()
 
         def solve_cluster(cluster: int) -> None:

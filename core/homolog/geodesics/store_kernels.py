@@ -10,41 +10,31 @@ from homolog.geodesics.patch_kernels import Codes, Counts, Scratch, code_at, int
 # A lane loop has to stay a loop: the compiler then turns it into vector instructions.
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 
+TILE = 32
+"""Rows and columns of a dense table that are averaged with what mirrors them, one tile after another."""
 
-@wp.kernel
-def store_dense(
+
+@wp.func_native("codes.data[wp::int64(i) * codes.shape[1] + j] = code;")
+def put_dense(codes: wp.array2d(dtype=wp.uint16), i: int, j: int, code: int):
+    """Set a code of a dense table."""
+    ...
+
+
+@wp.func_native("return codes.data[wp::int64(i) * codes.shape[1] + j];")
+def dense_at(codes: wp.array2d(dtype=wp.uint16), i: int, j: int) -> int:
+    """Return a code of a dense table."""
+    ...
+
+
+@wp.func
+def encode_reached(
     scratch: Scratch,
     reach: Reach,
     names: wp.array(dtype=wp.int32),
-    members: wp.array2d(dtype=wp.int32),
-    codes: wp.array2d(dtype=wp.uint16),
-    cluster: int,
-):
-    """Write the rows of one cluster's sources, which hold MISSING so far."""
-    for lane in range(LANES):
-        m = members[cluster, lane]
-        if m >= 0:
-            for p in range(scratch.size[0]):
-                v = scratch.patch[p]
-                codes[names[m], names[v]] = encode(scratch.u[v][lane], reach)
-
-
-@wp.kernel
-def store_block(
-    scratch: Scratch,
-    reach: Reach,
-    names: wp.array(dtype=wp.int32),
-    slot: wp.array(dtype=wp.int32),
-    row: wp.array2d(dtype=wp.uint16),
-    near: wp.array2d(dtype=wp.uint8),
+    reached: wp.array(dtype=wp.int32),
     block: wp.array(dtype=Codes),
-    n_rows: wp.array(dtype=wp.int32),
-    cluster: int,
-):
-    """Write the block of one cluster, a row for every vertex that one of its sources reaches.
-
-    Marks the clusters of these vertices as near.
-    """
+) -> int:
+    """List the vertices that any source of a cluster reaches, by the mesh's numbers, and their codes."""
     n = int(0)
     for p in range(scratch.size[0]):
         v = int_at(scratch.found, p)  # by clusters: both directions of a pair are then read in a row
@@ -57,9 +47,53 @@ def store_block(
             codes[lane] = encode(u[lane], reach)
         if some > 0:
             block[n] = codes
-            row[cluster, names[v]] = wp.uint16(n)
-            near[cluster, slot[names[v]] // LANES] = wp.uint8(1)
+            reached[n] = names[v]
             n += 1
+    return n
+
+
+@wp.kernel
+def store_dense(
+    scratch: Scratch,
+    reach: Reach,
+    names: wp.array(dtype=wp.int32),
+    reached: wp.array(dtype=wp.int32),
+    block: wp.array(dtype=Codes),
+    members: wp.array2d(dtype=wp.int32),
+    codes: wp.array2d(dtype=wp.uint16),
+    cluster: int,
+):
+    """Write the rows of one cluster's sources, which hold MISSING so far."""
+    n = encode_reached(scratch, reach, names, reached, block)
+    for lane in range(LANES):
+        m = members[cluster, lane]
+        if m >= 0:
+            for k in range(n):
+                put_dense(codes, m, int_at(reached, k), code_at(block, k, lane))
+
+
+@wp.kernel
+def store_block(
+    scratch: Scratch,
+    reach: Reach,
+    names: wp.array(dtype=wp.int32),
+    reached: wp.array(dtype=wp.int32),
+    block: wp.array(dtype=Codes),
+    slot: wp.array(dtype=wp.int32),
+    row: wp.array2d(dtype=wp.uint16),
+    near: wp.array2d(dtype=wp.uint8),
+    n_rows: wp.array(dtype=wp.int32),
+    cluster: int,
+):
+    """Write the block of one cluster, a row for every vertex that one of its sources reaches.
+
+    Marks the clusters of these vertices as near.
+    """
+    n = encode_reached(scratch, reach, names, reached, block)
+    for k in range(n):
+        v = int_at(reached, k)
+        row[cluster, v] = wp.uint16(k)
+        near[cluster, slot[v] // LANES] = wp.uint8(1)
     n_rows[0] = n
 
 
@@ -113,14 +147,17 @@ def symmetrize_tiles(
 
 @wp.kernel
 def symmetrize_strip(codes: wp.array2d(dtype=wp.uint16), strip: int):
-    """Replace both directions of every pair by their mean, for 16 rows and what mirrors them."""
-    n = wp.min(16 * strip + 16, codes.shape[0])
+    """Replace both directions of every pair by their mean, for TILE rows and what mirrors them."""
+    n = wp.min(TILE * strip + TILE, codes.shape[0])
     for tile in range(strip + 1):
-        for i in range(16 * strip, n):
-            for j in range(16 * tile, wp.min(16 * tile + 16, i)):
-                there = int(codes[i, j])
-                back = int(codes[j, i])
-                if there != MISSING or back != MISSING:
-                    mean = mean_code(there, back)
-                    codes[i, j] = mean
-                    codes[j, i] = mean
+        for i in range(TILE * strip, n):
+            j = TILE * tile
+            end = wp.min(TILE * tile + TILE, i)
+            while j < end:
+                there = dense_at(codes, i, j)
+                back = dense_at(codes, j, i)
+                if wp.min(there, back) != MISSING:  # most pairs are far apart
+                    mean = int(mean_code(there, back))
+                    put_dense(codes, i, j, mean)
+                    put_dense(codes, j, i, mean)
+                j += 1
