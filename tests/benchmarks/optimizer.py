@@ -24,15 +24,17 @@ import time
 from pathlib import Path
 
 import numpy as np
+from ventricle_walls import wall_swaps
 
 from homolog.analysis.landmarks import landmark_errors as errors_of_landmarks
 from homolog.beans.evaluate import evaluate
 from homolog.beans.generate import NARROW, WIDE, draw_beans
 from homolog.correspondence import Shape, optimize
 from homolog.correspondence.domain import AREA, prepare
-from homolog.correspondence.engine import Engine, Weights
+from homolog.correspondence.engine import Engine
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.sampling import LIST_LIFE
+from homolog.correspondence.schedule import Weights
 from homolog.correspondence.start import spread_indices
 from homolog.device import choose_device, describe_device
 from homolog.settings import GroomSettings, Method, OptimizeSettings
@@ -180,7 +182,7 @@ def real(folder, device, seeds):
             print(f", by landmark {each}, opposed normals {opposed(found.normals):.3f} %, {seconds:.1f} s")
             print(where_errors(vertebrae, errors), flush=True)
             found, seconds = timed(ventricles, device, **options)
-            share, count = wall_swaps(found)
+            share, count = wall_swaps(ventricles, found)
             print(f"ventricles, {title}: swapped walls {share:.4f} % of pairs, {count} particles", end="")
             print(f", opposed normals {opposed(found.normals):.3f} %, {seconds:.1f} s", flush=True)
 
@@ -216,25 +218,6 @@ def opposed(normals):
     """Share of (particle, pair of shapes) with opposed normals [%]."""
     pairs = [(normals[i] * normals[j]).sum(axis=-1) < 0 for i in range(len(normals)) for j in range(i)]
     return 100.0 * float(np.mean(pairs))
-
-
-def wall_swaps(found):
-    """Share [%] of pairs, and number of particles, with one end on the inner and one on the outer wall.
-
-    A wall counts where the normal is within 60° of the radial direction about the long (z) axis.
-    """
-    radial = found.world - found.world.mean(axis=1, keepdims=True)
-    radial[..., 2] = 0.0
-    radial /= np.maximum(np.linalg.norm(radial, axis=-1, keepdims=True), 1e-9)
-    side = (radial * found.normals).sum(axis=-1)
-    both = swapped = 0
-    for i in range(len(side)):
-        for j in range(i):
-            sure = (np.abs(side[i]) > 0.5) & (np.abs(side[j]) > 0.5)
-            both += int(sure.sum())
-            swapped += int((sure & (side[i] * side[j] < 0)).sum())
-    on_both = (side > 0.5).any(axis=0) & (side < -0.5).any(axis=0)
-    return 100.0 * swapped / both, int(on_both.sum())
 
 
 SIZES = ("10x256", "10x1024", "10x4096", "10x8192", "50x1024", "100x1024", "200x1024", "500x1024")

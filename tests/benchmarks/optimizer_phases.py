@@ -14,8 +14,8 @@ from pathlib import Path
 import warp as wp
 from optimizer import an_engine
 
-from homolog.correspondence.engine import Weights
 from homolog.correspondence.sampling import LIST_LIFE
+from homolog.correspondence.schedule import Weights
 from homolog.device import choose_device, describe_device
 
 GROUPS = 10

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from homolog.arrays import BoolArray
+from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.sampling import REACH
 from homolog.correspondence.schedule import particle_counts
 from homolog.correspondence.surfaces import (
@@ -20,12 +20,13 @@ from homolog.correspondence.surfaces import (
     ordered,
 )
 from homolog.correspondence.types import Shape
+from homolog.errors import InputError
 from homolog.geodesics import GeodesicTable, solve_tables
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["AREA", "Domain", "Solve", "prepare"]
+__all__ = ["AREA", "Domain", "Solve", "placed_landmarks", "prepare"]
 
 Solve = Callable[..., Sequence[GeodesicTable]]
 """What is called, and answers, as `homolog.geodesics.solve_tables`."""
@@ -146,3 +147,23 @@ def prepare(
         geodesic=geodesic,
         device=device,
     )
+
+
+def placed_landmarks(shapes: Sequence[Shape], domain: Domain, count: int) -> FloatArray | None:
+    """Return the shapes' landmarks in the optimizer's coordinates, (M, L, 3); None if there are none.
+
+    Raises
+    ------
+    InputError
+        If they are not the same on every shape, or more than the `count` first particles.
+    """
+    given = [shape.landmarks for shape in shapes if shape.landmarks is not None]
+    if not given:
+        return None
+    numbers = {len(one) for one in given}
+    if len(given) < len(shapes) or len(numbers) > 1 or max(numbers) > count:
+        raise InputError(
+            f"landmarks must be the same on every shape and no more than the {count} first particles; "
+            "give all shapes the same, or run without them"
+        )
+    return np.stack([place.apply(one) for place, one in zip(domain.placements, given, strict=True)])

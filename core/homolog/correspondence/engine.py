@@ -13,35 +13,13 @@ from homolog.correspondence import kernels, step_kernels
 from homolog.correspondence.coupling import coupling
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.sampling import LIST_LIFE, REACH, Sampling
+from homolog.correspondence.schedule import Weights
 from homolog.correspondence.surfaces import Level, nearest_faces
 from homolog.geodesics.lookup import SurfacePoint
 
-__all__ = ["Engine", "Particles", "Weights", "turns_of"]
+__all__ = ["Engine", "Particles", "turns_of"]
 
 NEWTON_STEPS = 2
-
-
-@dataclass(frozen=True, slots=True)
-class Weights:
-    """What the schedule sets for one iteration (lengths in the optimizer's unit).
-
-    Attributes
-    ----------
-    ensemble, normals : float
-        Weights of H(Z) and H(V).
-    regularization : float
-        Of the ensemble's dual, a squared length.
-    normals_regularization : float
-        Of the normals' dual [rad²].
-    step : float
-        tau over the squared Parzen width.
-    """
-
-    ensemble: float
-    normals: float
-    regularization: float
-    normals_regularization: float
-    step: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,14 +1,14 @@
-"""The way through the stages: iterations, splits, and what is reported and kept meanwhile."""
+"""The way through the stages: first particles, iterations, splits, repairs, convergence."""
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog.correspondence.domain import AREA, Domain
+from homolog.correspondence.domain import AREA, Domain, placed_landmarks
 from homolog.correspondence.engine import Engine, Particles
 from homolog.correspondence.launcher import Launcher
+from homolog.correspondence.logbook import Keep, Logbook
 from homolog.correspondence.poses import inverted, procrustes, transformed
 from homolog.correspondence.sampling import LIST_LIFE
 from homolog.correspondence.schedule import Plan
@@ -18,7 +18,6 @@ from homolog.correspondence.strays import put_right
 from homolog.correspondence.types import (
     Checkpoint,
     Correspondence,
-    Frame,
     Observe,
     Reason,
     Shape,
@@ -30,21 +29,17 @@ from homolog.progress import Tick, part_of
 from homolog.settings import OptimizeSettings, Procrustes
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Journey", "Keep"]
+__all__ = ["Journey"]
 
 RECORD = 20  # iterations between two rows of the energy table
-KEEP_S = 20.0  # seconds between two checkpoints: with the iterations under way no more than 30 are lost
-FRAME_S = 0.05  # seconds between two frames
 LOST = 5.0  # optimizer lengths from the mesh, of a particle that is not on the surface any more
 SPLIT_OFFSET = 0.25  # of the Parzen width
 START_ROUNDS, ALIGNING_ROUNDS = 4, 5  # of first particles and poses in turn, where poses may change
 SLIDING = 0.01  # of distances in the surface, for poses while particles are still few
 
-Keep = Callable[[Checkpoint], None]
-
 
 class Journey:
-    """The loop over stages and iterations, with its clocks."""
+    """The loop over stages and iterations."""
 
     def __init__(
         self,
@@ -57,19 +52,15 @@ class Journey:
         observe: Observe | None,
         keep: Keep | None,
     ) -> None:
-        self.domain, self.settings, self.observe, self.keep = domain, settings, observe, keep
-        self.start, self.stages = start, stages
-        self.alignments = np.stack([shape.alignment for shape in shapes])
-        self.landmarks = _landmarks(shapes, domain, stages[0].count)
+        self.domain, self.settings, self.start, self.stages = domain, settings, start, stages
+        self.log = Logbook(np.stack([shape.alignment for shape in shapes]), domain.unit, observe, keep)
+        self.landmarks = placed_landmarks(shapes, domain, stages[0].count)
         self.start_tick, self.tick = part_of(tick, 0.0, 0.05), part_of(tick, 0.05, 1.0)
         self._now = (0.0, "first particles")
         self.launcher = Launcher(domain.device, breathe=lambda: self.tick(*self._now))
         free = 1.0 if start is None or start.movable is None else float(start.movable.mean())
         self.tolerance = settings.tolerance * free  # the objective is per particle, of all
-        self.energies: list[list[float]] = []
-        self.iteration = 0
         self.poses = np.tile(np.eye(4), (len(domain.names), 1, 1))
-        self._next_frame = self._next_checkpoint = 0.0
         self._costs = np.array([plan.usual * (plan.count + 256.0) for plan in self.stages])
 
     def run(self, resume: Checkpoint | None) -> Reason:
@@ -79,7 +70,7 @@ class Journey:
             self._begin()
         else:
             begin, done = self._stage_of(resume), resume.done
-            self.iteration, self.energies = resume.iteration, resume.energies.tolist()
+            self.log.go_on(resume)
             self.poses = resume.poses
             self.engine = self._engine(self.stages[begin].count, _particles(resume))
             self.repaired = resume.repaired.copy()
@@ -168,20 +159,22 @@ class Journey:
     def _stage(self, index: int, done: int) -> Reason:
         plan = self.stages[index]
         self.engine.start_stage([plan.weights(i) for i in range(plan.iterations)], done)
-        self._next_frame = 0.0  # a stage is seen however short it is
+        self.log.begin_stage()
         if done == 0:
             self._checkpoint(index, done)
             if plan.until_converged:
                 self._put_right(index, done)
         elif (
-            self.repaired.max() < self.iteration and self._settled(plan, done) and self._is_done(index, done)
+            self.repaired.max() < self.log.iteration
+            and self._settled(plan, done)
+            and self._is_done(index, done)
         ):
             return Reason.CONVERGED  # it was cancelled while strays were put right
         while done < plan.iterations:
             times = min(LIST_LIFE, plan.iterations - done)
             self._iterate(index, done, times)
             done += times
-            self.iteration += times
+            self.log.iteration += times
             if done % RECORD == 0 or done == plan.iterations:
                 self._record(plan)
                 if self._is_done(index, done):
@@ -201,8 +194,7 @@ class Journey:
         """Whether the objective changed little between a stage's last two records, the last being now."""
         if not plan.until_converged or done < 2 * RECORD or (done % RECORD and done < plan.iterations):
             return False
-        before, now = (float(np.sum(row[1:])) for row in self.energies[-2:])
-        return abs(before - now) < self.tolerance
+        return self.log.changed() < self.tolerance
 
     def _put_right(self, index: int, done: int) -> bool:
         """Move strays to where the other shapes have them; False if there are none.
@@ -211,7 +203,7 @@ class Journey:
         """
         if not self.settings.method.uses_normals:
             return False
-        allowed = self.repaired <= self.iteration - done
+        allowed = self.repaired <= self.log.iteration - done
         if self.start is not None and self.start.movable is not None:
             allowed &= self.start.movable
         before = self.engine.particles()
@@ -220,7 +212,7 @@ class Journey:
         except Cancelled:
             self._checkpoint(index, done, before)
             raise
-        self.repaired[moved] = self.iteration
+        self.repaired[moved] = self.log.iteration
         return bool(moved.any())
 
     def _iterate(self, index: int, done: int, times: int) -> None:
@@ -236,7 +228,7 @@ class Journey:
         parts = self.engine.energy() * [1.0, plan.weight, plan.normals_weight]
         if not np.isfinite(parts).all():
             self._check_particles()
-        self.energies.append([float(self.iteration), *parts.tolist()])
+        self.log.record(parts)
 
     def _check_particles(self) -> None:
         """Refuse to go on with particles that are not on their surfaces."""
@@ -251,17 +243,14 @@ class Journey:
         ]
         if names:
             raise NumericalError(
-                f"{', '.join(names)}: particles left the surface by iteration {self.iteration}; look at the "
-                "groomed surface, or run with another seed"
+                f"{', '.join(names)}: particles left the surface by iteration {self.log.iteration}; look at "
+                "the groomed surface, or run with another seed"
             )
 
     def _report(self, index: int, done: int) -> None:
         """Frame, checkpoint and tick, when they are due."""
-        now = time.monotonic()
-        if self.observe is not None and now >= self._next_frame and self.energies:
-            self._next_frame = now + FRAME_S
-            self.observe(self._frame(index))
-        if now >= self._next_checkpoint:
+        self.log.show(self.stages[index].stage, self.engine)
+        if self.log.checkpoint_is_due():
             self._checkpoint(index, done)
         plan = self.stages[index]
         behind = self._costs[:index].sum() + self._costs[index] * min(1.0, done / plan.usual)
@@ -279,42 +268,8 @@ class Journey:
         count, shapes = np.count_nonzero(self.repaired), np.count_nonzero(self.repaired.any(axis=1))
         return f", {count} put right on {shapes} shape{'s' if shapes > 1 else ''}" if count else ""
 
-    def _frame(self, index: int) -> Frame:
-        world = self.engine.posed_positions() * self.domain.unit
-        return Frame(
-            self.stages[index].stage,
-            self.iteration,
-            world,
-            np.array(self.energies[-1][1:]),
-            self._alignments(),
-        )
-
-    def _alignments(self) -> FloatArray:
-        """Return the similarities from file to world coordinates, as they are now, (M, 4, 4)."""
-        poses = self.poses.copy()
-        poses[:, :3, 3] *= self.domain.unit
-        return poses @ self.alignments
-
     def _checkpoint(self, index: int, done: int, particles: Particles | None = None) -> None:
-        self._next_checkpoint = time.monotonic() + KEEP_S
-        if self.keep is None:
-            return
-        now = particles or self.engine.particles()
-        energies = np.array(self.energies).reshape(-1, 4)
-        self.keep(
-            Checkpoint(
-                left=len(self.stages) - 1 - index,
-                done=done,
-                iteration=self.iteration,
-                positions=now.positions,
-                widths=now.widths,
-                means=now.means,
-                poses=self.poses,
-                faces=now.faces,
-                energies=energies,
-                repaired=self.repaired.copy(),
-            )
-        )
+        self.log.save(self.engine, len(self.stages) - 1 - index, done, self.repaired, particles)
 
     def result(self, reason: Reason) -> Correspondence:
         """Return the particles in millimetres."""
@@ -322,14 +277,14 @@ class Journey:
         local = np.stack([p.invert(one) for p, one in zip(self.domain.placements, positions, strict=True)])
         if self.start is not None and self.start.movable is not None:
             local = np.where(self.start.movable[..., None], local, self.start.local)
-        alignments = self._alignments()
+        alignments = self.log.aligned(self.poses)
         return Correspondence(
             world=transformed(alignments, local),
             local=local,
             normals=self.engine.posed_normals(),
-            energies=np.array(self.energies).reshape(-1, 4),
+            energies=self.log.energies,
             alignments=alignments,
-            iterations=self.iteration,
+            iterations=self.log.iteration,
             reason=reason,
             repaired=self.repaired,
         )
@@ -337,17 +292,3 @@ class Journey:
 
 def _particles(saved: Checkpoint) -> Particles:
     return Particles(saved.positions, saved.widths, saved.means, saved.faces)
-
-
-def _landmarks(shapes: Sequence[Shape], domain: Domain, count: int) -> FloatArray | None:
-    """Return the shapes' landmarks in the optimizer's coordinates, (M, L, 3); None if there are none."""
-    given = [shape.landmarks for shape in shapes if shape.landmarks is not None]
-    if not given:
-        return None
-    numbers = {len(one) for one in given}
-    if len(given) < len(shapes) or len(numbers) > 1 or max(numbers) > count:
-        raise InputError(
-            f"landmarks must be the same on every shape and no more than the {count} first particles; "
-            "give all shapes the same, or run without them"
-        )
-    return np.stack([place.apply(one) for place, one in zip(domain.placements, given, strict=True)])

@@ -6,7 +6,8 @@ import numpy as np
 
 from homolog.arrays import BoolArray
 from homolog.correspondence.domain import Solve, prepare
-from homolog.correspondence.journey import Journey, Keep
+from homolog.correspondence.journey import Journey
+from homolog.correspondence.logbook import Keep
 from homolog.correspondence.schedule import plan_stages
 from homolog.correspondence.types import Checkpoint, Correspondence, Observe, Shape, Start
 from homolog.errors import InputError

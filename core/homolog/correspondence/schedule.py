@@ -3,17 +3,39 @@
 import math
 from dataclasses import dataclass
 
-from homolog.correspondence.engine import Weights
 from homolog.correspondence.types import Stage
 from homolog.settings import OptimizeSettings
 
-__all__ = ["Plan", "particle_counts", "plan_stages"]
+__all__ = ["Plan", "Weights", "particle_counts", "plan_stages"]
 
 STEP = 0.5  # tau, of the squared Parzen width
 SHRINK = 400  # iterations over which it shrinks to e^-3 when all is annealed
 FIRST = 256  # at most so many particles are placed by registration; the others come by splitting
 MEAN_PULL = 0.02  # strength of that pull, per squared optimizer length
 HUGE = 1.0e4  # a regularisation under which H(Z) is the squared distance to the mean shape
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """What the schedule sets for one iteration (lengths in the optimizer's unit).
+
+    Attributes
+    ----------
+    ensemble, normals : float
+        Weights of H(Z) and H(V).
+    regularization : float
+        Of the ensemble's dual, a squared length.
+    normals_regularization : float
+        Of the normals' dual [rad²].
+    step : float
+        tau over the squared Parzen width.
+    """
+
+    ensemble: float
+    normals: float
+    regularization: float
+    normals_regularization: float
+    step: float
 
 
 @dataclass(frozen=True, slots=True)

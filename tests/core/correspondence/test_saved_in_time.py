@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from homolog.correspondence import journey, optimize
+from homolog.correspondence import journey, logbook, optimize
 from homolog.settings import OptimizeSettings
 
 LONG = OptimizeSettings(
@@ -21,7 +21,7 @@ def clock(monkeypatch):
         now[0] += times
         iterate(engine, times)
 
-    monkeypatch.setattr(journey, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(logbook, "time", SimpleNamespace(monotonic=lambda: now[0]))
     monkeypatch.setattr(journey.Engine, "iterate", slowly)
     return now
 

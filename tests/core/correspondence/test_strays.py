@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from homolog.correspondence import Start, journey, optimize
+from homolog.correspondence import Start, logbook, optimize
 from homolog.correspondence.strays import strays
 from homolog.errors import Cancelled
 from homolog.settings import Method, OptimizeSettings
@@ -95,7 +95,7 @@ def test_without_normals_in_the_objective_nothing_is_repaired(discs, spoiled):
 
 
 def test_a_run_resumed_before_or_after_a_repair_ends_bit_identical(discs, spoiled, monkeypatch):
-    monkeypatch.setattr(journey, "KEEP_S", 0.0)
+    monkeypatch.setattr(logbook, "KEEP_S", 0.0)
     kept = []
     whole = optimize(discs, ON, start=Start(spoiled[0]), checkpoint=kept.append)
     first = [one.repaired.any() for one in kept].index(True)
