@@ -187,14 +187,18 @@ def real(folder, device, seeds):
             print(f", opposed normals {opposed(found.normals):.3f} %, {seconds:.1f} s", flush=True)
 
 
-def landmark_errors(shapes, particles):
-    """Distances [mm] of landmarks carried by thin plates through the particles, snapped to the surface."""
+def expert_landmarks(shapes):
+    """Read the vertebrae's landmarks, (M, 10, 3)."""
     table = {}
     with (DATA / "vertebra_l1_verse" / "landmarks.csv").open() as file:
         for row in csv.DictReader(file):
             table.setdefault(row["id"], {})[row["landmark"]] = [float(row[axis]) for axis in "xyz"]
-    own = [np.array([v for _, v in sorted(table[shape.name.split("_")[0]].items())]) for shape in shapes]
-    return errors_of_landmarks(particles, np.array(own), [snapping(shape.mesh) for shape in shapes])
+    return np.array([[v for _, v in sorted(table[shape.name.split("_")[0]].items())] for shape in shapes])
+
+
+def landmark_errors(shapes, particles):
+    """Distances [mm] of landmarks carried by thin plates through the particles, snapped to the surface."""
+    return errors_of_landmarks(particles, expert_landmarks(shapes), [snapping(s.mesh) for s in shapes])
 
 
 def where_errors(shapes, errors):

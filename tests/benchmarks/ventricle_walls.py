@@ -28,9 +28,9 @@ def facing(shape, particles, normals):
     at = ((particles + PROBE_MM * normals) @ to_index[:3, :3].T + to_index[:3, 3])[:, order]
     nearest = np.clip(np.rint(at).astype(int), 0, np.array(inside.shape) - 1)
     there = tuple(nearest.T)
-    filled = np.flatnonzero(inside.any(axis=(0, 1)))
+    closed = np.flatnonzero(cavity.any(axis=(0, 1)))  # the rounded rim's last slice may be an open ring
     upwards = grid[2, order[2]] > 0.0
-    beyond = at[:, 2] < filled[0] - 0.5 if upwards else at[:, 2] > filled[-1] + 0.5
+    beyond = at[:, 2] < closed[0] - 0.5 if upwards else at[:, 2] > closed[-1] + 0.5
     return np.where(beyond | inside[there], 0, np.where(cavity[there], 1, -1))
 
 
