@@ -23,6 +23,7 @@ ANGLE = np.radians(45.0)  # from the mean normal, of a stray …
 BEYOND = 3.0  # … and so many times the median over the shapes, which so have to agree
 FEWEST = 3  # shapes that it takes to say which of them is the odd one
 LOCAL = 0.1  # share of a shape's particles; where more disagree, it is matched differently as a whole
+ALIKE = 0.5  # cosine from which a surface faces as it does nearby
 NEAR, FAR = 300, 100  # particles around the misplaced ones that tell their place, and more all over the shape
 
 
@@ -115,12 +116,16 @@ def predicted(
 
 def snapped(points: FloatArray, normals: FloatArray, mesh: TriangleMesh) -> FloatArray:
     """Return points on a mesh near the given ones, on the side that faces as the normals do, (n, 3)."""
+    facing = vertex_normals(mesh)
     nearest: IntArray = np.asarray(
-        cKDTree(features(mesh.vertices, vertex_normals(mesh))).query(features(points, normals))[1]
+        cKDTree(features(mesh.vertices, facing)).query(features(points, normals))[1]
     )
-    feet, upward = mesh.vertices[nearest], vertex_normals(mesh)[nearest]
+    feet, upward = mesh.vertices[nearest], facing[nearest]
     aside = points - feet
     aside -= upward * np.einsum("nd,nd->n", aside, upward)[:, None]
     length = np.linalg.norm(aside, axis=1, keepdims=True)
     there: FloatArray = feet + aside * np.minimum(1.0, mesh.mean_edge / np.maximum(length, 1e-12))
+    around = facing[np.asarray(cKDTree(mesh.vertices).query(there)[1])]
+    through = np.einsum("nd,nd->n", around, upward) < ALIKE  # the wall is thin and bends
+    there[through] = feet[through]
     return there

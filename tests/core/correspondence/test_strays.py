@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from homolog.correspondence import Start, logbook, optimize
-from homolog.correspondence.strays import strays
+from homolog.correspondence.start import vertex_normals
+from homolog.correspondence.strays import snapped, strays
 from homolog.errors import Cancelled
 from homolog.settings import Method, OptimizeSettings
 
@@ -63,6 +65,14 @@ def test_a_shape_that_is_matched_differently_as_a_whole_is_left_alone():
     degrees = np.full((5, 30), 5.0)
     degrees[3, :10] = 80.0
     assert not strays_of(degrees).any()
+
+
+def test_a_point_put_on_a_thin_wall_that_bends_stays_on_its_side(make_shape):
+    mesh = make_shape("disc", (14.0, 12.0, 1.5)).mesh
+    points = np.random.default_rng(0).normal(size=(400, 3)) * [8.0, 7.0, 1.0]
+    normals = np.tile([0.0, 0.0, 1.0], (400, 1))
+    nearest = cKDTree(mesh.vertices).query(snapped(points, normals, mesh))[1]
+    assert vertex_normals(mesh)[nearest, 2].min() > 0.0
 
 
 def test_a_particle_on_the_wrong_wall_is_put_right_and_the_run_says_so(discs, spoiled):
