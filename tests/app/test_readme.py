@@ -19,5 +19,5 @@ def test_the_readme_example_makes_a_project_and_prints_three_shares_and_a_shape(
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert re.fullmatch(r"\[0\.\d+ 0\.\d+ 0\.\d+\] \(32, 3\)", done.stdout.strip())
+    assert re.fullmatch(r"\[0\.\d+ +0\.\d+ +0\.\d+ *\] \(32, 3\)", done.stdout.strip())
     assert (tmp_path / "PROJECT" / "project.json").is_file()
