@@ -14,25 +14,22 @@ from homolog.cohort import Subject
 from homolog.correspondence import Shape, optimize
 from homolog.files.meshes import write_mesh
 from homolog.grooming import align, groom_subject
-from homolog.settings import Alignment, GroomSettings, Method, OptimizeSettings
+from homolog.settings import Alignment, GroomSettings, OptimizeSettings
 
 CENTRE = np.array([40.0, -25.0, 60.0])
 OFF_CENTRE = np.array([0.3, -0.2, 0.1])
 KNOBS = (4.0, 4.8, 5.6, 6.4)  # radii [mm]
 GROOM = GroomSettings(alignment=Alignment.NONE, mesh_edge=2.0)
-OPTIMIZE = OptimizeSettings(
-    method=Method.NORMALS, particles=32, split_iterations=10, anneal_iterations=40, settle_iterations=20
-)
+OPTIMIZE = OptimizeSettings(particles=128)  # as it is used: cut short, it tells slices
 TURNED = Rotation.from_euler("xyz", [25.0, -35.0, 50.0], degrees=True).as_matrix()
 SWAPPED = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 # Directions of the grid's axes, spacing [mm], file suffix; mean and single distance of surfaces [mm], change
-# of volume and of the first mode's share that are allowed, and the least correlation of its scores: slices of
-# 2 mm cut these small shapes differently, which is a second mode of 3-5 % in whatever direction.
+# of volume and of the first mode's share that are allowed.
 FORMS = {
-    "oblique": (TURNED, (1.0, 1.0, 1.0), ".nii.gz", 0.12, 0.6, 0.02, 0.02, 0.995),
-    "axes exchanged and mirrored": (SWAPPED, (1.0, 1.0, 1.0), ".nii", 0.12, 0.6, 0.02, 0.02, 0.995),
-    "oblique and anisotropic": (TURNED, (0.8, 0.8, 2.0), ".nhdr", 0.25, 1.6, 0.06, 0.05, 0.975),
+    "oblique": (TURNED, (1.0, 1.0, 1.0), ".nii.gz", 0.12, 0.6, 0.02, 0.02),
+    "axes exchanged and mirrored": (SWAPPED, (1.0, 1.0, 1.0), ".nii", 0.12, 0.6, 0.02, 0.02),
+    "oblique and anisotropic": (TURNED, (0.8, 0.8, 2.0), ".nhdr", 0.25, 1.6, 0.06, 0.05),
 }
 
 
@@ -89,7 +86,7 @@ def axial(tmp_path_factory):
 
 @pytest.mark.parametrize("form", FORMS)
 def test_the_way_a_volume_is_stored_does_not_change_the_shape_model(form, axial, tmp_path):
-    directions, spacing, suffix, mean, most, change, share, alike = FORMS[form]
+    directions, spacing, suffix, mean, most, change, share = FORMS[form]
     paths = [write(tmp_path / f"{knob}{suffix}", knob, directions, spacing) for knob in KNOBS]
     (meshes, model), (original_meshes, original) = model_of(paths), axial
     for mesh, one in zip(meshes, original_meshes, strict=True):
@@ -98,7 +95,7 @@ def test_the_way_a_volume_is_stored_does_not_change_the_shape_model(form, axial,
         assert gaps.max() < most
         assert mesh.volume == pytest.approx(one.volume, rel=change)
     sign = np.sign(model.scores[:, 0] @ original.scores[:, 0])
-    assert sign * np.corrcoef(model.scores[:, 0], original.scores[:, 0])[0, 1] > alike
+    assert sign * np.corrcoef(model.scores[:, 0], original.scores[:, 0])[0, 1] > 0.995
     assert model.standard_deviations[0] == pytest.approx(original.standard_deviations[0], rel=0.12)
     assert model.explained[0] == pytest.approx(original.explained[0], abs=share)
     for knob, own in ((-1, 0), (1, -1)):  # the first mode's ends look like the first and the last subject
