@@ -1,10 +1,10 @@
 """What the crew of a cluster works with: its state, its hands, lists of what is dirty, and reads.
 
 On CUDA each cluster has a block of threads, its crew; on a CPU the crew is one thread. A vertex is dirty if a
-neighbour fell since its last update. Each pass over a band of vertices lists what is dirty and makes it
-clean, and then shares the list out among the crew; whoever falls marks its neighbours dirty, after it has
-written its distance. Distances only ever fall, so that reading a neighbour while it is being lowered is
-harmless.
+neighbour fell since its last update; which of its triangles have to be looked at again is kept in bits. Each
+pass over a band of vertices lists what is dirty and makes it clean, and then shares the list out among the
+crew; whoever falls marks its neighbours dirty, after it has written its distance. Distances only ever fall,
+so that reading a neighbour while it is being lowered is harmless.
 """
 
 import warp as wp
@@ -23,8 +23,20 @@ CREW_BAND = wp.constant(512)
 """Vertices, in the order of the patch, that are settled together, a multiple of the crew …"""
 AMEND_BAND = wp.constant(256)
 """… when amendments are: they follow from each other less."""
+ALL = wp.constant(2**31 - 1)
+"""The bits of all triangles around a vertex; the last, LAST_BIT, stands for all others too …"""
 FROM_EIGHT = wp.constant(~255)
-"""The bits of all neighbours from the ninth on."""
+"""… and these for all from the ninth on."""
+
+
+@wp.struct
+class Tell:
+    """What a corner's vertex c tells a and b of when it has fallen (see `news_for`)."""
+
+    to_a: float  # height of a over bc, less half of |bc|
+    to_b: float  # height of b over ac, less half of |ac|
+    bc: float
+    places: int  # of this triangle around a, and 256 times that around b; up to LAST_BIT
 
 
 @wp.struct
@@ -32,11 +44,12 @@ class Front:
     """The state of a batch of clusters."""
 
     u: wp.array3d(dtype=wp.float32)  # (B, V, L) distances, FAR where there are none yet
-    dirty: wp.array2d(dtype=wp.int32)  # (B, V) 1 if the vertex awaits an update
+    dirty: wp.array2d(dtype=wp.int32)  # (B, V) bits of the triangles that have news for a vertex
     patch: wp.array2d(dtype=wp.int32)  # (B, P) vertices, near to far
     size: wp.array(dtype=wp.int32)  # (B,) vertices in the patch
     filled: wp.array2d(dtype=wp.int32)  # (B, BINS) how many vertices a ring holds; then where it ends
     listed: wp.array(dtype=wp.int32)  # (B * CREW_BAND,) places of the dirty vertices of each cluster's band
+    news: wp.array(dtype=wp.int32)  # (B * CREW_BAND,) and the triangles that have news for them
 
 
 @wp.struct
@@ -50,7 +63,7 @@ class Sources:
     position: wp.array(dtype=wp.vec3)
     fan: wp.array(dtype=wp.int32)
     corners: wp.array(dtype=Corner)
-    margin: wp.array(dtype=wp.float32)
+    tells: wp.array(dtype=Tell)
 
 
 @wp.struct
@@ -109,7 +122,7 @@ def in_any_lane(flags: int, together: int) -> int:
 #if defined(__CUDA_ARCH__)
     __shared__ int counts[32];
     const int warp = threadIdx.x >> 5, lane = threadIdx.x & 31;
-    const unsigned votes = __ballot_sync(0xffffffffu, flag);
+    const unsigned votes = __ballot_sync(0xffffffffu, news);
     if (lane == 0)
         counts[warp] = __popc(votes);
     __syncthreads();
@@ -118,18 +131,46 @@ def in_any_lane(flags: int, together: int) -> int:
         at += w < warp ? counts[w] : 0;
         n += counts[w];
     }
-    if (flag)
-        listed.data[first + at] = value;
+    if (news) {
+        listed.data[first + at] = place;
+        told.data[first + at] = news;
+    }
     __syncthreads();
     return n;
 #else
-    if (flag)
-        listed.data[first + n] = value;
-    return n + flag;
+    if (news) {
+        listed.data[first + n] = place;
+        told.data[first + n] = news;
+    }
+    return n + (news != 0);
 #endif
 """)
-def enlist(flag: int, value: int, listed: wp.array(dtype=wp.int32), first: int, n: int) -> int:
-    """Append the values of threads whose flag is 1, not 0, to a list of n so far; return how many it has."""
+def enlist(
+    news: int, place: int, listed: wp.array(dtype=wp.int32), told: wp.array(dtype=wp.int32), first: int, n: int
+) -> int:
+    """Append the places of threads that have news to a list of n so far; return how many it has."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    __threadfence_block();
+#endif
+""")
+def publish():
+    """Let the crew see what was written before anything that is read after this is read."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __ffs(bits) - 1;
+#else
+    return __builtin_ctz(bits);
+#endif
+""")
+def lowest(bits: int) -> int:
+    """Return the place of the lowest bit that is set; one has to be."""
     ...
 
 
@@ -141,9 +182,17 @@ def read(values: wp.array3d(dtype=wp.float32), at: int) -> float:
     ...
 
 
-@wp.func_native("return margins.data[at];")
-def margin_at(margins: wp.array(dtype=wp.float32), at: int) -> float:
-    """Return one of the margins."""
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const float4 four = *reinterpret_cast<const float4*>(tells.data + at);
+    return wp::vec_t<4, wp::float32>(four.x, four.y, four.z, four.w);
+#else
+    const wp::float32* values = reinterpret_cast<const wp::float32*>(tells.data + at);
+    return wp::vec_t<4, wp::float32>(values[0], values[1], values[2], values[3]);
+#endif
+""")
+def tell_at(tells: wp.array(dtype=Tell), at: int) -> wp.vec4:
+    """Return a tell, its places as the bits of a float, in one read."""
     ...
 
 
@@ -197,13 +246,13 @@ def list_dirty(
     """List the places, first … end in an order, of dirty vertices and make these clean; return how many."""
     n = int(0)
     for k in range(first, end, threads):
-        dirty = int(0)
+        news = int(0)
         if k + thread < end:
             v = order[b, k + thread]
-            dirty = front.dirty[b, v]
-            if dirty != 0:
+            news = front.dirty[b, v]
+            if news != 0:
                 front.dirty[b, v] = 0
-        n = enlist(dirty, k + thread, front.listed, b * CREW_BAND, n)
+        n = enlist(news, k + thread, front.listed, front.news, b * CREW_BAND, n)
     return n
 
 
@@ -214,31 +263,44 @@ def listed(front: Front, b: int, k: int, n: int) -> int:
 
 
 @wp.func
-def mark_around(front: Front, sources: Sources, hand: Hand, v: int, told: int):
-    """Mark those neighbours of a vertex dirty whose bits are set in any thread that shares it."""
-    bits = in_any_lane(told, hand.lane_step)
+def news_for(front: Front, sources: Sources, hand: Hand, v: int, lane: int, u: float, slack: float) -> wp.vec2i:
+    """Return the bits of the triangles (v, a, b) through which a, and b, may follow from a vertex at u.
+
+    No straight way through a triangle to b is shorter than (u(v) + u(a) - |va|) / 2 + y, with y the height of
+    b over va; that along the side is u(v) + |vb|. Whoever has a distance below that, by slack, need not be
+    told. If a falls later it tells b itself, from what u(v) is by then: so v must have been published.
+    """
+    to_a = int(0)
+    to_b = int(0)
     begin = sources.fan[hand.base + v]
-    for c in range(begin + hand.lane, sources.fan[hand.base + v + 1], hand.lane_step):
-        if ((bits >> wp.min(c - begin, LAST_BIT)) & 1) != 0:
-            front.dirty[hand.cluster, sources.corners[c].b] = 1
+    last = sources.fan[hand.base + v + 1] - 1
+    origin = hand.origin + lane
+    ua = read(front.u, origin + a_of(sources.corners, begin) * hand.lanes)
+    for k in range(8):  # all at once; the last one again if there are fewer
+        c = wp.min(begin + k, last)
+        ub = read(front.u, origin + b_of(sources.corners, c) * hand.lanes)  # the next corner's a
+        tell = tell_at(sources.tells, c)
+        least_to_b = wp.min(0.5 * (u + ua) + tell[1], u + tell[2])
+        to_a = to_a | wp.where(0.5 * (u + ub) + tell[0] < ua + slack, 1 << k, 0)
+        to_b = to_b | wp.where(least_to_b < ub + slack, 1 << k, 0)
+        ua = ub
+    more = wp.where(last - begin < 8, 0, FROM_EIGHT)
+    return wp.vec2i(to_a | more, to_b | more)
 
 
 @wp.func
-def beyond(front: Front, sources: Sources, hand: Hand, v: int, lane: int, u: float) -> int:
-    """Return the bits of those neighbours whose distance may follow from that of a vertex.
-
-    No straight way through a triangle (v, w, x) to x is shorter than (u(v) + u(w) - |vw|) / 2 + y, with y the
-    height of x over vw; and u(w) >= u(v) - |vw|. So x, if nearer than u(v) by more than |vw| - y, need not
-    be told.
-    """
-    bits = int(0)
+def mark_around(front: Front, sources: Sources, hand: Hand, v: int, news: wp.vec2i):
+    """Mark neighbours of a vertex dirty that any thread which shares it has news for."""
+    for_a = in_any_lane(news[0], hand.lane_step)
+    for_b = in_any_lane(news[1], hand.lane_step)
     begin = sources.fan[hand.base + v]
-    last = sources.fan[hand.base + v + 1] - 1
-    for k in range(8):  # all at once; the last one again if there are fewer
-        c = wp.min(begin + k, last)
-        there = read(front.u, hand.origin + b_of(sources.corners, c) * hand.lanes + lane)
-        bits = bits | wp.where(there > u - margin_at(sources.margin, c), 1 << k, 0)
-    return wp.where(last - begin < 8, bits, bits | FROM_EIGHT)
+    for c in range(begin + hand.lane, sources.fan[hand.base + v + 1], hand.lane_step):
+        bit = wp.min(c - begin, LAST_BIT)
+        places = sources.tells[c].places
+        if ((for_a >> bit) & 1) != 0:
+            wp.atomic_or(front.dirty, hand.cluster, sources.corners[c].a, 1 << (places & 255))
+        if ((for_b >> bit) & 1) != 0:
+            wp.atomic_or(front.dirty, hand.cluster, sources.corners[c].b, 1 << (places >> 8))
 
 
 @wp.func

@@ -97,7 +97,7 @@ def _upload(plan: TablePlan, device: str) -> Cohort:
         sources.position = fans.position
         sources.fan = fans.start
         sources.corners = fans.corners
-        sources.margin = fans.margin
+        sources.tells = fans.tells
     return Cohort(fans, clusters, sources, reaches, plan.element_code)
 
 

@@ -3,7 +3,8 @@
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.bearing_kernels import Turns
+from homolog.geodesics.bearing_kernels import LAST_BIT, Turns
+from homolog.geodesics.crew_kernels import Tell
 from homolog.geodesics.intrinsic_kernels import Sides, apex, next_side
 from homolog.geodesics.kernels import Corner
 from homolog.geodesics.lookup import LANES
@@ -21,6 +22,7 @@ def fill_corners(
     start: wp.array(dtype=wp.int32),
     corners: wp.array(dtype=Corner),
     turns: wp.array(dtype=Turns),
+    tells: wp.array(dtype=Tell),
 ):
     """Lay each triangle's corner next to the others of its vertex, counterclockwise."""
     side = wp.tid()
@@ -43,6 +45,15 @@ def fill_corners(
     corner.bc = float(sides.length[after])
     at = start[sides.tail[side]] + sides.rank[side]
     corners[at] = corner
+    twice_area = corner.length * corner.y
+    tell = Tell()
+    tell.to_a = twice_area / corner.bc - 0.5 * corner.bc
+    tell.to_b = twice_area / corner.ac - 0.5 * corner.ac
+    tell.bc = corner.bc
+    place_a = wp.min(sides.rank[base], LAST_BIT)
+    place_b = wp.min(sides.rank[after], LAST_BIT)
+    tell.places = place_a + 256 * place_b
+    tells[at] = tell
     turn = Turns()
     turn.at_a = float(sides.angle[base])
     turn.around_a = float(sides.turn[a])

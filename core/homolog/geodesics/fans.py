@@ -11,6 +11,7 @@ import warp as wp
 from homolog.arrays import IntArray, frozen
 from homolog.device import cores
 from homolog.geodesics.bearing_kernels import Turns
+from homolog.geodesics.crew_kernels import Tell
 from homolog.geodesics.fan_kernels import UNSEEN, fill_corners, find_margins, grow_clusters
 from homolog.geodesics.intrinsic import Triangulation
 from homolog.geodesics.kernels import Corner
@@ -41,6 +42,8 @@ class Fans:
         Triangles as seen from each vertex; they count vertices within their shape.
     turns : (K,) Turns wp.array
         How each triangle's sides are turned at their ends.
+    tells : (K,) Tell wp.array
+        What each triangle's vertices tell each other of.
     margin : (K,) float32 wp.array
         By how much each corner's b may be nearer than its vertex [mm] and follow from it still.
     """
@@ -50,6 +53,7 @@ class Fans:
     start: Any
     corners: Any
     turns: Any
+    tells: Any
     margin: Any
 
 
@@ -64,12 +68,13 @@ def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: 
         corners = wp.empty(len(delaunay.tail), dtype=Corner)
         turns = wp.empty(len(delaunay.tail), dtype=Turns)
         faces_first = wp.array(face_first.astype(np.int32), dtype=wp.int32)
-        inputs = [sides, faces_first, start, corners, turns]
+        tells = wp.empty(len(delaunay.tail), dtype=Tell)
+        inputs = [sides, faces_first, start, corners, turns, tells]
         wp.launch(fill_corners, len(delaunay.tail), inputs=inputs)
         margin = wp.empty(len(delaunay.tail), dtype=wp.float32)
         wp.launch(find_margins, len(centred), inputs=[start, corners, margin])
         position = wp.array(centred.astype(np.float32), dtype=wp.vec3)
-    return Fans(first, position, start, corners, turns, margin)
+    return Fans(first, position, start, corners, turns, tells, margin)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -71,14 +71,14 @@ def distances_from(
         nearest, _ = KDTree(mesh.vertices[where]).query(mesh.vertices)
         front.patch.numpy()[0] = np.argsort(nearest)
         front.size.fill_(n)
-        front.dirty.numpy()[0, mesh.faces[np.isin(mesh.faces, where).any(axis=1)]] = 1
+        front.dirty.numpy()[0, mesh.faces[np.isin(mesh.faces, where).any(axis=1)]] = int(crew_kernels.ALL)
         clusters = crew_kernels.Sources()
         clusters.shape = wp.zeros(1, dtype=wp.int32)
         clusters.first = wp.zeros(1, dtype=wp.int32)
         clusters.reaches = wp.array([reach], dtype=kernels.Reach)
         clusters.fan = fans.start
         clusters.corners = fans.corners
-        clusters.margin = fans.margin
+        clusters.tells = fans.tells
         tick(0.0, f"{name}: geodesic distances")
         advance(front, clusters, range(1), POINT)
         reach.stored = float(values.max())

@@ -58,7 +58,8 @@ def make_front(batch: int, n: int, capacity: int, lanes: int = LANES) -> Any:  #
     front.patch = wp.empty((batch, capacity), dtype=wp.int32)
     front.size = wp.empty(batch, dtype=wp.int32)
     front.filled = wp.empty((batch, int(crew_kernels.BINS)), dtype=wp.int32)
-    front.listed = wp.empty(batch * int(crew_kernels.CREW_BAND), dtype=wp.int32)
+    for name in ("listed", "news"):
+        setattr(front, name, wp.empty(batch * int(crew_kernels.CREW_BAND), dtype=wp.int32))
     return front
 
 

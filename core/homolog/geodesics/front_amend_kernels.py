@@ -18,13 +18,13 @@ from homolog.geodesics.crew_kernels import (
     Sources,
     a_of,
     b_of,
-    beyond,
     corner_at,
     hand_of,
     list_dirty,
     listed,
     mark_around,
     meet,
+    news_for,
     read,
 )
 from homolog.geodesics.front_bearing_kernels import KEPT, MANY, NONE, FrontAmendments
@@ -33,7 +33,9 @@ from homolog.geodesics.kernels import FAR, Corner, least_way
 wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
 
 WHOLE = wp.constant(65535)
-"""A share of one, in the upper half of a tie's word; its lower half is the corner's place in the fan."""
+"""A share of one, in the upper half of a tie's word; its lower half is the corner's place in the fan …"""
+MORE = wp.constant(32768)
+"""… and whether a third, fourth … tie follows, from the second word on."""
 
 
 @wp.func_native("return values.data[at];")
@@ -109,7 +111,7 @@ def follow(
     amends: FrontAmendments, sources: Sources, hand: Hand, begin: int, lane: int, word: wp.uint32, gain: float
 ) -> float:
     """Return the amendment that follows by a kept tie; FAR by none."""
-    corner = int(word & wp.uint32(NONE))
+    corner = int(word & wp.uint32(NONE))  # without MORE
     tied = corner < MANY
     c = begin + wp.where(tied, corner, 0)
     of_a = read(amends.amendment, hand.origin + a_of(sources.corners, c) * hand.lanes + lane)
@@ -129,11 +131,10 @@ def carry_on(
     place: int,
     v: int,
     lane: int,
-) -> int:
-    """Carry amendments to a vertex, in one lane; return the bits of the neighbours that have to know."""
+) -> wp.vec2i:
+    """Carry amendments to a vertex, in one lane; return what it tells its neighbours (`news_for`)."""
     begin = sources.fan[hand.base + v]
-    origin = hand.origin + lane
-    at = origin + v * hand.lanes
+    at = hand.origin + v * hand.lanes + lane
     before = read(amends.amendment, at)
     first = (hand.cluster * amends.word.shape[1] + place) * KEPT * hand.lanes + lane
     word = read_word(amends.word, first)
@@ -141,27 +142,24 @@ def carry_on(
     if word == wp.uint32(MANY):
         amendment = carry_anew(front, amends, sources, turns, hand, edge, v, lane)
     else:
-        # nearly always one, two or three, which are read at once
+        # nearly always one or two, which are read at once
         second = first + hand.lanes
-        third = second + hand.lanes
-        other = read_word(amends.word, second)
-        last = read_word(amends.word, third)
+        last = read_word(amends.word, second)
         one = follow(amends, sources, hand, begin, lane, word, read(amends.gain, first))
-        two = follow(amends, sources, hand, begin, lane, other, read(amends.gain, second))
-        three = follow(amends, sources, hand, begin, lane, last, read(amends.gain, third))
-        amendment = wp.min(one, wp.min(two, three))
-        k = int(3)
-        while last != wp.uint32(NONE) and k < KEPT:
+        two = follow(amends, sources, hand, begin, lane, last, read(amends.gain, second))
+        amendment = wp.min(one, two)
+        k = int(2)
+        while (last & wp.uint32(MORE)) != wp.uint32(0):
             last = read_word(amends.word, first + k * hand.lanes)
             gain = read(amends.gain, first + k * hand.lanes)
             amendment = wp.min(amendment, follow(amends, sources, hand, begin, lane, last, gain))
             k += 1
     if amendment > 0.5 * FAR:  # a source, or out of reach
-        return 0
+        return wp.vec2i(0, 0)
     amends.amendment[hand.cluster, v, lane] = amendment
     if wp.abs(amendment - before) > SETTLED * edge:
-        return beyond(front, sources, hand, v, lane, read(front.u, at) - RIVAL * edge)
-    return 0
+        return news_for(front, sources, hand, v, lane, read(front.u, at), 1.01 * RIVAL * edge)
+    return wp.vec2i(0, 0)
 
 
 @wp.kernel
@@ -191,12 +189,13 @@ def tie_front(
                 at = n * hand.lanes + lane
                 tie = tie_of(front, amends, sources, turns, hand, begin + place, u, edge, lane)
                 share = wp.uint32(tie.share * float(WHOLE) + 0.5)
-                amends.gain[b, k, at] = tie.gain
-                amends.word[b, k, at] = wp.uint32(place) | (share << wp.uint32(16))
+                word = wp.uint32(place) | (share << wp.uint32(16))
                 n += 1
                 place = NONE
                 if n < KEPT:
                     place = int(amends.word[b, k, at + hand.lanes])
+                amends.gain[b, k, at] = tie.gain
+                amends.word[b, k, at] = word | wp.uint32(wp.where(n > 1 and place != NONE, MORE, 0))
 
 
 @wp.kernel(launch_bounds=(CREW, 4))
@@ -234,9 +233,10 @@ def settle_front(
                     v = next_v
                     next_place = listed(front, b, k + hand.walkers, n)
                     next_v = amends.order[b, next_place]
-                    told = int(0)
+                    told = wp.vec2i(0, 0)
                     for lane in range(hand.lane, hand.lanes, hand.lane_step):
-                        told = told | carry_on(front, amends, sources, turns, hand, edge, place, v, lane)
+                        own = carry_on(front, amends, sources, turns, hand, edge, place, v, lane)
+                        told = wp.vec2i(told[0] | own[0], told[1] | own[1])
                     mark_around(front, sources, hand, v, told)
                 meet()
     for k in range(hand.walker, reached, hand.walkers):

@@ -32,9 +32,9 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": T
 KEPT = wp.constant(6)
 """Ties that are kept of a vertex in one lane, each by a word with the place of its corner in the fan: nearly
 all have one or two."""
-NONE = wp.constant(65535)
+NONE = wp.constant(32767)
 """In place of a corner: no way comes here, as to a source …"""
-MANY = wp.constant(65534)
+MANY = wp.constant(32766)
 """… or ways may come through more corners than are kept."""
 Words = wp.types.vector(length=6, dtype=wp.uint32)
 
@@ -145,7 +145,8 @@ def find_bearing(
     if u == 0.0:
         rivals = Words(wp.uint32(NONE))
     for k in range(KEPT):
-        amends.word[b, place, k * hand.lanes + lane] = rivals[k]
+        if k < 2 or rivals[wp.max(k - 1, 0)] != wp.uint32(NONE):  # two are always read, then up to a NONE
+            amends.word[b, place, k * hand.lanes + lane] = rivals[k]
 
 
 @wp.kernel

@@ -8,7 +8,9 @@ of which settles before the next.
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
+from homolog.geodesics.bearing_kernels import LAST_BIT
 from homolog.geodesics.crew_kernels import (
+    ALL,
     BINS,
     CREW,
     CREW_BAND,
@@ -17,14 +19,16 @@ from homolog.geodesics.crew_kernels import (
     Sources,
     a_of,
     b_of,
-    beyond,
     corner_at,
     end_rings,
     hand_of,
     list_dirty,
     listed,
+    lowest,
     mark_around,
     meet,
+    news_for,
+    publish,
     read,
 )
 from homolog.geodesics.kernels import Corner, Reach, least_way, plane_front, side_way, straight_squared
@@ -97,7 +101,7 @@ def lay_patches(front: Front, sources: Sources, offset: int, threads: int):
         if m >= 0:
             front.u[b, m, lane] = 0.0
             for k in range(sources.fan[base + m], sources.fan[base + m + 1]):
-                front.dirty[b, sources.corners[k].a] = 1
+                front.dirty[b, sources.corners[k].a] = ALL
 
 
 @wp.func
@@ -112,25 +116,39 @@ def through(corner: Corner, da: float, db: float, best: float, element: int) -> 
 
 
 @wp.func
-def lower(front: Front, sources: Sources, hand: Hand, reach: Reach, v: int, lane: int, element: int) -> int:
-    """Update the distance of a vertex in one lane; return the bits of the neighbours that have to know."""
+def lower(
+    front: Front, sources: Sources, hand: Hand, reach: Reach, v: int, lane: int, news: int, element: int
+) -> wp.vec2i:
+    """Update the distance of a vertex in one lane from triangles with news; return its own (`news_for`)."""
     origin = hand.origin + lane
     old = read(front.u, origin + v * hand.lanes)
     begin = sources.fan[hand.base + v]
     last = sources.fan[hand.base + v + 1] - 1
-    da = read(front.u, origin + a_of(sources.corners, begin) * hand.lanes)
-    db = read(front.u, origin + b_of(sources.corners, begin) * hand.lanes)  # the next corner's a
+    left = news & (ALL >> (LAST_BIT - wp.min(last - begin, LAST_BIT)))
     best = old
-    for c in range(begin, last + 1):
-        ahead = read(front.u, origin + b_of(sources.corners, wp.min(c + 1, last)) * hand.lanes)
+    c = begin + lowest(left)
+    da = read(front.u, origin + a_of(sources.corners, c) * hand.lanes)
+    db = read(front.u, origin + b_of(sources.corners, c) * hand.lanes)
+    while left != 0:
+        left = left & (left - 1)
+        ahead = wp.where(left != 0, begin + lowest(left), c)
+        next_a = read(front.u, origin + a_of(sources.corners, ahead) * hand.lanes)
+        next_b = read(front.u, origin + b_of(sources.corners, ahead) * hand.lanes)
         best = through(corner_at(sources.corners, c), da, db, best, element)
-        da = db
-        db = ahead
+        c = ahead
+        da = next_a
+        db = next_b
+    if ((news >> LAST_BIT) & 1) != 0:  # stands for those after it too
+        for k in range(begin + LAST_BIT + 1, last + 1):
+            da = read(front.u, origin + a_of(sources.corners, k) * hand.lanes)
+            db = read(front.u, origin + b_of(sources.corners, k) * hand.lanes)
+            best = through(corner_at(sources.corners, k), da, db, best, element)
     if best < old - reach.changed:
         front.u[hand.cluster, v, lane] = best
+        publish()
         if best <= reach.limit:
-            return beyond(front, sources, hand, v, lane, best)
-    return 0
+            return news_for(front, sources, hand, v, lane, best, -reach.changed)
+    return wp.vec2i(0, 0)
 
 
 @wp.kernel(launch_bounds=(CREW, 4))
@@ -152,8 +170,10 @@ def advance_front(front: Front, sources: Sources, offset: int, element: int, thr
                 for k in range(hand.walker, n, hand.walkers):
                     v = ahead
                     ahead = front.patch[b, listed(front, b, k + hand.walkers, n)]
-                    told = int(0)
+                    news = front.news[b * CREW_BAND + k]
+                    told = wp.vec2i(0, 0)
                     for lane in range(hand.lane, hand.lanes, hand.lane_step):
-                        told = told | lower(front, sources, hand, reach, v, lane, element)
+                        own = lower(front, sources, hand, reach, v, lane, news, element)
+                        told = wp.vec2i(told[0] | own[0], told[1] | own[1])
                     mark_around(front, sources, hand, v, told)
                 meet()
