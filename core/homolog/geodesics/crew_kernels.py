@@ -10,7 +10,6 @@ so that reading a neighbour while it is being lowered is harmless.
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.bearing_kernels import LAST_BIT
 from homolog.geodesics.kernels import Corner, Reach
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
@@ -23,10 +22,12 @@ CREW_BAND = wp.constant(512)
 """Vertices, in the order of the patch, that are settled together, a multiple of the crew …"""
 AMEND_BAND = wp.constant(256)
 """… when amendments are: they follow from each other less."""
-ALL = wp.constant(2**31 - 1)
-"""The bits of all triangles around a vertex; the last, LAST_BIT, stands for all others too …"""
-FROM_EIGHT = wp.constant(~255)
-"""… and these for all from the ninth on."""
+LAST_BIT = wp.constant(14)
+"""Triangles around a vertex are bits; this one stands for all from here on: poles may have any number."""
+ALL = wp.constant(2**15 - 1)
+"""The bits of all triangles …"""
+FROM_EIGHT = wp.constant(2**15 - 2**8)
+"""… and of all from the ninth on."""
 
 
 @wp.struct
@@ -71,7 +72,8 @@ class Hand:
     """What one thread of a cluster's crew does: one vertex in so many, and of these one lane in so many."""
 
     cluster: int  # in the batch
-    origin: int  # of the cluster in all arrays by cluster, vertex and lane
+    row: int  # of the cluster in arrays by cluster and vertex …
+    origin: int  # … and by cluster, vertex and lane
     base: int  # first vertex of its shape
     lanes: int
     lane: int
@@ -87,7 +89,8 @@ def hand_of(front: Front, sources: Sources, cluster: int, offset: int, thread: i
     hand.cluster = cluster
     hand.base = sources.first[sources.shape[offset + cluster]]
     hand.lanes = front.u.shape[2]
-    hand.origin = cluster * front.u.shape[1] * hand.lanes
+    hand.row = cluster * front.u.shape[1]
+    hand.origin = hand.row * hand.lanes
     hand.lane_step = wp.min(threads, hand.lanes)
     hand.lane = thread % hand.lane_step
     hand.walker = thread // hand.lane_step
@@ -107,14 +110,24 @@ def meet():
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    const unsigned side_by_side = ((1u << together) - 1u) << (threadIdx.x & 31u & ~(unsigned(together) - 1u));
-    return static_cast<int>(__reduce_or_sync(side_by_side, unsigned(flags)));
+    __syncwarp();
+#endif
+""")
+def fall_in():
+    """Go on side by side, where each thread may have gone its own way; all have to come here."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const unsigned half = threadIdx.x & 16u;
+    return __reduce_or_sync(0xffffffffu, unsigned(flags) << half) >> half & 0xffffu;
 #else
     return flags;
 #endif
 """)
-def in_any_lane(flags: int, together: int) -> int:
-    """Return the flags set in any of the threads side by side that share a vertex, 16 at most."""
+def in_any_lane(flags: int) -> int:
+    """Return the flags, 16 at most, set in any of the 16 threads that share a vertex; all ask at once."""
     ...
 
 
@@ -146,7 +159,12 @@ def in_any_lane(flags: int, together: int) -> int:
 #endif
 """)
 def enlist(
-    news: int, place: int, listed: wp.array(dtype=wp.int32), told: wp.array(dtype=wp.int32), first: int, n: int
+    news: int,
+    place: int,
+    listed: wp.array(dtype=wp.int32),
+    told: wp.array(dtype=wp.int32),
+    first: int,
+    n: int,
 ) -> int:
     """Append the places of threads that have news to a list of n so far; return how many it has."""
     ...
@@ -164,13 +182,13 @@ def publish():
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    return __ffs(bits) - 1;
+    return bits ? __ffs(bits) - 1 : 0;
 #else
-    return __builtin_ctz(bits);
+    return bits ? __builtin_ctz(bits) : 0;
 #endif
 """)
 def lowest(bits: int) -> int:
-    """Return the place of the lowest bit that is set; one has to be."""
+    """Return the place of the lowest bit that is set; 0 if none is."""
     ...
 
 
@@ -196,9 +214,51 @@ def tell_at(tells: wp.array(dtype=Tell), at: int) -> wp.vec4:
     ...
 
 
+@wp.func_native("return values.data[at];")
+def int_at(values: wp.array(dtype=wp.int32), at: int) -> int:
+    """Return a number of a list."""
+    ...
+
+
+@wp.func_native("return values.data[at];")
+def int_in(values: wp.array2d(dtype=wp.int32), at: int) -> int:
+    """Return a number of an array by its place in memory."""
+    ...
+
+
+@wp.func_native("values.data[at] = value;")
+def write(values: wp.array3d(dtype=wp.float32), at: int, value: float):
+    """Put a value into an array, by its place in memory."""
+    ...
+
+
+@wp.func_native("values.data[at] = value;")
+def set_int(values: wp.array2d(dtype=wp.int32), at: int, value: int):
+    """Put a number into an array, by its place in memory."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    atomicOr(flags.data + at, bits);
+#else
+    flags.data[at] |= bits;
+#endif
+""")
+def set_bits(flags: wp.array2d(dtype=wp.int32), at: int, bits: int):
+    """Set bits of an array by its place in memory, which others may be setting too."""
+    ...
+
+
 @wp.func_native("return corners.data[at].a;")
 def a_of(corners: wp.array(dtype=Corner), at: int) -> int:
     """Return the a of one of the corners."""
+    ...
+
+
+@wp.func_native("return tells.data[at].places;")
+def places_of(tells: wp.array(dtype=Tell), at: int) -> int:
+    """Return the places of one of the tells."""
     ...
 
 
@@ -245,13 +305,15 @@ def list_dirty(
 ) -> int:
     """List the places, first … end in an order, of dirty vertices and make these clean; return how many."""
     n = int(0)
+    row = b * front.dirty.shape[1]
+    near = b * order.shape[1]
     for k in range(first, end, threads):
         news = int(0)
         if k + thread < end:
-            v = order[b, k + thread]
-            news = front.dirty[b, v]
+            at = row + int_in(order, near + k + thread)
+            news = int_in(front.dirty, at)
             if news != 0:
-                front.dirty[b, v] = 0
+                set_int(front.dirty, at, 0)
         n = enlist(news, k + thread, front.listed, front.news, b * CREW_BAND, n)
     return n
 
@@ -259,11 +321,19 @@ def list_dirty(
 @wp.func
 def listed(front: Front, b: int, k: int, n: int) -> int:
     """Return the k-th place of a list of n; the last one's for any beyond."""
-    return front.listed[b * CREW_BAND + wp.max(wp.min(k, n - 1), 0)]
+    return int_at(front.listed, b * CREW_BAND + wp.max(wp.min(k, n - 1), 0))
 
 
 @wp.func
-def news_for(front: Front, sources: Sources, hand: Hand, v: int, lane: int, u: float, slack: float) -> wp.vec2i:
+def news_of(front: Front, b: int, k: int, n: int) -> int:
+    """Return the triangles that have news for the k-th of a list of n; none for any beyond."""
+    return wp.where(k < n, int_at(front.news, b * CREW_BAND + wp.min(k, n - 1)), 0)
+
+
+@wp.func
+def news_for(
+    front: Front, sources: Sources, hand: Hand, v: int, lane: int, u: float, slack: float
+) -> wp.vec2i:
     """Return the bits of the triangles (v, a, b) through which a, and b, may follow from a vertex at u.
 
     No straight way through a triangle to b is shorter than (u(v) + u(a) - |va|) / 2 + y, with y the height of
@@ -272,8 +342,8 @@ def news_for(front: Front, sources: Sources, hand: Hand, v: int, lane: int, u: f
     """
     to_a = int(0)
     to_b = int(0)
-    begin = sources.fan[hand.base + v]
-    last = sources.fan[hand.base + v + 1] - 1
+    begin = int_at(sources.fan, hand.base + v)
+    last = int_at(sources.fan, hand.base + v + 1) - 1
     origin = hand.origin + lane
     ua = read(front.u, origin + a_of(sources.corners, begin) * hand.lanes)
     for k in range(8):  # all at once; the last one again if there are fewer
@@ -291,16 +361,17 @@ def news_for(front: Front, sources: Sources, hand: Hand, v: int, lane: int, u: f
 @wp.func
 def mark_around(front: Front, sources: Sources, hand: Hand, v: int, news: wp.vec2i):
     """Mark neighbours of a vertex dirty that any thread which shares it has news for."""
-    for_a = in_any_lane(news[0], hand.lane_step)
-    for_b = in_any_lane(news[1], hand.lane_step)
-    begin = sources.fan[hand.base + v]
-    for c in range(begin + hand.lane, sources.fan[hand.base + v + 1], hand.lane_step):
-        bit = wp.min(c - begin, LAST_BIT)
-        places = sources.tells[c].places
-        if ((for_a >> bit) & 1) != 0:
-            wp.atomic_or(front.dirty, hand.cluster, sources.corners[c].a, 1 << (places & 255))
-        if ((for_b >> bit) & 1) != 0:
-            wp.atomic_or(front.dirty, hand.cluster, sources.corners[c].b, 1 << (places >> 8))
+    for_a = in_any_lane(news[0])
+    for_b = in_any_lane(news[1])
+    if (for_a | for_b) != 0:
+        begin = int_at(sources.fan, hand.base + v)
+        for c in range(begin + hand.lane, int_at(sources.fan, hand.base + v + 1), hand.lane_step):
+            bit = wp.min(c - begin, LAST_BIT)
+            places = places_of(sources.tells, c)
+            if ((for_a >> bit) & 1) != 0:
+                set_bits(front.dirty, hand.row + a_of(sources.corners, c), 1 << (places & 255))
+            if ((for_b >> bit) & 1) != 0:
+                set_bits(front.dirty, hand.row + b_of(sources.corners, c), 1 << (places >> 8))
 
 
 @wp.func

@@ -12,6 +12,7 @@ from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
 from homolog.geodesics.front import (
     advance,
     amend,
+    clear,
     largest_batch,
     largest_patch,
     make_amendments,
@@ -38,6 +39,7 @@ class Cohort:
     clusters: Clusters
     sources: Any
     reaches: list[Any]
+    skin: float
     element: int
 
     @property
@@ -60,7 +62,7 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
     n = cohort.largest
     tables = []
     with wp.ScopedDevice(device):
-        capacity = largest_patch(cohort.sources, n_clusters)
+        capacity = largest_patch(cohort.sources, n_clusters, cohort.skin)
         batch = min(largest_batch(n, capacity, scratch), max(1, _AT_ONCE // n), n_clusters)
         front, amends = make_front(batch, n, capacity), make_amendments(batch, n, capacity)
         store = _DenseStore if plan.dense else _BlockStore
@@ -70,7 +72,7 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
             shapes = range(int(cohort.clusters.shape[begin]), int(cohort.clusters.shape[end - 1]) + 1)
             message = f"{plan.tasks[shapes[0]].name}: geodesic distances"
             tick(begin / n_clusters, message)
-            _solve((front, amends), cohort, range(begin, end))
+            _solve((front, amends), cohort, range(begin, end), plan.dense)
             for k in shapes:
                 low, high = max(begin, ends[k]), min(end, ends[k + 1])
                 stores[k].add(front, slice(low - begin, high - begin), low - ends[k])
@@ -98,13 +100,15 @@ def _upload(plan: TablePlan, device: str) -> Cohort:
         sources.fan = fans.start
         sources.corners = fans.corners
         sources.tells = fans.tells
-    return Cohort(fans, clusters, sources, reaches, plan.element_code)
+    return Cohort(fans, clusters, sources, reaches, float(delaunay.length.max()), plan.element_code)
 
 
-def _solve(state: Any, cohort: Cohort, clusters: range) -> None:  # noqa: ANN401
+def _solve(state: Any, cohort: Cohort, clusters: range, dense: bool) -> None:  # noqa: ANN401
     """Solve some clusters into the front's u."""
     front, amends = state
-    start(front, cohort.sources, clusters)
+    if dense:
+        clear(front)  # all distances are read
+    start(front, cohort.sources, clusters, cohort.skin)
     advance(front, cohort.sources, clusters, cohort.element)
     if cohort.element == POINT:  # planar fronts know no bearings
         amend(front, amends, cohort.sources, cohort.fans.turns, clusters)

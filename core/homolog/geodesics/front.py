@@ -42,11 +42,11 @@ def largest_batch(n: int, capacity: int, scratch: int) -> int:
     return max(1, min(fitting, _LAST_INT // (LANES * max(n, kept * capacity))))
 
 
-def largest_patch(sources: Any, n_clusters: int) -> int:  # noqa: ANN401 - a wp.struct has no type
-    """Return how many vertices the largest patch of all clusters has."""
+def largest_patch(sources: Any, n_clusters: int, skin: float) -> int:  # noqa: ANN401 - a wp.struct has no type
+    """Return how many vertices the largest patch of all clusters has, with the skin around it."""
     size = wp.zeros(n_clusters, dtype=wp.int32)
     crew = crew_kernels.CREW
-    wp.launch(front_kernels.measure_patches, (n_clusters, crew), [sources, crew, size], block_dim=crew)
+    wp.launch(front_kernels.measure_patches, (n_clusters, crew), [sources, skin, crew, size], block_dim=crew)
     return int(size.numpy().max())
 
 
@@ -82,11 +82,16 @@ def clear(front: Any) -> None:  # noqa: ANN401
     front.dirty.zero_()
 
 
-def start(front: Any, sources: Any, clusters: range) -> None:  # noqa: ANN401
-    """Lay the patches of some clusters, all distances FAR but those of their sources to themselves."""
-    clear(front)
+def start(front: Any, sources: Any, clusters: range, skin: float) -> None:  # noqa: ANN401
+    """Lay the patches of some clusters, all distances FAR but those of their sources to themselves.
+
+    Parameters
+    ----------
+    skin : float
+        How far [mm] beyond its patch a cluster's distances are read: the longest edge.
+    """
     crew = _crew(front)
-    inputs = [front, sources, clusters.start, crew]
+    inputs = [front, sources, clusters.start, skin, crew]
     wp.launch(front_kernels.lay_patches, (len(clusters), crew), inputs=inputs, block_dim=crew)
 
 

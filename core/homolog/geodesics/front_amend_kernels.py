@@ -19,15 +19,19 @@ from homolog.geodesics.crew_kernels import (
     a_of,
     b_of,
     corner_at,
+    fall_in,
     hand_of,
+    int_at,
+    int_in,
     list_dirty,
     listed,
     mark_around,
     meet,
     news_for,
     read,
+    write,
 )
-from homolog.geodesics.front_bearing_kernels import KEPT, MANY, NONE, FrontAmendments
+from homolog.geodesics.front_bearing_kernels import KEPT, MANY, NONE, FrontAmendments, read_word, write_word
 from homolog.geodesics.kernels import FAR, Corner, least_way
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
@@ -36,12 +40,6 @@ WHOLE = wp.constant(65535)
 """A share of one, in the upper half of a tie's word; its lower half is the corner's place in the fan …"""
 MORE = wp.constant(32768)
 """… and whether a third, fourth … tie follows, from the second word on."""
-
-
-@wp.func_native("return values.data[at];")
-def read_word(values: wp.array3d(dtype=wp.uint32), at: int) -> wp.uint32:
-    """Return a value of an array by its place in memory."""
-    ...
 
 
 @wp.func
@@ -133,7 +131,7 @@ def carry_on(
     lane: int,
 ) -> wp.vec2i:
     """Carry amendments to a vertex, in one lane; return what it tells its neighbours (`news_for`)."""
-    begin = sources.fan[hand.base + v]
+    begin = int_at(sources.fan, hand.base + v)
     at = hand.origin + v * hand.lanes + lane
     before = read(amends.amendment, at)
     first = (hand.cluster * amends.word.shape[1] + place) * KEPT * hand.lanes + lane
@@ -156,7 +154,7 @@ def carry_on(
             k += 1
     if amendment > 0.5 * FAR:  # a source, or out of reach
         return wp.vec2i(0, 0)
-    amends.amendment[hand.cluster, v, lane] = amendment
+    write(amends.amendment, at, amendment)
     if wp.abs(amendment - before) > SETTLED * edge:
         return news_for(front, sources, hand, v, lane, read(front.u, at), 1.01 * RIVAL * edge)
     return wp.vec2i(0, 0)
@@ -176,26 +174,28 @@ def tie_front(
     hand = hand_of(front, sources, b, offset, thread, threads)
     edge = sources.reaches[sources.shape[offset + b]].edge
     last = amends.reached[b] - 1
-    next_v = amends.order[b, wp.min(hand.walker, last)]
+    near = b * amends.order.shape[1]
+    next_v = int_in(amends.order, near + wp.min(hand.walker, last))
     for k in range(hand.walker, last + 1, hand.walkers):
         v = next_v
-        next_v = amends.order[b, wp.min(k + hand.walkers, last)]
-        begin = sources.fan[hand.base + v]
+        next_v = int_in(amends.order, near + wp.min(k + hand.walkers, last))
+        begin = int_at(sources.fan, hand.base + v)
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
             u = read(front.u, hand.origin + v * hand.lanes + lane)
             n = int(0)
-            place = int(amends.word[b, k, lane])
+            at = (near + k) * KEPT * hand.lanes + lane
+            place = int(read_word(amends.word, at))
             while place < MANY:
-                at = n * hand.lanes + lane
                 tie = tie_of(front, amends, sources, turns, hand, begin + place, u, edge, lane)
                 share = wp.uint32(tie.share * float(WHOLE) + 0.5)
                 word = wp.uint32(place) | (share << wp.uint32(16))
                 n += 1
                 place = NONE
                 if n < KEPT:
-                    place = int(amends.word[b, k, at + hand.lanes])
-                amends.gain[b, k, at] = tie.gain
-                amends.word[b, k, at] = word | wp.uint32(wp.where(n > 1 and place != NONE, MORE, 0))
+                    place = int(read_word(amends.word, at + hand.lanes))
+                write(amends.gain, at, tie.gain)
+                write_word(amends.word, at, word | wp.uint32(wp.where(n > 1 and place != NONE, MORE, 0)))
+                at += hand.lanes
 
 
 @wp.kernel(launch_bounds=(CREW, 4))
@@ -212,6 +212,7 @@ def settle_front(
     hand = hand_of(front, sources, b, offset, thread, threads)
     edge = sources.reaches[sources.shape[offset + b]].edge
     reached = amends.reached[b]
+    near = b * amends.order.shape[1]
     rounds = int(0)
     pending = int(1)
     while pending != 0 and rounds < ROUNDS:
@@ -227,17 +228,23 @@ def settle_front(
                 )
                 pending = wp.max(pending, n)
                 next_place = listed(front, b, hand.walker, n)
-                next_v = amends.order[b, next_place]
-                for k in range(hand.walker, n, hand.walkers):
+                next_v = int_in(amends.order, near + next_place)
+                done = int(0)
+                while done < n:  # as often for all threads, side by side
                     place = next_place
                     v = next_v
-                    next_place = listed(front, b, k + hand.walkers, n)
-                    next_v = amends.order[b, next_place]
+                    next_place = listed(front, b, done + hand.walker + hand.walkers, n)
+                    next_v = int_in(amends.order, near + next_place)
                     told = wp.vec2i(0, 0)
-                    for lane in range(hand.lane, hand.lanes, hand.lane_step):
+                    lane = wp.where(done + hand.walker < n, hand.lane, hand.lanes)
+                    while lane < hand.lanes:
                         own = carry_on(front, amends, sources, turns, hand, edge, place, v, lane)
                         told = wp.vec2i(told[0] | own[0], told[1] | own[1])
+                        lane += hand.lane_step
+                    fall_in()
                     mark_around(front, sources, hand, v, told)
+                    done += hand.walkers
+                    fall_in()
                 meet()
     for k in range(hand.walker, reached, hand.walkers):
         v = amends.order[b, k]

@@ -22,8 +22,12 @@ from homolog.geodesics.crew_kernels import (
     corner_at,
     end_rings,
     hand_of,
+    in_any_lane,
+    int_at,
+    int_in,
     meet,
     read,
+    write,
 )
 from homolog.geodesics.kernels import FAR, least_way
 
@@ -52,6 +56,18 @@ class FrontAmendments:
     reached: wp.array(dtype=wp.int32)  # (B,) how many
 
 
+@wp.func_native("return values.data[at];")
+def read_word(values: wp.array3d(dtype=wp.uint32), at: int) -> wp.uint32:
+    """Return a word by its place in memory."""
+    ...
+
+
+@wp.func_native("values.data[at] = value;")
+def write_word(values: wp.array3d(dtype=wp.uint32), at: int, value: wp.uint32):
+    """Put a word into an array, by its place in memory."""
+    ...
+
+
 @wp.kernel
 def order_front(front: Front, amends: FrontAmendments, sources: Sources, offset: int, threads: int):
     """List the vertices within reach of any source, near to far; thread (cluster, member of its crew)."""
@@ -63,27 +79,29 @@ def order_front(front: Front, amends: FrontAmendments, sources: Sources, offset:
     for ring in range(thread, BINS, threads):
         front.filled[b, ring] = 0
     meet()
-    for k in range(thread, front.size[b], threads):
-        v = front.patch[b, k]
-        nearest = float(FAR)
-        for lane in range(hand.lanes):
-            nearest = wp.min(nearest, read(front.u, hand.origin + v * hand.lanes + lane))
-        front.dirty[b, v] = wp.where(nearest <= limit, 1, 0)
-        if nearest <= limit:
-            wp.atomic_add(front.filled, b, int(wp.min(front.u[b, v, 0], limit) * scale), 1)
+    size = front.size[b]
+    for k in range(hand.walker, size + hand.walker, hand.walkers):  # as often for all threads
+        v = front.patch[b, wp.min(k, size - 1)]
+        near = int(0)
+        for lane in range(hand.lane, hand.lanes, hand.lane_step):
+            near = near | wp.where(read(front.u, hand.origin + v * hand.lanes + lane) <= limit, 1, 0)
+        near = in_any_lane(near)
+        for lane in range(hand.lane, hand.lanes, hand.lane_step):
+            at = hand.origin + v * hand.lanes + lane
+            write(amends.amendment, at, 0.0)
+            if near == 0:  # the others are about to get theirs
+                write(amends.trust, at, 0.0)
+                write(amends.bearing, at, 0.0)
+        if hand.lane == 0 and k < size:
+            front.dirty[b, v] = near
+            if near != 0:
+                wp.atomic_add(front.filled, b, int(wp.min(front.u[b, v, 0], limit) * scale), 1)
     end_rings(front, b, thread)
     for k in range(thread, front.size[b], threads):
         v = front.patch[b, k]
         if front.dirty[b, v] != 0:
             ring = int(wp.min(front.u[b, v, 0], limit) * scale)
             amends.order[b, wp.atomic_add(front.filled, b, ring, 1)] = v
-    for k in range(hand.walker, front.size[b], hand.walkers):
-        v = front.patch[b, k]
-        for lane in range(hand.lane, hand.lanes, hand.lane_step):
-            amends.amendment[b, v, lane] = 0.0
-            if front.dirty[b, v] == 0:  # the others are about to get theirs
-                amends.trust[b, v, lane] = 0.0
-                amends.bearing[b, v, lane] = 0.0
     meet()
     amends.reached[b] = front.filled[b, BINS - 1]
 
@@ -110,8 +128,8 @@ def find_bearing(
     square = float(0.0)
     by_b = int(0)
     rivals = Words(wp.uint32(NONE))
-    begin = sources.fan[hand.base + v]
-    last = sources.fan[hand.base + v + 1] - 1
+    begin = int_at(sources.fan, hand.base + v)
+    last = int_at(sources.fan, hand.base + v + 1) - 1
     around = turns[begin].around_c
     origin = hand.origin + lane
     da = read(front.u, origin + a_of(sources.corners, begin) * hand.lanes)
@@ -139,14 +157,16 @@ def find_bearing(
         da = db
         db = ahead
     mean = mean / wp.max(total, 1.0e-30)
-    amends.bearing[b, v, lane] = within(first + mean, around)
+    at = hand.origin + v * hand.lanes + lane
+    write(amends.bearing, at, within(first + mean, around))
     found = total > 0.0 and best - u < RIVAL * edge  # else a source
-    amends.trust[b, v, lane] = wp.where(found, trust_in(square / wp.max(total, 1.0e-30), mean), 0.0)
+    write(amends.trust, at, wp.where(found, trust_in(square / wp.max(total, 1.0e-30), mean), 0.0))
     if u == 0.0:
         rivals = Words(wp.uint32(NONE))
+    words = (b * amends.word.shape[1] + place) * KEPT * hand.lanes + lane
     for k in range(KEPT):
         if k < 2 or rivals[wp.max(k - 1, 0)] != wp.uint32(NONE):  # two are always read, then up to a NONE
-            amends.word[b, place, k * hand.lanes + lane] = rivals[k]
+            write_word(amends.word, words + k * hand.lanes, rivals[k])
 
 
 @wp.kernel
@@ -163,9 +183,10 @@ def find_front_bearings(
     hand = hand_of(front, sources, b, offset, thread, threads)
     edge = sources.reaches[sources.shape[offset + b]].edge
     last = amends.reached[b] - 1
-    next_v = amends.order[b, wp.min(hand.walker, last)]
+    near = b * amends.order.shape[1]
+    next_v = int_in(amends.order, near + wp.min(hand.walker, last))
     for k in range(hand.walker, last + 1, hand.walkers):
         v = next_v
-        next_v = amends.order[b, wp.min(k + hand.walkers, last)]
+        next_v = int_in(amends.order, near + wp.min(k + hand.walkers, last))
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
             find_bearing(front, amends, sources, turns, hand, edge, k, v, lane)

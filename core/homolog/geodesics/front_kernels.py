@@ -8,12 +8,12 @@ of which settles before the next.
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.bearing_kernels import LAST_BIT
 from homolog.geodesics.crew_kernels import (
     ALL,
     BINS,
     CREW,
     CREW_BAND,
+    LAST_BIT,
     Front,
     Hand,
     Sources,
@@ -21,17 +21,22 @@ from homolog.geodesics.crew_kernels import (
     b_of,
     corner_at,
     end_rings,
+    fall_in,
     hand_of,
+    int_at,
+    int_in,
     list_dirty,
     listed,
     lowest,
     mark_around,
     meet,
     news_for,
+    news_of,
     publish,
     read,
+    write,
 )
-from homolog.geodesics.kernels import Corner, Reach, least_way, plane_front, side_way, straight_squared
+from homolog.geodesics.kernels import FAR, Corner, Reach, least_way, plane_front, side_way, straight_squared
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
 
@@ -59,44 +64,60 @@ def ball_around(sources: Sources, cluster: int) -> wp.vec4:
 
 
 @wp.kernel
-def measure_patches(sources: Sources, threads: int, size: wp.array(dtype=wp.int32)):
-    """Count the vertices that each cluster may reach; thread (cluster, member of its crew)."""
+def measure_patches(sources: Sources, skin: float, threads: int, size: wp.array(dtype=wp.int32)):
+    """Count the vertices that each cluster may reach, and the skin; thread (cluster, member of its crew)."""
     cluster, thread = wp.tid()
     shape = sources.shape[cluster]
     ball = ball_around(sources, cluster)
     n = int(0)
     for v in range(sources.first[shape] + thread, sources.first[shape + 1], threads):
-        if wp.length(sources.position[v] - wp.vec3(ball[0], ball[1], ball[2])) <= ball[3]:
+        if wp.length(sources.position[v] - wp.vec3(ball[0], ball[1], ball[2])) <= ball[3] + skin:
             n += 1
     wp.atomic_add(size, cluster, n)
 
 
+@wp.func
+def ring_at(distance: float, radius: float) -> int:
+    """Return the ring of a vertex of a patch; the last one is the skin around it."""
+    return wp.where(distance <= radius, int(0.9999 * float(BINS - 1) * distance / radius), BINS - 1)
+
+
 @wp.kernel
-def lay_patches(front: Front, sources: Sources, offset: int, threads: int):
-    """List what each cluster may reach, near to far in space, and set out; thread (cluster, of its crew)."""
+def lay_patches(front: Front, sources: Sources, offset: int, skin: float, threads: int):
+    """List what each cluster may reach, near to far in space, and set out; thread (cluster, of its crew).
+
+    Distances are cleared there and in a skin around it: as far as they are read.
+    """
     b, thread = wp.tid()
     shape = sources.shape[offset + b]
     base = sources.first[shape]
+    hand = hand_of(front, sources, b, offset, thread, threads)
     ball = ball_around(sources, offset + b)
     centre = wp.vec3(ball[0], ball[1], ball[2])
     radius = ball[3]
     for ring in range(thread, BINS, threads):
         front.filled[b, ring] = 0
     meet()
-    scale = 0.9999 * float(BINS) / radius
     n = sources.first[shape + 1] - base
     for v in range(thread, n, threads):
+        front.dirty[b, v] = 0
         distance = wp.length(sources.position[base + v] - centre)
-        if distance <= radius:
-            wp.atomic_add(front.filled, b, int(distance * scale), 1)
+        if distance <= radius + skin:
+            wp.atomic_add(front.filled, b, ring_at(distance, radius), 1)
     end_rings(front, b, thread)
+    front.size[b] = front.filled[b, BINS - 1]
+    meet()
     for v in range(thread, n, threads):
         distance = wp.length(sources.position[base + v] - centre)
-        if distance <= radius:
-            front.patch[b, wp.atomic_add(front.filled, b, int(distance * scale), 1)] = v
+        if distance <= radius + skin:
+            front.patch[b, wp.atomic_add(front.filled, b, ring_at(distance, radius), 1)] = v
     meet()
-    front.size[b] = front.filled[b, BINS - 1]
-    for lane in range(thread, sources.members.shape[1], threads):
+    for k in range(hand.walker, front.filled[b, BINS - 1], hand.walkers):
+        row = hand.origin + front.patch[b, k] * hand.lanes
+        for lane in range(hand.lane, hand.lanes, hand.lane_step):
+            write(front.u, row + lane, FAR)
+    meet()
+    for lane in range(thread, hand.lanes, threads):
         m = sources.members[offset + b, lane]
         if m >= 0:
             front.u[b, m, lane] = 0.0
@@ -122,8 +143,8 @@ def lower(
     """Update the distance of a vertex in one lane from triangles with news; return its own (`news_for`)."""
     origin = hand.origin + lane
     old = read(front.u, origin + v * hand.lanes)
-    begin = sources.fan[hand.base + v]
-    last = sources.fan[hand.base + v + 1] - 1
+    begin = int_at(sources.fan, hand.base + v)
+    last = int_at(sources.fan, hand.base + v + 1) - 1
     left = news & (ALL >> (LAST_BIT - wp.min(last - begin, LAST_BIT)))
     best = old
     c = begin + lowest(left)
@@ -144,7 +165,7 @@ def lower(
             db = read(front.u, origin + b_of(sources.corners, k) * hand.lanes)
             best = through(corner_at(sources.corners, k), da, db, best, element)
     if best < old - reach.changed:
-        front.u[hand.cluster, v, lane] = best
+        write(front.u, origin + v * hand.lanes, best)
         publish()
         if best <= reach.limit:
             return news_for(front, sources, hand, v, lane, best, -reach.changed)
@@ -158,6 +179,7 @@ def advance_front(front: Front, sources: Sources, offset: int, element: int, thr
     hand = hand_of(front, sources, b, offset, thread, threads)
     reach = sources.reaches[sources.shape[offset + b]]
     size = front.size[b]
+    near = b * front.patch.shape[1]
     pending = int(1)
     while pending != 0:
         pending = int(0)
@@ -166,14 +188,20 @@ def advance_front(front: Front, sources: Sources, offset: int, element: int, thr
             while n != 0:
                 n = list_dirty(front, front.patch, b, first, wp.min(first + CREW_BAND, size), thread, threads)
                 pending = wp.max(pending, n)
-                ahead = front.patch[b, listed(front, b, hand.walker, n)]
-                for k in range(hand.walker, n, hand.walkers):
+                ahead = int_in(front.patch, near + listed(front, b, hand.walker, n))
+                done = int(0)
+                while done < n:  # as often for all threads, side by side
                     v = ahead
-                    ahead = front.patch[b, listed(front, b, k + hand.walkers, n)]
-                    news = front.news[b * CREW_BAND + k]
+                    news = news_of(front, b, done + hand.walker, n)
+                    ahead = int_in(front.patch, near + listed(front, b, done + hand.walker + hand.walkers, n))
                     told = wp.vec2i(0, 0)
-                    for lane in range(hand.lane, hand.lanes, hand.lane_step):
+                    lane = hand.lane
+                    while lane < hand.lanes:
                         own = lower(front, sources, hand, reach, v, lane, news, element)
                         told = wp.vec2i(told[0] | own[0], told[1] | own[1])
+                        lane += hand.lane_step
+                    fall_in()
                     mark_around(front, sources, hand, v, told)
+                    done += hand.walkers
+                    fall_in()
                 meet()
