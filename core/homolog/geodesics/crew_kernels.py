@@ -25,9 +25,7 @@ AMEND_BAND = wp.constant(256)
 LAST_BIT = wp.constant(14)
 """Triangles around a vertex are bits; this one stands for all from here on: poles may have any number."""
 ALL = wp.constant(2**15 - 1)
-"""The bits of all triangles …"""
-FROM_EIGHT = wp.constant(2**15 - 2**8)
-"""… and of all from the ninth on."""
+"""The bits of all triangles."""
 
 
 @wp.struct
@@ -133,40 +131,67 @@ def in_any_lane(flags: int) -> int:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
+    // Each warp looks at every so many-th piece of 32 places, keeps what it finds, and puts it into the list
+    // where the counts of the pieces before end: the list stays in order.
+    constexpr int MOST = 2;
     __shared__ int counts[32];
-    const int warp = threadIdx.x >> 5, lane = threadIdx.x & 31;
-    const unsigned votes = __ballot_sync(0xffffffffu, news);
-    if (lane == 0)
-        counts[warp] = __popc(votes);
-    __syncthreads();
-    int at = n + __popc(votes & ((1u << lane) - 1u));
-    for (int w = 0; w < static_cast<int>(blockDim.x >> 5); ++w) {
-        at += w < warp ? counts[w] : 0;
-        n += counts[w];
+    const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5, warps = blockDim.x >> 5;
+    int news[MOST];
+    unsigned votes[MOST];
+    #pragma unroll
+    for (int i = 0; i < MOST; ++i) {
+        const int piece = warp + i * warps, k = first + 32 * piece + lane;
+        news[i] = k < end ? dirty.data[row + order.data[near + k]] : 0;
+        votes[i] = __ballot_sync(0xffffffffu, news[i]);
+        if (lane == 0 && piece < 32)
+            counts[piece] = __popc(votes[i]);
     }
-    if (news) {
-        listed.data[first + at] = place;
-        told.data[first + at] = news;
+    __syncthreads();
+    int upto = lane < MOST * warps ? counts[lane] : 0;
+    for (int step = 1; step < 32; step *= 2) {
+        const int before = __shfl_up_sync(0xffffffffu, upto, step);
+        upto += lane < step ? 0 : before;
+    }
+    const int n = __shfl_sync(0xffffffffu, upto, 31);
+    #pragma unroll
+    for (int i = 0; i < MOST; ++i) {
+        const int piece = warp + i * warps, k = first + 32 * piece + lane;
+        const int before = __shfl_sync(0xffffffffu, upto, piece - 1 & 31);
+        if (news[i]) {
+            const int at = start + (piece ? before : 0) + __popc(votes[i] & ((1u << lane) - 1u));
+            dirty.data[row + order.data[near + k]] = 0;
+            listed.data[at] = k;
+            told.data[at] = news[i];
+        }
     }
     __syncthreads();
     return n;
 #else
-    if (news) {
-        listed.data[first + n] = place;
-        told.data[first + n] = news;
+    int n = 0;
+    for (int k = first; k < end; ++k) {
+        const int at = row + order.data[near + k];
+        if (dirty.data[at]) {
+            listed.data[start + n] = k;
+            told.data[start + n] = dirty.data[at];
+            dirty.data[at] = 0;
+            ++n;
+        }
     }
-    return n + (news != 0);
+    return n;
 #endif
 """)
-def enlist(
-    news: int,
-    place: int,
+def list_places(
+    order: wp.array2d(dtype=wp.int32),
+    near: int,
+    first: int,
+    end: int,
+    dirty: wp.array2d(dtype=wp.int32),
+    row: int,
     listed: wp.array(dtype=wp.int32),
     told: wp.array(dtype=wp.int32),
-    first: int,
-    n: int,
+    start: int,
 ) -> int:
-    """Append the places of threads that have news to a list of n so far; return how many it has."""
+    """List the places, first … end in an order, of dirty vertices and make these clean; return how many."""
     ...
 
 
@@ -232,12 +257,6 @@ def write(values: wp.array3d(dtype=wp.float32), at: int, value: float):
     ...
 
 
-@wp.func_native("values.data[at] = value;")
-def set_int(values: wp.array2d(dtype=wp.int32), at: int, value: int):
-    """Put a number into an array, by its place in memory."""
-    ...
-
-
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
     atomicOr(flags.data + at, bits);
@@ -300,22 +319,14 @@ def corner_at(corners: wp.array(dtype=Corner), at: int) -> Corner:
 
 
 @wp.func
-def list_dirty(
-    front: Front, order: wp.array2d(dtype=wp.int32), b: int, first: int, end: int, thread: int, threads: int
-) -> int:
-    """List the places, first … end in an order, of dirty vertices and make these clean; return how many."""
-    n = int(0)
+def list_dirty(front: Front, order: wp.array2d(dtype=wp.int32), b: int, first: int, end: int) -> int:
+    """List the places, first … end in an order, of dirty vertices and make these clean; return how many.
+
+    There may be two places a thread, on CUDA; before the next list the crew has to meet.
+    """
     row = b * front.dirty.shape[1]
     near = b * order.shape[1]
-    for k in range(first, end, threads):
-        news = int(0)
-        if k + thread < end:
-            at = row + int_in(order, near + k + thread)
-            news = int_in(front.dirty, at)
-            if news != 0:
-                set_int(front.dirty, at, 0)
-        n = enlist(news, k + thread, front.listed, front.news, b * CREW_BAND, n)
-    return n
+    return list_places(order, near, first, end, front.dirty, row, front.listed, front.news, b * CREW_BAND)
 
 
 @wp.func
@@ -328,6 +339,14 @@ def listed(front: Front, b: int, k: int, n: int) -> int:
 def news_of(front: Front, b: int, k: int, n: int) -> int:
     """Return the triangles that have news for the k-th of a list of n; none for any beyond."""
     return wp.where(k < n, int_at(front.news, b * CREW_BAND + wp.min(k, n - 1)), 0)
+
+
+@wp.func
+def news_through(tell: wp.vec4, u: float, ua: float, ub: float, slack: float) -> int:
+    """Return 1 if a may follow from u through this triangle, 2 if b may, 3 if both."""
+    least_to_a = 0.5 * (u + ub) + tell[0]
+    least_to_b = wp.min(0.5 * (u + ua) + tell[1], u + tell[2])
+    return wp.where(least_to_a < ua + slack, 1, 0) | wp.where(least_to_b < ub + slack, 2, 0)
 
 
 @wp.func
@@ -346,16 +365,23 @@ def news_for(
     last = int_at(sources.fan, hand.base + v + 1) - 1
     origin = hand.origin + lane
     ua = read(front.u, origin + a_of(sources.corners, begin) * hand.lanes)
-    for k in range(8):  # all at once; the last one again if there are fewer
+    for k in range(6):  # all at once; the last one again if there are fewer
         c = wp.min(begin + k, last)
         ub = read(front.u, origin + b_of(sources.corners, c) * hand.lanes)  # the next corner's a
-        tell = tell_at(sources.tells, c)
-        least_to_b = wp.min(0.5 * (u + ua) + tell[1], u + tell[2])
-        to_a = to_a | wp.where(0.5 * (u + ub) + tell[0] < ua + slack, 1 << k, 0)
-        to_b = to_b | wp.where(least_to_b < ub + slack, 1 << k, 0)
+        news = news_through(tell_at(sources.tells, c), u, ua, ub, slack)
+        to_a = to_a | wp.where((news & 1) != 0, 1 << k, 0)
+        to_b = to_b | wp.where((news & 2) != 0, 1 << k, 0)
         ua = ub
-    more = wp.where(last - begin < 8, 0, FROM_EIGHT)
-    return wp.vec2i(to_a | more, to_b | more)
+    c = begin + 6
+    while c <= last:
+        ub = read(front.u, origin + b_of(sources.corners, c) * hand.lanes)
+        news = news_through(tell_at(sources.tells, c), u, ua, ub, slack)
+        bit = 1 << wp.min(c - begin, LAST_BIT)
+        to_a = to_a | wp.where((news & 1) != 0, bit, 0)
+        to_b = to_b | wp.where((news & 2) != 0, bit, 0)
+        ua = ub
+        c += 1
+    return wp.vec2i(to_a, to_b)
 
 
 @wp.func

@@ -109,7 +109,7 @@ def amend(front: Any, amends: Any, sources: Any, turns: Any, clusters: range) ->
     order = [front, amends, sources, clusters.start, crew]
     wp.launch(bearings.order_front, dim, order, block_dim=crew)
     inputs = [front, amends, sources, turns, clusters.start, crew]
-    for kernel in (bearings.find_front_bearings, amending.tie_front, amending.settle_front):
+    for kernel in (bearings.find_front_bearings, amending.settle_front):
         wp.launch(kernel, dim, inputs=inputs, block_dim=crew)
 
 

@@ -160,25 +160,23 @@ def carry_on(
     return wp.vec2i(0, 0)
 
 
-@wp.kernel
-def tie_front(
+@wp.func
+def keep_ties(
     front: Front,
     amends: FrontAmendments,
     sources: Sources,
     turns: wp.array(dtype=Turns),
-    offset: int,
-    threads: int,
+    hand: Hand,
+    edge: float,
+    first: int,
+    end: int,
 ):
-    """Keep the ties of each cluster's vertices; thread (cluster, member of its crew)."""
-    b, thread = wp.tid()
-    hand = hand_of(front, sources, b, offset, thread, threads)
-    edge = sources.reaches[sources.shape[offset + b]].edge
-    last = amends.reached[b] - 1
-    near = b * amends.order.shape[1]
-    next_v = int_in(amends.order, near + wp.min(hand.walker, last))
-    for k in range(hand.walker, last + 1, hand.walkers):
+    """Keep the ties of a cluster's vertices from place to place."""
+    near = hand.cluster * amends.order.shape[1]
+    next_v = int_in(amends.order, near + wp.min(first + hand.walker, end - 1))
+    for k in range(first + hand.walker, end, hand.walkers):
         v = next_v
-        next_v = int_in(amends.order, near + wp.min(k + hand.walkers, last))
+        next_v = int_in(amends.order, near + wp.min(k + hand.walkers, end - 1))
         begin = int_at(sources.fan, hand.base + v)
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
             u = read(front.u, hand.origin + v * hand.lanes + lane)
@@ -207,7 +205,10 @@ def settle_front(
     offset: int,
     threads: int,
 ):
-    """Carry amendments from vertex to vertex until nothing moves, and add them; thread as above."""
+    """Carry amendments from vertex to vertex until nothing moves; add them; thread (cluster, of its crew).
+
+    The ties of a band are kept just before it settles, while they are at hand.
+    """
     b, thread = wp.tid()
     hand = hand_of(front, sources, b, offset, thread, threads)
     edge = sources.reaches[sources.shape[offset + b]].edge
@@ -219,13 +220,15 @@ def settle_front(
         rounds += 1
         pending = int(0)
         for first in range(0, reached, AMEND_BAND):
+            end = wp.min(first + AMEND_BAND, reached)
+            if rounds == 1:
+                keep_ties(front, amends, sources, turns, hand, edge, first, end)
+                meet()
             passes = int(0)
             n = int(1)
             while n != 0 and passes < ROUNDS:
                 passes += 1
-                n = list_dirty(
-                    front, amends.order, b, first, wp.min(first + AMEND_BAND, reached), thread, threads
-                )
+                n = list_dirty(front, amends.order, b, first, end)
                 pending = wp.max(pending, n)
                 next_place = listed(front, b, hand.walker, n)
                 next_v = int_in(amends.order, near + next_place)

@@ -186,7 +186,7 @@ def advance_front(front: Front, sources: Sources, offset: int, element: int, thr
         for first in range(0, size, CREW_BAND):
             n = int(1)
             while n != 0:
-                n = list_dirty(front, front.patch, b, first, wp.min(first + CREW_BAND, size), thread, threads)
+                n = list_dirty(front, front.patch, b, first, wp.min(first + CREW_BAND, size))
                 pending = wp.max(pending, n)
                 ahead = int_in(front.patch, near + listed(front, b, hand.walker, n))
                 done = int(0)
