@@ -269,6 +269,16 @@ def set_bits(flags: wp.array2d(dtype=wp.int32), at: int, bits: int):
     ...
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("prefetch.global.L1 [%0];" ::"l"(values.data + at));
+#endif
+""")
+def fetch(values: wp.array3d(dtype=wp.float32), at: int):
+    """Begin to fetch a value that will be read soon."""
+    ...
+
+
 @wp.func_native("return corners.data[at].a;")
 def a_of(corners: wp.array(dtype=Corner), at: int) -> int:
     """Return the a of one of the corners."""

@@ -27,8 +27,8 @@ from homolog.progress import Tick
 
 __all__ = ["solve_on_cuda"]
 
-_AT_ONCE = 40_000_000
-"""Vertices times clusters that are solved between two chances to cancel: some hundredths of a second."""
+_AT_ONCE = 900_000
+"""Vertices times clusters, a multiprocessor, that are solved between two chances to cancel: about 0.1 s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,8 +62,9 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
     n = cohort.largest
     tables = []
     with wp.ScopedDevice(device):
+        at_once = max(1, wp.get_device().sm_count)
         capacity = largest_patch(cohort.sources, n_clusters, cohort.skin)
-        batch = min(largest_batch(n, capacity, scratch), max(1, _AT_ONCE // n), n_clusters)
+        batch = min(largest_batch(n, capacity, scratch), max(1, _AT_ONCE * at_once // n), n_clusters)
         front, amends = make_front(batch, n, capacity), make_amendments(batch, n, capacity)
         store = _DenseStore if plan.dense else _BlockStore
         stores = [store(cohort, task, k, ends[k], ends[k + 1]) for k, task in enumerate(plan.tasks)]

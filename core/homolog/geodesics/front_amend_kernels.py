@@ -20,6 +20,7 @@ from homolog.geodesics.crew_kernels import (
     b_of,
     corner_at,
     fall_in,
+    fetch,
     hand_of,
     int_at,
     int_in,
@@ -31,7 +32,15 @@ from homolog.geodesics.crew_kernels import (
     read,
     write,
 )
-from homolog.geodesics.front_bearing_kernels import KEPT, MANY, NONE, FrontAmendments, read_word, write_word
+from homolog.geodesics.front_bearing_kernels import (
+    KEPT,
+    MANY,
+    NONE,
+    FrontAmendments,
+    fetch_word,
+    read_word,
+    write_word,
+)
 from homolog.geodesics.kernels import FAR, Corner, least_way
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
@@ -119,6 +128,16 @@ def follow(
 
 
 @wp.func
+def fetch_ties(amends: FrontAmendments, hand: Hand, place: int):
+    """Begin to fetch the first two ties of the vertex at a place."""
+    first = (hand.cluster * amends.word.shape[1] + place) * KEPT * hand.lanes + hand.lane
+    fetch_word(amends.word, first)
+    fetch_word(amends.word, first + hand.lanes)
+    fetch(amends.gain, first)
+    fetch(amends.gain, first + hand.lanes)
+
+
+@wp.func
 def carry_on(
     front: Front,
     amends: FrontAmendments,
@@ -135,23 +154,23 @@ def carry_on(
     at = hand.origin + v * hand.lanes + lane
     before = read(amends.amendment, at)
     first = (hand.cluster * amends.word.shape[1] + place) * KEPT * hand.lanes + lane
+    # nearly always one or two ties, which are read at once
+    second = first + hand.lanes
     word = read_word(amends.word, first)
-    amendment = float(FAR)
+    last = read_word(amends.word, second)
+    gain = read(amends.gain, first)
+    gain_of_last = read(amends.gain, second)
+    one = follow(amends, sources, hand, begin, lane, word, gain)
+    two = follow(amends, sources, hand, begin, lane, last, gain_of_last)
+    amendment = wp.min(one, two)
+    k = int(2)
+    while (last & wp.uint32(MORE)) != wp.uint32(0):
+        last = read_word(amends.word, first + k * hand.lanes)
+        gain = read(amends.gain, first + k * hand.lanes)
+        amendment = wp.min(amendment, follow(amends, sources, hand, begin, lane, last, gain))
+        k += 1
     if word == wp.uint32(MANY):
         amendment = carry_anew(front, amends, sources, turns, hand, edge, v, lane)
-    else:
-        # nearly always one or two, which are read at once
-        second = first + hand.lanes
-        last = read_word(amends.word, second)
-        one = follow(amends, sources, hand, begin, lane, word, read(amends.gain, first))
-        two = follow(amends, sources, hand, begin, lane, last, read(amends.gain, second))
-        amendment = wp.min(one, two)
-        k = int(2)
-        while (last & wp.uint32(MORE)) != wp.uint32(0):
-            last = read_word(amends.word, first + k * hand.lanes)
-            gain = read(amends.gain, first + k * hand.lanes)
-            amendment = wp.min(amendment, follow(amends, sources, hand, begin, lane, last, gain))
-            k += 1
     if amendment > 0.5 * FAR:  # a source, or out of reach
         return wp.vec2i(0, 0)
     write(amends.amendment, at, amendment)
@@ -178,21 +197,23 @@ def keep_ties(
         v = next_v
         next_v = int_in(amends.order, near + wp.min(k + hand.walkers, end - 1))
         begin = int_at(sources.fan, hand.base + v)
+        fetch_word(amends.word, (near + wp.min(k + hand.walkers, end - 1)) * KEPT * hand.lanes + hand.lane)
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
             u = read(front.u, hand.origin + v * hand.lanes + lane)
             n = int(0)
             at = (near + k) * KEPT * hand.lanes + lane
             place = int(read_word(amends.word, at))
             while place < MANY:
+                n += 1
+                following = int(NONE)
+                if n < KEPT:
+                    following = int(read_word(amends.word, at + hand.lanes))
                 tie = tie_of(front, amends, sources, turns, hand, begin + place, u, edge, lane)
                 share = wp.uint32(tie.share * float(WHOLE) + 0.5)
-                word = wp.uint32(place) | (share << wp.uint32(16))
-                n += 1
-                place = NONE
-                if n < KEPT:
-                    place = int(read_word(amends.word, at + hand.lanes))
+                more = wp.uint32(wp.where(n > 1 and following != NONE, MORE, 0))
                 write(amends.gain, at, tie.gain)
-                write_word(amends.word, at, word | wp.uint32(wp.where(n > 1 and place != NONE, MORE, 0)))
+                write_word(amends.word, at, wp.uint32(place) | more | (share << wp.uint32(16)))
+                place = following
                 at += hand.lanes
 
 
@@ -239,6 +260,7 @@ def settle_front(
                     next_place = listed(front, b, done + hand.walker + hand.walkers, n)
                     next_v = int_in(amends.order, near + next_place)
                     told = wp.vec2i(0, 0)
+                    fetch_ties(amends, hand, next_place)
                     lane = wp.where(done + hand.walker < n, hand.lane, hand.lanes)
                     while lane < hand.lanes:
                         own = carry_on(front, amends, sources, turns, hand, edge, place, v, lane)
@@ -249,7 +271,10 @@ def settle_front(
                     done += hand.walkers
                     fall_in()
                 meet()
+    next_v = int_in(amends.order, near + wp.min(hand.walker, reached - 1))
     for k in range(hand.walker, reached, hand.walkers):
-        v = amends.order[b, k]
+        at = hand.origin + next_v * hand.lanes
+        next_v = int_in(amends.order, near + wp.min(k + hand.walkers, reached - 1))
+        fetch(front.u, hand.origin + next_v * hand.lanes + hand.lane)
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
-            front.u[b, v, lane] = front.u[b, v, lane] + amends.amendment[b, v, lane]
+            write(front.u, at + lane, read(front.u, at + lane) + read(amends.amendment, at + lane))

@@ -62,6 +62,16 @@ def read_word(values: wp.array3d(dtype=wp.uint32), at: int) -> wp.uint32:
     ...
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("prefetch.global.L1 [%0];" ::"l"(values.data + at));
+#endif
+""")
+def fetch_word(values: wp.array3d(dtype=wp.uint32), at: int):
+    """Begin to fetch a word that will be read soon."""
+    ...
+
+
 @wp.func_native("values.data[at] = value;")
 def write_word(values: wp.array3d(dtype=wp.uint32), at: int, value: wp.uint32):
     """Put a word into an array, by its place in memory."""
