@@ -12,6 +12,7 @@ from homolog.geodesics.bearing_kernels import (
     RIVAL,
     ROUNDS,
     SETTLED,
+    START,
     Turns,
     find_way,
     share_of,
@@ -146,6 +147,7 @@ def find_bearings(
         square[lane] = wp.where(best[lane] - u[lane] < RIVAL * edge, trust, 0.0)
         mean[lane] = within(first[lane] + mean[lane], around)
     put_lanes(amends.bearing, v, mean)
+    put_lanes(amends.amendment, v, Lanes(START * edge))
     put_lanes(amends.trust, v, square)
     amends.rivals[v] = rivals
 

@@ -35,9 +35,14 @@ OTHER = wp.constant(0.4)
 MOST = wp.constant(0.1)
 """Largest amendment of a single triangle, as a part of the distance: more is no curvature, but two fronts."""
 UPWIND = wp.constant(0.1)
-"""An end of a side nearer than the vertex beyond by less than this part of a mean edge counts less."""
+"""An end of a side nearer than the vertex beyond by less than this part of the way between counts less."""
+FARTHER = wp.constant(1.0e-5)
+"""What an end counts that is farther: next to nothing, but more than rounding does."""
 SETTLED = wp.constant(1.0e-4)
 """Amendments that move by less than this part of a mean edge have settled."""
+START = wp.constant(1.0)
+"""Amendments begin with this part of a mean edge, more than they come to: from below, they would creep up
+where the ways to vertices that all but coincide go round in circles."""
 ROUNDS = wp.constant(24)
 """Rounds of amendments after which to be content: then they move by less than a code; seven are usual."""
 
@@ -154,9 +159,9 @@ def credence(apart: float) -> float:
 
 
 @wp.func
-def nearer(by: float, edge: float) -> float:
-    """Return how far an end that is nearer by so much counts: 0 … 1."""
-    return wp.max(wp.min(by * (1.0 / (UPWIND * edge)), 1.0), 1.0e-6)
+def nearer(by: float, apart: float) -> float:
+    """Return how far an end that is nearer by so much, and so far away, counts: 0 … 1."""
+    return wp.max(wp.min(by / (UPWIND * apart), 1.0), FARTHER)
 
 
 @wp.func
@@ -205,7 +210,7 @@ def tie_corner(
     through = wp.where(wp.min(da, db) > 0.0, straight, FAR) < side  # from a source: along the side
     tie.gain = wp.where(ray.distance - u < RIVAL * edge, wp.where(through, straight, side) - u, FAR)
     # of a and b only those nearer than c count: what follows from what then is no circle
-    weight_a = (1.0 - z) * nearer(u - da, edge)
-    weight_b = z * nearer(u - db, edge)
+    weight_a = (1.0 - z) * nearer(u - da, corner.ac)
+    weight_b = z * nearer(u - db, corner.bc)
     tie.share = wp.where(through, weight_b / (weight_a + weight_b), wp.where(by_a <= by_b, 0.0, 1.0))
     return tie

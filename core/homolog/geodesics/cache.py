@@ -12,12 +12,12 @@ from homolog.errors import InputError
 from homolog.files.arrays import read_arrays
 from homolog.files.atomic import replacing
 from homolog.geodesics.lookup import LANES, MISSING
-from homolog.geodesics.plan import CHANGED, TablePlan, Task
+from homolog.geodesics.plan import TablePlan, Task
 from homolog.geodesics.table import GeodesicTable
 
 __all__ = ["load_table", "save_table", "table_path"]
 
-VERSION = 5
+VERSION = 6
 """Goes up with every change of the solver that changes distances, or of the file."""
 _INDEX = ("row", "start", "slot")
 
@@ -27,7 +27,7 @@ def table_path(folder: Path, plan: TablePlan, task: Task) -> Path:
     digest = hashlib.sha256()
     for part in (task.mesh.vertices, task.mesh.faces):
         digest.update(part.tobytes())
-    digest.update(repr((VERSION, CHANGED, task.d_max, task.reach, plan.element, plan.dense)).encode())
+    digest.update(repr((VERSION, task.d_max, task.reach, plan.element, plan.dense)).encode())
     return Path(folder) / f"{digest.hexdigest()[:32]}.npz"
 
 

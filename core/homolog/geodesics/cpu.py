@@ -10,7 +10,14 @@ import numpy as np
 import warp as wp
 
 from homolog.errors import InputError
-from homolog.geodesics import amend_kernels, kernels, patch_kernels, store_kernels, sweep_kernels
+from homolog.geodesics import (
+    amend_kernels,
+    fan_kernels,
+    kernels,
+    patch_kernels,
+    store_kernels,
+    sweep_kernels,
+)
 from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
 from homolog.geodesics.intrinsic import Triangulation, triangulate
 from homolog.geodesics.lookup import LANES, MISSING
@@ -36,6 +43,7 @@ class Problem:
     clusters: Clusters  # vertices numbered as in the mesh, which tables are …
     names: Any  # … and the number there of each vertex of the fans
     groups: Any
+    margin: Any  # (K,) as of `fan_kernels.find_margins`
     reach: Any
     element: int
 
@@ -58,7 +66,7 @@ class Problem:
         scratch.bucket = wp.zeros(int(patch_kernels.BUCKETS) + 1, dtype=wp.int32, device="cpu")
         scratch.size = wp.zeros(1, dtype=wp.int32, device="cpu")
         fans = self.fans
-        inputs = [scratch, fans.position, fans.start, fans.corners, fans.margin, self.reach, self.groups]
+        inputs = [scratch, fans.position, fans.start, fans.corners, self.margin, self.reach, self.groups]
         sweep = _recorded(sweep_kernels.sweep_cluster, 1, [*inputs, self.element, 0])
         if self.element != POINT:  # planar fronts know no bearings
             return scratch, lambda cluster: _launch(sweep, cluster)
@@ -102,7 +110,10 @@ def _by_clusters(task: Task, delaunay: Triangulation, clusters: Clusters, elemen
     groups.centre = wp.array(centres, dtype=wp.vec3, device="cpu")
     groups.radius = wp.array(np.max(apart, axis=1, where=there, initial=0.0), dtype=wp.float32, device="cpu")
     named = wp.array(names, dtype=wp.int32, device="cpu")
-    return Problem(task, fans, clusters, named, groups, task.kernel_reach(), element)
+    margin = wp.empty(len(fans.corners), dtype=wp.float32, device="cpu")
+    inputs = [fans.start, fans.corners, margin]
+    wp.launch(fan_kernels.find_margins, len(names), inputs=inputs, device="cpu")
+    return Problem(task, fans, clusters, named, groups, margin, task.kernel_reach(), element)
 
 
 def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> GeodesicTable:

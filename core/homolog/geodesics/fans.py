@@ -12,7 +12,7 @@ from homolog.arrays import IntArray, frozen
 from homolog.device import cores
 from homolog.geodesics.bearing_kernels import Turns
 from homolog.geodesics.crew_kernels import Tell
-from homolog.geodesics.fan_kernels import UNSEEN, fill_corners, find_margins, grow_clusters
+from homolog.geodesics.fan_kernels import UNSEEN, fill_corners, grow_clusters
 from homolog.geodesics.intrinsic import Triangulation
 from homolog.geodesics.kernels import Corner
 from homolog.geodesics.lookup import LANES
@@ -44,8 +44,6 @@ class Fans:
         How each triangle's sides are turned at their ends.
     tells : (K,) Tell wp.array
         What each triangle's vertices tell each other of.
-    margin : (K,) float32 wp.array
-        By how much each corner's b may be nearer than its vertex [mm] and follow from it still.
     """
 
     first: IntArray
@@ -54,7 +52,6 @@ class Fans:
     corners: Any
     turns: Any
     tells: Any
-    margin: Any
 
 
 def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: str) -> Fans:
@@ -71,10 +68,8 @@ def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: 
         tells = wp.empty(len(delaunay.tail), dtype=Tell)
         inputs = [sides, faces_first, start, corners, turns, tells]
         wp.launch(fill_corners, len(delaunay.tail), inputs=inputs)
-        margin = wp.empty(len(delaunay.tail), dtype=wp.float32)
-        wp.launch(find_margins, len(centred), inputs=[start, corners, margin])
         position = wp.array(centred.astype(np.float32), dtype=wp.vec3)
-    return Fans(first, position, start, corners, turns, tells, margin)
+    return Fans(first, position, start, corners, turns, tells)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

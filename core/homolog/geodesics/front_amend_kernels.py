@@ -172,7 +172,7 @@ def carry_on(
     if word == wp.uint32(MANY):
         amendment = carry_anew(front, amends, sources, turns, hand, edge, v, lane)
     if amendment > 0.5 * FAR:  # a source, or out of reach
-        return wp.vec2i(0, 0)
+        amendment = 0.0
     write(amends.amendment, at, amendment)
     if wp.abs(amendment - before) > SETTLED * edge:
         return news_for(front, sources, hand, v, lane, read(front.u, at), 1.01 * RIVAL * edge)

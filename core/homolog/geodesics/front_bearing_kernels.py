@@ -5,6 +5,7 @@ import warp as wp
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.bearing_kernels import (
     RIVAL,
+    START,
     Turns,
     find_way,
     share_of,
@@ -98,7 +99,7 @@ def order_front(front: Front, amends: FrontAmendments, sources: Sources, offset:
         near = in_any_lane(near)
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
             at = hand.origin + v * hand.lanes + lane
-            write(amends.amendment, at, 0.0)
+            write(amends.amendment, at, wp.where(near != 0, START * reach.edge, 0.0))
             if near == 0:  # the others are about to get theirs
                 write(amends.trust, at, 0.0)
                 write(amends.bearing, at, 0.0)

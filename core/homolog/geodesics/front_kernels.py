@@ -164,11 +164,11 @@ def lower(
             da = read(front.u, origin + a_of(sources.corners, k) * hand.lanes)
             db = read(front.u, origin + b_of(sources.corners, k) * hand.lanes)
             best = through(corner_at(sources.corners, k), da, db, best, element)
-    if best < old - reach.changed:
+    if best < old:
         write(front.u, origin + v * hand.lanes, best)
         publish()
         if best <= reach.limit:
-            return news_for(front, sources, hand, v, lane, best, -reach.changed)
+            return news_for(front, sources, hand, v, lane, best, 0.0)
     return wp.vec2i(0, 0)
 
 

@@ -33,7 +33,6 @@ class Reach:
     stored: float  # longest distance that is stored
     limit: float  # to there it is followed, a mean edge beyond d_max: a value inside may come from outside
     edge: float  # mean edge
-    changed: float  # smaller improvements are not passed on
     unit: float  # length of one code step
 
 
@@ -69,10 +68,11 @@ def trace(corner: Corner, da: float, db: float) -> Ray:
     inverse = 1.0 / height
     dx = corner.x - ray.along
     straight = wp.where(inside, wp.sqrt(dx * dx + height * height), FAR)
-    ray.direct = wp.where(straight < side, 0, wp.where(by_a <= by_b, 1, 2))
+    # Not "straight < side", which rounding would decide where the way passes an end: bearings would jump.
+    ray.direct = wp.where(inside, 0, wp.where(by_a <= by_b, 1, 2))
     ray.distance = wp.min(straight, side)
     ray.before = straight * ray.below * inverse
-    ray.crossing = wp.where(straight < side, crossing * inverse, wp.where(by_a <= by_b, 0.0, corner.length))
+    ray.crossing = wp.where(inside, crossing * inverse, wp.where(by_a <= by_b, 0.0, corner.length))
     return ray
 
 

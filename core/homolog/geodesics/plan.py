@@ -31,9 +31,6 @@ DENSE_SHAPE = 250_000_000
 """… and each no more than this (11 180 vertices)."""
 DEFAULT_LIMIT = 8_000_000_000
 """Ceiling for the tables of a cohort [bytes] where the caller names none."""
-CHANGED = 3e-5
-"""Improvements below this part of the mean edge are not passed on: the order of updates, so the device, then
-makes no more than a code of difference (docs/geodesics.md)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +64,6 @@ class Task:
         reach.stored = (MISSING - 1) * reach.unit
         reach.limit = max(reach.stored, self.reach + self.edge)
         reach.edge = self.edge
-        reach.changed = CHANGED * self.edge
         return reach
 
 

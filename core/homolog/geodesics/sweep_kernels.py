@@ -86,7 +86,7 @@ def lower(
     fell = int(0)
     near = int(0)
     for lane in range(LANES):
-        falls = old[lane] - new[lane] > reach.changed
+        falls = new[lane] < old[lane]
         tells = falls and new[lane] <= reach.limit
         fell |= wp.where(falls, 1, 0)
         near |= wp.where(tells, 1, 0)
