@@ -22,8 +22,8 @@ from homolog.progress import no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
 PHASES = {
-    "advance_front": "solve", "seed_front": "solve", "order_front": "order", "bearings": "bearings",
-    "tie_front": "ties", "settle_front": "settle", "store_front": "store", "mark_reached": "store",
+    "advance_front": "solve", "lay_patches": "patches", "measure_patches": "patches", "order_front": "order", "bearings": "bearings",
+    "settle_front": "settle", "store_front": "store", "mark_reached": "store",
     "symmetrize": "symmetrize", "corners": "fans", "memset": "fill", "memtile": "fill", "memcpy": "copy",
 }  # fmt: skip
 
@@ -126,7 +126,8 @@ def main() -> None:
     def agreement() -> None:
         for size in (1000, 2000) if quick else (2000, 5000, 10_000):
             compare("bean", meshes.bean(size), 0.2, device)
-        compare("obtuse", meshes.obtuse(2000), 0.2, device)
+        for make, size in ((meshes.obtuse, 2000), (meshes.cup, 2000), (meshes.bean, 3100)):
+            compare(make.__name__, make(size), 0.2, device)
 
     def beans() -> None:
         for share in (0.1, 0.2):

@@ -43,8 +43,8 @@ SETTLED = wp.constant(1.0e-4)
 START = wp.constant(1.0)
 """Amendments begin with this part of a mean edge, more than they come to: from below, they would creep up
 where the ways to vertices that all but coincide go round in circles."""
-ROUNDS = wp.constant(24)
-"""Rounds of amendments after which to be content: then they move by less than a code; seven are usual."""
+ROUNDS = wp.constant(100)
+"""Rounds of amendments after which to be content: seven are usual, a globe's poles take some dozens."""
 
 
 @wp.struct
