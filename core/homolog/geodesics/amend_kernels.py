@@ -12,8 +12,8 @@ from homolog.geodesics.bearing_kernels import (
     RIVAL,
     ROUNDS,
     SETTLED,
-    START,
     Turns,
+    begin_with,
     find_way,
     share_of,
     tie_corner,
@@ -108,10 +108,12 @@ def find_bearings(
     by_b = Counts(0)
     rivals = int(0)
     bit = int(1)
+    shortest = float(FAR)
     da = lanes_at(scratch.u, b_at(corners, end - 1))
     while k < end:
         corner = corners[k]
         db = lanes_at(scratch.u, corner.b)
+        shortest = wp.min(shortest, corner.bc)
         hopes = int(0)
         for lane in range(LANES):
             hopes |= wp.where(least_way(corner, da[lane], db[lane]) < u[lane] + RIVAL * edge, 1, 0)
@@ -147,7 +149,7 @@ def find_bearings(
         square[lane] = wp.where(best[lane] - u[lane] < RIVAL * edge, trust, 0.0)
         mean[lane] = within(first[lane] + mean[lane], around)
     put_lanes(amends.bearing, v, mean)
-    put_lanes(amends.amendment, v, Lanes(START * edge))
+    put_lanes(amends.amendment, v, Lanes(begin_with(shortest, edge)))
     put_lanes(amends.trust, v, square)
     amends.rivals[v] = rivals
 

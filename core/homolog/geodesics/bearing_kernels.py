@@ -41,8 +41,8 @@ FARTHER = wp.constant(1.0e-5)
 SETTLED = wp.constant(1.0e-4)
 """Amendments that move by less than this part of a mean edge have settled."""
 START = wp.constant(1.0)
-"""Amendments begin with this part of a mean edge, more than they come to: from below, they would creep up
-where the ways to vertices that all but coincide go round in circles."""
+"""Amendments of vertices with a short side begin with this part of a mean edge, more than they come to: from
+below, they would creep up where the ways among vertices that all but coincide go round in circles."""
 ROUNDS = wp.constant(100)
 """Rounds of amendments after which to be content: seven are usual, a globe's poles take some dozens."""
 
@@ -123,6 +123,12 @@ def find_way(corner: Corner, turns: Turns, da: float, db: float, edge: float) ->
     inner = wp.min(ray.crossing, corner.length - ray.crossing) * (2.0 * corner.half / INNER)
     way.standing = LEAST + wp.min(inner, 1.0 - way.doubt)
     return way
+
+
+@wp.func
+def begin_with(shortest: float, edge: float) -> float:
+    """Return what the amendment of a vertex begins with, from its shortest side."""
+    return wp.where(shortest < SHORT * edge, START * edge, 0.0)
 
 
 @wp.func

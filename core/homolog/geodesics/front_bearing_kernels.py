@@ -5,8 +5,8 @@ import warp as wp
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.bearing_kernels import (
     RIVAL,
-    START,
     Turns,
+    begin_with,
     find_way,
     share_of,
     trust_in,
@@ -99,8 +99,8 @@ def order_front(front: Front, amends: FrontAmendments, sources: Sources, offset:
         near = in_any_lane(near)
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
             at = hand.origin + v * hand.lanes + lane
-            write(amends.amendment, at, wp.where(near != 0, START * reach.edge, 0.0))
             if near == 0:  # the others are about to get theirs
+                write(amends.amendment, at, 0.0)
                 write(amends.trust, at, 0.0)
                 write(amends.bearing, at, 0.0)
         if hand.lane == 0 and k < size:
@@ -138,6 +138,7 @@ def find_bearing(
     mean = float(0.0)
     square = float(0.0)
     by_b = int(0)
+    shortest = float(FAR)
     rivals = Words(wp.uint32(NONE))
     begin = int_at(sources.fan, hand.base + v)
     last = int_at(sources.fan, hand.base + v + 1) - 1
@@ -148,6 +149,7 @@ def find_bearing(
     for c in range(begin, last + 1):
         ahead = read(front.u, origin + b_of(sources.corners, wp.min(c + 1, last)) * hand.lanes)
         corner = corner_at(sources.corners, c)
+        shortest = wp.min(shortest, corner.bc)
         if least_way(corner, da, db) < u + RIVAL * edge:
             way = find_way(corner, turns[c], da, db, edge)
             best = wp.min(best, way.distance)
@@ -169,6 +171,7 @@ def find_bearing(
         db = ahead
     mean = mean / wp.max(total, 1.0e-30)
     at = hand.origin + v * hand.lanes + lane
+    write(amends.amendment, at, begin_with(shortest, edge))
     write(amends.bearing, at, within(first + mean, around))
     found = total > 0.0 and best - u < RIVAL * edge  # else a source
     write(amends.trust, at, wp.where(found, trust_in(square / wp.max(total, 1.0e-30), mean), 0.0))
