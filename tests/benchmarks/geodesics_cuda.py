@@ -22,7 +22,8 @@ from homolog.progress import no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
 PHASES = {
-    "advance_front": "solve", "lay_patches": "patches", "measure_patches": "patches", "order_front": "order", "bearings": "bearings",
+    "advance_front": "solve", "lay_patches": "patches", "measure_patches": "patches",
+    "order_front": "order", "bearings": "bearings",
     "settle_front": "settle", "store_front": "store", "mark_reached": "store",
     "symmetrize": "symmetrize", "corners": "fans", "memset": "fill", "memtile": "fill", "memcpy": "copy",
 }  # fmt: skip
