@@ -1,4 +1,4 @@
-"""What the crew of a cluster works with: its state, its hands, lists of what is dirty, and reads.
+"""What the crew of a cluster works with: its state, its hands, lists of what is dirty, and its news.
 
 On CUDA each cluster has a block of threads, its crew; on a CPU the crew is one thread. A vertex is dirty if a
 neighbour fell since its last update; which of its triangles have to be looked at again is kept in bits. Each
@@ -10,7 +10,16 @@ so that reading a neighbour while it is being lowered is harmless.
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.kernels import Corner, Reach
+from homolog.geodesics.kernels import Corner, Reach, Tell
+from homolog.geodesics.memory_kernels import (
+    a_of,
+    b_of,
+    int_at,
+    places_of,
+    read,
+    set_bits,
+    tell_at,
+)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
 
@@ -26,16 +35,6 @@ LAST_BIT = wp.constant(14)
 """Triangles around a vertex are bits; this one stands for all from here on: poles may have any number."""
 ALL = wp.constant(2**15 - 1)
 """The bits of all triangles."""
-
-
-@wp.struct
-class Tell:
-    """What a corner's vertex c tells a and b of when it has fallen (see `news_for`)."""
-
-    to_a: float  # height of a over bc, less half of |bc|
-    to_b: float  # height of b over ac, less half of |ac|
-    bc: float
-    places: int  # of this triangle around a, and 256 times that around b; up to LAST_BIT
 
 
 @wp.struct
@@ -215,117 +214,6 @@ def publish():
 def lowest(bits: int) -> int:
     """Return the place of the lowest bit that is set; 0 if none is."""
     ...
-
-
-# Arrays are read as they lie in memory: Warp's own indexing, which allows for any strides and negative
-# indices, takes as many instructions as what is computed from the values.
-@wp.func_native("return values.data[at];")
-def read(values: wp.array3d(dtype=wp.float32), at: int) -> float:
-    """Return a value of an array by its place in memory."""
-    ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    const float4 four = *reinterpret_cast<const float4*>(tells.data + at);
-    return wp::vec_t<4, wp::float32>(four.x, four.y, four.z, four.w);
-#else
-    const wp::float32* values = reinterpret_cast<const wp::float32*>(tells.data + at);
-    return wp::vec_t<4, wp::float32>(values[0], values[1], values[2], values[3]);
-#endif
-""")
-def tell_at(tells: wp.array(dtype=Tell), at: int) -> wp.vec4:
-    """Return a tell, its places as the bits of a float, in one read."""
-    ...
-
-
-@wp.func_native("return values.data[at];")
-def int_at(values: wp.array(dtype=wp.int32), at: int) -> int:
-    """Return a number of a list."""
-    ...
-
-
-@wp.func_native("return values.data[at];")
-def int_in(values: wp.array2d(dtype=wp.int32), at: int) -> int:
-    """Return a number of an array by its place in memory."""
-    ...
-
-
-@wp.func_native("values.data[at] = value;")
-def write(values: wp.array3d(dtype=wp.float32), at: int, value: float):
-    """Put a value into an array, by its place in memory."""
-    ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    atomicOr(flags.data + at, bits);
-#else
-    flags.data[at] |= bits;
-#endif
-""")
-def set_bits(flags: wp.array2d(dtype=wp.int32), at: int, bits: int):
-    """Set bits of an array by its place in memory, which others may be setting too."""
-    ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    asm volatile("prefetch.global.L1 [%0];" ::"l"(values.data + at));
-#endif
-""")
-def fetch(values: wp.array3d(dtype=wp.float32), at: int):
-    """Begin to fetch a value that will be read soon."""
-    ...
-
-
-@wp.func_native("return corners.data[at].a;")
-def a_of(corners: wp.array(dtype=Corner), at: int) -> int:
-    """Return the a of one of the corners."""
-    ...
-
-
-@wp.func_native("return tells.data[at].places;")
-def places_of(tells: wp.array(dtype=Tell), at: int) -> int:
-    """Return the places of one of the tells."""
-    ...
-
-
-@wp.func_native("return corners.data[at].b;")
-def b_of(corners: wp.array(dtype=Corner), at: int) -> int:
-    """Return the b of one of the corners."""
-    ...
-
-
-@wp.func_native("""
-    const wp::float32* values = reinterpret_cast<const wp::float32*>(corners.data + at) + 4 * half;
-#if defined(__CUDA_ARCH__)
-    const float4 four = *reinterpret_cast<const float4*>(values);
-    return wp::vec_t<4, wp::float32>(four.x, four.y, four.z, four.w);
-#else
-    return wp::vec_t<4, wp::float32>(values[0], values[1], values[2], values[3]);
-#endif
-""")
-def half_corner(corners: wp.array(dtype=Corner), at: int, half: int) -> wp.vec4:
-    """Return the first or second four values of a corner, in one read."""
-    ...
-
-
-@wp.func
-def corner_at(corners: wp.array(dtype=Corner), at: int) -> Corner:
-    """Return one of the corners."""
-    low = half_corner(corners, at, 0)
-    high = half_corner(corners, at, 1)
-    corner = Corner()
-    corner.a = wp.cast(low[0], wp.int32)
-    corner.b = wp.cast(low[1], wp.int32)
-    corner.length = low[2]
-    corner.half = low[3]
-    corner.x = high[0]
-    corner.y = high[1]
-    corner.ac = high[2]
-    corner.bc = high[3]
-    return corner
 
 
 @wp.func

@@ -4,9 +4,9 @@ import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.bearing_kernels import Turns
-from homolog.geodesics.crew_kernels import LAST_BIT, Tell
+from homolog.geodesics.crew_kernels import LAST_BIT
 from homolog.geodesics.intrinsic_kernels import Sides, apex, next_side
-from homolog.geodesics.kernels import Corner
+from homolog.geodesics.kernels import Corner, Tell
 from homolog.geodesics.lookup import LANES
 
 wp.set_module_options({"enable_backward": False})

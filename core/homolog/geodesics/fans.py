@@ -11,10 +11,9 @@ import warp as wp
 from homolog.arrays import IntArray, frozen
 from homolog.device import cores
 from homolog.geodesics.bearing_kernels import Turns
-from homolog.geodesics.crew_kernels import Tell
 from homolog.geodesics.fan_kernels import UNSEEN, fill_corners, grow_clusters
 from homolog.geodesics.intrinsic import Triangulation
-from homolog.geodesics.kernels import Corner
+from homolog.geodesics.kernels import Corner, Tell
 from homolog.geodesics.lookup import LANES
 from homolog.surfaces.mesh import TriangleMesh
 

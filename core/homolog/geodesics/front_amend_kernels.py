@@ -16,32 +16,34 @@ from homolog.geodesics.crew_kernels import (
     Front,
     Hand,
     Sources,
-    a_of,
-    b_of,
-    corner_at,
     fall_in,
-    fetch,
     hand_of,
-    int_at,
-    int_in,
     list_dirty,
     listed,
     mark_around,
     meet,
     news_for,
-    read,
-    write,
 )
 from homolog.geodesics.front_bearing_kernels import (
     KEPT,
     MANY,
     NONE,
     FrontAmendments,
-    fetch_word,
-    read_word,
-    write_word,
 )
 from homolog.geodesics.kernels import FAR, Corner, least_way
+from homolog.geodesics.memory_kernels import (
+    a_of,
+    b_of,
+    corner_at,
+    fetch,
+    fetch_word,
+    int_at,
+    int_in,
+    read,
+    read_word,
+    write,
+    write_word,
+)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
 

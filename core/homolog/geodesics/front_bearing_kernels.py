@@ -18,19 +18,22 @@ from homolog.geodesics.crew_kernels import (
     Front,
     Hand,
     Sources,
-    a_of,
-    b_of,
-    corner_at,
     end_rings,
     hand_of,
     in_any_lane,
-    int_at,
-    int_in,
     meet,
-    read,
-    write,
 )
 from homolog.geodesics.kernels import FAR, least_way
+from homolog.geodesics.memory_kernels import (
+    a_of,
+    b_of,
+    corner_at,
+    int_at,
+    int_in,
+    read,
+    write,
+    write_word,
+)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
 
@@ -55,28 +58,6 @@ class FrontAmendments:
     word: wp.array3d(dtype=wp.uint32)  # (B, P, KEPT L) their shares and corners, likewise
     order: wp.array2d(dtype=wp.int32)  # (B, P) vertices in reach, near to far
     reached: wp.array(dtype=wp.int32)  # (B,) how many
-
-
-@wp.func_native("return values.data[at];")
-def read_word(values: wp.array3d(dtype=wp.uint32), at: int) -> wp.uint32:
-    """Return a word by its place in memory."""
-    ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    asm volatile("prefetch.global.L1 [%0];" ::"l"(values.data + at));
-#endif
-""")
-def fetch_word(values: wp.array3d(dtype=wp.uint32), at: int):
-    """Begin to fetch a word that will be read soon."""
-    ...
-
-
-@wp.func_native("values.data[at] = value;")
-def write_word(values: wp.array3d(dtype=wp.uint32), at: int, value: wp.uint32):
-    """Put a word into an array, by its place in memory."""
-    ...
 
 
 @wp.kernel

@@ -17,14 +17,9 @@ from homolog.geodesics.crew_kernels import (
     Front,
     Hand,
     Sources,
-    a_of,
-    b_of,
-    corner_at,
     end_rings,
     fall_in,
     hand_of,
-    int_at,
-    int_in,
     list_dirty,
     listed,
     lowest,
@@ -33,10 +28,17 @@ from homolog.geodesics.crew_kernels import (
     news_for,
     news_of,
     publish,
+)
+from homolog.geodesics.kernels import FAR, Corner, Reach, least_way, plane_front, side_way, straight_squared
+from homolog.geodesics.memory_kernels import (
+    a_of,
+    b_of,
+    corner_at,
+    int_at,
+    int_in,
     read,
     write,
 )
-from homolog.geodesics.kernels import FAR, Corner, Reach, least_way, plane_front, side_way, straight_squared
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
 

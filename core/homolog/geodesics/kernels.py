@@ -27,6 +27,16 @@ class Corner:
 
 
 @wp.struct
+class Tell:
+    """What a corner's vertex c tells a and b of when it has fallen (see `crew_kernels.news_for`)."""
+
+    to_a: float  # height of a over bc, less half of |bc|
+    to_b: float  # height of b over ac, less half of |ac|
+    bc: float
+    places: int  # of this triangle around a, and 256 times that around b; up to LAST_BIT
+
+
+@wp.struct
 class Reach:
     """How far one shape's distances are followed, and how exactly."""
 

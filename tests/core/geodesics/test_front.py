@@ -6,6 +6,7 @@ from homolog.geodesics import cuda, plan_tables, solve_tables
 from homolog.geodesics import plan as planning
 from homolog.geodesics.cuda import solve_on_cuda
 from homolog.progress import no_tick
+from homolog.surfaces.mesh import TriangleMesh
 
 
 def differences(one, other):
@@ -25,13 +26,29 @@ def test_both_forms_agree_within_two_codes_to_first_order(slotted, storage):
     assert differences(front, sweep).max() <= 2
 
 
-def test_both_forms_agree_within_two_codes_but_for_one_pair_in_ten_thousand(slotted, storage):
+def test_both_forms_agree_within_two_codes(slotted, storage):
     front = solve_on_cuda(plan_tables([slotted], 8.0), "cpu", 10**9, no_tick)[0]
     sweep = solve_tables([slotted], 8.0)[0]
     assert front.storage == sweep.storage == storage
-    apart = differences(front, sweep)
-    assert (apart > 2).mean() < 1e-4
-    assert apart.max() <= 16  # a quarter of a thousandth of d_max
+    assert differences(front, sweep).max() <= 2
+
+
+def crowded(mesh, near):
+    """Cut some triangles in three, at a point so near (of their size) to one of their corners."""
+    some = mesh.faces[::23]
+    weights = np.array([1.0 - 2.0 * near, near, near])
+    added = np.einsum("k,fkx->fx", weights, mesh.vertices[some])
+    names = len(mesh.vertices) + np.arange(len(some))
+    parts = [np.stack([some[:, k], some[:, (k + 1) % 3], names], axis=1) for k in range(3)]
+    kept = np.delete(mesh.faces, np.s_[::23], axis=0)
+    return TriangleMesh(np.concatenate([mesh.vertices, added]), np.concatenate([kept, *parts]))
+
+
+def test_both_forms_agree_where_vertices_all_but_coincide(slotted):
+    for near, rivals in ((1e-2, 0.0), (1e-3, 1e-3)):
+        mesh = crowded(slotted, near)
+        front = solve_on_cuda(plan_tables([mesh], 8.0), "cpu", 10**9, no_tick)[0]
+        assert (differences(front, solve_tables([mesh], 8.0)[0]) > 2).mean() <= rivals
 
 
 def test_a_cohort_in_small_batches_gives_the_tables_of_its_shapes(sphere, slotted, storage):
