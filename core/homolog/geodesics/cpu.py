@@ -121,7 +121,7 @@ def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> Geode
     task = plan.tasks[which]
 
     def report(done: float) -> None:
-        tick(done, f"{task.name}: geodesic distances")
+        tick(done, f"geodesic distances of {task.name}")
 
     report(0.0)
     # before the threads, which would each load them

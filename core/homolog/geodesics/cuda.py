@@ -71,7 +71,7 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
         for begin in range(0, n_clusters, batch):
             end = min(begin + batch, n_clusters)
             shapes = range(int(cohort.clusters.shape[begin]), int(cohort.clusters.shape[end - 1]) + 1)
-            message = f"{plan.tasks[shapes[0]].name}: geodesic distances"
+            message = f"geodesic distances of {plan.tasks[shapes[0]].name}"
             tick(begin / n_clusters, message)
             _solve((front, amends), cohort, range(begin, end), plan.dense)
             for k in shapes:

@@ -79,11 +79,11 @@ def distances_from(
         clusters.fan = fans.start
         clusters.corners = fans.corners
         clusters.tells = fans.tells
-        tick(0.0, f"{name}: geodesic distances")
+        tick(0.0, f"geodesic distances of {name}")
         advance(front, clusters, range(1), POINT)
         reach.stored = float(values.max())
         clusters.reaches = wp.array([reach], dtype=kernels.Reach)
-        tick(0.5, f"{name}: geodesic distances")
+        tick(0.5, f"geodesic distances of {name}")
         amend(front, make_amendments(1, n, n, lanes=1), clusters, fans.turns, range(1))
     distances: Float32Array = values.copy()
     return distances

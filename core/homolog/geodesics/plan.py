@@ -115,7 +115,7 @@ def plan_tables(
     with ThreadPoolExecutor(min(cores(), 8)) as pool:
         tasks = []
         for task in pool.map(_task, labels, meshes, limits):
-            tick(0.0, f"{task.name}: mesh checked")
+            tick(0.0, f"mesh of {task.name} checked")
             tasks.append(task)
     squares = [2 * len(mesh.vertices) ** 2 for mesh in meshes]
     dense, blocks = sum(squares), sum(_block_bytes(task) for task in tasks)

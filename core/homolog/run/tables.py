@@ -51,7 +51,7 @@ class KeptTables:
         paths = [table_path(self._folder, plan, task) for task in plan.tasks]
         tables: dict[Path, GeodesicTable] = {}
         for index, (path, task) in enumerate(zip(paths, plan.tasks, strict=True)):
-            tick(index / len(paths), f"{task.name}: geodesic distances")
+            tick(index / len(paths), f"geodesic distances of {task.name}")
             kept = load_table(path, device)
             if kept is not None and kept.n_vertices == len(task.mesh.vertices):
                 tables[path] = kept

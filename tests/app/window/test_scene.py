@@ -206,3 +206,21 @@ def test_the_page_of_subjects_is_open_again_after_shapes_of_the_model(explore, f
     assert window.views.stage.scene.page == 0
     tabs.setCurrentIndex(0)
     assert [one.name for one in window.views.stage.scene.shown] == ["b"]
+
+
+@pytest.mark.window
+def test_a_shape_that_grows_along_a_mode_stays_whole_and_in_its_place(explore, finished, window):
+    explore(finished, "modes")
+    scene = window.views.stage.scene
+    camera = scene._grid.cells[0].renderer.GetActiveCamera()
+    scene.fit()
+    middle, seen = camera.GetFocalPoint(), camera.GetParallelScale()
+    camera.SetParallelScale(0.5 * seen)  # as if the shapes had been half as large when they were fitted
+    scene._fit = scene._looks
+    scene.display(scene._shown)
+    assert camera.GetFocalPoint() == middle
+    assert camera.GetParallelScale() > 0.8 * seen
+    camera.Zoom(2.0)  # by the user
+    zoomed = camera.GetParallelScale()
+    scene.display(scene._shown)
+    assert camera.GetParallelScale() == zoomed

@@ -22,7 +22,7 @@ def test_a_table_is_solved_once(sphere, slotted, tmp_path, storage):
     )
     assert len(list(tmp_path.iterdir())) == 2
     assert all(same(*pair) for pair in zip(first, second, strict=True))
-    assert said == ["a: mesh checked", "b: mesh checked", "geodesic distances"]  # nobody's
+    assert said == ["mesh of a checked", "mesh of b checked", "geodesic distances"]  # nobody's
 
 
 def test_other_meshes_and_parameters_are_solved_anew(sphere, tmp_path):

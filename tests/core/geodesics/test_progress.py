@@ -15,10 +15,10 @@ def test_progress_rises_and_names_the_subjects(sphere, storage):
     assert fractions == sorted(fractions)
     assert fractions[-1] == pytest.approx(1.0)
     assert list(dict.fromkeys(text for _, text in seen)) == [
-        "ann: mesh checked",
-        "bob: mesh checked",
-        "ann: geodesic distances",
-        "bob: geodesic distances",
+        "mesh of ann checked",
+        "mesh of bob checked",
+        "geodesic distances of ann",
+        "geodesic distances of bob",
     ]
 
 

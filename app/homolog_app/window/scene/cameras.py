@@ -78,5 +78,12 @@ class Cameras:
             cell.fit(points, shape)
         return len(points) > 0
 
+    def widen(self, count: int, shape: float) -> None:
+        """Zoom out where shapes of the first views would be cut; parameters as for `fit`."""
+        cells = self._cells[:count]
+        points = np.concatenate([cell.points for cell in cells])
+        for cell in self._first(cells) if len(points) else ():
+            cell.widen(points, shape)
+
     def _first(self, cells: "Sequence[Cell]") -> "Sequence[Cell]":
         return cells[: 1 if self._linked else None]

@@ -181,6 +181,18 @@ class Cell:
         across, along, _ = (high - low) / 2.0
         camera.SetParallelScale(_MARGIN * max(along, across / shape, 1e-6))
 
+    def widen(self, points: FloatArray, shape: float) -> None:
+        """Zoom out if points (n, 3) would be cut; the view's middle stays, so that what moves is seen to."""
+        camera = self.renderer.GetActiveCamera()
+        ahead = np.array(camera.GetDirectionOfProjection())
+        right = np.cross(ahead, camera.GetViewUp())
+        right /= np.linalg.norm(right)
+        away = (points - camera.GetFocalPoint()) @ np.stack([right, np.cross(right, ahead)]).T
+        across, along = np.abs(away).max(axis=0)
+        needed = max(along, across / shape)
+        if needed > camera.GetParallelScale():
+            camera.SetParallelScale(_MARGIN * needed)
+
     @property
     def surface_actors(self) -> tuple[Any, ...]:
         """The surfaces' actors, shown or not."""

@@ -127,8 +127,15 @@ class Grid:
 
     def fit(self, width: float, height: float) -> bool:
         """Show the whole shapes as large as the largest allows; return whether there is anything to show."""
+        return self.cameras.fit(self.count, self._shape_of_a_view(width, height))
+
+    def widen(self, width: float, height: float) -> None:
+        """Zoom out where shapes would be cut."""
+        self.cameras.widen(self.count, self._shape_of_a_view(width, height))
+
+    def _shape_of_a_view(self, width: float, height: float) -> float:
         rows, columns = self.shape
-        return self.cameras.fit(self.count, width * rows / max(1.0, height * columns))
+        return width * rows / max(1.0, height * columns)
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""

@@ -125,6 +125,11 @@ class Scene(QWidget):
             self.fit()
         elif len(shown.contents) != len(had):
             self._keep_whole()
+        elif (
+            self._fit == self._looks
+        ):  # the shapes may have grown, as along a mode; unless the user has zoomed
+            self._grid.widen(self._plot.width(), self._plot.height())
+            self._fit = self._looks
 
     def begin_anew(self) -> None:
         """Let the next contents be seen from the usual side, whole, from their first page."""
