@@ -136,7 +136,7 @@ def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> Geode
 
 def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, ...]:
     n = problem.n_vertices
-    codes = wp.full((n, n), MISSING, dtype=wp.uint16, device="cpu")
+    codes = _missing(n, n)
     members = wp.array(problem.clusters.members, dtype=wp.int32, ndim=2, device="cpu")
 
     def worker() -> Callable[[int], None]:
@@ -160,6 +160,11 @@ def _solve_dense(problem: Problem, threads: int, report: Report) -> tuple[Any, .
     return (codes,)
 
 
+def _missing(n_rows: int, n_columns: int) -> Any:  # noqa: ANN401
+    """Return a table without codes; numpy fills it in a fifth of the time that Warp takes on a CPU."""
+    return wp.array(np.full((n_rows, n_columns), MISSING, np.uint16), device="cpu", copy=False)
+
+
 def _rows(n_vertices: int) -> tuple[Any, Any]:
     """Return room for the vertices that a cluster reaches, and for their codes."""
     return (
@@ -170,7 +175,7 @@ def _rows(n_vertices: int) -> tuple[Any, Any]:
 
 def _solve_blocks(problem: Problem, threads: int, report: Report) -> tuple[Any, ...]:
     n, n_clusters = problem.n_vertices, len(problem.clusters.members)
-    row = wp.full((n_clusters, n), MISSING, dtype=wp.uint16, device="cpu")
+    row = _missing(n_clusters, n)
     near = wp.zeros((n_clusters, n_clusters), dtype=wp.uint8, device="cpu")
     slot = wp.array(problem.clusters.slot, dtype=wp.int32, device="cpu")
     blocks: list[Any] = [None] * n_clusters
