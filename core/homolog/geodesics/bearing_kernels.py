@@ -36,8 +36,8 @@ MOST = wp.constant(0.1)
 """Largest amendment of a single triangle, as a part of the distance: more is no curvature, but two fronts."""
 UPWIND = wp.constant(0.1)
 """An end of a side nearer than the vertex beyond by less than this part of the way between counts less."""
-FARTHER = wp.constant(1.0e-5)
-"""What an end counts that is farther: next to nothing, but more than rounding does."""
+FARTHER = wp.constant(1.0e-2)
+"""What an end counts that is farther: little, but far more than rounding does: ways may pass it that close."""
 SETTLED = wp.constant(1.0e-4)
 """Amendments that move by less than this part of a mean edge have settled."""
 START = wp.constant(1.0)
