@@ -37,7 +37,7 @@ MOST = wp.constant(0.1)
 UPWIND = wp.constant(0.1)
 """An end of a side nearer than the vertex beyond by less than this part of the way between counts less."""
 FARTHER = wp.constant(1.0e-2)
-"""What an end counts that is farther: little, but far more than rounding does; ways may pass it so closely."""
+"""What an end counts that is farther: little, but far more than rounding does, if a way passes it closely."""
 SETTLED = wp.constant(1.0e-4)
 """Amendments that move by less than this part of a mean edge have settled."""
 START = wp.constant(1.0)
