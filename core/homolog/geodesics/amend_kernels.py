@@ -23,13 +23,12 @@ from homolog.geodesics.bearing_kernels import (
 )
 from homolog.geodesics.kernels import FAR, Corner, Reach, least_way
 from homolog.geodesics.lookup import LANES
+from homolog.geodesics.memory_kernels import b_of, int_at
 from homolog.geodesics.patch_kernels import (
     BUCKETS,
     Counts,
     Lanes,
     Scratch,
-    b_at,
-    int_at,
     lanes_at,
     put_lanes,
     sort_into_buckets,
@@ -109,7 +108,7 @@ def find_bearings(
     rivals = int(0)
     bit = int(1)
     shortest = float(FAR)
-    da = lanes_at(scratch.u, b_at(corners, end - 1))
+    da = lanes_at(scratch.u, b_of(corners, end - 1))
     while k < end:
         corner = corners[k]
         db = lanes_at(scratch.u, corner.b)

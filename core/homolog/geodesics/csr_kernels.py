@@ -4,7 +4,8 @@ import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.lookup import LANES, MISSING
-from homolog.geodesics.patch_kernels import Codes, Counts, code_at, int_at
+from homolog.geodesics.memory_kernels import int_at
+from homolog.geodesics.patch_kernels import Codes, Counts, code_at
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 

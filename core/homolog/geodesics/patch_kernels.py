@@ -3,8 +3,9 @@
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.kernels import FAR, Corner
+from homolog.geodesics.kernels import FAR
 from homolog.geodesics.lookup import LANES
+from homolog.geodesics.memory_kernels import int_at
 
 # A lane loop has to stay a loop: the compiler then turns it into vector instructions.
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
@@ -55,20 +56,8 @@ def put_lanes(values: wp.array(dtype=Lanes), at: int, value: Lanes):
 
 
 @wp.func_native("return values.data[at];")
-def int_at(values: wp.array(dtype=wp.int32), at: int) -> int:
-    """Return one of the integers."""
-    ...
-
-
-@wp.func_native("return values.data[at];")
 def float_at(values: wp.array(dtype=wp.float32), at: int) -> float:
     """Return one of the numbers."""
-    ...
-
-
-@wp.func_native("return corners.data[at].b;")
-def b_at(corners: wp.array(dtype=Corner), at: int) -> int:
-    """Return the b of one of the corners."""
     ...
 
 

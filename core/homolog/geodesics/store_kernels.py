@@ -5,7 +5,8 @@ import warp as wp
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.kernels import Reach, encode, mean_code
 from homolog.geodesics.lookup import LANES, MISSING
-from homolog.geodesics.patch_kernels import Codes, Counts, Scratch, code_at, int_at, lanes_at
+from homolog.geodesics.memory_kernels import int_at
+from homolog.geodesics.patch_kernels import Codes, Counts, Scratch, code_at, lanes_at
 
 # A lane loop has to stay a loop: the compiler then turns it into vector instructions.
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})

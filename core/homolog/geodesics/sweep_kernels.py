@@ -8,6 +8,7 @@ import warp as wp
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.kernels import FAR, Corner, Reach, plane_front, straight_squared
 from homolog.geodesics.lookup import LANES
+from homolog.geodesics.memory_kernels import b_of, int_at
 from homolog.geodesics.patch_kernels import (
     TOGETHER,
     Groups,
@@ -15,11 +16,9 @@ from homolog.geodesics.patch_kernels import (
     Scratch,
     add_flag,
     any_of_eight,
-    b_at,
     clear_patch,
     flag_at,
     float_at,
-    int_at,
     lanes_at,
     lay_patch,
     put_lanes,
@@ -45,7 +44,7 @@ def update(
     best = Lanes(FAR)
     squared = Lanes(FAR * FAR)
     end = int_at(fan, v + 1)
-    da = lanes_at(u, b_at(corners, end - 1))
+    da = lanes_at(u, b_of(corners, end - 1))
     k = int_at(fan, v)
     while k < end:  # a range takes three times the instructions
         corner = corners[k]
@@ -96,7 +95,7 @@ def lower(
         k = int_at(fan, v)
         end = int_at(fan, v + 1)
         while k < end:
-            b = b_at(corners, k)
+            b = b_of(corners, k)
             there = lanes_at(scratch.u, b)
             margin = float_at(margins, k)
             k += 1

@@ -151,15 +151,20 @@ class Cell:
 
     def face_camera(self, bounds: tuple[float, ...]) -> None:
         """Before each drawing: depth range, letters, and particles lifted off the surface towards the eye."""
-        camera = self.renderer.GetActiveCamera()
         self.renderer.ResetCameraClippingRange(bounds)
-        ahead = np.array(camera.GetDirectionOfProjection())
+        right, up, ahead = self._axes
         self._balls.SetPosition(*(-self._radius * ahead))
         if self.content is not None:
-            up = np.array(camera.GetViewUp())
-            right = np.cross(ahead, up)
-            right /= np.linalg.norm(right)
-            self._words.face(self.content.patient_axes, right, np.cross(right, ahead))
+            self._words.face(self.content.patient_axes, right, up)
+
+    @property
+    def _axes(self) -> FloatArray:
+        """What is to the right, upwards and ahead in the view as it is seen now, (3, 3)."""
+        camera = self.renderer.GetActiveCamera()
+        ahead = np.array(camera.GetDirectionOfProjection())
+        right = np.cross(ahead, camera.GetViewUp())
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(right, ahead), ahead])
 
     @property
     def points(self) -> FloatArray:
@@ -169,26 +174,18 @@ class Cell:
 
     def fit(self, points: FloatArray, shape: float) -> None:
         """Let points (n, 3) fill the view as it is seen now; `shape` is the view's width by its height."""
-        camera = self.renderer.GetActiveCamera()
-        ahead = np.array(camera.GetDirectionOfProjection())
-        right = np.cross(ahead, camera.GetViewUp())
-        right /= np.linalg.norm(right)
-        axes = np.stack([right, np.cross(right, ahead), ahead])
+        camera, axes = self.renderer.GetActiveCamera(), self._axes
         low, high = (pick(points @ axes.T, axis=0) for pick in (np.min, np.max))
         middle = axes.T @ ((low + high) / 2.0)
         camera.SetFocalPoint(*middle)
-        camera.SetPosition(*(middle - max(np.linalg.norm(high - low), 1e-6) * ahead))
+        camera.SetPosition(*(middle - max(np.linalg.norm(high - low), 1e-6) * axes[2]))
         across, along, _ = (high - low) / 2.0
         camera.SetParallelScale(_MARGIN * max(along, across / shape, 1e-6))
 
     def widen(self, points: FloatArray, shape: float) -> None:
         """Zoom out if points (n, 3) would be cut; the view's middle stays, so that what moves is seen to."""
         camera = self.renderer.GetActiveCamera()
-        ahead = np.array(camera.GetDirectionOfProjection())
-        right = np.cross(ahead, camera.GetViewUp())
-        right /= np.linalg.norm(right)
-        away = (points - camera.GetFocalPoint()) @ np.stack([right, np.cross(right, ahead)]).T
-        across, along = np.abs(away).max(axis=0)
+        across, along, _ = np.abs((points - camera.GetFocalPoint()) @ self._axes.T).max(axis=0)
         needed = max(along, across / shape)
         if needed > camera.GetParallelScale():
             camera.SetParallelScale(_MARGIN * needed)

@@ -125,9 +125,8 @@ class Scene(QWidget):
             self.fit()
         elif len(shown.contents) != len(had):
             self._keep_whole()
-        elif (
-            self._fit == self._looks
-        ):  # the shapes may have grown, as along a mode; unless the user has zoomed
+        elif self._fit == self._looks:
+            # The shapes may have grown, as along a mode. A user's own zoom stays.
             self._grid.widen(self._plot.width(), self._plot.height())
             self._fit = self._looks
 
