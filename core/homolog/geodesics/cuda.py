@@ -57,7 +57,7 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
         Memory [bytes] that the distances of one batch of clusters may take on the device.
     """
     cohort = _upload(plan, device)
-    ends = np.searchsorted(cohort.clusters.shape, np.arange(len(plan.tasks) + 1)).tolist()
+    ends = cohort.clusters.ends.tolist()
     n_clusters = len(cohort.clusters.shape)
     n = cohort.largest
     tables = []
@@ -94,7 +94,9 @@ def _upload(plan: TablePlan, device: str) -> Cohort:
     sources = crew_kernels.Sources()
     with wp.ScopedDevice(device):
         sources.members = wp.array(clusters.members, dtype=wp.int32, ndim=2)
+        sources.ball = wp.empty(len(clusters.shape), dtype=wp.vec4)
         sources.shape = wp.array(clusters.shape, dtype=wp.int32)
+        sources.clusters = wp.array(clusters.ends, dtype=wp.int32)
         sources.first = wp.array(fans.first.astype(np.int32), dtype=wp.int32)
         sources.reaches = wp.array(reaches, dtype=kernels.Reach)
         sources.position = fans.position
@@ -180,6 +182,7 @@ class _BlockStore:
                 f"{self._name}: d_max reaches over more than 65534 vertices; choose a shorter one"
             )
         blocks = self._blocks[: self._rows]
-        inputs = [self._members, self._slot, self._start, self._row, blocks]
-        wp.launch(front_store_kernels.symmetrize_blocks, self._row.shape, inputs=inputs)
+        dim = (len(sizes), len(sizes), LANES)
+        inputs = [self._members, self._start, self._row, blocks]
+        wp.launch(front_store_kernels.symmetrize_blocks, dim, inputs=inputs)
         return blocks, self._row, self._start, self._slot

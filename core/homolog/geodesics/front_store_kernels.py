@@ -83,27 +83,31 @@ def symmetrize_dense(codes: wp.array2d(dtype=wp.uint16)):
 @wp.kernel
 def symmetrize_blocks(
     members: wp.array2d(dtype=wp.int32),
-    slot: wp.array(dtype=wp.int32),
     start: wp.array(dtype=wp.int32),
     row: wp.array2d(dtype=wp.uint16),
     blocks: wp.array2d(dtype=wp.uint16),
 ):
-    """Replace both directions of every pair by their mean; the thread of the later vertex writes both."""
-    cluster, v = wp.tid()
+    """Replace both directions of every pair by their mean; thread (cluster, other cluster, member of that).
+
+    The threads of two clusters read and write the block of the other one in rows. The later cluster's thread
+    writes both directions; a distance that only one direction reaches is dropped by that one's.
+    """
+    cluster, other, back_lane = wp.tid()
+    v = members[other, back_lane]
+    if v < 0:
+        return
     here = int(row[cluster, v])
     if here == MISSING:
         return
-    back_cluster = slot[v] // LANES
-    back_lane = slot[v] % LANES
+    k = start[cluster] + here
     for lane in range(LANES):
         m = members[cluster, lane]
         if m >= 0:
-            back = int(row[back_cluster, m])
-            k = start[cluster] + here
+            back = int(row[other, m])
             if back == MISSING:
                 blocks[k, lane] = wp.uint16(MISSING)
-            elif m < v:
-                back_k = start[back_cluster] + back
+            elif other < cluster or (other == cluster and m < v):
+                back_k = start[other] + back
                 mean = mean_code(int(blocks[k, lane]), int(blocks[back_k, back_lane]))
                 blocks[k, lane] = mean
                 blocks[back_k, back_lane] = mean

@@ -178,8 +178,9 @@ def _as_they_finish(futures: dict[_Work, Subject], tick: Tick) -> Iterator[tuple
                 if future in done:
                     if isinstance(error := future.exception(), BrokenExecutor):
                         raise NumericalError(
-                            "a grooming process died, most likely for lack of memory; "
-                            "use fewer workers or a larger grid spacing"
+                            "a grooming process died: for lack of memory (use fewer workers or a larger grid "
+                            "spacing), or because a script of yours starts the work outside of "
+                            "if __name__ == \"__main__\":"
                         ) from error
                     yield futures[future], future
     finally:
