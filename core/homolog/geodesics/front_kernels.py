@@ -91,8 +91,7 @@ def measure_patches(sources: Sources, skin: float, threads: int, size: wp.array(
             for lane in range(sources.members.shape[1]):
                 v = sources.members[other, lane]
                 if v >= 0:
-                    if distance_to(ball, sources.position[base + v]) <= radius:
-                        n += 1
+                    n += wp.where(distance_to(ball, sources.position[base + v]) <= radius, 1, 0)
     wp.atomic_add(size, cluster, n)
 
 
