@@ -147,10 +147,10 @@ class OptimizeSettings(_Settings):
         Field(
             gt=0.0, le=10.0, description="Weight of the ensemble entropy H(Z) against the sampling entropy."
         ),
-    ] = 0.02
+    ] = 0.03
     normals_weight: Annotated[
         float, Field(gt=0.0, le=10.0, description="Weight of the entropy of surface normals H(V).")
-    ] = 0.1
+    ] = 0.2
     opening_weight: Annotated[
         float,
         Field(
@@ -159,7 +159,7 @@ class OptimizeSettings(_Settings):
             description="How much opening angles (edges, tips, hollows) count beside normals in H(V), times "
             "their spread over the surfaces in radians; 0 is the paper's H(V).",
         ),
-    ] = 0.0
+    ] = 1.5
     regularization_start: Annotated[
         float,
         Field(

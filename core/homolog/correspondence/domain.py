@@ -136,12 +136,13 @@ def prepare(
     enough = [  # longer on larger surfaces, where particles lie farther apart
         reach * 0.01 * math.sqrt(s.mesh.area) + 2.0 * s.mesh.mean_edge for s in shapes
     ]
+    opening = settings.opening_weight if settings.method.uses_normals else 0.0
     return Domain(
         names=tuple(shape.name for shape in shapes),
         unit=unit,
         placements=placements,
         fields=field_array(shapes, placements, device, part_of(tick, 0.0, 0.08)),
-        reliefs=opening_array(shapes, placements, settings.opening_weight, device, part_of(tick, 0.08, 0.1)),
+        reliefs=opening_array(shapes, placements, opening, device, part_of(tick, 0.08, 0.1)),
         coarse=level([s.coarse_mesh for s in shapes], complete, part_of(tick, 0.1, between)) if few else None,
         fine=level([s.mesh for s in shapes], enough, part_of(tick, between, 1.0)) if many else None,
         geodesic=geodesic,

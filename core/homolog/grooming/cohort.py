@@ -180,7 +180,7 @@ def _as_they_finish(futures: dict[_Work, Subject], tick: Tick) -> Iterator[tuple
                         raise NumericalError(
                             "a grooming process died: for lack of memory (use fewer workers or a larger grid "
                             "spacing), or because a script of yours starts the work outside of "
-                            "if __name__ == \"__main__\":"
+                            'if __name__ == "__main__":'
                         ) from error
                     yield futures[future], future
     finally:
