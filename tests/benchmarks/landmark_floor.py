@@ -76,10 +76,11 @@ def main():
     parser.add_argument("folder", type=Path)
     parser.add_argument("--device", default="auto")
     parser.add_argument("--particles", type=int, default=512)
-    parser.add_argument("--opening-weight", type=float, default=0.0)
+    parser.add_argument("--opening-weight", type=float, default=None)
     arguments = parser.parse_args()
     shapes = load(arguments.folder / "vertebrae.npz")
-    settings = OptimizeSettings(particles=arguments.particles, opening_weight=arguments.opening_weight)
+    options = {} if arguments.opening_weight is None else {"opening_weight": arguments.opening_weight}
+    settings = OptimizeSettings(particles=arguments.particles, **options)
     {"mirror": mirror, "started": started}[arguments.what](
         shapes, expert_landmarks(shapes), settings, choose_device(arguments.device)
     )

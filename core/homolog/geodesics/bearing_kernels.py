@@ -59,42 +59,6 @@ class Turns:
     around_c: float
 
 
-Six = wp.types.vector(length=6, dtype=wp.float32)
-
-
-@wp.func_native("""
-    wp::vec_t<6, wp::float32> all;
-#if defined(__CUDA_ARCH__)
-    const float2* const values = reinterpret_cast<const float2*>(turns.data + at);
-    for (int k = 0; k < 3; ++k) {
-        const float2 two = values[k];
-        all[2 * k] = two.x;
-        all[2 * k + 1] = two.y;
-    }
-#else
-    memcpy(&all, turns.data + at, sizeof(all));
-#endif
-    return all;
-""")
-def six_turns(turns: wp.array(dtype=Turns), at: int) -> Six:
-    """Return the six values of a corner's turns, in three reads."""
-    ...
-
-
-@wp.func
-def turns_at(turns: wp.array(dtype=Turns), at: int) -> Turns:
-    """Return the turns of one of the corners, by its place in memory."""
-    values = six_turns(turns, at)
-    turn = Turns()
-    turn.at_a = values[0]
-    turn.around_a = values[1]
-    turn.at_b = values[2]
-    turn.around_b = values[3]
-    turn.at_c = values[4]
-    turn.around_c = values[5]
-    return turn
-
-
 @wp.struct
 class Tie:
     """What a corner makes of amendments: c's is gain + (1 - share) * a's + share * b's."""

@@ -55,9 +55,7 @@ class Sources:
     """All clusters of a cohort and the meshes that they lie on."""
 
     members: wp.array2d(dtype=wp.int32)
-    ball: wp.array(dtype=wp.vec4)  # (C,) centre of each cluster, and the radius that holds its members
     shape: wp.array(dtype=wp.int32)
-    clusters: wp.array(dtype=wp.int32)  # (S + 1,) first cluster of each shape
     first: wp.array(dtype=wp.int32)
     reaches: wp.array(dtype=Reach)
     position: wp.array(dtype=wp.vec3)

@@ -57,7 +57,7 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
         Memory [bytes] that the distances of one batch of clusters may take on the device.
     """
     cohort = _upload(plan, device)
-    ends = cohort.clusters.ends.tolist()
+    ends = np.searchsorted(cohort.clusters.shape, np.arange(len(plan.tasks) + 1)).tolist()
     n_clusters = len(cohort.clusters.shape)
     n = cohort.largest
     tables = []
@@ -94,9 +94,7 @@ def _upload(plan: TablePlan, device: str) -> Cohort:
     sources = crew_kernels.Sources()
     with wp.ScopedDevice(device):
         sources.members = wp.array(clusters.members, dtype=wp.int32, ndim=2)
-        sources.ball = wp.empty(len(clusters.shape), dtype=wp.vec4)
         sources.shape = wp.array(clusters.shape, dtype=wp.int32)
-        sources.clusters = wp.array(clusters.ends, dtype=wp.int32)
         sources.first = wp.array(fans.first.astype(np.int32), dtype=wp.int32)
         sources.reaches = wp.array(reaches, dtype=kernels.Reach)
         sources.position = fans.position

@@ -89,12 +89,6 @@ class Clusters:
     shape: IntArray
     slot: IntArray
 
-    @property
-    def ends(self) -> IntArray:
-        """First cluster of each shape, (S + 1,) int32; the last shape's end."""
-        ends: IntArray = np.searchsorted(self.shape, np.arange(self.shape[-1] + 2)).astype(np.int32)
-        return ends
-
 
 def find_clusters(delaunay: Triangulation) -> Clusters:
     """Return clusters of at most LANES vertices each, grown over edges, on the host.

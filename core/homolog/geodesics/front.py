@@ -44,7 +44,6 @@ def largest_batch(n: int, capacity: int, scratch: int) -> int:
 
 def largest_patch(sources: Any, n_clusters: int, skin: float) -> int:  # noqa: ANN401 - a wp.struct has no type
     """Return how many vertices the largest patch of all clusters has, with the skin around it."""
-    wp.launch(front_kernels.measure_balls, n_clusters, [sources])
     size = wp.zeros(n_clusters, dtype=wp.int32)
     crew = crew_kernels.CREW
     wp.launch(front_kernels.measure_patches, (n_clusters, crew), [sources, skin, crew, size], block_dim=crew)

@@ -9,7 +9,7 @@ are more than are kept, ties are computed anew each time.
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.bearing_kernels import RIVAL, ROUNDS, SETTLED, Tie, Turns, tie_corner, turns_at
+from homolog.geodesics.bearing_kernels import RIVAL, ROUNDS, SETTLED, Tie, Turns, tie_corner
 from homolog.geodesics.crew_kernels import (
     AMEND_BAND,
     CREW,
@@ -71,7 +71,7 @@ def tie_of(
     b = hand.origin + corner.b * hand.lanes + lane
     return tie_corner(
         corner,
-        turns_at(turns, c),
+        turns[c],
         read(front.u, a),
         read(front.u, b),
         read(amends.bearing, a),

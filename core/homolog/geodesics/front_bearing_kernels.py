@@ -11,7 +11,6 @@ from homolog.geodesics.bearing_kernels import (
     share_of,
     trust_in,
     turn_between,
-    turns_at,
     within,
 )
 from homolog.geodesics.crew_kernels import (
@@ -133,7 +132,7 @@ def find_bearing(
         corner = corner_at(sources.corners, c)
         shortest = wp.min(shortest, corner.bc)
         if least_way(corner, da, db) < u + RIVAL * edge:
-            way = find_way(corner, turns_at(turns, c), da, db, edge)
+            way = find_way(corner, turns[c], da, db, edge)
             best = wp.min(best, way.distance)
             share = way.standing * share_of(way.distance, u, edge)
             first = wp.where(total == 0.0, way.bearing, first)

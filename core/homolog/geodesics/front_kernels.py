@@ -43,11 +43,11 @@ from homolog.geodesics.memory_kernels import (
 wp.set_module_options({"enable_backward": False, "max_unroll": 8, "fast_math": True})
 
 
-@wp.kernel
-def measure_balls(sources: Sources):
-    """Find the centre of each cluster and the radius of the ball that holds its members."""
-    cluster = wp.tid()
-    base = sources.first[sources.shape[cluster]]
+@wp.func
+def ball_around(sources: Sources, cluster: int) -> wp.vec4:
+    """Return the centre of a cluster and the radius of the ball that holds all that it may reach."""
+    shape = sources.shape[cluster]
+    base = sources.first[shape]
     centre = wp.vec3(0.0, 0.0, 0.0)
     n_members = float(0.0)
     for lane in range(sources.members.shape[1]):
@@ -61,20 +61,8 @@ def measure_balls(sources: Sources):
         m = sources.members[cluster, lane]
         if m >= 0:
             radius = wp.max(radius, wp.length(sources.position[base + m] - centre))
-    sources.ball[cluster] = wp.vec4(centre[0], centre[1], centre[2], radius)
-
-
-@wp.func
-def distance_to(ball: wp.vec4, point: wp.vec3) -> float:
-    """Return how far a point is from a ball's centre."""
-    return wp.length(point - wp.vec3(ball[0], ball[1], ball[2]))
-
-
-@wp.func
-def may_hold(sources: Sources, ball: wp.vec4, radius: float, other: int) -> bool:
-    """Return whether a member of another cluster may be nearer to a ball's centre than this."""
-    there = sources.ball[other]
-    return distance_to(ball, wp.vec3(there[0], there[1], there[2])) <= radius + there[3]
+    reach = sources.reaches[shape]
+    return wp.vec4(centre[0], centre[1], centre[2], radius + reach.limit)
 
 
 @wp.kernel
@@ -82,16 +70,11 @@ def measure_patches(sources: Sources, skin: float, threads: int, size: wp.array(
     """Count the vertices that each cluster may reach, and the skin; thread (cluster, member of its crew)."""
     cluster, thread = wp.tid()
     shape = sources.shape[cluster]
-    base = sources.first[shape]
-    ball = sources.ball[cluster]
-    radius = ball[3] + sources.reaches[shape].limit + skin
+    ball = ball_around(sources, cluster)
     n = int(0)
-    for other in range(sources.clusters[shape] + thread, sources.clusters[shape + 1], threads):
-        if may_hold(sources, ball, radius, other):
-            for lane in range(sources.members.shape[1]):
-                v = sources.members[other, lane]
-                if v >= 0:
-                    n += wp.where(distance_to(ball, sources.position[base + v]) <= radius, 1, 0)
+    for v in range(sources.first[shape] + thread, sources.first[shape + 1], threads):
+        if wp.length(sources.position[v] - wp.vec3(ball[0], ball[1], ball[2])) <= ball[3] + skin:
+            n += 1
     wp.atomic_add(size, cluster, n)
 
 
@@ -111,38 +94,30 @@ def lay_patches(front: Front, sources: Sources, offset: int, skin: float, thread
     shape = sources.shape[offset + b]
     base = sources.first[shape]
     hand = hand_of(front, sources, b, offset, thread, threads)
-    ball = sources.ball[offset + b]
-    radius = ball[3] + sources.reaches[shape].limit
-    first = sources.clusters[shape] + thread
-    end = sources.clusters[shape + 1]
+    ball = ball_around(sources, offset + b)
+    centre = wp.vec3(ball[0], ball[1], ball[2])
+    radius = ball[3]
     for ring in range(thread, BINS, threads):
         front.filled[b, ring] = 0
     meet()
-    for other in range(first, end, threads):
-        if may_hold(sources, ball, radius + skin, other):
-            for lane in range(hand.lanes):
-                v = sources.members[other, lane]
-                if v >= 0:
-                    distance = distance_to(ball, sources.position[base + v])
-                    if distance <= radius + skin:
-                        wp.atomic_add(front.filled, b, ring_at(distance, radius), 1)
+    n = sources.first[shape + 1] - base
+    for v in range(thread, n, threads):
+        front.dirty[b, v] = 0
+        distance = wp.length(sources.position[base + v] - centre)
+        if distance <= radius + skin:
+            wp.atomic_add(front.filled, b, ring_at(distance, radius), 1)
     end_rings(front, b, thread)
     front.size[b] = front.filled[b, BINS - 1]
     meet()
-    for other in range(first, end, threads):
-        if may_hold(sources, ball, radius + skin, other):
-            for lane in range(hand.lanes):
-                v = sources.members[other, lane]
-                if v >= 0:
-                    distance = distance_to(ball, sources.position[base + v])
-                    if distance <= radius + skin:
-                        front.patch[b, wp.atomic_add(front.filled, b, ring_at(distance, radius), 1)] = v
+    for v in range(thread, n, threads):
+        distance = wp.length(sources.position[base + v] - centre)
+        if distance <= radius + skin:
+            front.patch[b, wp.atomic_add(front.filled, b, ring_at(distance, radius), 1)] = v
     meet()
     for k in range(hand.walker, front.filled[b, BINS - 1], hand.walkers):
-        v = front.patch[b, k]
-        front.dirty[b, v] = 0
+        row = hand.origin + front.patch[b, k] * hand.lanes
         for lane in range(hand.lane, hand.lanes, hand.lane_step):
-            write(front.u, hand.origin + v * hand.lanes + lane, FAR)
+            write(front.u, row + lane, FAR)
     meet()
     for lane in range(thread, hand.lanes, threads):
         m = sources.members[offset + b, lane]
