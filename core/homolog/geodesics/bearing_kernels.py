@@ -38,8 +38,12 @@ UPWIND = wp.constant(0.1)
 """An end of a side nearer than the vertex beyond by less than this part of the way between counts less."""
 FARTHER = wp.constant(1.0e-2)
 """What an end counts that is farther: little, but far more than rounding does, if a way passes it closely."""
-SETTLED = wp.constant(1.0e-4)
-"""Amendments that move by less than this part of a mean edge have settled."""
+CLOSE = wp.constant(1.0e-3)
+"""Ends closer to the vertex than this part of a mean edge count more, in the end fully: which of two that all
+but coincide is nearer, rounding decides."""
+SETTLED = wp.constant(2.0e-5)
+"""Amendments that move by less than this part of a mean edge have settled: so little because among vertices
+that all but coincide they go round in circles and move by little more each time."""
 START = wp.constant(1.0)
 """Amendments of vertices with a short side begin with this part of a mean edge, more than they come to: from
 below, they would creep up where the ways among vertices that all but coincide go round in circles."""
@@ -165,9 +169,10 @@ def credence(apart: float) -> float:
 
 
 @wp.func
-def nearer(by: float, apart: float) -> float:
+def nearer(by: float, apart: float, edge: float) -> float:
     """Return how far an end that is nearer by so much, and so far away, counts: 0 … 1."""
-    return wp.max(wp.min(by / (UPWIND * apart), 1.0), FARTHER)
+    least = wp.max(1.0 - apart * (1.0 / (CLOSE * edge)), FARTHER)
+    return wp.max(wp.min(by / (UPWIND * apart), 1.0), least)
 
 
 @wp.func
@@ -214,9 +219,10 @@ def tie_corner(
     by_b = db + corner.bc
     side = wp.min(by_a, by_b)
     through = wp.where(wp.min(da, db) > 0.0, straight, FAR) < side  # from a source: along the side
-    tie.gain = wp.where(ray.distance - u < RIVAL * edge, wp.where(through, straight, side) - u, FAR)
+    along = wp.where(wp.where(by_a <= by_b, da, db) < u, side, FAR)  # from a farther end it goes in a circle
+    tie.gain = wp.where(ray.distance - u < RIVAL * edge, wp.where(through, straight, along) - u, FAR)
     # of a and b only those nearer than c count: what follows from what then is no circle
-    weight_a = (1.0 - z) * nearer(u - da, corner.ac)
-    weight_b = z * nearer(u - db, corner.bc)
+    weight_a = (1.0 - z) * nearer(u - da, corner.ac, edge)
+    weight_b = z * nearer(u - db, corner.bc, edge)
     tie.share = wp.where(through, weight_b / (weight_a + weight_b), wp.where(by_a <= by_b, 0.0, 1.0))
     return tie
