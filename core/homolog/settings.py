@@ -147,10 +147,10 @@ class OptimizeSettings(_Settings):
         Field(
             gt=0.0, le=10.0, description="Weight of the ensemble entropy H(Z) against the sampling entropy."
         ),
-    ] = 0.03
+    ] = 0.02
     normals_weight: Annotated[
         float, Field(gt=0.0, le=10.0, description="Weight of the entropy of surface normals H(V).")
-    ] = 0.2
+    ] = 0.15
     opening_weight: Annotated[
         float,
         Field(
