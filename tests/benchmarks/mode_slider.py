@@ -58,7 +58,8 @@ def lumpy_model(subjects: int, particles: int, vertices: int):
     names = tuple(f"subject_{index}" for index in range(subjects))
     places = np.tile(np.eye(4), (subjects, 1, 1))
     mean = TriangleMesh(surface * _AXES, faces)
-    result = Result(names, (None,) * subjects, ({},) * subjects, world, world, places, mean)
+    smoothing = np.zeros(world.shape[1])
+    result = Result(names, (None,) * subjects, ({},) * subjects, world, world, places, mean, smoothing)
     return fit_model_shape("lumps", Method.GEODESIC_NORMALS, result)
 
 

@@ -23,7 +23,6 @@ __all__ = ["add_parser", "run"]
 
 _SHAPES, _SEED = 10, 5
 _MODES = 2  # true factors of variation: slot position and width
-_REACH = 1.0  # standard deviations: most beans are within, beyond, a straight way tears the rim that slides
 _METHODS = (Method.EUCLIDEAN, Method.GEODESIC_NORMALS)
 _NAMES = {Method.EUCLIDEAN: "original", Method.GEODESIC_NORMALS: "proposed"}
 _ENDS = (0.01, 0.29, 0.80, 0.82)
@@ -130,4 +129,4 @@ def _draw(out: Path, projects: dict[str, "Project"], tick: Tick) -> None:
         )
     tick(0.8, "drawing the comparison")
     with replacing(out / "comparison.png") as part:
-        write_picture(draw_modes(models, modes=range(_MODES), deviations=_REACH, width=320), part)
+        write_picture(draw_modes(models, modes=range(_MODES), width=320), part)

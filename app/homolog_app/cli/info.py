@@ -81,7 +81,7 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
         ("method", f"{settings.method}, {result.metric} distances, seed {settings.seed}"),
         *([("source", result.source)] if result.source else []),
         ("ended", how_it_ended(result)),
-        ("surface", f"{result.folded_faces} folded faces on the mean"),
+        ("surface", result.surface_words),
         ("settings", json.dumps(changed) if changed else "defaults"),
         ("device", result.device),
         *([("time", _times(result))] if result.seconds else []),

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.analysis.reconstruction import MOST_CENTRES, spread_centres, thin_plate_moved
+from homolog.analysis.reconstruction import carried
 from homolog.analysis.shape_model import ShapeModel, fit_shape_model
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
@@ -122,8 +122,7 @@ def standing(result: Result) -> Motion:
 def _carried(result: Result, displacements: FloatArray) -> FloatArray:
     """Return how the mean surface's vertices move (K, V, 3) when the mean particles do (K, N, 3) [mm]."""
     mean = result.world.mean(axis=0)
-    centres = spread_centres(mean, MOST_CENTRES)
-    return thin_plate_moved(mean[centres], result.mean_surface.vertices, displacements[:, centres])
+    return carried(mean, result.mean_surface.vertices, displacements, result.smoothing)
 
 
 def _signed(amount: float) -> str:

@@ -90,8 +90,7 @@ def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence
     counts = ", ".join(f"{groups.count(one)} {one or 'no group'}" for one in dict.fromkeys(groups))
     page.paragraph(
         f"{len(groups)} subjects{f' ({counts})' if any(groups) else ''} with {record.particles} "
-        f"corresponding particles each; {record.metric} distances; {record.folded_faces} folded faces on "
-        "the mean surface."
+        f"corresponding particles each; {record.metric} distances; surface: {record.surface_words}."
     )
     page.heading("Findings")
     for words in outlier_words(result):

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from homolog.analysis.reconstruction import MOST_CENTRES, spread_centres, thin_plate_operator
+from homolog.analysis.thin_plate import MOST_CENTRES, spread_centres, thin_plate_operator
 from homolog.arrays import FloatArray
 
 __all__ = ["landmark_errors"]

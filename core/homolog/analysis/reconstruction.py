@@ -1,27 +1,24 @@
-"""Surfaces from particles: a thin-plate spline that is one matrix product once its centres are fixed.
+"""Surfaces that follow particles: one subject's mesh, carried to the mean and from there to any other shape.
 
-The spline is the interpolant with the smallest bending energy in three dimensions, kernel ``r`` and an
-affine part (Bookstein 1989; Wahba 1990). It is linear in the target positions, so with fixed centres the
-surface of any particle configuration, mode or difference is ``operator @ particles``.
+The carrier is a thin-plate spline (`homolog.analysis.thin_plate`), made smoother where it would fold faces.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
 from scipy.spatial import KDTree
-from scipy.spatial.distance import cdist
 
+from homolog.analysis.thin_plate import (
+    MOST_CENTRES,
+    evaluated,
+    spline_weights,
+    spread_centres,
+    thin_plate_moved,
+)
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
-from homolog.errors import NumericalError
-from homolog.progress import Tick, no_tick
+from homolog.progress import Tick, no_tick, part_of
 
-__all__ = [
-    "MeanSurface", "mean_surface", "medoid", "spread_centres", "thin_plate_moved", "thin_plate_operator",
-]  # fmt: skip
-
-MOST_CENTRES = 2048
-"""Above this count the spline takes evenly spread particles only: the others add cost, not shape."""
+__all__ = ["MeanSurface", "carried", "mean_surface", "medoid"]
 
 ROUNDS = 12
 """Most times that the spline is made smoother where faces are folded."""
@@ -31,8 +28,6 @@ _FIRST_SMOOTHING = 0.1
 
 _NEAR = 3
 """Centres made smoother for each folded face."""
-
-_CHUNK = 4096
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,36 +40,27 @@ class MeanSurface:
         The mean surface [mm].
     faces : (F, 3) int array
         Those of the template mesh.
-    operator : (V, n) array
-        Thin-plate weights: see `moved`.
-    centres : (n,) int array
-        Indices of the particles that carry the spline; all of them unless there are very many.
-    smoothing : (n,) array
-        Smoothing of the spline at each centre [mm]: 0, where it interpolates, but near faces that would
-        have come out folded.
+    smoothing : (N,) array
+        Smoothing of the spline at each particle [mm]: 0, where it interpolates, but near faces that would
+        have come out folded; see `carried`.
     folded : int
-        Faces that are folded even so: 0 unless correspondences cross each other.
+        Faces of the mean that are folded even so: 0 unless correspondences cross each other.
     """
 
     vertices: FloatArray
     faces: IntArray
-    operator: FloatArray
-    centres: IntArray
     smoothing: FloatArray
     folded: int
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("vertices", "faces", "operator", "centres", "smoothing"):
+        for name in ("vertices", "faces", "smoothing"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
-    def moved(self, particles: FloatArray) -> FloatArray:
-        """Return what the vertices are, for what the particles are: (..., N, 3) to (..., V, 3).
-
-        Positions give positions; displacements (a mode, a group difference) give displacements.
-        """
-        result: FloatArray = self.operator @ particles[..., self.centres, :]
-        return result
+    @property
+    def smoothed(self) -> int:
+        """Particles at which the spline does not interpolate."""
+        return int(np.count_nonzero(self.smoothing))
 
 
 def mean_surface(
@@ -83,6 +69,7 @@ def mean_surface(
     vertices: FloatArray,
     faces: IntArray,
     *,
+    moves: FloatArray | None = None,
     tick: Tick = no_tick,
 ) -> MeanSurface:
     """Warp one subject's mesh to the mean shape, without folds, and prepare it for any other shape.
@@ -97,82 +84,57 @@ def mean_surface(
         The subject's mesh in the same frame as its particles [mm].
     faces : (F, 3) int array
         Its faces, counter-clockwise seen from outside.
+    moves : (K, N, 3) array, optional
+        Displacements of the mean particles that should fold no face, forth or back: modes [mm].
     tick : Tick
-    """
-    centres = spread_centres(mean, MOST_CENTRES)
-    start, tree = particles[centres], KDTree(particles[centres])
-    first = _FIRST_SMOOTHING * _mean_spacing(start)
-    smoothing = np.zeros(len(centres))
-    for attempt in range(ROUNDS):
-        tick(attempt / (ROUNDS + 1), "mean surface")
-        weights = _solve(start, mean[centres], smoothing)
-        warped = _evaluate(start, vertices, weights)
-        folded = _folded(start, vertices, warped, faces, weights)
-        if not folded.any():
-            break
-        middles = vertices[faces[folded]].mean(axis=1)
-        _, near = tree.query(middles, k=range(1, min(_NEAR, len(centres)) + 1))
-        touched = np.unique(near)
-        smoothing[touched] = np.maximum(2.0 * smoothing[touched], first)
-    tick(ROUNDS / (ROUNDS + 1), "mean surface")
-    operator = thin_plate_operator(mean[centres], warped, smoothing=smoothing)
-    return MeanSurface(warped, faces, operator, centres, smoothing, int(folded.sum()))
-
-
-def thin_plate_operator(
-    centres: FloatArray, points: FloatArray, *, smoothing: float | FloatArray = 0.0
-) -> FloatArray:
-    """Return the matrix that takes target positions of the centres to those of the points.
-
-    Parameters
-    ----------
-    centres : (N, 3) array
-        Where the particles are before the warp [mm]; not all in one plane.
-    points : (V, 3) array
-        Where the vertices are before the warp [mm].
-    smoothing : float or (N,) array
-        Of each centre [mm]: 0 interpolates, larger values trade fidelity for smoothness.
-
-    Returns
-    -------
-    (V, N) array
-        ``operator @ targets`` are the warped points; it has the affine part in it, so an affine motion of
-        the particles moves the points by exactly that.
 
     Raises
     ------
     NumericalError
-        If two centres coincide or all lie in one plane.
+        If particles coincide or lie in one plane.
     """
-    weights = _solve(centres, np.eye(len(centres)), smoothing)
-    return _evaluate(centres, points, weights)
+    chosen = spread_centres(mean, MOST_CENTRES)
+    start, centres = particles[chosen], mean[chosen]
+    none = np.zeros(len(chosen))
+    warp = (centres - start)[None]
+    there, near, folded = _unfolded(start, vertices, faces, warp, none, part_of(tick, 0.0, 0.5))
+    warped = vertices + there[0]
+    if moves is not None and len(moves):
+        both = np.concatenate([moves, -moves])[:, chosen]
+        _, near, _ = _unfolded(centres, warped, faces, both, near, part_of(tick, 0.5, 1.0))
+    smoothing = np.zeros(len(mean))
+    smoothing[chosen] = near
+    return MeanSurface(warped, faces, smoothing, int(folded.sum()))
 
 
-def thin_plate_moved(centres: FloatArray, points: FloatArray, displacements: FloatArray) -> FloatArray:
-    """Return how points move with the centres, for a few displacements, without the whole operator.
+def carried(
+    mean: FloatArray, vertices: FloatArray, displacements: FloatArray, smoothing: FloatArray
+) -> FloatArray:
+    """Return how the vertices of the mean surface move when the mean particles do.
 
     Parameters
     ----------
-    centres : (N, 3) array
-        The particles before they move [mm]; not all in one plane.
-    points : (V, 3) array
-        The vertices before they move [mm].
+    mean : (N, 3) array
+        Mean particles [mm].
+    vertices : (V, 3) array
+        The mean surface [mm].
     displacements : (K, N, 3) array
-        K displacements of the centres, such as modes [mm].
+        K displacements of the mean particles, such as modes [mm].
+    smoothing : (N,) array
+        That of the `MeanSurface` [mm].
 
     Returns
     -------
     (K, V, 3) array
-        What `thin_plate_operator` gives for each of them.
+        Displacements of the vertices [mm].
 
     Raises
     ------
     NumericalError
-        If two centres coincide or all lie in one plane.
+        If particles coincide or lie in one plane.
     """
-    columns = displacements.transpose(1, 0, 2).reshape(len(centres), -1)
-    moved = _evaluate(centres, points, _solve(centres, columns, 0.0))
-    return moved.reshape(len(points), -1, 3).transpose(1, 0, 2)
+    centres = spread_centres(mean, MOST_CENTRES)
+    return thin_plate_moved(mean[centres], vertices, displacements[:, centres], smoothing[centres])
 
 
 def medoid(particles: FloatArray, mean: FloatArray) -> int:
@@ -180,62 +142,59 @@ def medoid(particles: FloatArray, mean: FloatArray) -> int:
     return int(np.square(particles - mean).sum(axis=(1, 2)).argmin())
 
 
-def spread_centres(points: FloatArray, most: int) -> IntArray:
-    """Return the indices of at most so many points, each as far from those before it as can be."""
-    if len(points) <= most:
-        return np.arange(len(points))
-    chosen = np.zeros(most, dtype=np.int64)
-    gap = np.full(len(points), np.inf)
-    for position in range(1, most):
-        newest = points[chosen[position - 1]]
-        gap = np.minimum(gap, np.square(points - newest).sum(axis=1))
-        chosen[position] = gap.argmax()
-    return np.sort(chosen)
+def _unfolded(
+    centres: FloatArray,
+    vertices: FloatArray,
+    faces: IntArray,
+    moves: FloatArray,
+    smoothing: FloatArray,
+    tick: Tick,
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Smooth the spline until no move (K, n, 3) of its centres folds a face.
 
-
-def _solve(centres: FloatArray, targets: FloatArray, smoothing: float | FloatArray) -> FloatArray:
-    """Weights of the kernel (N rows) and of the affine part (4 rows) for each column of the targets."""
-    count = len(centres)
-    system = np.zeros((count + 4, count + 4))
-    # The kernel r is conditionally negative definite, so smoothing makes the diagonal smaller.
-    system[:count, :count] = cdist(centres, centres) - np.diag(np.broadcast_to(smoothing, count))
-    system[:count, count] = system[count, :count] = 1.0
-    middle = centres.mean(axis=0)
-    system[:count, count + 1 :] = centres - middle
-    system[count + 1 :, :count] = (centres - middle).T
-    right = np.vstack([targets, np.zeros((4, targets.shape[1]))])
-    try:
-        weights: FloatArray = linalg.solve(system, right, assume_a="general")
-    except (linalg.LinAlgError, linalg.LinAlgWarning) as error:
-        raise NumericalError("thin-plate warp: particles coincide or lie in one plane") from error
-    return weights
-
-
-def _evaluate(centres: FloatArray, points: FloatArray, weights: FloatArray) -> FloatArray:
-    middle = centres.mean(axis=0)
-    parts = []
-    for start in range(0, len(points), _CHUNK):
-        some = points[start : start + _CHUNK]
-        basis = np.hstack([cdist(some, centres), np.ones((len(some), 1)), some - middle])
-        parts.append(basis @ weights)
-    return np.concatenate(parts)
+    Returns how each moves the vertices (K, V, 3), the smoothing, and which faces are folded by any even so.
+    """
+    tree, first = KDTree(centres), _FIRST_SMOOTHING * _mean_spacing(centres)
+    columns = moves.transpose(1, 0, 2).reshape(len(centres), -1)
+    smoothing = smoothing.copy()
+    for attempt in range(ROUNDS):
+        tick(attempt / ROUNDS, "mean surface")
+        weights = spline_weights(centres, columns, smoothing)
+        moved = _by_move(evaluated(centres, vertices, weights))
+        folded = _folded(centres, vertices, faces, weights, moved)
+        if not folded.any():
+            break
+        middles = vertices[faces[folded]].mean(axis=1)
+        _, near = tree.query(middles, k=range(1, min(_NEAR, len(centres)) + 1))
+        touched = np.unique(near)
+        smoothing[touched] = np.maximum(2.0 * smoothing[touched], first)
+    return moved, smoothing, folded
 
 
 def _folded(
-    centres: FloatArray, vertices: FloatArray, warped: FloatArray, faces: IntArray, weights: FloatArray
+    centres: FloatArray, vertices: FloatArray, faces: IntArray, weights: FloatArray, moved: FloatArray
 ) -> BoolArray:
-    """Whether each face is turned inside out: its outward side has come to lie inside."""
-    corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    """Whether any move turns a face inside out: its outward side has come to lie inside."""
+    middles = vertices[faces].mean(axis=1)
+    normals = _across(vertices, faces)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    middles = corners.mean(axis=1)
-    step = 1e-3 * np.sqrt(lengths.mean())
-    outward = _evaluate(centres, middles + step * normals / lengths, weights)
-    outward -= _evaluate(centres, middles, weights)
-    corners = warped[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    folded: BoolArray = np.einsum("fi,fi->f", outward, normals) <= 0.0
+    step = 1e-3 * np.sqrt(lengths.mean()) * normals / lengths
+    above = evaluated(centres, middles + step, weights) - evaluated(centres, middles, weights)
+    folded = np.zeros(len(faces), dtype=bool)
+    for outward, move in zip(step + _by_move(above), moved, strict=True):
+        folded |= np.einsum("fi,fi->f", outward, _across(vertices + move, faces)) <= 0.0
     return folded
+
+
+def _by_move(columns: FloatArray) -> FloatArray:
+    """Three columns a move (P, 3 K) to moves (K, P, 3)."""
+    return columns.reshape(len(columns), -1, 3).transpose(1, 0, 2)
+
+
+def _across(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return normals of the faces, twice their area long."""
+    corners = vertices[faces]
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def _mean_spacing(points: FloatArray) -> float:

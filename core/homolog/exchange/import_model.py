@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.reconstruction import MeanSurface, mean_surface, medoid
+from homolog.analysis.reconstruction import MeanSurface
 from homolog.analysis.shape_model import ShapeModel, fit_shape_model
 from homolog.arrays import Array, FloatArray
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError, NumericalError
-from homolog.exchange.model import ForeignModel, ForeignSubject, moved, with_alignments
+from homolog.exchange.model import ForeignModel, ForeignSubject, with_alignments
 from homolog.exchange.shapes import Drawn, surfaces_of
 from homolog.exchange.shapeworks_files import ShapeWorksProject, read_shapeworks_file
 from homolog.exchange.shapeworks_kept import keep
@@ -27,7 +27,7 @@ from homolog.files.results import particle_file, surface_file
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.identity import versions
-from homolog.run.result import write_model, write_surfaces
+from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
 from homolog.settings import Method, OptimizeSettings, RunSettings
 
 __all__ = ["domains_of", "import_model"]
@@ -129,7 +129,7 @@ def _write(project: Project, model: ForeignModel, tick: Tick) -> list[str]:
         write_model(new, cohort, shapes)
         write_surfaces(new, shapes, surface, part_of(tick, 0.7, 1.0))
         write_table(new.folder / "energies.csv", ["iteration", "sampling", "ensemble", "normals"], [])
-        record = _record(model, cohort, stems, drawn, alignments, np.array(world), surface.folded)
+        record = _record(model, cohort, stems, drawn, alignments, np.array(world), surface)
         new.write(ProjectRecord(subjects=project.describe(cohort), settings=record.settings, result=record))
     return record.remarks
 
@@ -162,10 +162,7 @@ def _mean(
     shapes: ShapeModel, world: FloatArray, drawn: Sequence[Drawn], alignments: FloatArray, tick: Tick
 ) -> MeanSurface:
     own = [index for index, one in enumerate(drawn) if one.path is not None] or list(range(len(drawn)))
-    nearest = own[medoid(world[own], shapes.mean)]
-    mesh = drawn[nearest].mesh
-    vertices = moved(mesh.vertices, alignments[nearest])
-    return mean_surface(shapes.mean, world[nearest], vertices, mesh.faces, tick=tick)
+    return surface_of_model(shapes, world[own], [drawn[one].mesh for one in own], alignments[own], tick)
 
 
 def _record(
@@ -175,7 +172,7 @@ def _record(
     drawn: Sequence[Drawn],
     alignments: FloatArray,
     world: FloatArray,
-    folded: int,
+    surface: MeanSurface,
 ) -> ResultRecord:
     method = {
         (True, True): Method.GEODESIC_NORMALS,
@@ -191,7 +188,8 @@ def _record(
             "iterations": 0,
             "particles": count,
             "metric": metric,
-            "folded_faces": folded,
+            "folded_faces": surface.folded,
+            "smoothed_particles": surface.smoothed,
             "settings": RunSettings(optimize=OptimizeSettings(method=method, particles=min(count, 65536))),
             "device": "none",
             "versions": versions(),

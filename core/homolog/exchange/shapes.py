@@ -11,7 +11,7 @@ from homolog.analysis.reconstruction import mean_surface, medoid
 from homolog.arrays import FloatArray
 from homolog.cohort import MESH_SUFFIXES, Subject, suffix_of
 from homolog.errors import InputError, NumericalError
-from homolog.exchange.model import ForeignSubject, moved
+from homolog.exchange.model import ForeignSubject
 from homolog.exchange.surfels import discs
 from homolog.files.meshes import read_mesh
 from homolog.grooming import groom_subject
@@ -84,16 +84,16 @@ def surfaces_of(
     template = have[medoid(places[have], places.mean(axis=0))]
     mesh = found[template]
     assert mesh is not None, "the template is one of those that were found"
-    vertices = moved(mesh.mesh.vertices, alignments[template])
+    there = mesh.mesh.placed(alignments[template])
     result = []
     for index, drawn in enumerate(found):
         if drawn is None:
-            warped = mean_surface(places[index], places[template], vertices, mesh.mesh.faces).vertices
-            back = moved(warped, np.linalg.inv(alignments[index]))
+            warped = mean_surface(places[index], places[template], there.vertices, there.faces)
+            back = TriangleMesh(warped.vertices, there.faces).placed(np.linalg.inv(alignments[index]))
             note = (
                 f"{refused[index]}; shown with the surface of {subjects[template].name}, carried by particles"
             )
-            drawn = Drawn(TriangleMesh(back, mesh.mesh.faces), None, (note,))
+            drawn = Drawn(back, None, (note,))
         result.append(drawn)
     return result
 

@@ -53,8 +53,9 @@ class ResultRecord(_Record):
     """How the result came about: enough to tell whether it is the same as another and to repeat it.
 
     `ended` says why the optimizer stopped, `metric` which distance kept particles on a surface apart,
-    `folded_faces` counts those of the mean surface, `fingerprint` is a hash of the settings and of every
-    groomed surface, `seconds` the time by phase, `source` where an imported model comes from.
+    `folded_faces` counts those of the mean surface, `smoothed_particles` those which it follows only on the
+    average, for it would be folded along a mode otherwise, `fingerprint` is a hash of the settings and of
+    every groomed surface, `seconds` the time by phase, `source` where an imported model comes from.
     """
 
     finished: str
@@ -63,6 +64,7 @@ class ResultRecord(_Record):
     particles: Annotated[int, Field(ge=1)]
     metric: Literal["geodesic", "euclidean", "unknown"]
     folded_faces: Annotated[int, Field(ge=0)]
+    smoothed_particles: Annotated[int, Field(ge=0)] = 0
     settings: RunSettings
     device: str
     versions: dict[str, str]
@@ -82,6 +84,14 @@ class ResultRecord(_Record):
             f"{names[0] if len(names) == 1 else f'{names[0]} and {len(names) - 1} more'}: {note}"
             for note, names in where.items()
         ]
+
+    @property
+    def surface_words(self) -> str:
+        """How the mean surface follows the particles."""
+        words = f"{self.folded_faces} folded faces on the mean"
+        if self.smoothed_particles:
+            words += f", smoothed around {self.smoothed_particles} particles, where modes would fold it"
+        return words
 
     @model_validator(mode="after")
     def _files_are_distinct(self) -> "ResultRecord":

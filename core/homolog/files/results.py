@@ -8,6 +8,7 @@ import numpy as np
 
 from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
+from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.meshes import read_mesh
 from homolog.files.particles import read_particles
 from homolog.files.project import Project
@@ -24,6 +25,7 @@ __all__ = [
     "read_result",
     "read_surfaces",
     "surface_file",
+    "write_smoothing",
 ]
 
 MODE_DEVIATIONS = 2.0
@@ -48,6 +50,9 @@ class Result:
         Similarities from local to world, read-only.
     mean_surface : TriangleMesh
         The mean shape, in world coordinates.
+    smoothing : (N,) float64 array
+        Of the spline by which the mean surface follows the particles, at each of them [mm]; 0 but where a
+        mode would fold it. See `homolog.analysis.reconstruction.carried`.
     """
 
     names: tuple[str, ...]
@@ -57,6 +62,7 @@ class Result:
     local: FloatArray
     alignments: FloatArray
     mean_surface: TriangleMesh
+    smoothing: FloatArray
 
 
 def particle_file(project: Project, stem: str, frame: str) -> Path:
@@ -108,7 +114,13 @@ def read_result(project: Project) -> Result:
         local=frozen(np.array(local)),
         alignments=frozen(np.array([one.alignment for one in subjects])),
         mean_surface=read_mesh(mean_file(project)),
+        smoothing=_read_smoothing(project, record),
     )
+
+
+def write_smoothing(project: Project, smoothing: FloatArray) -> None:
+    """Write the smoothing (N,) of the spline by which the mean surface follows the particles [mm]."""
+    write_arrays(_smoothing_file(project), {"smoothing": smoothing})
 
 
 def read_surfaces(project: Project) -> list[TriangleMesh]:
@@ -120,11 +132,9 @@ def read_surfaces(project: Project) -> list[TriangleMesh]:
         If there is no result, or one of the surfaces is missing or damaged.
     """
     record = _result_of(project)
-    surfaces = []
-    for one in record.subjects:
-        mesh, matrix = read_mesh(surface_file(project, one.file)), np.array(one.alignment)
-        surfaces.append(TriangleMesh(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], mesh.faces))
-    return surfaces
+    return [
+        read_mesh(surface_file(project, one.file)).placed(np.array(one.alignment)) for one in record.subjects
+    ]
 
 
 def read_modes(project: Project, mean: TriangleMesh) -> FloatArray:
@@ -155,6 +165,22 @@ def read_modes(project: Project, mean: TriangleMesh) -> FloatArray:
             raise InputError(f"{path}: does not belong to {mean_file(project)}; run again")
         displacements.append((plus - minus) / (2.0 * MODE_DEVIATIONS))
     return frozen(np.array(displacements).reshape(-1, *mean.vertices.shape))
+
+
+def _smoothing_file(project: Project) -> Path:
+    return project.model / "smoothing.npz"
+
+
+def _read_smoothing(project: Project, record: ResultRecord) -> FloatArray:
+    if not record.smoothed_particles:
+        return frozen(np.zeros(record.particles))
+    path = _smoothing_file(project)
+    stored = read_arrays(path).get("smoothing", np.zeros(0))
+    fits = stored.shape == (record.particles,) and stored.dtype.kind == "f"
+    fits = fits and bool(np.isfinite(stored).all()) and stored.min() >= 0.0
+    if not fits or np.count_nonzero(stored) != record.smoothed_particles:
+        raise InputError(f"{path}: does not belong to the result; run again")
+    return frozen(stored, np.float64)
 
 
 def _result_of(project: Project) -> ResultRecord:

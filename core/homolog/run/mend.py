@@ -1,12 +1,10 @@
 """A result with some of its particles optimized again, and how it takes the place of the one before."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from homolog.analysis.reconstruction import mean_surface, medoid
-from homolog.analysis.shape_model import fit_shape_model
 from homolog.arrays import BoolArray, FloatArray
 from homolog.cohort import Cohort, Subject
 from homolog.correspondence import Shape, repair
@@ -19,9 +17,8 @@ from homolog.grooming import GroomedSubject
 from homolog.grooming.cache import load_groomed
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.result import Outcome, Study, model_of, noted, write_result
-from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["mean_of", "mend", "read_study", "write_mended"]
+__all__ = ["mend", "read_study", "write_mended"]
 
 
 def read_study(project: Project) -> Study:
@@ -76,18 +73,6 @@ def mend(
             device=study.device,
             tick=tick,
         ).local
-
-
-def mean_of(
-    world: FloatArray, meshes: Sequence[TriangleMesh], alignments: FloatArray, tick: Tick = no_tick
-) -> TriangleMesh:
-    """Return the mean surface of particles (M, N, 3) in aligned coordinates, as a run makes it."""
-    model = fit_shape_model(world)
-    nearest = medoid(world, model.mean)
-    mesh, matrix = meshes[nearest], alignments[nearest]
-    vertices = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
-    surface = mean_surface(model.mean, world[nearest], vertices, mesh.faces, tick=tick)
-    return TriangleMesh(surface.vertices, surface.faces)
 
 
 def write_mended(project: Project, local: FloatArray, notes: Mapping[str, str], tick: Tick = no_tick) -> None:

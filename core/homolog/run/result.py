@@ -3,11 +3,10 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.reconstruction import MeanSurface, mean_surface, medoid
+from homolog.analysis.reconstruction import MeanSurface
 from homolog.analysis.shape_model import ShapeModel, fit_shape_model
 from homolog.arrays import BoolArray, FloatArray
 from homolog.cohort import Cohort
@@ -18,13 +17,13 @@ from homolog.files.names import file_stems
 from homolog.files.particles import write_particles
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
-from homolog.files.results import MODE_DEVIATIONS, mean_file, mode_file, particle_file, surface_file
+from homolog.files.results import particle_file, surface_file
 from homolog.files.tables import write_table
 from homolog.grooming import GroomedSubject
 from homolog.progress import Tick, part_of
 from homolog.run.identity import content_of, versions
+from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
 from homolog.settings import RunSettings
-from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
     "CANCELLED",
@@ -33,16 +32,11 @@ __all__ = [
     "model_of",
     "noted",
     "with_repairs",
-    "write_model",
     "write_result",
-    "write_surfaces",
 ]
 
 CANCELLED = "cancelled"
 """How a result `ended` that was kept although its run was not done."""
-
-_SHOWN_SHARE = 0.95
-_LEAST_SHOWN, _MOST_SHOWN = 3, 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,10 +125,8 @@ def model_of(outcome: Outcome, tick: Tick) -> tuple[ShapeModel, MeanSurface]:
     """
     shapes, world = outcome.study.shapes, outcome.world
     model = fit_shape_model(world, names=[one.name for one in shapes])
-    nearest = medoid(world, model.mean)
-    mesh, matrix = shapes[nearest].mesh, outcome.alignments[nearest]
-    vertices = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
-    return model, mean_surface(model.mean, world[nearest], vertices, mesh.faces, tick=tick)
+    meshes = [one.mesh for one in shapes]
+    return model, surface_of_model(model, world, meshes, outcome.alignments, tick)
 
 
 def write_result(
@@ -173,7 +165,7 @@ def write_result(
                 subjects=project.describe(study.cohort),
                 settings=study.settings,
                 unfinished=outcome.ended == CANCELLED,
-                result=_record(outcome, stems, surface.folded),
+                result=_record(outcome, stems, surface),
             )
         )
 
@@ -188,59 +180,7 @@ def _write_subjects(
         write_mesh(surface_file(project, stem), shape.mesh)
 
 
-def write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
-    """Write a shape model's tables; `new` is what `Project.replacing_result` gave."""
-    modes = [f"mode_{number}" for number in range(1, len(model.variances) + 1)]
-    write_table(
-        new.model / "scores.csv",
-        ["name", "group", *modes],
-        (
-            [one.name, one.group, *scores]
-            for one, scores in zip(cohort.subjects, model.scores.tolist(), strict=True)
-        ),
-    )
-    write_table(
-        new.model / "eigenvalues.csv",
-        ["mode", "variance_mm2", "standard_deviation_mm", "share", "cumulative_share"],
-        zip(
-            range(1, len(modes) + 1),
-            model.variances.tolist(),
-            model.standard_deviations.tolist(),
-            model.explained.tolist(),
-            np.cumsum(model.explained).tolist(),
-            strict=True,
-        ),
-    )
-    flat = model.modes.reshape(len(modes), -1).T.tolist()
-    write_table(
-        new.model / "eigenvectors.csv",
-        ["particle", "axis", *modes],
-        ([row // 3, "xyz"[row % 3], *values] for row, values in enumerate(flat)),
-    )
-    write_particles(new.model / "mean.particles", model.mean)
-
-
-def write_surfaces(new: Project, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:
-    """Write the mean surface, and how it moves along the modes that matter; `new` as for `write_model`."""
-    _write_surface(mean_file(new), TriangleMesh(surface.vertices, surface.faces))
-    enough = int(np.searchsorted(np.cumsum(model.explained), _SHOWN_SHARE)) + 1
-    shown = min(max(enough, _LEAST_SHOWN), _MOST_SHOWN, len(model.variances))
-    for mode in range(shown):
-        tick(mode / shown, f"surfaces of mode {mode + 1}")
-        for sign, side in ((-1.0, "minus"), (1.0, "plus")):
-            deviations = np.zeros(mode + 1)
-            deviations[mode] = sign * MODE_DEVIATIONS
-            vertices = surface.moved(model.shape(deviations))
-            _write_surface(mode_file(new, mode, side), TriangleMesh(vertices, surface.faces))
-
-
-def _write_surface(path: Path, mesh: TriangleMesh) -> None:
-    """Write a surface twice: VTP for this program and Slicer, PLY beside it for everything else."""
-    write_mesh(path, mesh)
-    write_mesh(path.with_suffix(".ply"), mesh)
-
-
-def _record(outcome: Outcome, stems: Sequence[str], folded: int) -> ResultRecord:
+def _record(outcome: Outcome, stems: Sequence[str], surface: MeanSurface) -> ResultRecord:
     study = outcome.study
     subjects = [
         ResultSubject(
@@ -262,7 +202,8 @@ def _record(outcome: Outcome, stems: Sequence[str], folded: int) -> ResultRecord
         iterations=outcome.iterations,
         particles=outcome.world.shape[1],
         metric="geodesic" if study.settings.optimize.method.uses_geodesics else "euclidean",
-        folded_faces=folded,
+        folded_faces=surface.folded,
+        smoothed_particles=surface.smoothed,
         settings=study.settings,
         device=describe_device(study.device),
         versions=versions(),

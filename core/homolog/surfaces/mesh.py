@@ -33,6 +33,10 @@ class TriangleMesh:
         """Stay read-only through pickling."""
         return TriangleMesh, (self.vertices, self.faces)
 
+    def placed(self, matrix: FloatArray) -> "TriangleMesh":
+        """Return the surface in the frame that a (4, 4) matrix leads to."""
+        return TriangleMesh(self.vertices @ matrix[:3, :3].T + matrix[:3, 3], self.faces)
+
     @property
     def face_areas(self) -> FloatArray:
         """Area of each face [mm²], shape (F,)."""

@@ -92,14 +92,23 @@ class Checked(QObject):
         notes = version.notes | {name: "particles were optimized again where they were suspect"}
 
         def work(tick: Tick) -> _Version:
+            from homolog.analysis.shape_model import fit_shape_model
             from homolog.progress import part_of
-            from homolog.run.mend import mean_of
+            from homolog.run.shape_files import surface_of_model
+            from homolog.surfaces.mesh import TriangleMesh
             from homolog_app.suspects import mended
 
             after = mended(project, inspection, suspect, part_of(tick, 0.0, 0.8))
             places = after.places
-            mean = mean_of(places.world, places.meshes, places.alignments, part_of(tick, 0.8, 1.0))
-            result = replace(version.loaded.result, local=places.local, world=places.world, mean_surface=mean)
+            model, last = fit_shape_model(places.world), part_of(tick, 0.8, 1.0)
+            surface = surface_of_model(model, places.world, places.meshes, places.alignments, last)
+            result = replace(
+                version.loaded.result,
+                local=places.local,
+                world=places.world,
+                mean_surface=TriangleMesh(surface.vertices, surface.faces),
+                smoothing=surface.smoothing,
+            )
             return _Version(replace(version.loaded, result=result), after, notes)
 
         def take(after: _Version) -> None:

@@ -10,8 +10,9 @@ import numpy as np
 from scipy import sparse
 
 from homolog.analysis.parallel import ParallelAnalysis, parallel_analysis
-from homolog.analysis.reconstruction import MOST_CENTRES, spread_centres, thin_plate_moved
+from homolog.analysis.reconstruction import carried
 from homolog.analysis.shape_model import ShapeModel, fit_shape_model
+from homolog.analysis.thin_plate import spread_centres
 from homolog.arrays import Array, Float32Array, FloatArray, IntArray, frozen
 from homolog.errors import InputError
 from homolog.files.project import Project
@@ -103,7 +104,7 @@ class ModelShape:
 
         Takes long: solves the spline.
         """
-        return _carried(self.model.mean, self.mean.vertices, displacements)
+        return _carried(self.result, displacements)
 
 
 def read_model_shape(folder_name: str, project: Project, tick: Tick) -> ModelShape:
@@ -137,7 +138,7 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
     parallel = parallel_analysis(result.world, tick=part_of(tick, 0.0, 0.6))
     tick(0.6, "carrying the modes to the mean surface")
     mesh = result.mean_surface
-    moves = _carried(model.mean, mesh.vertices, model.modes * model.standard_deviations[:, None, None])
+    moves = _carried(result, model.modes * model.standard_deviations[:, None, None])
     tick(0.9, "normals of the mean surface")
     corners = _corners(mesh.faces, len(mesh.vertices))
     faces = np.ascontiguousarray(mesh.faces.T, dtype=np.intp)
@@ -194,10 +195,9 @@ def placement(of: ModelShape, beside: ModelShape) -> FloatArray:
     return np.eye(4)
 
 
-def _carried(mean: FloatArray, vertices: FloatArray, displacements: FloatArray) -> Float32Array:
-    centres = spread_centres(mean, MOST_CENTRES)
-    moved = thin_plate_moved(mean[centres], vertices, displacements[:, centres])
-    return moved.astype(np.float32)
+def _carried(result: Result, displacements: FloatArray) -> Float32Array:
+    mean, vertices = result.world.mean(axis=0), result.mean_surface.vertices
+    return carried(mean, vertices, displacements, result.smoothing).astype(np.float32)
 
 
 def _corners(faces: IntArray, vertices: int) -> "sparse.csr_array":

@@ -1,0 +1,134 @@
+"""Thin-plate splines in three dimensions: points carried by how some centres move.
+
+The spline is the interpolant with the smallest bending energy, kernel ``r`` and an affine part (Bookstein
+1989; Wahba 1990). It is linear in the target positions, so with fixed centres any warp is one matrix product.
+"""
+
+import numpy as np
+from scipy import linalg
+from scipy.spatial.distance import cdist
+
+from homolog.arrays import FloatArray, IntArray
+from homolog.errors import NumericalError
+
+__all__ = [
+    "MOST_CENTRES",
+    "evaluated",
+    "spline_weights",
+    "spread_centres",
+    "thin_plate_moved",
+    "thin_plate_operator",
+]
+
+MOST_CENTRES = 2048
+"""Above this count the spline takes evenly spread particles only: the others add cost, not shape."""
+
+_CHUNK = 4096
+
+
+def thin_plate_operator(
+    centres: FloatArray, points: FloatArray, *, smoothing: float | FloatArray = 0.0
+) -> FloatArray:
+    """Return the matrix that takes target positions of the centres to those of the points.
+
+    Parameters
+    ----------
+    centres : (N, 3) array
+        Where the particles are before the warp [mm]; not all in one plane.
+    points : (V, 3) array
+        Where the vertices are before the warp [mm].
+    smoothing : float or (N,) array
+        Of each centre [mm]: 0 interpolates, larger values trade fidelity for smoothness.
+
+    Returns
+    -------
+    (V, N) array
+        ``operator @ targets`` are the warped points; it has the affine part in it, so an affine motion of
+        the particles moves the points by exactly that.
+
+    Raises
+    ------
+    NumericalError
+        If two centres coincide or all lie in one plane.
+    """
+    weights = spline_weights(centres, np.eye(len(centres)), smoothing)
+    return evaluated(centres, points, weights)
+
+
+def thin_plate_moved(
+    centres: FloatArray,
+    points: FloatArray,
+    displacements: FloatArray,
+    smoothing: float | FloatArray = 0.0,
+) -> FloatArray:
+    """Return how points move with the centres, for a few displacements, without the whole operator.
+
+    Parameters
+    ----------
+    centres : (N, 3) array
+        The particles before they move [mm]; not all in one plane.
+    points : (V, 3) array
+        The vertices before they move [mm].
+    displacements : (K, N, 3) array
+        K displacements of the centres, such as modes [mm].
+    smoothing : float or (N,) array
+        As for `thin_plate_operator`.
+
+    Returns
+    -------
+    (K, V, 3) array
+        What `thin_plate_operator` gives for each of them.
+
+    Raises
+    ------
+    NumericalError
+        If two centres coincide or all lie in one plane.
+    """
+    columns = displacements.transpose(1, 0, 2).reshape(len(centres), -1)
+    moved = evaluated(centres, points, spline_weights(centres, columns, smoothing))
+    return moved.reshape(len(points), -1, 3).transpose(1, 0, 2)
+
+
+def spread_centres(points: FloatArray, most: int) -> IntArray:
+    """Return the indices of at most so many points, each as far from those before it as can be."""
+    if len(points) <= most:
+        return np.arange(len(points))
+    chosen = np.zeros(most, dtype=np.int64)
+    gap = np.full(len(points), np.inf)
+    for position in range(1, most):
+        newest = points[chosen[position - 1]]
+        gap = np.minimum(gap, np.square(points - newest).sum(axis=1))
+        chosen[position] = gap.argmax()
+    return np.sort(chosen)
+
+
+def spline_weights(centres: FloatArray, targets: FloatArray, smoothing: float | FloatArray) -> FloatArray:
+    """Return weights of the kernel (N rows) and of the affine part (4 rows) for each column of the targets.
+
+    Raises NumericalError if two centres coincide or all lie in one plane.
+    """
+    count = len(centres)
+    system = np.zeros((count + 4, count + 4))
+    # The kernel r is conditionally negative definite, so smoothing makes the diagonal smaller.
+    system[:count, :count] = cdist(centres, centres) - np.diag(np.broadcast_to(smoothing, count))
+    system[:count, count] = system[count, :count] = 1.0
+    middle = centres.mean(axis=0)
+    system[:count, count + 1 :] = centres - middle
+    system[count + 1 :, :count] = (centres - middle).T
+    right = np.vstack([targets, np.zeros((4, targets.shape[1]))])
+    try:
+        weights: FloatArray = linalg.solve(system, right, assume_a="general")
+    except (linalg.LinAlgError, linalg.LinAlgWarning) as error:
+        raise NumericalError("thin-plate warp: particles coincide or lie in one plane") from error
+    return weights
+
+
+def evaluated(centres: FloatArray, points: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return a spline that `spline_weights` solved at the points: (V, 3) to (V, columns)."""
+    middle = centres.mean(axis=0)
+    parts = []
+    for start in range(0, len(points), _CHUNK):
+        some = points[start : start + _CHUNK]
+        basis = np.hstack([cdist(some, centres), np.ones((len(some), 1)), some - middle])
+        parts.append(basis @ weights)
+    return np.concatenate(parts)

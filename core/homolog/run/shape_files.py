@@ -1,0 +1,112 @@
+"""A shape model on disk: its tables, the mean surface, and how it moves along the modes that matter."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from homolog.analysis.reconstruction import MeanSurface, carried, mean_surface, medoid
+from homolog.analysis.shape_model import ShapeModel
+from homolog.arrays import FloatArray
+from homolog.cohort import Cohort
+from homolog.files.meshes import write_mesh
+from homolog.files.particles import write_particles
+from homolog.files.project import Project
+from homolog.files.results import MODE_DEVIATIONS, mean_file, mode_file, write_smoothing
+from homolog.files.tables import write_table
+from homolog.progress import Tick, no_tick
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["surface_of_model", "write_model", "write_surfaces"]
+
+_SHOWN_SHARE = 0.95
+_LEAST_SHOWN, _MOST_SHOWN = 3, 5
+
+
+def surface_of_model(
+    model: ShapeModel,
+    world: FloatArray,
+    meshes: Sequence[TriangleMesh],
+    alignments: FloatArray,
+    tick: Tick = no_tick,
+) -> MeanSurface:
+    """Return the mean surface of a model, which the modes that are shown do not fold.
+
+    Parameters
+    ----------
+    model : ShapeModel
+    world : (M, N, 3) array
+        Particles of its subjects, or of those that have a mesh, aligned [mm].
+    meshes : sequence of M TriangleMesh
+        Theirs, in file coordinates; the one nearest to the mean is carried there.
+    alignments : (M, 4, 4) array
+        From file coordinates to aligned ones.
+    tick : Tick
+
+    Raises
+    ------
+    NumericalError
+        If particles coincide, so that no surface can be carried by them.
+    """
+    nearest = medoid(world, model.mean)
+    mesh = meshes[nearest].placed(alignments[nearest])
+    return mean_surface(model.mean, world[nearest], mesh.vertices, mesh.faces, moves=_moves(model), tick=tick)
+
+
+def write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
+    """Write a shape model's tables; `new` is what `Project.replacing_result` gave."""
+    modes = [f"mode_{number}" for number in range(1, len(model.variances) + 1)]
+    write_table(
+        new.model / "scores.csv",
+        ["name", "group", *modes],
+        (
+            [one.name, one.group, *scores]
+            for one, scores in zip(cohort.subjects, model.scores.tolist(), strict=True)
+        ),
+    )
+    write_table(
+        new.model / "eigenvalues.csv",
+        ["mode", "variance_mm2", "standard_deviation_mm", "share", "cumulative_share"],
+        zip(
+            range(1, len(modes) + 1),
+            model.variances.tolist(),
+            model.standard_deviations.tolist(),
+            model.explained.tolist(),
+            np.cumsum(model.explained).tolist(),
+            strict=True,
+        ),
+    )
+    flat = model.modes.reshape(len(modes), -1).T.tolist()
+    write_table(
+        new.model / "eigenvectors.csv",
+        ["particle", "axis", *modes],
+        ([row // 3, "xyz"[row % 3], *values] for row, values in enumerate(flat)),
+    )
+    write_particles(new.model / "mean.particles", model.mean)
+
+
+def write_surfaces(new: Project, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:
+    """Write the mean surface, and how it moves along the modes that matter; `new` as for `write_model`."""
+    _write_surface(mean_file(new), TriangleMesh(surface.vertices, surface.faces))
+    if surface.smoothed:
+        write_smoothing(new, surface.smoothing)
+    moves = carried(model.mean, surface.vertices, _moves(model), surface.smoothing)
+    for mode, move in enumerate(moves):
+        tick(mode / len(moves), f"surfaces of mode {mode + 1}")
+        for sign, side in ((-1.0, "minus"), (1.0, "plus")):
+            mesh = TriangleMesh(surface.vertices + sign * move, surface.faces)
+            _write_surface(mode_file(new, mode, side), mesh)
+
+
+def _moves(model: ShapeModel) -> FloatArray:
+    """How far the particles move along the modes that are shown, (K, N, 3) [mm]."""
+    enough = int(np.searchsorted(np.cumsum(model.explained), _SHOWN_SHARE)) + 1
+    shown = min(max(enough, _LEAST_SHOWN), _MOST_SHOWN)
+    moves: FloatArray = MODE_DEVIATIONS * model.standard_deviations[:shown, None, None] * model.modes[:shown]
+    return moves
+
+
+def _write_surface(path: Path, mesh: TriangleMesh) -> None:
+    """Write a surface twice: VTP for this program and Slicer, PLY beside it for everything else."""
+    write_mesh(path, mesh)
+    write_mesh(path.with_suffix(".ply"), mesh)
