@@ -16,7 +16,10 @@ wp.set_module_options({"enable_backward": False})
 PI = wp.constant(3.14159265)
 HALF_PI = wp.constant(1.57079633)
 RIVAL = wp.constant(0.05)
-"""Ways longer than the shortest by up to this part of a mean edge may turn out to be the shortest."""
+"""Ways longer than the shortest by up to this part of a mean edge may turn out to be the shortest …"""
+DETOUR = wp.constant(4.0)
+"""… but from half of it on they count as longer by this times the rest: nothing jumps where they no
+longer may."""
 LAST_BIT = wp.constant(30)
 """Rivals are bits, one a corner; this bit stands for all corners from here on: poles may have any number."""
 BLEND = wp.constant(0.01)
@@ -41,6 +44,9 @@ FARTHER = wp.constant(1.0e-2)
 CLOSE = wp.constant(1.0e-3)
 """Ends closer to the vertex than this part of a mean edge count more, in the end fully: which of two that all
 but coincide is nearer, rounding decides."""
+GRAZE = wp.constant(5.0e-4)
+"""Ways through a triangle and along its two sides that differ by less than this part of a mean edge share
+what they carry: which of them is the shortest, rounding decides."""
 SETTLED = wp.constant(2.0e-5)
 """Amendments that move by less than this part of a mean edge have settled: so little because among vertices
 that all but coincide they go round in circles and move by little more each time."""
@@ -220,9 +226,14 @@ def tie_corner(
     side = wp.min(by_a, by_b)
     through = wp.where(wp.min(da, db) > 0.0, straight, FAR) < side  # from a source: along the side
     along = wp.where(wp.where(by_a <= by_b, da, db) < u, side, FAR)  # from a farther end it goes in a circle
-    tie.gain = wp.where(ray.distance - u < RIVAL * edge, wp.where(through, straight, along) - u, FAR)
+    longer = ray.distance - u
+    detour = DETOUR * wp.max(longer - 0.5 * RIVAL * edge, 0.0)
+    tie.gain = wp.where(longer < RIVAL * edge, wp.where(through, straight, along) - u + detour, FAR)
     # of a and b only those nearer than c count: what follows from what then is no circle
     weight_a = (1.0 - z) * nearer(u - da, corner.ac, edge)
     weight_b = z * nearer(u - db, corner.bc, edge)
-    tie.share = wp.where(through, weight_b / (weight_a + weight_b), wp.where(by_a <= by_b, 0.0, 1.0))
+    grazed = 1.0 / (GRAZE * edge)
+    of_sides = wp.clamp(0.5 + 0.5 * grazed * (by_a - by_b), 0.0, 1.0)
+    crosses = wp.where(through, wp.min(grazed * (side - straight), 1.0), 0.0)
+    tie.share = of_sides + crosses * (weight_b / (weight_a + weight_b) - of_sides)
     return tie

@@ -29,7 +29,16 @@ from homolog.geodesics.crew_kernels import (
     news_of,
     publish,
 )
-from homolog.geodesics.kernels import FAR, Corner, Reach, least_way, plane_front, side_way, straight_squared
+from homolog.geodesics.kernels import (
+    FALL,
+    FAR,
+    Corner,
+    Reach,
+    least_way,
+    plane_front,
+    side_way,
+    straight_squared,
+)
 from homolog.geodesics.memory_kernels import (
     a_of,
     b_of,
@@ -166,7 +175,7 @@ def lower(
             da = read(front.u, origin + a_of(sources.corners, k) * hand.lanes)
             db = read(front.u, origin + b_of(sources.corners, k) * hand.lanes)
             best = through(corner_at(sources.corners, k), da, db, best, element)
-    if best < old:
+    if FALL * best < old:
         write(front.u, origin + v * hand.lanes, best)
         publish()
         if best <= reach.limit:

@@ -11,6 +11,9 @@ FAR = wp.constant(1.0e18)
 LAST = wp.constant(64249)
 """Code of d_max: codes up to 65534 leave headroom of 2 %, until both directions of a pair are averaged."""
 
+FALL = wp.constant(1.0000006)
+"""A distance has fallen if it was longer than this times the new one: by less, rounding alone makes it."""
+
 
 @wp.struct
 class Corner:

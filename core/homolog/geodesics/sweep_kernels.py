@@ -6,7 +6,7 @@ Distances from the sources of a cluster are solved side by side, one source a la
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.kernels import FAR, Corner, Reach, plane_front, straight_squared
+from homolog.geodesics.kernels import FALL, FAR, Corner, Reach, plane_front, straight_squared
 from homolog.geodesics.lookup import LANES
 from homolog.geodesics.memory_kernels import b_of, int_at
 from homolog.geodesics.patch_kernels import (
@@ -85,12 +85,12 @@ def lower(
     fell = int(0)
     near = int(0)
     for lane in range(LANES):
-        falls = new[lane] < old[lane]
+        falls = FALL * new[lane] < old[lane]
         tells = falls and new[lane] <= reach.limit
         fell |= wp.where(falls, 1, 0)
         near |= wp.where(tells, 1, 0)
         told[lane] = wp.where(tells, new[lane], FAR)
-        new[lane] = wp.where(new[lane] < old[lane], new[lane], old[lane])
+        new[lane] = wp.where(falls, new[lane], old[lane])
     if near != 0:
         k = int_at(fan, v)
         end = int_at(fan, v + 1)
