@@ -224,7 +224,7 @@ def tie_corner(
     by_a = da + corner.ac
     by_b = db + corner.bc
     side = wp.min(by_a, by_b)
-    through = wp.where(wp.min(da, db) > 0.0, straight, FAR) < side  # from a source: along the side
+    through = straight < side
     along = wp.where(wp.where(by_a <= by_b, da, db) < u, side, FAR)  # from a farther end it goes in a circle
     longer = ray.distance - u
     detour = DETOUR * wp.max(longer - 0.5 * RIVAL * edge, 0.0)

@@ -78,6 +78,7 @@ def trace(corner: Corner, da: float, db: float) -> Ray:
     height = wp.max(ray.below + corner.y, 1.0e-30)
     crossing = ray.along * corner.y + corner.x * ray.below
     inside = squared >= 0.0 and crossing >= 0.0 and crossing <= corner.length * height
+    inside = inside and wp.min(da, db) > 0.0  # from a source the way goes along the side
     inverse = 1.0 / height
     dx = corner.x - ray.along
     straight = wp.where(inside, wp.sqrt(dx * dx + height * height), FAR)
