@@ -11,10 +11,10 @@ from homolog.geodesics.bearing_kernels import (
     LAST_BIT,
     RIVAL,
     ROUNDS,
-    SETTLED,
     Turns,
     begin_with,
     find_way,
+    is_news,
     share_of,
     tie_corner,
     trust_in,
@@ -205,7 +205,7 @@ def tie_vertex(
 
 
 @wp.func
-def amend_vertex(scratch: Scratch, amends: Amendments, v: int, first: int, end: int, settled: float) -> int:
+def amend_vertex(scratch: Scratch, amends: Amendments, v: int, first: int, end: int, edge: float) -> int:
     """Compute a vertex' amendments from its ties first … end; return how many moved."""
     best = Lanes(FAR)
     for n in range(first, end):
@@ -222,13 +222,13 @@ def amend_vertex(scratch: Scratch, amends: Amendments, v: int, first: int, end: 
     for lane in range(LANES):
         kept = u[lane] == 0.0 or best[lane] > 0.5 * FAR  # a source, or out of reach
         best[lane] = wp.where(kept, 0.0, best[lane])
-        moved |= wp.where(wp.abs(best[lane] - old[lane]) > settled, 1, 0)
+        moved |= wp.where(is_news(old[lane], best[lane], edge), 1, 0)
     put_lanes(amends.amendment, v, best)
     return moved
 
 
 @wp.func
-def settle(scratch: Scratch, amends: Amendments, reached: int, clock: int, settled: float) -> int:
+def settle(scratch: Scratch, amends: Amendments, reached: int, clock: int, edge: float) -> int:
     """Compute anew, near to far, what follows from amendments that moved; return how many vertices did."""
     total = int(0)
     first = int(0)
@@ -243,7 +243,7 @@ def settle(scratch: Scratch, amends: Amendments, reached: int, clock: int, settl
             )
         if clock == 0 or latest > int_at(amends.settled, v):
             amends.settled[v] = clock + p + 1
-            if amend_vertex(scratch, amends, v, first, end, settled) > 0:
+            if amend_vertex(scratch, amends, v, first, end, edge) > 0:
                 amends.moved[v] = clock + p + 1
                 total += 1
         first = end
@@ -270,7 +270,7 @@ def amend_cluster(
     moving = int(1)
     round = int(0)
     while moving > 0 and round < ROUNDS:
-        moving = settle(scratch, amends, reached, round * reached, SETTLED * reach.edge)
+        moving = settle(scratch, amends, reached, round * reached, reach.edge)
         round += 1
     for p in range(reached):
         v = amends.order[p]

@@ -47,9 +47,9 @@ but coincide is nearer, rounding decides."""
 GRAZE = wp.constant(5.0e-4)
 """Ways through a triangle and along its two sides that differ by less than this part of a mean edge share
 what they carry: which of them is the shortest, rounding decides."""
-SETTLED = wp.constant(2.0e-5)
-"""Amendments that move by less than this part of a mean edge have settled: so little because among vertices
-that all but coincide they go round in circles and move by little more each time."""
+SETTLED = wp.constant(1.0e-5)
+"""Steps, as a part of a mean edge, that amendments are told in: so little because among vertices that all but
+coincide they go round in circles and move by little more each time."""
 START = wp.constant(1.0)
 """Amendments of vertices with a short side begin with this part of a mean edge, more than they come to: from
 below, they would creep up where the ways among vertices that all but coincide go round in circles."""
@@ -139,6 +139,15 @@ def find_way(corner: Corner, turns: Turns, da: float, db: float, edge: float) ->
 def begin_with(shortest: float, edge: float) -> float:
     """Return what the amendment of a vertex begins with, from its shortest side."""
     return wp.where(shortest < SHORT * edge, START * edge, 0.0)
+
+
+@wp.func
+def is_news(old: float, new: float, edge: float) -> bool:
+    """Return whether an amendment has come to another step, so that others have to follow.
+
+    Steps, not a least difference: that lets vertices drift that move by less many times.
+    """
+    return wp.floor(new * (1.0 / (SETTLED * edge))) != wp.floor(old * (1.0 / (SETTLED * edge)))
 
 
 @wp.func
