@@ -16,6 +16,7 @@ from homolog.geodesics.bearing_kernels import (
     find_way,
     is_news,
     share_of,
+    step_of,
     tie_corner,
     trust_in,
     turn_between,
@@ -29,6 +30,7 @@ from homolog.geodesics.patch_kernels import (
     Counts,
     Lanes,
     Scratch,
+    float_at,
     lanes_at,
     put_lanes,
     sort_into_buckets,
@@ -55,6 +57,7 @@ class Amendments:
     b: wp.array(dtype=wp.int32)
     share: wp.array(dtype=Lanes)
     gain: wp.array(dtype=Lanes)
+    shortest: wp.array(dtype=float)  # side at each vertex
 
 
 @wp.func
@@ -107,12 +110,10 @@ def find_bearings(
     by_b = Counts(0)
     rivals = int(0)
     bit = int(1)
-    shortest = float(FAR)
     da = lanes_at(scratch.u, b_of(corners, end - 1))
     while k < end:
         corner = corners[k]
         db = lanes_at(scratch.u, corner.b)
-        shortest = wp.min(shortest, corner.bc)
         hopes = int(0)
         for lane in range(LANES):
             hopes |= wp.where(least_way(corner, da[lane], db[lane]) < u[lane] + RIVAL * edge, 1, 0)
@@ -148,7 +149,7 @@ def find_bearings(
         square[lane] = wp.where(best[lane] - u[lane] < RIVAL * edge, trust, 0.0)
         mean[lane] = within(first[lane] + mean[lane], around)
     put_lanes(amends.bearing, v, mean)
-    put_lanes(amends.amendment, v, Lanes(begin_with(shortest, edge)))
+    put_lanes(amends.amendment, v, Lanes(begin_with(float_at(amends.shortest, v), edge)))
     put_lanes(amends.trust, v, square)
     amends.rivals[v] = rivals
 
@@ -218,11 +219,12 @@ def amend_vertex(scratch: Scratch, amends: Amendments, v: int, first: int, end: 
             best[lane] = wp.where(value < best[lane], value, best[lane])
     old = lanes_at(amends.amendment, v)
     u = lanes_at(scratch.u, v)
+    step = step_of(float_at(amends.shortest, v), edge)
     moved = int(0)
     for lane in range(LANES):
         kept = u[lane] == 0.0 or best[lane] > 0.5 * FAR  # a source, or out of reach
         best[lane] = wp.where(kept, 0.0, best[lane])
-        moved |= wp.where(is_news(old[lane], best[lane], edge), 1, 0)
+        moved |= wp.where(is_news(old[lane], best[lane], step), 1, 0)
     put_lanes(amends.amendment, v, best)
     return moved
 

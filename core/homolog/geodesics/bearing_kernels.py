@@ -47,9 +47,11 @@ but coincide is nearer, rounding decides."""
 GRAZE = wp.constant(5.0e-4)
 """Ways through a triangle and along its two sides that differ by less than this part of a mean edge share
 what they carry: which of them is the shortest, rounding decides."""
-SETTLED = wp.constant(1.0e-5)
-"""Steps, as a part of a mean edge, that amendments are told in: so little because among vertices that all but
-coincide they go round in circles and move by little more each time."""
+STEP = wp.constant(1.0e-4)
+"""Steps, as a part of a mean edge, that amendments are told in …"""
+SMALL_STEP = wp.constant(1.0e-5)
+"""… and those of vertices with a short side: among vertices that all but coincide amendments go round in
+circles and move by little more each time."""
 START = wp.constant(1.0)
 """Amendments of vertices with a short side begin with this part of a mean edge, more than they come to: from
 below, they would creep up where the ways among vertices that all but coincide go round in circles."""
@@ -142,12 +144,19 @@ def begin_with(shortest: float, edge: float) -> float:
 
 
 @wp.func
-def is_news(old: float, new: float, edge: float) -> bool:
+def step_of(shortest: float, edge: float) -> float:
+    """Return the step that the amendments of a vertex are told in, from its shortest side."""
+    return wp.where(shortest < SHORT * edge, SMALL_STEP, STEP) * edge
+
+
+@wp.func
+def is_news(old: float, new: float, step: float) -> bool:
     """Return whether an amendment has come to another step, so that others have to follow.
 
-    Steps, not a least difference: that lets vertices drift that move by less many times.
+    Steps, not a least difference: that would let vertices drift unheard that move by less many times.
     """
-    return wp.floor(new * (1.0 / (SETTLED * edge))) != wp.floor(old * (1.0 / (SETTLED * edge)))
+    inverse = 1.0 / step
+    return wp.floor(new * inverse) != wp.floor(old * inverse)
 
 
 @wp.func

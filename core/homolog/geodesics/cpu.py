@@ -90,6 +90,7 @@ class Problem:
         ):
             for name in names:
                 setattr(amends, name, wp.zeros(size, dtype=kind, device="cpu"))
+        amends.shortest = self.fans.shortest
         return amends
 
 

@@ -62,6 +62,7 @@ class Sources:
     fan: wp.array(dtype=wp.int32)
     corners: wp.array(dtype=Corner)
     tells: wp.array(dtype=Tell)
+    shortest: wp.array(dtype=float)  # side at each vertex
 
 
 @wp.struct

@@ -101,6 +101,7 @@ def _upload(plan: TablePlan, device: str) -> Cohort:
         sources.fan = fans.start
         sources.corners = fans.corners
         sources.tells = fans.tells
+        sources.shortest = fans.shortest
     return Cohort(fans, clusters, sources, reaches, float(delaunay.length.max()), plan.element_code)
 
 

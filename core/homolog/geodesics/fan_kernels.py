@@ -23,6 +23,7 @@ def fill_corners(
     corners: wp.array(dtype=Corner),
     turns: wp.array(dtype=Turns),
     tells: wp.array(dtype=Tell),
+    shortest: wp.array(dtype=float),
 ):
     """Lay each triangle's corner next to the others of its vertex, counterclockwise."""
     side = wp.tid()
@@ -43,6 +44,7 @@ def fill_corners(
     corner.y = float(c[1])
     corner.ac = float(sides.length[side])
     corner.bc = float(sides.length[after])
+    wp.atomic_min(shortest, sides.tail[side], corner.ac)
     at = start[sides.tail[side]] + sides.rank[side]
     corners[at] = corner
     twice_area = corner.length * corner.y

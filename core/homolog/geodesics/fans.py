@@ -13,7 +13,7 @@ from homolog.device import cores
 from homolog.geodesics.bearing_kernels import Turns
 from homolog.geodesics.fan_kernels import UNSEEN, fill_corners, grow_clusters
 from homolog.geodesics.intrinsic import Triangulation
-from homolog.geodesics.kernels import Corner, Tell
+from homolog.geodesics.kernels import FAR, Corner, Tell
 from homolog.geodesics.lookup import LANES
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -43,6 +43,8 @@ class Fans:
         How each triangle's sides are turned at their ends.
     tells : (K,) Tell wp.array
         What each triangle's vertices tell each other of.
+    shortest : (N,) float32 wp.array
+        Shortest side at each vertex [mm].
     """
 
     first: IntArray
@@ -51,6 +53,7 @@ class Fans:
     corners: Any
     turns: Any
     tells: Any
+    shortest: Any
 
 
 def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: str) -> Fans:
@@ -65,10 +68,11 @@ def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: 
         turns = wp.empty(len(delaunay.tail), dtype=Turns)
         faces_first = wp.array(face_first.astype(np.int32), dtype=wp.int32)
         tells = wp.empty(len(delaunay.tail), dtype=Tell)
-        inputs = [sides, faces_first, start, corners, turns, tells]
+        shortest = wp.full(len(centred), float(FAR), dtype=float)
+        inputs = [sides, faces_first, start, corners, turns, tells, shortest]
         wp.launch(fill_corners, len(delaunay.tail), inputs=inputs)
         position = wp.array(centred.astype(np.float32), dtype=wp.vec3)
-    return Fans(first, position, start, corners, turns, tells)
+    return Fans(first, position, start, corners, turns, tells, shortest)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -79,6 +79,7 @@ def distances_from(
         clusters.fan = fans.start
         clusters.corners = fans.corners
         clusters.tells = fans.tells
+        clusters.shortest = fans.shortest
         tick(0.0, f"geodesic distances of {name}")
         advance(front, clusters, range(1), POINT)
         reach.stored = float(values.max())

@@ -9,7 +9,7 @@ are more than are kept, ties are computed anew each time.
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.bearing_kernels import RIVAL, ROUNDS, Tie, Turns, is_news, tie_corner
+from homolog.geodesics.bearing_kernels import RIVAL, ROUNDS, Tie, Turns, is_news, step_of, tie_corner
 from homolog.geodesics.crew_kernels import (
     AMEND_BAND,
     CREW,
@@ -176,7 +176,7 @@ def carry_on(
     if amendment > 0.5 * FAR:  # a source, or out of reach
         amendment = 0.0
     write(amends.amendment, at, amendment)
-    if is_news(before, amendment, edge):
+    if is_news(before, amendment, step_of(read(sources.shortest, hand.base + v), edge)):
         return news_for(front, sources, hand, v, lane, read(front.u, at), 1.01 * RIVAL * edge)
     return wp.vec2i(0, 0)
 

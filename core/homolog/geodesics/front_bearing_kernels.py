@@ -119,7 +119,6 @@ def find_bearing(
     mean = float(0.0)
     square = float(0.0)
     by_b = int(0)
-    shortest = float(FAR)
     rivals = Words(wp.uint32(NONE))
     begin = int_at(sources.fan, hand.base + v)
     last = int_at(sources.fan, hand.base + v + 1) - 1
@@ -130,7 +129,6 @@ def find_bearing(
     for c in range(begin, last + 1):
         ahead = read(front.u, origin + b_of(sources.corners, wp.min(c + 1, last)) * hand.lanes)
         corner = corner_at(sources.corners, c)
-        shortest = wp.min(shortest, corner.bc)
         if least_way(corner, da, db) < u + RIVAL * edge:
             way = find_way(corner, turns[c], da, db, edge)
             best = wp.min(best, way.distance)
@@ -152,7 +150,7 @@ def find_bearing(
         db = ahead
     mean = mean / wp.max(total, 1.0e-30)
     at = hand.origin + v * hand.lanes + lane
-    write(amends.amendment, at, begin_with(shortest, edge))
+    write(amends.amendment, at, begin_with(read(sources.shortest, hand.base + v), edge))
     write(amends.bearing, at, within(first + mean, around))
     found = total > 0.0 and best - u < RIVAL * edge  # else a source
     write(amends.trust, at, wp.where(found, trust_in(square / wp.max(total, 1.0e-30), mean), 0.0))
