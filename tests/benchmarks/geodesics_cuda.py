@@ -9,11 +9,13 @@ import argparse
 import time
 import traceback
 from collections import defaultdict
+from pathlib import Path
 
 import geodesics_meshes as meshes
 import numpy as np
 import warp as wp
 
+from homolog.correspondence import Shape
 from homolog.device import describe_device
 from homolog.geodesics import plan, solve_tables
 from homolog.geodesics.cuda import solve_on_cuda
@@ -27,6 +29,20 @@ PHASES = {
     "settle_front": "settle", "store_front": "store", "mark_reached": "store",
     "symmetrize": "symmetrize", "corners": "fans", "memset": "fill", "memtile": "fill", "memcpy": "copy",
 }  # fmt: skip
+
+AGREE = (
+    (meshes.obtuse, 2000), (meshes.cup, 2000), (meshes.bean, 3100), (meshes.obtuse, 1000), (meshes.bean, 900),
+    (meshes.cup, 2600), (meshes.icosphere, 3000), (meshes.bean, 4300), (meshes.cup, 4300),
+)  # fmt: skip
+REAL = {"vertebrae": 10, "ventricles": 8, "wide12": 2}
+"""How many surfaces of each groomed cohort are compared."""
+
+
+def groomed(path: Path) -> list[Shape]:
+    """Return the shapes that optimizer.py has stored."""
+    from optimizer import load  # needs more than the rest
+
+    return load(path)
 
 
 def reach_of(mesh: TriangleMesh, share: float) -> float:
@@ -103,6 +119,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--device", default="cuda:0", help="cpu is for trying out this script")
     parser.add_argument("--quick", action="store_true", help="small sizes only")
+    parser.add_argument("--shapes", type=Path, help="folder that optimizer.py has groomed: real surfaces too")
     arguments = parser.parse_args()
     device, quick = arguments.device, arguments.quick
     wp.init()
@@ -127,8 +144,11 @@ def main() -> None:
     def agreement() -> None:
         for size in (1000, 2000) if quick else (2000, 5000, 10_000):
             compare("bean", meshes.bean(size), 0.2, device)
-        for make, size in ((meshes.obtuse, 2000), (meshes.cup, 2000), (meshes.bean, 3100)):
+        for make, size in AGREE[:2] if quick else AGREE:
             compare(make.__name__, make(size), 0.2, device)
+        for name, count in REAL.items() if arguments.shapes else ():
+            for shape in groomed(arguments.shapes / f"{name}.npz")[:count]:
+                compare(name, shape.mesh, 0.2, device)
 
     def beans() -> None:
         for share in (0.1, 0.2):
