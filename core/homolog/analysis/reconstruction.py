@@ -20,7 +20,7 @@ from homolog.progress import Tick, no_tick, part_of
 
 __all__ = ["MeanSurface", "carried", "mean_surface", "medoid"]
 
-ROUNDS = 12
+ROUNDS = 16
 """Most times that the spline is made smoother where faces are folded."""
 
 _FIRST_SMOOTHING = 0.1
@@ -28,6 +28,9 @@ _FIRST_SMOOTHING = 0.1
 
 _NEAR = 3
 """Centres made smoother for each folded face."""
+
+_AROUND = 4.0
+"""Faces so near to folded ones, in mean distances of neighbouring centres, are looked at again at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +107,7 @@ def mean_surface(
         _, near, _ = _unfolded(centres, warped, faces, both, near, part_of(tick, 0.5, 1.0))
     smoothing = np.zeros(len(mean))
     smoothing[chosen] = near
-    return MeanSurface(warped, faces, smoothing, int(folded.sum()))
+    return MeanSurface(warped, faces, smoothing, folded)
 
 
 def carried(
@@ -149,37 +152,46 @@ def _unfolded(
     moves: FloatArray,
     smoothing: FloatArray,
     tick: Tick,
-) -> tuple[FloatArray, FloatArray, BoolArray]:
+) -> tuple[FloatArray, FloatArray, int]:
     """Smooth the spline until no move (K, n, 3) of its centres folds a face.
 
-    Returns how each moves the vertices (K, V, 3), the smoothing, and which faces are folded by any even so.
+    Returns how each moves the vertices (K, V, 3), the smoothing, and how many faces are folded even so.
     """
-    tree, first = KDTree(centres), _FIRST_SMOOTHING * _mean_spacing(centres)
+    tree, spacing = KDTree(centres), _mean_spacing(centres)
     columns = moves.transpose(1, 0, 2).reshape(len(centres), -1)
-    smoothing = smoothing.copy()
+    middles, smoothing = vertices[faces].mean(axis=1), smoothing.copy()
+    everywhere = asked = np.arange(len(faces))
     for attempt in range(ROUNDS):
-        tick(attempt / ROUNDS, "mean surface")
+        now = part_of(tick, attempt / ROUNDS, (attempt + 1) / ROUNDS)
         weights = spline_weights(centres, columns, smoothing)
-        moved = _by_move(evaluated(centres, vertices, weights))
-        folded = _folded(centres, vertices, faces, weights, moved)
-        if not folded.any():
+        folded = asked[_folded(centres, vertices, faces[asked], weights, now)]
+        if len(folded):
+            _, near = tree.query(middles[folded], k=range(1, min(_NEAR, len(centres)) + 1))
+            touched = np.unique(near)
+            smoothing[touched] = np.maximum(2.0 * smoothing[touched], _FIRST_SMOOTHING * spacing)
+            apart, _ = KDTree(middles[folded]).query(middles, distance_upper_bound=_AROUND * spacing)
+            asked = np.flatnonzero(np.isfinite(apart))  # elsewhere little changes: looked at again in the end
+        elif len(asked) == len(faces):
             break
-        middles = vertices[faces[folded]].mean(axis=1)
-        _, near = tree.query(middles, k=range(1, min(_NEAR, len(centres)) + 1))
-        touched = np.unique(near)
-        smoothing[touched] = np.maximum(2.0 * smoothing[touched], first)
-    return moved, smoothing, folded
+        else:
+            asked = everywhere
+    weights = spline_weights(centres, columns, smoothing)
+    return _by_move(evaluated(centres, vertices, weights, tick)), smoothing, len(folded)
 
 
 def _folded(
-    centres: FloatArray, vertices: FloatArray, faces: IntArray, weights: FloatArray, moved: FloatArray
+    centres: FloatArray, vertices: FloatArray, faces: IntArray, weights: FloatArray, tick: Tick
 ) -> BoolArray:
     """Whether any move turns a face inside out: its outward side has come to lie inside."""
+    used, corners = np.unique(faces, return_inverse=True)
+    vertices, faces = vertices[used], corners.reshape(faces.shape)
+    moved = _by_move(evaluated(centres, vertices, weights, part_of(tick, 0.0, 0.2)))
     middles = vertices[faces].mean(axis=1)
     normals = _across(vertices, faces)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     step = 1e-3 * np.sqrt(lengths.mean()) * normals / lengths
-    above = evaluated(centres, middles + step, weights) - evaluated(centres, middles, weights)
+    above = evaluated(centres, middles + step, weights, part_of(tick, 0.2, 0.6))
+    above -= evaluated(centres, middles, weights, part_of(tick, 0.6, 1.0))
     folded = np.zeros(len(faces), dtype=bool)
     for outward, move in zip(step + _by_move(above), moved, strict=True):
         folded |= np.einsum("fi,fi->f", outward, _across(vertices + move, faces)) <= 0.0

@@ -10,6 +10,7 @@ from scipy.spatial.distance import cdist
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.errors import NumericalError
+from homolog.progress import Tick, no_tick
 
 __all__ = [
     "MOST_CENTRES",
@@ -123,11 +124,14 @@ def spline_weights(centres: FloatArray, targets: FloatArray, smoothing: float | 
     return weights
 
 
-def evaluated(centres: FloatArray, points: FloatArray, weights: FloatArray) -> FloatArray:
+def evaluated(
+    centres: FloatArray, points: FloatArray, weights: FloatArray, tick: Tick = no_tick
+) -> FloatArray:
     """Return a spline that `spline_weights` solved at the points: (V, 3) to (V, columns)."""
     middle = centres.mean(axis=0)
     parts = []
     for start in range(0, len(points), _CHUNK):
+        tick(start / len(points), "carrying the surface")
         some = points[start : start + _CHUNK]
         basis = np.hstack([cdist(some, centres), np.ones((len(some), 1)), some - middle])
         parts.append(basis @ weights)

@@ -54,8 +54,8 @@ class ResultRecord(_Record):
 
     `ended` says why the optimizer stopped, `metric` which distance kept particles on a surface apart,
     `folded_faces` counts those of the mean surface, `smoothed_particles` those which it follows only on the
-    average, for it would be folded along a mode otherwise, `fingerprint` is a hash of the settings and of
-    every groomed surface, `seconds` the time by phase, `source` where an imported model comes from.
+    average, for it or a mode would have folds otherwise, `fingerprint` is a hash of the settings and of every
+    groomed surface, `seconds` the time by phase, `source` where an imported model comes from.
     """
 
     finished: str
@@ -90,7 +90,7 @@ class ResultRecord(_Record):
         """How the mean surface follows the particles."""
         words = f"{self.folded_faces} folded faces on the mean"
         if self.smoothed_particles:
-            words += f", smoothed around {self.smoothed_particles} particles, where modes would fold it"
+            words += f", smoothed around {self.smoothed_particles} particles, where it would fold"
         return words
 
     @model_validator(mode="after")

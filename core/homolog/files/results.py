@@ -51,8 +51,8 @@ class Result:
     mean_surface : TriangleMesh
         The mean shape, in world coordinates.
     smoothing : (N,) float64 array
-        Of the spline by which the mean surface follows the particles, at each of them [mm]; 0 but where a
-        mode would fold it. See `homolog.analysis.reconstruction.carried`.
+        Of the spline by which the mean surface follows the particles, at each of them [mm]; 0 but where it
+        or a mode would have folds. See `homolog.analysis.reconstruction.carried`.
     """
 
     names: tuple[str, ...]
