@@ -16,6 +16,7 @@ from homolog_app.window.log_pane import LogMemory
 from homolog_app.window.preferences import Preferences
 from homolog_app.window.session import Session
 from homolog_app.window.study_files import ViewRecord, record_of
+from homolog_app.window.sweeper import Sweeper
 from homolog_app.window.theme import Theme
 from homolog_app.window.work import Work
 
@@ -36,6 +37,7 @@ class Desk(QObject):
         self.sessions = home / "sessions"
         self.journal = Journal(self.sessions)
         self.session = Session(self)
+        self.sweeper = Sweeper(self)  # before the computing thread starts
         self.work = Work(self.session, self)
         self.closed = False
         self._held = ExitStack()
@@ -129,5 +131,6 @@ class Desk(QObject):
         self._autosave.stop()
         if not self.work.runner.close():
             _log.error("the computing thread did not stop in time")
+        self.sweeper.close()
         self._held.close()
         self.journal.close()

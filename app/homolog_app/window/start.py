@@ -37,6 +37,7 @@ def start(paths: list[str]) -> int:
     window.show()
 
     def go_on() -> None:
+        window.desk.sweeper.settle()
         if paths:
             window.library.take([Path(one).resolve() for one in paths])
         else:

@@ -1,0 +1,84 @@
+"""Garbage is collected where Qt and VTK may be touched: in the window's thread."""
+
+import gc
+import threading
+
+import pytest
+
+from homolog_app.window.runner import Task
+
+pytestmark = [pytest.mark.window, pytest.mark.timeout(60)]
+
+
+@pytest.fixture
+def collections():
+    """Return a list that every collection adds its thread's name to."""
+    threads = []
+
+    def note(phase, _info):
+        if phase == "start":
+            threads.append(threading.current_thread().name)
+
+    gc.callbacks.append(note)
+    yield threads
+    gc.callbacks.remove(note)
+
+
+class Knot:
+    """Refers to itself, so that only the collector frees it; notes in which thread that was."""
+
+    def __init__(self, freed):
+        self.itself = self
+        self.freed = freed
+
+    def __del__(self):
+        self.freed.append(threading.current_thread().name)
+
+
+def tie_knots(freed):
+    """Return work that leaves garbage and makes the collector, were it on, run in its own thread."""
+
+    def work(tick):
+        for k in range(50):
+            tick(k / 50, "knots")
+            Knot(freed)
+            _ = [[] for _ in range(2000)]
+
+    return work
+
+
+def test_what_the_computing_thread_leaves_is_collected_in_the_windows(make_window, wait, collections):
+    desk = make_window(views=False).desk
+    freed, main = [], threading.current_thread().name
+    ended = []
+    desk.work.runner.ended.connect(ended.append)
+    desk.work.runner.start(Task(tie_knots(freed), "knots"))
+    wait(lambda: ended and len(freed) == 50)
+    assert set(collections) == {main}
+    assert set(freed) == {main}
+
+
+def test_pythons_own_collector_goes_on_when_the_window_is_closed(make_window, close):
+    window = make_window(views=False)
+    assert not gc.isenabled()
+    close(window)
+    assert gc.isenabled()
+
+
+def test_all_garbage_is_collected_now_and_then_but_not_all_the_time(make_window, collections, monkeypatch):
+    sweeper = make_window(views=False).desk.sweeper
+    monkeypatch.setattr("homolog_app.window.sweeper._REST", 1e6)
+    kinds = []
+
+    def note(phase, info):
+        if phase == "start":
+            kinds.append(info["generation"])
+
+    gc.callbacks.append(note)
+    for _ in range(300):
+        _ = [[] for _ in range(2000)]
+        sweeper._sweep()
+    gc.callbacks.remove(note)
+    assert kinds.count(2) == 1
+    assert kinds.count(1) > 3
+    assert kinds.count(0) > 100
