@@ -39,6 +39,7 @@ def measure(options: argparse.Namespace, folder: Path) -> None:
     window.desk.preferences.ask_on_close = False
     window.show()
     window.load_views()
+    window.desk.sweeper.settle()  # as `start` does
 
     def until(condition) -> None:
         while not condition():
