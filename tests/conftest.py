@@ -88,3 +88,25 @@ def _display_fault():
     if not sys.platform.startswith("linux") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         return ""
     return "no display server: run under Xvfb, as .ci/run does, to test the window"
+
+
+@pytest.fixture(scope="session")
+def unit_sphere():
+    """Return a function that spreads points evenly on the unit sphere: (n, 3) points and outward faces."""
+    import numpy as np
+    from scipy.spatial import ConvexHull
+
+    def spread(count):
+        index = np.arange(count)
+        height = 1.0 - (2.0 * index + 1.0) / count
+        turn = np.pi * (1.0 + 5**0.5) * index
+        radius = np.sqrt(1.0 - height**2)
+        points = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
+        faces = ConvexHull(points).simplices.copy()
+        corners = points[faces]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        inward = np.einsum("fi,fi->f", normals, corners.mean(axis=1)) < 0
+        faces[inward] = faces[inward][:, ::-1]
+        return points, faces
+
+    return spread

@@ -5,7 +5,6 @@ import subprocess
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
 
 
 @pytest.fixture(scope="session")
@@ -21,23 +20,3 @@ def decode():
         return facts, np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3).astype(int)
 
     return decoded
-
-
-@pytest.fixture(scope="session")
-def unit_sphere():
-    """Return a function that spreads points evenly on the unit sphere: (n, 3) points and outward faces."""
-
-    def spread(count):
-        index = np.arange(count)
-        height = 1.0 - (2.0 * index + 1.0) / count
-        turn = np.pi * (1.0 + 5**0.5) * index
-        radius = np.sqrt(1.0 - height**2)
-        points = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
-        faces = ConvexHull(points).simplices.copy()
-        corners = points[faces]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        inward = np.einsum("fi,fi->f", normals, corners.mean(axis=1)) < 0
-        faces[inward] = faces[inward][:, ::-1]
-        return points, faces
-
-    return spread

@@ -1,7 +1,7 @@
 """Python's garbage is collected in the window's thread only.
 
-The collector runs in whichever thread happens to allocate. In the computing thread it would destroy what Qt
-and VTK own there, such as a closed dialog that refers to itself, and these may be touched in one thread only.
+The collector runs in whichever thread happens to allocate. In the computing thread it may destroy what Qt
+and VTK own in the window's, where alone these may be touched: a closed dialog that refers to itself, say.
 """
 
 import gc

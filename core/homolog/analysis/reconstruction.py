@@ -100,11 +100,11 @@ def mean_surface(
     start, centres = particles[chosen], mean[chosen]
     none = np.zeros(len(chosen))
     warp = (centres - start)[None]
-    there, near, folded = _unfolded(start, vertices, faces, warp, none, part_of(tick, 0.0, 0.5))
-    warped = vertices + there[0]
+    near, folded = _unfolded(start, vertices, faces, warp, none, part_of(tick, 0.0, 0.5))
+    warped = vertices + thin_plate_moved(start, vertices, warp, near)[0]
     if moves is not None and len(moves):
         both = np.concatenate([moves, -moves])[:, chosen]
-        _, near, _ = _unfolded(centres, warped, faces, both, near, part_of(tick, 0.5, 1.0))
+        near, _ = _unfolded(centres, warped, faces, both, near, part_of(tick, 0.5, 1.0))
     smoothing = np.zeros(len(mean))
     smoothing[chosen] = near
     return MeanSurface(warped, faces, smoothing, folded)
@@ -152,10 +152,10 @@ def _unfolded(
     moves: FloatArray,
     smoothing: FloatArray,
     tick: Tick,
-) -> tuple[FloatArray, FloatArray, int]:
+) -> tuple[FloatArray, int]:
     """Smooth the spline until no move (K, n, 3) of its centres folds a face.
 
-    Returns how each moves the vertices (K, V, 3), the smoothing, and how many faces are folded even so.
+    Returns the smoothing, and how many faces are folded even so.
     """
     tree, spacing = KDTree(centres), _mean_spacing(centres)
     columns = moves.transpose(1, 0, 2).reshape(len(centres), -1)
@@ -175,8 +175,7 @@ def _unfolded(
             break
         else:
             asked = everywhere
-    weights = spline_weights(centres, columns, smoothing)
-    return _by_move(evaluated(centres, vertices, weights, tick)), smoothing, len(folded)
+    return smoothing, len(folded)
 
 
 def _folded(

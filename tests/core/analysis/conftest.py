@@ -45,18 +45,6 @@ def covariates():
 
 
 @pytest.fixture
-def sphere():
+def sphere(unit_sphere):
     """Vertices and outward faces of a unit sphere."""
-    from scipy.spatial import ConvexHull
-
-    index = np.arange(800)
-    height = 1.0 - (2.0 * index + 1.0) / 800
-    turn = np.pi * (1.0 + 5**0.5) * index
-    radius = np.sqrt(1.0 - height**2)
-    vertices = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
-    faces = ConvexHull(vertices).simplices.copy()
-    corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("fi,fi->f", normals, corners.mean(axis=1)) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    return vertices, faces
+    return unit_sphere(800)

@@ -33,7 +33,7 @@ def test_a_surface_that_nothing_folds_has_no_smoothing(project):
     assert not (project.model / "smoothing.npz").exists()
 
 
-def test_particles_torn_apart_along_a_mode_are_told_and_the_surface_stays_whole(project):
+def test_particles_torn_apart_along_a_mode_are_smoothed_over_and_told(project):
     local = np.array(read_result(project).local)
     amounts = np.linspace(-8.0, 8.0, len(local))
     patch = np.argsort(np.linalg.norm(local[0] - local[0, 0], axis=1))[:6]
