@@ -35,8 +35,12 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 
 def run(arguments: argparse.Namespace) -> int:
     """Export; returns the exit code."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ended by the window: tidy up as for Ctrl-C
-    return int(_modules()[arguments.what].run(arguments))
+    # Ended by the window: tidy up as for Ctrl-C.
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        return int(_modules()[arguments.what].run(arguments))
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _modules() -> dict[str, ModuleType]:

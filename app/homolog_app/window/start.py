@@ -3,8 +3,11 @@
 import faulthandler
 import importlib
 import logging
+import signal
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
@@ -19,7 +22,7 @@ from homolog_app.window.main_window import MainWindow
 from homolog_app.window.preferences import Preferences
 from homolog_app.window.theme import Theme
 
-__all__ = ["make_application", "make_window", "start"]
+__all__ = ["interrupt_closes", "make_application", "make_window", "start"]
 
 _log = logging.getLogger("homolog_app")
 _LOOK_MS = 50
@@ -45,7 +48,8 @@ def start(paths: list[str]) -> int:
 
     window.views_ready.connect(go_on)
     _load_views_soon(window)
-    code = app.exec()
+    with interrupt_closes(window):
+        code = app.exec()
     faulthandler.disable()
     faults.close()
     return code
@@ -75,6 +79,29 @@ def make_window(app: QApplication, home: Path) -> MainWindow:
     window = MainWindow(Desk(home, theme, memory))
     window.destroyed.connect(lambda: root.removeHandler(memory))
     return window
+
+
+@contextmanager
+def interrupt_closes(window: MainWindow) -> Iterator[None]:
+    """Let Ctrl-C close the window as its own button does, and a second one meanwhile end the program.
+
+    Python's own answer is an exception wherever the interpreter happens to be. In a call from Qt whose
+    arguments are just being made, PySide crashes of it.
+    """
+
+    def close() -> None:
+        if not window.close():  # the user has answered that it is to go on
+            signal.signal(signal.SIGINT, handle)
+
+    def handle(_number: int, _frame: object) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        QTimer.singleShot(0, window, close)
+
+    before = signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _load_views_soon(window: MainWindow) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 import homolog_app.window
 
-pytestmark = [pytest.mark.window, pytest.mark.timeout(600)]
+pytestmark = pytest.mark.window
 
 TEXT = 4.5  # WCAG 2.2, level AA
 ENLARGED = 3  # texts are measured larger: their strokes are then more than blurred edges

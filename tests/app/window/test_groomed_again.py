@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-pytestmark = [pytest.mark.window, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.window
 
 
 @pytest.fixture

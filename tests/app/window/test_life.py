@@ -2,6 +2,7 @@
 
 import gc
 import random
+import signal
 import subprocess
 import sys
 import time
@@ -85,6 +86,23 @@ def test_a_window_closed_in_mid_run_leaves_nothing_behind(groomed, close, wait):
 def test_windows_can_be_opened_and_closed_again_and_again(make_window, close):
     for _ in range(4):
         close(make_window())
+
+
+def test_an_interrupt_closes_the_window_unless_the_user_lets_it_go_on(make_window, wait, monkeypatch):
+    from homolog_app.window.start import interrupt_closes
+
+    window, before = make_window(views=False), signal.getsignal(signal.SIGINT)
+    answers = [False, True]
+    monkeypatch.setattr(window.library, "may_leave", lambda: answers.pop(0))
+    with interrupt_closes(window):
+        signal.raise_signal(signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL  # a second one would end the program
+        wait(lambda: signal.getsignal(signal.SIGINT) is not signal.SIG_DFL)
+        assert window.isVisible()
+        signal.raise_signal(signal.SIGINT)
+        wait(lambda: not window.isVisible())
+    assert not answers
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_a_closed_window_lets_go_of_everything_that_vtk_draws(qapp, ellipsoids, close, wait, tmp_path):

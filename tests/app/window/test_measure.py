@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 
-pytestmark = [pytest.mark.window, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.window
 
 
 @pytest.fixture

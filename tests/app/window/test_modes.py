@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-pytestmark = [pytest.mark.window, pytest.mark.timeout(600)]
+pytestmark = pytest.mark.window
 
 
 @pytest.fixture

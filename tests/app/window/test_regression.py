@@ -5,7 +5,7 @@ import shlex
 import numpy as np
 import pytest
 
-pytestmark = [pytest.mark.window, pytest.mark.timeout(600)]
+pytestmark = pytest.mark.window
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-pytestmark = [pytest.mark.window, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.window
 
 
 def pixels(path):
