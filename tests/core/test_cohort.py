@@ -126,6 +126,34 @@ def test_an_empty_folder_is_refused(tmp_path):
         read_cohort(tmp_path)
 
 
+def place(folder, *names):
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(b"")
+
+
+def test_a_folder_above_the_one_with_the_files_will_do(tmp_path):
+    place(tmp_path, "subjects.csv", "labels/b.nrrd", "labels/a.nii.gz", "figures/a.png")
+    assert [(one.name, one.path) for one in read_cohort(tmp_path).subjects] == [
+        ("a", tmp_path / "labels" / "a.nii.gz"), ("b", tmp_path / "labels" / "b.nrrd"),
+    ]  # fmt: skip
+
+
+def test_folders_of_one_file_each_name_the_subjects(tmp_path):
+    place(tmp_path, "anna/mask.nii.gz", "anna/scan.txt", "bert/mask.nii.gz", ".trash/x/mask.nii.gz")
+    place(tmp_path, "bert/mask.mrk.json")
+    assert [(one.name, one.path, one.landmarks) for one in read_cohort(tmp_path).subjects] == [
+        ("anna", tmp_path / "anna" / "mask.nii.gz", None),
+        ("bert", tmp_path / "bert" / "mask.nii.gz", tmp_path / "bert" / "mask.mrk.json"),
+    ]
+
+
+def test_folders_of_which_any_may_be_meant_are_named(tmp_path):
+    place(tmp_path, "labels/a.nrrd", "labels/b.nrrd", "meshes/a.ply", "meshes/b.ply", "other/c.ply")
+    with pytest.raises(InputError, match=r"labels \(2\), meshes \(2\); give one of them, or a cohort\.csv"):
+        read_cohort(tmp_path)
+
+
 def test_what_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match="there is no such folder or file"):
         read_cohort(tmp_path / "gone")

@@ -1,0 +1,63 @@
+"""Who is studied: the subjects' names, files and groups."""
+
+from collections import Counter
+from pathlib import Path
+
+from homolog.cohort.folder import dicom_files, is_dicom_seg, read_folder
+from homolog.cohort.manifest import MANIFEST, read_manifest
+from homolog.cohort.subject import (
+    IMAGE_SUFFIXES,
+    MESH_SUFFIXES,
+    Cohort,
+    Subject,
+    checked_path,
+    landmarks_beside,
+    suffix_of,
+)
+from homolog.errors import InputError
+
+__all__ = [
+    "IMAGE_SUFFIXES",
+    "MESH_SUFFIXES",
+    "Cohort",
+    "Subject",
+    "checked_path",
+    "dicom_files",
+    "is_dicom_seg",
+    "landmarks_beside",
+    "read_cohort",
+    "suffix_of",
+]
+
+
+def read_cohort(path: Path) -> Cohort:
+    """Read a cohort from a folder of segmentations or meshes, or from a table.
+
+    Parameters
+    ----------
+    path : Path
+        A folder, or a CSV file with the columns ``name,path[,group,…]``; relative paths start at the
+        file's own folder. A folder that holds a ``cohort.csv`` is read through it. If it holds folders only,
+        one with all files is read, or the single file of each, which then names the subject.
+
+    Raises
+    ------
+    InputError
+        If nothing is there, a column or value is missing, or two subjects have the same name.
+    """
+    path = Path(path)
+    if path.is_dir():
+        manifest = path / MANIFEST
+        cohort = read_manifest(manifest) if manifest.is_file() else read_folder(path)
+    elif path.is_file() and path.suffix.lower() == ".csv":
+        cohort = read_manifest(path)
+    elif path.is_file():
+        raise InputError(
+            f"{path}: is one file; give the folder that holds the cohort's files, or a cohort.csv"
+        )
+    else:
+        raise InputError(f"{path}: there is no such folder or file; correct the path")
+    repeated = [name for name, count in Counter(one.name for one in cohort.subjects).items() if count > 1]
+    if repeated:
+        raise InputError(f"{path}: several subjects are called {', '.join(repeated)}; give each its own name")
+    return cohort

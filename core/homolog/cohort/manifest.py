@@ -1,0 +1,69 @@
+"""A cohort from a table of names, files, groups and whatever else is known of the subjects."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from homolog.cohort.subject import Cohort, Subject, checked_path, landmarks_beside
+from homolog.errors import InputError
+from homolog.spreadsheets import read_rows
+
+__all__ = ["MANIFEST", "read_manifest"]
+
+MANIFEST = "cohort.csv"
+_OWN_COLUMNS = ("name", "path", "group", "landmarks")
+_BAD_IN_NAMES = set('/\\:*?"<>|') | {chr(code) for code in range(32)}
+
+
+def read_manifest(path: Path) -> Cohort:
+    """Return the cohort of a table; raises InputError if a column or value is missing or bad."""
+    columns, rows = read_rows(path)
+    others = [one for one in columns if one not in _OWN_COLUMNS]
+    own = {one: one.lower() for one in others if one.lower() in set(_OWN_COLUMNS) - set(columns)}
+    missing = [name for name in ("name", "path") if name not in (*columns, *own.values())]
+    if missing:
+        raise InputError(
+            f"{path}: lacks the column {' and '.join(missing)}; the first line must be name,path,group"
+        )
+    if not rows:
+        raise InputError(f"{path}: lists no subject; add a line for each: name,path,group")
+    subjects = [
+        _subject({own.get(key, key): one for key, one in row.items()}, path, line) for line, row in rows
+    ]
+    files: dict[Path, list[str]] = {}
+    for one in subjects:
+        files.setdefault(one.path, []).append(one.name)
+    for file, names in files.items():
+        if len(set(names)) > 1:
+            raise InputError(f"{path}: {' and '.join(names)} are one file, {file.name}; give each its own")
+    return Cohort(tuple(subjects), path.parent)
+
+
+def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:
+    for column in ("name", "path"):
+        if not row[column]:
+            raise InputError(f"{manifest}, line {line}: the {column} is empty")
+    bad = sorted(_BAD_IN_NAMES & set(row["name"]))
+    if bad or row["name"] in (".", ".."):
+        raise InputError(f"{manifest}, line {line}: {row['name']!r} can't be a file name; rename the subject")
+    try:
+        for column in ("path", "landmarks"):
+            checked_path(row.get(column) or "")
+    except ValueError as error:
+        raise InputError(f"{manifest}, line {line}: the {column} {error}; correct it") from error
+    further = {key: value for key, value in row.items() if key not in _OWN_COLUMNS}
+    path, landmarks = _place(manifest.parent, row["path"]), row.get("landmarks")
+    return Subject(
+        name=row["name"],
+        path=path,
+        group=row.get("group") or None,
+        columns=MappingProxyType(further),
+        landmarks=_place(manifest.parent, landmarks) if landmarks else landmarks_beside(path),
+    )
+
+
+def _place(folder: Path, text: str) -> Path:
+    """Return where a path of a table leads; a relative one may be written with backslashes."""
+    place = folder / text
+    return place if os.path.exists(place) else folder / text.replace("\\", "/")

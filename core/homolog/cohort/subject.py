@@ -1,0 +1,121 @@
+"""Subjects, and the files that they may come from."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+
+from homolog.errors import InputError
+
+__all__ = [
+    "IMAGE_SUFFIXES",
+    "MESH_SUFFIXES",
+    "Cohort",
+    "Subject",
+    "checked_path",
+    "landmarks_beside",
+    "suffix_of",
+]
+
+IMAGE_SUFFIXES = (".nii.gz", ".nii", ".seg.nrrd", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm")
+MESH_SUFFIXES = (".vtp", ".vtk", ".ply", ".stl", ".obj")
+
+_MARKUPS = ".mrk.json"
+_LONGEST_PATH, _LONGEST_PART = 4000, 255  # characters; bytes between two slashes
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """One shape of the study.
+
+    Attributes
+    ----------
+    name : str
+        Unique within the cohort and fit for a file name.
+    path : Path
+        Segmentation (a file, or the folder of a DICOM series) or closed surface mesh.
+    group : str or None
+        Value of the manifest's ``group`` column, if any.
+    columns : mapping of str to str
+        The manifest's further columns, kept as they are.
+    landmarks : Path or None
+        Slicer markups of its landmarks: the manifest's ``landmarks`` column, or ``<file>.mrk.json`` beside
+        the file, where ``<file>`` is its name without suffix.
+    """
+
+    name: str
+    path: Path
+    group: str | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+    landmarks: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse names that are no text, as files of other systems may have: SimpleITK aborts on them."""
+        for one in (self.path, self.landmarks):
+            try:
+                str(one or "").encode()
+            except UnicodeEncodeError as error:
+                shown = os.fsencode(str(one)).decode("utf-8", "backslashreplace")
+                raise InputError(f"{shown}: its name is no text in UTF-8; rename it") from error
+
+    @property
+    def is_mesh(self) -> bool:
+        """Whether the file is a surface mesh rather than a segmentation."""
+        return suffix_of(self.path) in MESH_SUFFIXES
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle the columns as a plain dict; `__getstate__` is not honoured by Python 3.11.2's slots."""
+        return _subject_of, (self.name, self.path, self.group, dict(self.columns), self.landmarks)
+
+
+def _subject_of(
+    name: str, path: Path, group: str | None, columns: dict[str, str], landmarks: Path | None
+) -> Subject:
+    return Subject(name, path, group, MappingProxyType(columns), landmarks)
+
+
+@dataclass(frozen=True, slots=True)
+class Cohort:
+    """The subjects of a study, in the order in which every result lists them.
+
+    Attributes
+    ----------
+    subjects : tuple of Subject
+        Sorted by name if read from a folder, in file order if read from a manifest.
+    folder : Path
+        Where the subjects' relative paths start.
+    """
+
+    subjects: tuple[Subject, ...]
+    folder: Path
+
+    def without(self, names: set[str]) -> "Cohort":
+        """Return the cohort without the named subjects."""
+        return Cohort(tuple(one for one in self.subjects if one.name not in names), self.folder)
+
+
+def suffix_of(path: Path) -> str:
+    """Return the known suffix that a file ends in, in lower case (``".nii.gz"``); else its last one."""
+    name = path.name.lower()
+    known = [one for one in IMAGE_SUFFIXES + MESH_SUFFIXES if name.endswith(one)]
+    return known[0] if known else path.suffix.lower()
+
+
+def landmarks_beside(path: Path) -> Path | None:
+    """Return the markups file that lies beside a subject's file under its name, if there is one."""
+    stem = path.name[: len(path.name) - len(suffix_of(path))]
+    beside = path.parent / (stem + _MARKUPS)  # with_name knows no root
+    return beside if beside.is_file() else None
+
+
+def checked_path(text: str) -> str:
+    """Return the text of a path; raises ValueError if no system would take it for one."""
+    parts = text.replace("\\", "/").split("/")
+    if (
+        "\0" in text
+        or len(text) > _LONGEST_PATH
+        or any(len(os.fsencode(one)) > _LONGEST_PART for one in parts)
+    ):
+        raise ValueError("can't be a path: it is too long, or holds characters that no path has")
+    return text
