@@ -13,7 +13,7 @@ pytest.importorskip("PySide6.QtWidgets")
 
 
 def pytest_collection_modifyitems(items):
-    """Let a window test that hangs end the whole run.
+    """Let what Qt warns of fail a test of the window, and one that hangs end the whole run.
 
     The other way to end it, an exception out of a signal handler, crashes PySide where it happens to be
     making the arguments of a call into Python.
@@ -21,6 +21,7 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.path.is_relative_to(Path(__file__).parent):
             item.add_marker(pytest.mark.timeout(900, method="thread"))
+            item.add_marker(pytest.mark.qt_log_level_fail("WARNING"))
 
 
 @pytest.fixture(scope="session")

@@ -154,6 +154,14 @@ def test_cancelling_the_search_leaves_it_to_be_asked_for_again(window, swapped, 
     assert not errors
 
 
+@pytest.mark.parametrize("count", [0, 1, None])
+def test_the_scheme_can_change_whatever_number_of_suspects_is_listed(checking, count):
+    page = page_of(checking)
+    page.rows.show_suspects(page.rows.suspects[:count], ["a", "b", "c", "d"])
+    for scheme in ("dark", "light"):
+        checking.desk.theme.choose(scheme)  # what Qt warns of would fail the test
+
+
 def test_a_clicked_particle_is_ringed_on_every_shape_with_its_normals(checking, wait):
     page, scene = page_of(checking), checking.views.stage.scene
     checking.commands["view.front"].trigger()

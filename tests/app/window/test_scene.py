@@ -1,13 +1,16 @@
 """The views: letters, colours, pages, pictures."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from homolog_app.window.scene.colours import colours_by_place
-from homolog_app.window.scene.content import Content
+from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scene.kept import KEPT, read_shown, write_shown
 from homolog_app.window.scene.letters import direction_letters, edge_letters
+from homolog_app.window.scene.offscreen import drawn
 
 
 @pytest.mark.parametrize(
@@ -50,6 +53,26 @@ def pixels(image):
 
 @pytest.mark.window
 class TestViews:
+    def test_a_line_inside_a_shape_is_seen_through_it_only_if_that_is_wanted(self, beans):
+        scene = beans.views.stage.scene
+        beans.commands["view.grid1"].trigger()
+        content = scene.shown[0]
+        middle = (content.raw.vertices @ content.alignment[:3, :3].T + content.alignment[:3, 3]).mean(axis=0)
+        line = (middle + np.array([[-3.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))[None]
+        without, within, through = (
+            drawn(Shown([replace(content, **marks)], 1), scene.canvas).astype(int)
+            for marks in ({}, {"lines": line}, {"lines": line, "through": True})
+        )
+        np.testing.assert_array_equal(within, without)
+        darker = (through - without)[..., :3].sum(axis=2) < -30
+        assert 50 < darker.sum() < 0.01 * darker.size
+
+    def test_a_kept_view_says_what_is_seen_through_its_shape(self, beans, tmp_path):
+        scene, path = beans.views.stage.scene, tmp_path / f"a{KEPT}"
+        plain, other = scene.shown[:2]
+        write_shown(path, Shown([plain, replace(other, through=True)], 2), scene.canvas)
+        assert [one.through for one in read_shown(path)[0].contents] == [False, True]
+
     def test_every_layout_shows_its_number_of_subjects_and_pages_through_the_rest(self, beans):
         scene = beans.views.stage.scene
         for command, count, pages in (("view.grid1", 1, 4), ("view.grid4", 4, 1), ("view.grid16", 16, 1)):

@@ -82,7 +82,9 @@ def checked_scene(
     if marks.show == "distances" and marks.distances is not None:
         return _distances(subjects, inspection, marks.distances, names)
     contents = [
-        replace(one, lines=_rings(inspection, number[one.name], marks)) if one.name in number else one
+        replace(one, lines=_rings(inspection, number[one.name], marks), through=True)
+        if one.name in number
+        else one
         for one in subjects
     ]
     if marks.show == "neighbours" and marks.particle is not None:
@@ -139,7 +141,15 @@ def _distances(
     scale = _distance_scale("Distance from the place", limit, "one scale for both")
     ring = _circles(inspection, distances.subject, distances.place[None], distances.normal[None])
     contents = [
-        replace(own, name=f"{name}: {words}", raw=None, note="", colours=scale.colours(values), lines=ring)
+        replace(
+            own,
+            name=f"{name}: {words}",
+            raw=None,
+            note="",
+            colours=scale.colours(values),
+            lines=ring,
+            through=True,
+        )
         for words, values in ((ALONG, distances.along), (STRAIGHT, distances.straight))
     ]
     return Shown(contents, columns=2, scale=scale, particles={})

@@ -33,15 +33,17 @@ class SuspectModel(QAbstractTableModel):
         self._theme = theme
         self.suspects: Sequence[Suspect] = ()
         self._names: Sequence[str] = ()
-        theme.changed.connect(
-            lambda: self.dataChanged.emit(self.index(0, 0), self.index(len(self.suspects), 0))
-        )
+        theme.changed.connect(self._refresh_icons)
 
     def show_suspects(self, suspects: "Sequence[Suspect]", names: Sequence[str]) -> None:
         """Show other suspects; `names` are those of the subjects."""
         self.beginResetModel()
         self.suspects, self._names = suspects, names
         self.endResetModel()
+
+    def _refresh_icons(self) -> None:
+        if self.suspects:
+            self.dataChanged.emit(self.index(0, 0), self.index(len(self.suspects) - 1, 0))
 
     def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's own default
         """Return the number of suspects."""

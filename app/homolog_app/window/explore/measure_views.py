@@ -42,4 +42,4 @@ def _with_pins(content: Content, ends: FloatArray) -> Content:
     vertices = content.groomed.vertices
     at = [int(np.square(vertices - end).sum(axis=1).argmin()) for end in ends]
     pins = -_PIN * float(np.ptp(vertices, axis=0).max()) * np.asarray(content.normals, np.float64)[at]
-    return replace(content, arrows=Arrows(ends - pins, pins), lines=ends[None])
+    return replace(content, arrows=Arrows(ends - pins, pins), lines=ends[None], through=True)

@@ -58,7 +58,8 @@ class Cell:
         self._ball_data = vtkPolyData()
         self._radius = 1.0
         self._make_balls()
-        for actor in (*self._surfaces.values(), self._arrows.actor, self._lines.actor, self._balls):
+        self._marks = [one for mark in (self._arrows, self._lines) for one in (mark.actor, mark.hidden)]
+        for actor in (*self._surfaces.values(), *self._marks, self._balls):
             renderer.AddActor(actor)
         self._words = Words(renderer)
         for place, strength in _LIGHTS:
@@ -82,8 +83,9 @@ class Cell:
         self._meshes = self._take_meshes(content, before) if content is not None else {}
         if content is not None and content.groomed is not None:
             paint_surface(self._meshes["groomed"], content.colours)
-        self._arrows.show(content.arrows if content is not None else None)
-        self._lines.show(content.lines if content is not None else None)
+        through = content is not None and content.through
+        self._arrows.show(content.arrows if content is not None else None, through)
+        self._lines.show(content.lines if content is not None else None, through)
         if before is None or content is None or before.name != content.name:
             self.show_particles(None, None, 1.0)
 
@@ -145,7 +147,7 @@ class Cell:
         self.renderer.SetBackground(*rgb(colours.scene))
         self._surfaces["groomed"].GetProperty().SetColor(*rgb(colours.bone))
         self._surfaces["raw"].GetProperty().SetColor(*rgb(colours.raw))
-        for actor in (self._arrows.actor, self._lines.actor):
+        for actor in self._marks:
             actor.GetProperty().SetColor(*rgb(colours.mark))
         self._words.paint(colours)
 

@@ -51,6 +51,8 @@ class Content:
     arrows : Arrows, optional
     lines : (S, 2, 3) array, optional
         Line segments [mm] in the coordinates that are shown, such as the border of a region.
+    through : bool
+        Whether arrows and lines that lie behind the surface are seen faintly through it.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Content:
     normals: Array | None = None
     arrows: Arrows | None = None
     lines: FloatArray | None = None
+    through: bool = False
 
     @property
     def patient_axes(self) -> FloatArray:

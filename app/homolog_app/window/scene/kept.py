@@ -122,6 +122,8 @@ def _arrays_of(content: Content, shown: Shown) -> _Arrays:
             arrays |= {f"{name}.vertices": mesh.vertices, f"{name}.faces": mesh.faces}
     if content.arrows is not None:
         arrays |= {"arrows.points": content.arrows.points, "arrows.vectors": content.arrows.vectors}
+    if content.through:
+        arrays["through"] = np.array(True)
     arrays |= {name: one for name in _EACH if (one := getattr(content, name)) is not None}
     if shown.particles and content.name in shown.particles:
         arrays["particles"] = shown.particles[content.name]
@@ -148,6 +150,7 @@ def _content(name: str, note: str, arrays: _Arrays) -> Content:
         name, alignment=_table(arrays, "alignment", 4, (4,)), note=note, arrows=arrows, lines=lines, **meshes,
         colours=_table(arrays, "colours", points, kind="u1") if "colours" in arrays else None,
         normals=_table(arrays, "normals", points) if "normals" in arrays else None,
+        through="through" in arrays,
     )  # fmt: skip
 
 

@@ -28,6 +28,10 @@ __all__ = [
 PLAIN = (0.22, 0.78, 0.08)
 """Ambient, diffuse and specular part of the light on surfaces of one colour."""
 
+_IN_FRONT = -66000.0
+"""Units of depth, of which there are 65536 from the eye to the horizon."""
+_FAINT = 0.35
+
 Vtk = Any  # VTK is untyped
 
 
@@ -94,12 +98,15 @@ class ArrowActor:
         glyphs.SetInputData(self._data)
         glyphs.SetVectorModeToUseVector()
         glyphs.SetScaleModeToScaleByVector()
-        self.actor = _plain_actor()
-        self.actor.GetMapper().SetInputConnection(glyphs.GetOutputPort())
+        self.actor, self.hidden = _plain_actor(), _hidden_actor()
+        for actor in (self.actor, self.hidden):
+            actor.GetMapper().SetInputConnection(glyphs.GetOutputPort())
 
-    def show(self, arrows: Arrows | None) -> None:
-        """Show arrows, or none."""
-        self.actor.SetVisibility(arrows is not None and len(arrows.points) > 0)
+    def show(self, arrows: Arrows | None, through: bool) -> None:
+        """Show arrows, or none; also faintly what of them lies behind a surface."""
+        shown = arrows is not None and len(arrows.points) > 0
+        self.actor.SetVisibility(shown)
+        self.hidden.SetVisibility(shown and through)
         if arrows is not None:
             points = vtkPoints()
             points.SetData(_array(arrows.points))
@@ -113,14 +120,17 @@ class LineActor:
 
     def __init__(self) -> None:
         self._data = vtkPolyData()
-        self.actor = _plain_actor()
-        self.actor.GetMapper().SetInputData(self._data)
-        self.actor.GetProperty().SetLineWidth(2.0)
-        self.actor.GetProperty().LightingOff()
+        self.actor, self.hidden = _plain_actor(), _hidden_actor()
+        for actor in (self.actor, self.hidden):
+            actor.GetMapper().SetInputData(self._data)
+            actor.GetProperty().SetLineWidth(2.0)
+            actor.GetProperty().LightingOff()
 
-    def show(self, lines: FloatArray | None) -> None:
-        """Show segments (S, 2, 3), or none."""
-        self.actor.SetVisibility(lines is not None and len(lines) > 0)
+    def show(self, lines: FloatArray | None, through: bool) -> None:
+        """Show segments (S, 2, 3), or none; also faintly what of them lies behind a surface."""
+        shown = lines is not None and len(lines) > 0
+        self.actor.SetVisibility(shown)
+        self.hidden.SetVisibility(shown and through)
         if lines is not None:
             points = vtkPoints()
             points.SetData(_array(np.reshape(lines, (-1, 3))))
@@ -149,6 +159,17 @@ def _plain_actor() -> Vtk:
     actor = vtkActor()
     actor.SetMapper(mapper)
     actor.SetVisibility(False)
+    return actor
+
+
+def _hidden_actor() -> Vtk:
+    """Return an actor that is drawn in front of everything, but faintly."""
+    actor = _plain_actor()
+    mapper = actor.GetMapper()
+    mapper.SetResolveCoincidentTopologyToPolygonOffset()
+    mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0.0, _IN_FRONT)
+    mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(0.0, _IN_FRONT)
+    actor.GetProperty().SetOpacity(_FAINT)
     return actor
 
 
