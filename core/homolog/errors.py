@@ -1,6 +1,6 @@
 """What can go wrong, by who can mend it."""
 
-__all__ = ["Cancelled", "HomologError", "InputError", "NumericalError"]
+__all__ = ["Cancelled", "HomologError", "InputError", "NumericalError", "words_for"]
 
 
 class HomologError(Exception):
@@ -17,3 +17,15 @@ class NumericalError(HomologError):
 
 class Cancelled(HomologError):
     """The user cancelled; raised by a tick, never shown as an error."""
+
+
+def words_for(error: BaseException) -> str | None:
+    """Return what to tell the user of an error, or None if it is a defect of the program.
+
+    What the system says of a file that it names, such as that it may not be read, the user can mend too.
+    """
+    if isinstance(error, InputError | NumericalError):
+        return str(error)
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}; see who may read or write it, or choose another place"
+    return None

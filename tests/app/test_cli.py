@@ -48,6 +48,10 @@ def test_a_wrong_use_ends_with_two_and_a_hint(words, capsys):
     [
         (InputError("a: is empty\nb: is missing"), 2, "homolog: a: is empty\nhomolog: b: is missing\n"),
         (NumericalError("a: no surface"), 1, "homolog: a: no surface\n"),
+        (
+            PermissionError(13, "Permission denied", "/x/a.nrrd"), 2,
+            "homolog: /x/a.nrrd: Permission denied; see who may read or write it, or choose another place\n",
+        ),
         (Cancelled("cancelled"), 130, "cancelled\n"),
         (KeyboardInterrupt(), 130, "cancelled\n"),
     ],
@@ -61,12 +65,13 @@ def test_errors_become_lines_and_exit_codes(monkeypatch, capsys, error, code, te
     assert capsys.readouterr().err == text
 
 
-def test_a_bug_is_not_hidden(monkeypatch):
+@pytest.mark.parametrize("kind", [ZeroDivisionError, OSError])
+def test_a_bug_is_not_hidden(monkeypatch, kind):
     def fail(arguments):
-        raise ZeroDivisionError
+        raise kind
 
     monkeypatch.setattr("homolog_app.cli.info.run", fail)
-    with pytest.raises(ZeroDivisionError):
+    with pytest.raises(kind):
         main(["info", "."])
 
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from types import ModuleType
 
 from homolog import __version__
-from homolog.errors import Cancelled, InputError, NumericalError
+from homolog.errors import Cancelled, InputError, NumericalError, words_for
 
 __all__ = ["CANCELLED", "INPUT_ERROR", "OK", "PROGRAM_ERROR", "main"]
 
@@ -37,16 +37,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     parser, modules = _parser()
     arguments = parser.parse_args(argv)
-    if arguments.command is None:
-        return _open_window()
     try:
+        if arguments.command is None:
+            return _open_window()
         return int(modules[arguments.command].run(arguments))
-    except InputError as error:
-        _complain(error)
-        return INPUT_ERROR
-    except NumericalError as error:
-        _complain(error)
-        return PROGRAM_ERROR
+    except (InputError, NumericalError, OSError) as error:
+        words = words_for(error)
+        if words is None:
+            raise
+        _complain(words)
+        return PROGRAM_ERROR if isinstance(error, NumericalError) else INPUT_ERROR
     except (Cancelled, KeyboardInterrupt):
         sys.stderr.write("cancelled\n")
         return CANCELLED
@@ -75,7 +75,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, ModuleType]]:
     return parser, modules
 
 
-def _complain(error: Exception) -> None:
+def _complain(words: str) -> None:
     """Print one line for each thing that is wrong."""
-    for line in str(error).splitlines():
+    for line in words.splitlines():
         sys.stderr.write(f"homolog: {line}\n")

@@ -82,7 +82,7 @@ def reported(method: "_Method[_AnyPart, _Given]") -> "_Method[_AnyPart, _Given]"
     def wrapper(self: _AnyPart, *args: _Given.args, **kwargs: _Given.kwargs) -> None:
         try:
             method(self, *args, **kwargs)
-        except HomologError as error:
+        except (HomologError, OSError) as error:
             _log.warning("%s", error)
             self.show_error(method.__name__, error)
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from homolog.cohort import read_cohort
-from homolog.errors import InputError
+from homolog.errors import InputError, words_for
 from homolog_app.cli import main
 from homolog_app.window.quantities import millilitres
 
@@ -213,6 +213,17 @@ def test_an_error_says_what_to_do_and_folds_its_details(window):
     assert "a: holds no voxel; segment it" in words
     assert not dialog.details.isVisibleTo(dialog)
     dialog.close()
+
+
+@pytest.mark.window
+def test_what_the_system_refuses_is_said_with_the_file(window, errors, monkeypatch, tmp_path):
+    def refuse(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr("homolog_app.window.study.read_cohort", refuse)
+    window.library.take([tmp_path])
+    ((_, error),) = errors
+    assert words_for(error).startswith(f"{tmp_path}: Permission denied; see who")
 
 
 @pytest.mark.window
