@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     project = Project(arguments.project)
     scalings = {"both": (False, True), "with": (False,), "without": (True,)}[arguments.size]
     lines = []
-    with project.locked(), show_progress(arguments.progress) as progress:
+    with project.locked(new=False), show_progress(arguments.progress) as progress:
         result = read_result(project)
         carrier = SurfaceCarrier.of(result)
         for index, scaling in enumerate(scalings):

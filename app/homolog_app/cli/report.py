@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog_app.report.write import write_report
 
     project = Project(arguments.project)
-    with project.locked(), show_progress(arguments.progress) as progress:
+    with project.locked(new=False), show_progress(arguments.progress) as progress:
         path = write_report(project, progress.tick)
     sys.stdout.write(f"{path}\n")
     return 0

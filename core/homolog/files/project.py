@@ -102,7 +102,7 @@ class Project:
         """
         path = self.folder / _RECORD
         if not self.exists:
-            raise InputError(f"{self.folder}: is no project (it holds no {_RECORD})")
+            raise self._missing
         try:
             content = json.loads(path.read_bytes())
             newer = isinstance(content, dict) and content.get("version")
@@ -152,18 +152,25 @@ class Project:
         ]
 
     @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Keep other programs from writing to the project; makes the folder and tidies up after a crash.
+    def locked(self, *, new: bool = True) -> Iterator[None]:
+        """Keep other programs from writing to the project, and tidy up after a crash.
 
         The lock ends with its process, however that ends. A program may take it again while it has it, in any
         thread, so that a window can hold what it has open.
 
+        Parameters
+        ----------
+        new : bool
+            Whether the folder may be no project yet; it is made if it is none.
+
         Raises
         ------
         InputError
-            If another program has the project open, the folder can't be made or written to, or a link in it
-            leads elsewhere.
+            If there is no project, another program has it open, the folder can't be made or written to, or a
+            link in it leads elsewhere.
         """
+        if not (new or self.exists or self._is_swapping):
+            raise self._missing
         with writing(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
             path = self.folder.resolve() / ".lock"
@@ -196,9 +203,17 @@ class Project:
 
     def recover(self) -> None:
         """Finish the swap of a result that a crash broke off; does nothing otherwise."""
-        if (self.folder / _NEXT / _COMPLETE).is_file():
+        if self._is_swapping:
             with self.locked():
                 pass
+
+    @property
+    def _is_swapping(self) -> bool:
+        return (self.folder / _NEXT / _COMPLETE).is_file()
+
+    @property
+    def _missing(self) -> InputError:
+        return InputError(f"{self.folder}: is no project (it holds no {_RECORD})")
 
     @contextmanager
     def replacing_result(self) -> Iterator["Project"]:

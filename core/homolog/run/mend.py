@@ -92,7 +92,7 @@ def write_mended(project: Project, local: FloatArray, notes: Mapping[str, str], 
     InputError
         If the project can't be written to or is in use; its result is then as it was.
     """
-    with project.locked():
+    with project.locked(new=False):
         before = project.read()
         study = read_study(project)
         groomed = [noted(one, notes[one.name]) if one.name in notes else one for one in study.groomed]

@@ -157,6 +157,13 @@ def contents(folder):
     }
 
 
+@pytest.mark.parametrize("folder", ["none", "."])
+def test_what_needs_a_project_makes_no_folder_and_leaves_no_lock(tmp_path, folder):
+    with pytest.raises(InputError, match="is no project"), Project(tmp_path / folder).locked(new=False):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_new_result_takes_the_place_of_the_old_one_with_its_pictures(tmp_path):
     project = Project(tmp_path)
     with project.locked():
