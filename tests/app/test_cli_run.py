@@ -188,7 +188,9 @@ def test_more_particles_are_added_to_the_result_and_said_to_be(project, capsys):
     assert "adding 32 particles to the result's 48" in capsys.readouterr().err
     assert read_result(project).world.shape == (4, 80, 3)
     assert main(["run", str(project.folder), "--particles", "90", "--anew", *QUIET]) == 0
-    assert "adding" not in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "adding" not in said
+    assert "the result of 4 subjects x 80 particles is replaced when this run ends; Ctrl-C before" in said
     assert read_result(project).world.shape == (4, 90, 3)
     assert read_result(project).names == before.names
 

@@ -173,13 +173,22 @@ def _subjects_of(path: Path) -> tuple[Subject, ...]:
 def _adds_particles(
     arguments: argparse.Namespace, project: Project, cohort: Cohort, settings: RunSettings
 ) -> bool:
-    """Whether the project's result is of the same cohort and settings but for fewer particles; says so."""
-    if arguments.anew or arguments.resume or not project.exists:
+    """Whether the project's result is of the same cohort and settings but for fewer particles.
+
+    Says what becomes of a result that is there.
+    """
+    if arguments.resume or not project.exists:
         return False
     from homolog.run import adds_particles
 
     result = project.read().result
-    if result is None or not adds_particles(result, cohort, settings):
+    if result is None:
+        return False
+    if arguments.anew or not adds_particles(result, cohort, settings):
+        sys.stderr.write(
+            f"homolog: the result of {len(result.subjects)} subjects x {result.particles} particles is "
+            "replaced when this run ends; Ctrl-C before keeps it\n"
+        )
         return False
     more = settings.optimize.particles - result.particles
     sys.stderr.write(
