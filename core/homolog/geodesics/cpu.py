@@ -22,6 +22,7 @@ from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
 from homolog.geodesics.intrinsic import Triangulation, triangulate
 from homolog.geodesics.lookup import LANES, MISSING
 from homolog.geodesics.plan import POINT, TablePlan, Task
+from homolog.geodesics.shelf import Shelf
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
 from homolog.surfaces.mesh import TriangleMesh
@@ -187,7 +188,7 @@ def _solve_blocks(problem: Problem, threads: int, report: Report) -> tuple[Any, 
         n_rows = wp.zeros(1, dtype=wp.int32, device="cpu")
         inputs = [scratch, problem.reach, problem.names, reached, block, slot, row, near, n_rows, 0]
         store = _recorded(store_kernels.store_block, 1, inputs)
-        rows, count = block.numpy(), n_rows.numpy()
+        rows, count, shelf = block.numpy(), n_rows.numpy(), Shelf()
 
         def solve_cluster(cluster: int) -> None:
             solve(cluster)
@@ -196,7 +197,7 @@ def _solve_blocks(problem: Problem, threads: int, report: Report) -> tuple[Any, 
                 raise InputError(
                     f"{problem.task.name}: d_max reaches over more than 65534 vertices; choose a shorter one"
                 )
-            blocks[cluster] = rows[: count[0]].copy()
+            blocks[cluster] = shelf.keep(rows[: count[0]])
 
         return solve_cluster
 
