@@ -9,6 +9,8 @@ import signal
 from types import ModuleType
 from typing import Any
 
+from homolog_app.signals import handling
+
 __all__ = ["add_parser", "run"]
 
 _MODULES = {
@@ -35,12 +37,8 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 
 def run(arguments: argparse.Namespace) -> int:
     """Export; returns the exit code."""
-    # Ended by the window: tidy up as for Ctrl-C.
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
+    with handling(signal.SIGTERM, signal.default_int_handler):  # ended by the window: tidy up as for Ctrl-C
         return int(_modules()[arguments.what].run(arguments))
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _modules() -> dict[str, ModuleType]:

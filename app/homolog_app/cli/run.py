@@ -17,6 +17,7 @@ from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog_app.cli.info import how_it_ended
 from homolog_app.cli.options import add_options, with_options
 from homolog_app.cli.progress import add_progress_option, show_progress
+from homolog_app.signals import handling
 
 if TYPE_CHECKING:
     from homolog.run import Run
@@ -205,8 +206,5 @@ def _interrupt_cancels(cancel: Callable[[], None]) -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         cancel()
 
-    before = signal.signal(signal.SIGINT, handle)
-    try:
+    with handling(signal.SIGINT, handle):
         yield
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -15,6 +15,7 @@ from PySide6.QtCore import QStandardPaths, QTimer
 from PySide6.QtGui import QSurfaceFormat
 from PySide6.QtWidgets import QApplication
 
+from homolog_app.signals import handling
 from homolog_app.window.desk import Desk
 from homolog_app.window.icons import application_icon
 from homolog_app.window.log_pane import LogMemory
@@ -97,11 +98,8 @@ def interrupt_closes(window: MainWindow) -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         QTimer.singleShot(0, window, close)
 
-    before = signal.signal(signal.SIGINT, handle)
-    try:
+    with handling(signal.SIGINT, handle):
         yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _load_views_soon(window: MainWindow) -> None:

@@ -23,16 +23,6 @@ _SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7"
 
 def read_folder(folder: Path) -> Cohort:
     """Return the cohort of a folder; raises InputError if there is none or several may be meant."""
-    try:
-        return _read_files(folder)
-    except OSError as error:
-        raise InputError(
-            f"{error.filename or folder}: can't be looked into ({error.strerror}); change who may read "
-            "it, or give a cohort.csv that names the files"
-        ) from error
-
-
-def _read_files(folder: Path) -> Cohort:
     entries = _entries(folder)
     slices = [one for one in entries if suffix_of(one) == ".dcm" and one.is_file() and not is_dicom_seg(one)]
     files = _known_files(entries)
@@ -59,7 +49,7 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     found = {one: files for one in below if (files := _known_files(_entries(one)))}
     several = [one for one, files in found.items() if len(files) > 1]
     if several and len(found) == 1:
-        return _read_files(several[0])
+        return read_folder(several[0])
     if several:
         counts = ", ".join(f"{one.name} ({len(found[one])})" for one in several[:_NAMED])
         raise InputError(

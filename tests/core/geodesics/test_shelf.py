@@ -14,9 +14,8 @@ def rows(count, start=0):
 def test_what_is_kept_stays_as_it_was():
     shelf, buffer = Shelf(), np.empty((300_000, LANES), np.uint16)
     kept, expected = [], []
-    for number, count in enumerate(
-        (1, 70_000, 70_000, 300_000, 3)
-    ):  # more than a piece holds, in all and alone
+    counts = (1, 70_000, 70_000, 300_000, 3)  # more than a piece holds, in all and alone
+    for number, count in enumerate(counts):
         buffer[:count] = rows(count, number)
         kept.append(shelf.keep(buffer[:count]))
         expected.append(rows(count, number))
