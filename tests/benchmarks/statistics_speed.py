@@ -50,7 +50,10 @@ def main() -> None:
     timed("local map, two covariates", lambda: local_map(shapes, allowed))
     timed("whole shape, three groups", lambda: mode_test(shapes, three))
     timed("local map, three groups", lambda: local_map(shapes, three))
-    timed("discriminant, 20 x 10 folds, 1000 bootstraps", lambda: discriminant(shapes, np.arange(34) > 15, 4))
+    timed(
+        "discriminant, 20 x 10 folds, 1000 bootstraps, 499 permutations",
+        lambda: discriminant(shapes, np.arange(34) > 15, 4),
+    )
     timed("null simulation, 1000 relabellings", lambda: null_simulation(shapes, two, modes=4))
     if arguments.large:
         large = generator.normal(size=(5000, 1024, 3))

@@ -6,12 +6,13 @@ import numpy as np
 
 from homolog.analysis.design import Design
 from homolog.analysis.discriminant import Discriminant
+from homolog.analysis.dispersion import Dispersion, dispersion_test
+from homolog.analysis.effects import Effect, corrected_distance, size_effect
 from homolog.analysis.local_map import LocalMap, local_map
 from homolog.analysis.mode_test import ModeTest, mode_test
 from homolog.analysis.null_simulation import FalseAlarms, null_simulation
-from homolog.analysis.procrustes import align, sizes
-from homolog.analysis.wilks import wilks_p
-from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.analysis.procrustes import Alignment, aligned, sizes
+from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.progress import Tick, part_of
 
 __all__ = ["DEFAULT", "Comparison", "Options", "compared", "prepared"]
@@ -23,25 +24,33 @@ class Options:
 
     Attributes
     ----------
-    scaling : bool
-        Take size out of the shapes first; it is tested apart in any case.
+    alignment : Alignment
+        How shapes are aligned before they are compared: as they lie, rigidly (form: size and shape, the
+        default), or by similarities (shape alone). Size is tested apart in any case.
     modes : int or None
         Number of modes; by parallel analysis if not given.
     permutations : int
         Relabellings of each test.
     bootstraps : int
         Cohorts drawn for the bounds of the discriminant.
+    classifications : int
+        Relabellings for the p-values of the discriminant's accuracy and AUC.
     null_repeats : int
         Relabellings of the null simulation; 0 leaves it out.
+    answers : int
+        Answers to the same question that are reported together, such as form and shape: p-values of the whole
+        shape and of particles are corrected for their number (Bonferroni).
     seed : int
         Same seed, same result.
     """
 
-    scaling: bool = False
+    alignment: Alignment = Alignment.RIGID
     modes: int | None = None
     permutations: int = 10_000
     bootstraps: int = 1000
+    classifications: int = 499
     null_repeats: int = 0
+    answers: int = 1
     seed: int = 0
 
 
@@ -66,16 +75,26 @@ class Comparison:
         Of the whole shape.
     local : LocalMap
         At every particle; its effect is the difference, or the change per unit [mm].
-    size_effect : (d,) array
-        Difference in size, or change per unit [mm].
-    size_p : float
-        Parametric p-value of that.
+    size : Effect or None
+        Difference in size, or change per unit [mm], with permutation p; None where size itself is tested or
+        allowed for.
+    distance : Effect or None
+        Mahalanobis distance of the means (or length of the change per unit) in the kept modes, corrected for
+        its bias.
+    dispersion : Dispersion or None
+        Whether groups scatter alike; None for pairs.
     discriminant : Discriminant or None
         For two groups, if at least one mode is kept.
     p_adjusted : float
-        The permutation p-value of the test, adjusted by Holm's method if it is one of several pairs.
+        Permutation p of the whole shape, corrected for pairs of groups (Holm) and answers (Bonferroni).
+    p_family : (N,) array
+        Permutation p of each particle, corrected over the surface, pairs (Holm) and answers (Bonferroni).
+    size_p_adjusted : float or None
+        Permutation p of size, corrected for several pairs of groups (Holm).
     false_alarms : tuple of FalseAlarms
         What the same tests find on this cohort when labels mean nothing; empty without a null simulation.
+    notes : tuple of str
+        What was done another way than asked for.
     """
 
     title: str
@@ -84,15 +103,19 @@ class Comparison:
     mean: FloatArray
     test: ModeTest
     local: LocalMap
-    size_effect: FloatArray
-    size_p: float
+    size: Effect | None
+    distance: Effect | None
+    dispersion: Dispersion | None
     discriminant: Discriminant | None
     p_adjusted: float
+    p_family: FloatArray
+    size_p_adjusted: float | None
     false_alarms: tuple[FalseAlarms, ...]
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("subjects", "mean", "size_effect"):
+        for name in ("subjects", "mean", "p_family"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
@@ -105,6 +128,8 @@ def compared(
     options: Options,
     tick: Tick,
     *,
+    members: dict[str, BoolArray] | None = None,
+    mean: FloatArray | None = None,
     data: FloatArray | None = None,
     size: FloatArray | None = None,
 ) -> Comparison:
@@ -122,25 +147,22 @@ def compared(
         See `Comparison`.
     tick : Tick
         Progress and cancelling.
+    members : dict of (m,) bool arrays, optional
+        Who is in each group, for groups.
+    mean : (N, 3) array, optional
+        Mean shape to show, if it is not that of the subjects [mm].
     data : (m, N, 3) array, optional
         What is tested in place of the subjects' shapes: differences of pairs [mm].
     size : (m,) array, optional
         The same for size [mm].
     """
-    own = prepared(shapes[subjects], options)
-    data = own if data is None else data
+    data = prepared(shapes[subjects], options) if data is None else data
     size = sizes(shapes[subjects]) if size is None else size
-    test = mode_test(
-        data,
-        design,
-        modes=options.modes,
-        permutations=options.permutations,
-        seed=options.seed,
-        tick=part_of(tick, 0.0, 0.4),
-    )
-    local = local_map(
-        data, design, permutations=options.permutations, seed=options.seed, tick=part_of(tick, 0.4, 0.8)
-    )
+    members = members or {}
+    drawn = {"permutations": options.permutations, "seed": options.seed}
+    test = mode_test(data, design, modes=options.modes, **drawn, tick=part_of(tick, 0.0, 0.4))
+    alike = () if design.covariates.shape[1] else tuple(members.values())
+    local = local_map(data, design, members=alike, **drawn, tick=part_of(tick, 0.4, 0.8))
     false_alarms: tuple[FalseAlarms, ...] = ()
     if options.null_repeats and test.modes:
         false_alarms = null_simulation(
@@ -151,31 +173,32 @@ def compared(
             seed=options.seed,
             tick=part_of(tick, 0.8, 1.0),
         )
+    found = size_effect(size, design, alike, **drawn)
     return Comparison(
         title=title,
         subjects=subjects,
         counts=counts,
-        mean=own.mean(axis=0),
+        mean=data.mean(axis=0) if mean is None else mean,
         test=test,
         local=local,
-        size_effect=design.coefficients(size[:, None])[:, 0],
-        size_p=_size_p(size, design),
+        size=found,
+        distance=_distance(test, design),
+        dispersion=dispersion_test(data, design, test.modes, members, **drawn),
         discriminant=None,
-        p_adjusted=test.p_permutation,
+        p_adjusted=min(options.answers * test.p_permutation, 1.0),
+        p_family=np.minimum(options.answers * local.p_family, 1.0),
+        size_p_adjusted=None if found is None else found.p,
         false_alarms=false_alarms,
     )
 
 
 def prepared(shapes: FloatArray, options: Options) -> FloatArray:
-    """Return the shapes as they are compared: brought to one size, if that is wished."""
-    return align(shapes, scaling=True) if options.scaling else shapes
+    """Return the shapes as they are compared."""
+    return aligned(shapes, options.alignment)
 
 
-def _size_p(size: FloatArray, design: Design) -> float:
-    residuals = design.residuals(size[:, None])[:, 0]
-    total = float(residuals @ residuals)
-    if total <= np.finfo(float).eps * float(size @ size):
-        return 1.0
-    explained = float(np.square(design.tested.T @ residuals).sum()) / total
-    columns = design.tested.shape[1]
-    return float(wilks_p(np.array(max(1.0 - explained, 0.0)), 1, columns, design.error_dof))
+def _distance(test: ModeTest, design: Design) -> Effect | None:
+    if test.t_squared is None:
+        return None
+    scale = float(np.square(design.columns).sum())
+    return corrected_distance(test.t_squared, test.modes, design.error_dof, scale)

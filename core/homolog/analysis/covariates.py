@@ -1,22 +1,33 @@
 """Covariates from a table: numbers and words to columns of a design."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 
-__all__ = ["covariate_columns", "numbers"]
+__all__ = ["covariate_columns", "is_missing", "lookalikes", "numbers"]
 
 _COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
+def is_missing(value: str | float) -> bool:
+    """Return whether a cell holds no value: empty, ``NA``, ``n/a``, ``nan``, ``none`` or ``null``."""
+    if isinstance(value, str):
+        return value.strip().lower() in ("", "na", "n/a", "nan", "none", "null")
+    return bool(np.isnan(value))
+
+
 def covariate_columns(
-    table: Mapping[str, Sequence[str | float]], names: Sequence[str] | None = None
+    table: Mapping[str, Sequence[str | float]],
+    names: Sequence[str] | None = None,
+    *,
+    categories: Collection[str] = (),
 ) -> FloatArray:
-    """Return covariates as standardised columns; words become one column for each but the first.
+    """Return covariates as standardised columns; categories become one column for each but the first.
 
     Parameters
     ----------
@@ -24,6 +35,8 @@ def covariate_columns(
         Values of each covariate for the M subjects; numbers may come as text.
     names : sequence of str, optional
         Subject names, for messages.
+    categories : collection of str
+        Covariates whose numbers are codes of categories.
 
     Returns
     -------
@@ -32,18 +45,18 @@ def covariate_columns(
     Raises
     ------
     InputError
-        If a value is missing or can't be told, or a covariate is the same for all subjects.
+        If a value is missing, infinite or a word among numbers, or a covariate is the same for all subjects.
     """
     columns: list[FloatArray] = []
     for title, values in table.items():
-        missing = [index for index, value in enumerate(values) if _missing(value)]
+        missing = [index for index, value in enumerate(values) if is_missing(value)]
         if missing:
-            who = ", ".join(names[index] if names else f"subject {index + 1}" for index in missing[:5])
-            raise InputError(f"covariate {title!r}: no value for {who}; fill it in or leave the subjects out")
-        try:
-            found = numbers(values)
-        except InputError as error:
-            raise InputError(f"covariate {title!r}: {error}") from error
+            who = ", ".join(_name(names, index) for index in missing[:5])
+            raise InputError(
+                f"covariate {title!r}: no value for {who}; fill it in, or leave such subjects out "
+                "(--complete-cases)"
+            )
+        found = None if title in categories else _numeric(title, values, names)
         if found is None:
             words = np.array([str(value).strip() for value in values])
             levels = np.unique(words)
@@ -58,10 +71,50 @@ def covariate_columns(
     return standardised
 
 
-def _missing(value: str | float) -> bool:
-    if isinstance(value, str):
-        return value.strip().lower() in ("", "na", "n/a", "nan", "none", "null")
-    return not np.isfinite(value)
+def lookalikes(values: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return categories spelled in different ways, such as ``Male`` and ``male``, or ``1`` and ``1.0``."""
+    spelled: dict[str, list[str]] = {}
+    for value in dict.fromkeys(one for one in values if not is_missing(one)):
+        plain = " ".join(value.casefold().split())
+        with suppress(ValueError):
+            plain = repr(float(plain))
+        spelled.setdefault(plain, []).append(value)
+    return [tuple(one) for one in spelled.values() if len(one) > 1]
+
+
+def _numeric(title: str, values: Sequence[str | float], names: Sequence[str] | None) -> FloatArray | None:
+    """Return the values as numbers, None if they are words; refuse a few words among numbers."""
+    try:
+        found = numbers(values)
+    except InputError as error:
+        raise InputError(f"covariate {title!r}: {error}") from error
+    if found is None:
+        odd = [index for index, value in enumerate(values) if _is_word(value)]
+        if len(odd) < len(values) / 2.0:
+            cells = ", ".join(f"{values[index]!r} of {_name(names, index)}" for index in odd[:5])
+            raise InputError(
+                f"{title!r} holds numbers, but also {cells}; correct or empty the cell, or declare "
+                f"categories ({title}:c)"
+            )
+        return None
+    infinite = np.flatnonzero(~np.isfinite(found))
+    if len(infinite):
+        raise InputError(
+            f"{title!r}: {values[infinite[0]]!r} of {_name(names, int(infinite[0]))} is not finite; "
+            "correct or empty the cell"
+        )
+    return found
+
+
+def _is_word(value: str | float) -> bool:
+    return (
+        numbers([value] if not isinstance(value, str) or "," not in value else [value.replace(",", ".")])
+        is None
+    )
+
+
+def _name(names: Sequence[str] | None, index: int) -> str:
+    return names[index] if names else f"subject {index + 1}"
 
 
 def numbers(values: Sequence[str | float]) -> FloatArray | None:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from homolog.analysis.effects import CONFIDENCE, Effect
+from homolog.analysis.permutation import counted_p
 from homolog.analysis.shape_model import principal_components
 from homolog.analysis.threads import on_one_thread
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
@@ -14,6 +16,8 @@ from homolog.progress import Tick, no_tick, part_of
 __all__ = ["Discriminant", "discriminant", "shrunk_covariance"]
 
 _MOST_FOLDS = 10
+_REPEATS_OF_P = 2
+"""Repeats of the cross-validation in each relabelling; the real labels are judged by as many of theirs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,10 +37,14 @@ class Discriminant:
         Each subject's place along the direction [mm]; zero is midway between the groups' means.
     shrinkage : float
         Weight of the sphere in the covariance (Ledoit and Wolf 2004), in [0, 1].
-    accuracy : float
-        Cross-validated: mean of the shares of the two groups that fall on their own side.
-    auc : float
-        Cross-validated area under the receiver operating characteristic.
+    accuracy : Effect
+        Cross-validated balanced accuracy: mean of the shares of the two groups that fall on their own side.
+        Its interval joins those of the two shares (Wilson 1927, joined as by Newcombe 1998).
+    auc : Effect
+        Cross-validated area under the receiver operating characteristic. Its interval is that of DeLong,
+        DeLong and Clarke-Pearson (1988), on the logit scale, of the subjects' mean places over the repeats.
+    places : (M,) array
+        Cross-validated place of each subject, mean over the repeats, in distances between the groups.
     folds, repeats : int
         Of the cross-validation; modes and direction are fitted without the left-out subjects.
     """
@@ -46,14 +54,15 @@ class Discriminant:
     bootstrap: FloatArray
     scores: FloatArray
     shrinkage: float
-    accuracy: float
-    auc: float
+    accuracy: Effect
+    auc: Effect
+    places: FloatArray
     folds: int
     repeats: int
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("modes", "weights", "bootstrap", "scores"):
+        for name in ("modes", "weights", "bootstrap", "scores", "places"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
     @property
@@ -86,6 +95,7 @@ def discriminant(
     covariates: FloatArray | None = None,
     repeats: int = 20,
     bootstraps: int = 1000,
+    permutations: int = 499,
     seed: int = 0,
     tick: Tick = no_tick,
 ) -> Discriminant:
@@ -105,6 +115,9 @@ def discriminant(
         Repeats of the stratified cross-validation with other folds.
     bootstraps : int
         Cohorts drawn for the bounds.
+    permutations : int
+        Relabellings for the p-values of accuracy and AUC; 0 leaves them out. With covariates, rows of
+        labels and covariates are exchanged together.
     seed : int
         Same seed, same result.
     tick : Tick
@@ -133,17 +146,37 @@ def discriminant(
         way, length, _, _ = _fit(scores[again], second[again])
         drawn[one] = way * length
     folds = min(_MOST_FOLDS, smallest)
-    accuracy, auc = _cross_validated(
-        rows @ rows.T, second, extra, modes, (folds, repeats), generator, part_of(tick, 0.5, 1.0)
-    )
+    gram = rows @ rows.T
+    rounds = [
+        _round(gram, second, extra, modes, folds, generator, part_of(tick, 0.5, 0.6)) for _ in range(repeats)
+    ]
+    found = np.array([_rates(places, second) for places in rounds])
+    accuracy, auc = (float(one) for one in found.mean(axis=0))
+    relabelled = np.empty((permutations, 2))
+    for one in range(permutations):
+        tick(0.6 + 0.4 * one / permutations, "permutations of the discriminant")
+        order = generator.permutation(len(second))
+        rates = [
+            _rates(_round(gram, second[order], extra[order], modes, folds, generator, no_tick), second[order])
+            for _ in range(_REPEATS_OF_P)
+        ]
+        relabelled[one] = np.mean(rates, axis=0)
+    compared = found[:_REPEATS_OF_P].mean(axis=0)
+    p = [
+        float(counted_p(one, column)) if permutations else None
+        for one, column in zip(compared, relabelled.T, strict=True)
+    ]
+    places = np.mean(rounds, axis=0)
+    right = np.mean([(one > 0.0) == second for one in rounds], axis=0)
     return Discriminant(
         modes=basis.reshape(-1, *particles.shape[1:]),
         weights=direction * gap,
         bootstrap=drawn,
         scores=scores @ direction - middle,
         shrinkage=shrinkage,
-        accuracy=accuracy,
-        auc=auc,
+        accuracy=Effect(accuracy, *_accuracy_bounds(right, second, accuracy), p[0], permutations),
+        auc=Effect(auc, *_auc_bounds(places, second, auc), p[1], permutations),
+        places=places,
         folds=folds,
         repeats=repeats,
     )
@@ -198,31 +231,69 @@ def _without_covariates(second: BoolArray, covariates: FloatArray, train: IntArr
     return operator
 
 
-def _cross_validated(
+def _round(
     gram: FloatArray,
     second: BoolArray,
     covariates: FloatArray,
     modes: int,
-    rounds: tuple[int, int],
+    folds: int,
     generator: np.random.Generator,
     tick: Tick,
-) -> tuple[float, float]:
-    """Return mean accuracy and AUC over the repeats; everything is done in inner products of the subjects."""
-    folds, repeats = rounds
-    accuracies, areas = [], []
-    for repeat in range(repeats):
-        tick(repeat / repeats, "cross-validation of the discriminant")
-        places = np.empty(len(second))
-        fold_of = _stratified(second, folds, generator)
-        for fold in range(folds):
-            train, test = np.flatnonzero(fold_of != fold), np.flatnonzero(fold_of == fold)
+) -> FloatArray:
+    """Return each subject's place when it is left out; all is done in inner products of the subjects."""
+    tick(0.0, "cross-validation of the discriminant")
+    places = np.empty(len(second))
+    fold_of = _stratified(second, folds, generator)
+    for fold in range(folds):
+        train, test = np.flatnonzero(fold_of != fold), np.flatnonzero(fold_of == fold)
+        allowed = gram
+        if covariates.shape[1]:
             operator = _without_covariates(second, covariates, train)
-            places[test] = _predicted(operator @ gram @ operator.T, second, train, test, modes)
-        on_own_side = (places > 0.0) == second
-        accuracies.append((on_own_side[second].mean() + on_own_side[~second].mean()) / 2.0)
-        wins = stats.mannwhitneyu(places[second], places[~second]).statistic
-        areas.append(wins / (np.count_nonzero(second) * np.count_nonzero(~second)))
-    return float(np.mean(accuracies)), float(np.mean(areas))
+            allowed = operator @ gram @ operator.T
+        places[test] = _predicted(allowed, second, train, test, modes)
+    return places
+
+
+def _rates(places: FloatArray, second: BoolArray) -> tuple[float, float]:
+    """Return balanced accuracy and area under the curve of cross-validated places."""
+    own_side = (places > 0.0) == second
+    above = _placements(places[second], places[~second])
+    return float((own_side[second].mean() + own_side[~second].mean()) / 2.0), float(above.mean())
+
+
+def _placements(high: FloatArray, low: FloatArray) -> FloatArray:
+    """Return whether each of `high` lies above each of `low`; 0.5 where they are equal, shape (h, l)."""
+    above: FloatArray = (high[:, None] > low) + 0.5 * (high[:, None] == low)
+    return above
+
+
+def _accuracy_bounds(right: FloatArray, second: BoolArray, accuracy: float) -> tuple[float, float]:
+    """Join the Wilson intervals of both groups' shares, as Newcombe (1998) joins them for a difference."""
+    z = float(stats.norm.ppf((1.0 + CONFIDENCE) / 2.0))
+    below = above = 0.0
+    for own in (right[second], right[~second]):
+        share, count = float(own.mean()), len(own)
+        middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
+        reach = z * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2)) / (1 + z**2 / count)
+        below += (share - (middle - reach)) ** 2
+        above += (middle + reach - share) ** 2
+    return float(max(accuracy - np.sqrt(below) / 2.0, 0.0)), float(min(accuracy + np.sqrt(above) / 2.0, 1.0))
+
+
+def _auc_bounds(places: FloatArray, second: BoolArray, auc: float) -> tuple[float, float]:
+    """Return the interval of DeLong on the logit scale; without errors that of one half of an error."""
+    above = _placements(places[second], places[~second])
+    high, low = above.shape
+    variance = above.mean(axis=1).var(ddof=1) / high + above.mean(axis=0).var(ddof=1) / low
+    tail = (1.0 - CONFIDENCE) / 2.0
+    if variance == 0.0 or not 0.0 < auc < 1.0:
+        # All pairs stand alike, and DeLong's variance is zero: the exact binomial bound of the smaller group.
+        room = tail ** (1.0 / min(high, low))
+        return (room, 1.0) if auc >= 0.5 else (0.0, 1.0 - room)
+    middle = np.log(auc / (1.0 - auc))
+    reach = stats.norm.isf(tail) * np.sqrt(variance) / (auc * (1.0 - auc))
+    bounds = 1.0 / (1.0 + np.exp(-(middle + np.array([-reach, reach]))))
+    return float(bounds[0]), float(bounds[1])
 
 
 def _predicted(

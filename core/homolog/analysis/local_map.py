@@ -1,10 +1,12 @@
 """Local maps: a test at every particle, corrected over the surface.
 
-Each particle's position is tested by Hotelling's T² (Wilks' lambda for several columns). Over the surface,
-family-wise error is held by the permutation distribution of the largest statistic (Westfall and Young 1993)
-and the false discovery rate by Benjamini and Hochberg (1995).
+Each particle's position is tested by a studentized ratio (`homolog.analysis.studentized`), which holds when
+the groups' dispersions differ. Over the surface, family-wise error is held by the permutation distribution
+of the largest ratio (Westfall and Young 1993) and the false discovery rate by Benjamini and Hochberg (1995).
+Hotelling's T² (Wilks' lambda for several columns) and its parametric p stand beside it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +14,18 @@ from scipy import stats
 
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.design import Design
-from homolog.analysis.permutation import Relabelling, counted_p, relabellings
+from homolog.analysis.effects import CONFIDENCE
+from homolog.analysis.permutation import (
+    Relabelling,
+    counted_p,
+    lowered,
+    relabelling_count,
+    relabellings,
+)
+from homolog.analysis.studentized import identity, null_weights
 from homolog.analysis.threads import on_one_thread
 from homolog.analysis.wilks import wilks_p
-from homolog.arrays import FloatArray, frozen
+from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
 
@@ -35,40 +45,68 @@ class LocalMap:
     effect : (d, N, 3) array
         Coefficients of the tested columns: group differences, or change per unit [mm].
     explained : (N,) array
-        1 - Wilks' lambda, the statistic: share of variance explained, in [0, 1].
+        1 - Wilks' lambda: share of variance explained, in [0, 1].
+    p_f : (N,) array
+        Parametric p of that (Hotelling's T²), not corrected; of groups it needs equal covariances.
+    studentized : (N,) array
+        The statistic: ratio of the tested sum of squares to the one expected without an effect.
     p : (N,) array
-        Parametric, for each particle by itself, not corrected.
+        Its permutation p, for each particle by itself, not corrected.
     p_family : (N,) array
         Corrected: chance that any particle of the surface shows such a statistic without an effect.
     q : (N,) array
         Benjamini-Hochberg: false discovery rate at which the particle is found.
     permutations : int
         Number of relabellings.
+    variables : int
+        Directions in which a particle varies, at most 3.
+    covariance : (N, 3, 3) array
+        Of the effect of one tested column, from each subject's own residual (HC2) [mm²]; empty of several.
+    dof : (N,) array
+        Degrees of freedom of that.
     """
 
     effect: FloatArray
     explained: FloatArray
+    p_f: FloatArray
+    studentized: FloatArray
     p: FloatArray
     p_family: FloatArray
     q: FloatArray
     permutations: int
+    variables: int
+    covariance: FloatArray
+    dof: FloatArray
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("effect", "explained", "p", "p_family", "q"):
+        for name in ("effect", "explained", "p_f", "studentized", "p", "p_family", "q", "covariance", "dof"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
+
+    def bounds(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the bounds of the 95 % interval of the effect along unit directions (N, 3) [mm], each (N,).
+
+        The intervals are of each particle by itself, not corrected over the surface.
+        """
+        along = np.einsum("ni,ni->n", self.effect[0], directions)
+        error = np.sqrt(np.einsum("ni,nij,nj->n", directions, self.covariance, directions))
+        reach = stats.t.ppf((1.0 + CONFIDENCE) / 2.0, self.dof) * error
+        return along - reach, along + reach
 
 
 class LocalStatistic:
-    """1 - Wilks' lambda at every particle for any relabelling of a design.
+    """The statistics of every particle for any relabelling of a design.
 
     Parameters
     ----------
     residuals : (M, N, 3) array
         Positions with the nuisance columns of the design regressed out [mm].
+    design : Design
+        Whose rows are exchanged.
     """
 
-    def __init__(self, residuals: FloatArray) -> None:
+    def __init__(self, residuals: FloatArray, design: Design) -> None:
+        self._design = design
         # Whitened positions: 1 - lambda doesn't depend on the axes, and their scatter is the identity.
         scatter = np.einsum("mni,mnj->nij", residuals, residuals)
         values, vectors = np.linalg.eigh(scatter)
@@ -76,6 +114,7 @@ class LocalStatistic:
         scale = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
         white = np.einsum("mni,nij->jmn", residuals, vectors * scale[:, None, :])
         self._white = np.ascontiguousarray(white)
+        self._squares = np.square(self._white).sum(axis=0)
         self.variables = int(kept.sum(axis=1).max())
         self.particles = residuals.shape[1]
 
@@ -86,6 +125,25 @@ class LocalStatistic:
         error = self._left_over(_squares(self._across(both)))
         explained: FloatArray = 1.0 - np.clip(error / np.maximum(total, np.finfo(float).tiny), 0.0, 1.0)
         return explained
+
+    def studentized(self, relabelling: Relabelling) -> FloatArray:
+        """Return the ratio of the tested to the expected sum of squares, shape (c, N)."""
+        weights = null_weights(relabelling, self._design)
+        columns = np.concatenate([relabelling.covariates, relabelling.tested], axis=2)
+        crossed = np.einsum("cm,cmq,cmr->cqr", weights, columns, columns)
+        expected = weights @ self._squares
+        first_tested = relabelling.covariates.shape[2]
+        explained = np.zeros_like(expected)
+        for axis in self._white:
+            along = [columns[:, :, one] @ axis for one in range(columns.shape[2])]
+            for one, place in enumerate(along):
+                expected -= 2.0 * place * ((weights * columns[:, :, one]) @ axis)
+                for other, another in enumerate(along):
+                    expected += crossed[:, one, other, None] * place * another
+                if one >= first_tested:
+                    explained += np.square(place)
+        ratio: FloatArray = explained / np.maximum(expected, np.finfo(float).tiny)
+        return np.where(explained > 0.0, ratio, 0.0)
 
     def _across(self, columns: FloatArray) -> list[FloatArray]:
         """Inner products of the columns (c, M, q) with each whitened axis: three arrays (q, c, N)."""
@@ -106,6 +164,7 @@ def local_map(
     particles: FloatArray,
     design: Design,
     *,
+    members: Sequence[BoolArray] = (),
     permutations: int = 10_000,
     seed: int = 0,
     tick: Tick = no_tick,
@@ -118,6 +177,8 @@ def local_map(
         Aligned positions, or differences of pairs [mm].
     design : Design
         What is tested.
+    members : sequence of (M,) bool arrays, optional
+        The groups, without covariates: intervals then have the degrees of freedom of Welch (1947).
     permutations : int
         Relabellings for the correction over the surface.
     seed : int
@@ -137,24 +198,49 @@ def local_map(
             "use more subjects or fewer covariates"
         )
     rows = shapes.reshape(len(shapes), -1)
-    statistic = LocalStatistic(design.residuals(rows).reshape(shapes.shape))
-    explained = statistic.explained(Relabelling(design.tested[None], design.covariates[None]))[0]
-    largest = np.empty(permutations)
-    done = 0
+    statistic = LocalStatistic(design.residuals(rows).reshape(shapes.shape), design)
+    real = identity(design)
+    explained, observed = statistic.explained(real)[0], statistic.studentized(real)[0]
+    count, _ = relabelling_count(design, permutations)
+    largest, beyond = np.empty(count), np.zeros(len(observed), np.int64)
+    limit, done = lowered(observed), 0
     chunk = max(1, _CHUNK_VALUES // (statistic.particles * design.tested.shape[1]))
     for some in relabellings(design, permutations, chunk=chunk, seed=seed):
-        tick(done / permutations, "permutations of the local map")
-        largest[done : done + len(some.tested)] = statistic.explained(some).max(axis=1)
-        done += len(some.tested)
-    p = wilks_p(1.0 - explained, statistic.variables, design.tested.shape[1], design.error_dof)
+        tick(done / max(count, 1), "permutations of the local map")
+        drawn = statistic.studentized(some)
+        largest[done : done + len(drawn)] = drawn.max(axis=1)
+        beyond += np.count_nonzero(drawn >= limit, axis=0)
+        done += len(drawn)
+    p = np.where(observed > 0.0, (beyond + 1.0) / (count + 1.0), 1.0)
     return LocalMap(
         effect=design.coefficients(rows).reshape(-1, *shapes.shape[1:]),
         explained=explained,
+        p_f=wilks_p(1.0 - explained, statistic.variables, design.tested.shape[1], design.error_dof),
+        studentized=observed,
         p=p,
-        p_family=counted_p(explained, largest),
+        p_family=counted_p(observed, largest),
         q=stats.false_discovery_control(p),
-        permutations=permutations,
+        permutations=count,
+        variables=statistic.variables,
+        **_errors(design.residuals(rows), design, members),
     )
+
+
+def _errors(residuals: FloatArray, design: Design, members: Sequence[BoolArray]) -> dict[str, FloatArray]:
+    """Return covariance and degrees of freedom of the effect at each particle, for one tested column."""
+    if design.tested.shape[1] > 1:
+        return {"covariance": np.zeros((0, 3, 3)), "dof": np.zeros(0)}
+    column = design.tested
+    rest = (residuals - column @ (column.T @ residuals)).reshape(len(residuals), -1, 3)
+    weights = null_weights(identity(design), design)[0] / np.square(design.columns).sum()
+    covariance = np.einsum("m,mni,mnj->nij", weights, rest, rest)
+    dof = np.full(rest.shape[1], float(design.error_dof))
+    if members:
+        each = weights[:, None] * np.square(rest).sum(axis=2)
+        spread = sum(np.square(each[one].sum(axis=0)) / (np.count_nonzero(one) - 1.0) for one in members)
+        whole = np.square(each.sum(axis=0))
+        dof = np.clip(whole / np.maximum(spread, np.finfo(float).tiny), 1.0, float(design.error_dof))
+    return {"covariance": covariance, "dof": dof}
 
 
 def _squares(across: list[FloatArray]) -> FloatArray:

@@ -1,19 +1,25 @@
-"""The test of whole shapes: Hotelling's T² or Wilks' lambda in the modes that parallel analysis keeps.
+"""The test of whole shapes in the modes that parallel analysis keeps.
+
+The p-value to trust is that of the permutation of a studentized statistic (`homolog.analysis.studentized`),
+which holds when the groups' covariances differ. Hotelling's T², Wilks' lambda and F stand beside it.
 
 The modes are those of the data with covariates regressed out but with the tested effect still in, so they
 don't depend on the labels. For normal data the subjects' scores, scaled to unit variance, are then a
 uniformly distributed orthonormal frame whatever the variances of the modes are: choosing modes by their
-variance costs nothing. F is exact, and so is the permutation p for any exchangeable data.
+variance costs nothing. F is exact for normal data of equal covariance, and so is the permutation p for any
+exchangeable data.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.design import Design, Exchange
 from homolog.analysis.parallel import Null, ParallelAnalysis, parallel_analysis
-from homolog.analysis.permutation import Relabelling, counted_p, relabellings
+from homolog.analysis.permutation import Relabelling, counted_p, relabelling_count, relabellings
+from homolog.analysis.studentized import identity, studentized_ratio
 from homolog.analysis.threads import on_one_thread
 from homolog.analysis.wilks import hotelling, rao_f, wilks_p
 from homolog.arrays import FloatArray, IntArray
@@ -23,6 +29,7 @@ from homolog.progress import Tick, no_tick, part_of
 __all__ = ["ModeStatistic", "ModeTest", "mode_test"]
 
 _CHUNK = 500
+_CHUNK_VALUES = 4_000_000
 _THIN = 3
 """Degrees of freedom of the error for each mode below which a test is called thin."""
 
@@ -48,11 +55,15 @@ class ModeTest:
         F statistic and its degrees of freedom; for Wilks' lambda of more than two modes and columns Rao's
         approximation. Both 0 if no mode is kept.
     p : float
-        Parametric p-value.
+        Parametric p-value of F; of groups it needs equal covariances.
+    studentized : float
+        Ratio of the tested sum of squares to the one expected without an effect, in standardized modes.
     p_permutation : float
-        Share of the relabellings whose parametric p, with modes chosen anew, is as small.
+        Share of the relabellings whose studentized ratio, with modes chosen anew, is as large.
     permutations : int
         Number of relabellings.
+    exact : bool
+        Whether these are all different relabellings that there are.
     parallel : ParallelAnalysis
         The choice of modes.
     warnings : tuple of str
@@ -67,8 +78,10 @@ class ModeTest:
     f: float
     dof: tuple[float, float]
     p: float
+    studentized: float
     p_permutation: float
     permutations: int
+    exact: bool
     parallel: ParallelAnalysis
     warnings: tuple[str, ...]
 
@@ -104,9 +117,17 @@ class ModeStatistic:
         Without covariates the modes are the same for all relabellings. With covariates the data change
         (their permuted residuals are regressed on the covariates again), and so modes are chosen again.
         """
+        scores, modes = self._scores(relabelling)
+        return np.swapaxes(relabelling.tested, 1, 2) @ scores, modes
+
+    def scores(self, modes: int) -> FloatArray:
+        """Return the subjects' scores in the first modes, shape (M, modes), columns of length 1."""
+        return self._frame[:, :modes]
+
+    def _scores(self, relabelling: Relabelling) -> tuple[FloatArray, IntArray]:
+        """Return the subjects' standardized scores (M, k) or (c, M, K), zero from mode k on, and k (c,)."""
         if relabelling.covariates.shape[2] == 0:
-            modes = np.full(len(relabelling.tested), self._kept)
-            return np.swapaxes(relabelling.tested, 1, 2) @ self._frame[:, : self._kept], modes
+            return self._frame[:, : self._kept], np.full(len(relabelling.tested), self._kept)
         covariates = relabelling.covariates
         across = np.swapaxes(covariates, 1, 2)
         gram = self._gram - covariates @ (across @ self._gram)
@@ -116,14 +137,27 @@ class ModeStatistic:
         if self._threshold is not None:
             above = squares[:, : len(self._threshold)] > self._threshold
             modes = np.where(above.all(axis=1), above.shape[1], above.argmin(axis=1))
-        projected = np.swapaxes(relabelling.tested, 1, 2) @ frames
-        projected *= np.arange(projected.shape[2]) < modes[:, None, None]
-        return projected, modes
+        frames = frames[:, :, : max(int(modes.max()), 1)]
+        return frames * (np.arange(frames.shape[2]) < modes[:, None, None]), modes
 
     def log_p(self, relabelling: Relabelling) -> FloatArray:
         """Return the logarithm of the parametric p-value of each relabelling, shape (c,)."""
         projected, modes = self.projections(relabelling)
         return _log_p(_wilks(projected), modes, self._design)
+
+    def studentized(self, relabelling: Relabelling) -> FloatArray:
+        """Return the studentized ratio of each relabelling, shape (c,); 0 without a mode.
+
+        Where modes are chosen anew it is the quantile that the ratio is among F ratios of so many modes, so
+        that relabellings with more and with fewer modes can be compared.
+        """
+        scores, modes = self._scores(relabelling)
+        ratio = studentized_ratio(scores, relabelling, self._design)
+        if relabelling.covariates.shape[2]:
+            across = self._design.tested.shape[1] * np.maximum(modes, 1)
+            within = self._design.error_dof * np.maximum(modes, 1)
+            ratio = -np.log(np.maximum(stats.f.sf(ratio, across, within), np.finfo(float).tiny))
+        return np.where(modes > 0, ratio, 0.0)
 
     def _decomposed(self, gram: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Left singular vectors as columns, and squared singular values, largest first."""
@@ -172,14 +206,16 @@ def mode_test(
     kept = parallel.kept if modes is None else modes
     _check_modes(kept, design, len(parallel.variances))
     statistic = ModeStatistic(residuals, design, kept, parallel.threshold if modes is None else None)
-    identity = Relabelling(design.tested[None], design.covariates[None])
-    projected, _ = statistic.projections(identity)
+    real = identity(design)
+    projected, _ = statistic.projections(real)
     wilks = float(_wilks(projected)[0])
-    drawn = np.empty(permutations)
+    count, exact = relabelling_count(design, permutations)
+    drawn = np.empty(count)
     done = 0
-    for some in relabellings(design, permutations, chunk=_CHUNK, seed=seed):
-        tick(0.3 + 0.7 * done / permutations, "permutations of the whole shape")
-        drawn[done : done + len(some.tested)] = -statistic.log_p(some)
+    chunk = max(1, min(_CHUNK, _CHUNK_VALUES // (len(shapes) * max(kept, 1))))
+    for some in relabellings(design, permutations, chunk=chunk, seed=seed):
+        tick(0.3 + 0.7 * done / max(count, 1), "permutations of the whole shape")
+        drawn[done : done + len(some.tested)] = statistic.studentized(some)
         done += len(some.tested)
     observed = _log_p(np.array([wilks]), np.array([kept]), design)
     columns = design.tested.shape[1]
@@ -196,8 +232,10 @@ def mode_test(
         f=f if kept else 0.0,
         dof=(between, within) if kept else (0.0, 0.0),
         p=float(np.exp(observed[0])),
-        p_permutation=float(counted_p(-observed, drawn)[0]),
-        permutations=permutations,
+        studentized=float(studentized_ratio(statistic.scores(kept), real, design)[0]) if kept else 0.0,
+        p_permutation=float(counted_p(statistic.studentized(real), drawn)[0]),
+        permutations=count,
+        exact=exact,
         parallel=parallel,
         warnings=_warnings(kept, design),
     )
@@ -229,7 +267,7 @@ def _warnings(kept: int, design: Design) -> tuple[str, ...]:
         return ("No mode has more variance than chance gives: the shapes differ by noise only, p is 1.",)
     if design.error_dof < _THIN * kept:
         return (
-            f"Thin: {design.error_dof} degrees of freedom for {kept} modes. Large effects only can be found, "
-            "and the effect size is overestimated.",
+            f"Thin: {design.error_dof} degrees of freedom for {kept} modes. Only large effects can be "
+            "found, and intervals are wide.",
         )
     return ()

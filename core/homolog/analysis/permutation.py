@@ -1,14 +1,16 @@
 """Relabellings under the null hypothesis, and the p-values counted over them."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import factorial, prod
 
 import numpy as np
 
 from homolog.analysis.design import Design, Exchange
-from homolog.arrays import FloatArray
+from homolog.arrays import FloatArray, IntArray
 
-__all__ = ["Relabelling", "counted_p", "relabellings"]
+__all__ = ["Relabelling", "counted_p", "lowered", "relabelling_count", "relabellings"]
 
 _ROUNDING = 1e-9
 """Statistics that differ by less than this part are equal: the same split computed in another order."""
@@ -33,8 +35,20 @@ class Relabelling:
     covariates: FloatArray
 
 
-def relabellings(design: Design, count: int, *, chunk: int, seed: int) -> Iterator[Relabelling]:
-    """Yield so many random relabellings in chunks.
+def relabelling_count(design: Design, count: int) -> tuple[int, bool]:
+    """Return how many relabellings `relabellings` yields, and whether they are all that there are.
+
+    Small groups have fewer different relabellings than are asked for. Each is then taken once, so that the
+    permutation test is exact without chance. The real labels are not among them.
+    """
+    possible = _possible(design)
+    return (possible - 1, True) if possible <= count else (count, False)
+
+
+def relabellings(
+    design: Design, count: int, *, chunk: int, seed: int, exhaustive: bool = True
+) -> Iterator[Relabelling]:
+    """Yield so many random relabellings in chunks, or each different one if those are fewer.
 
     Parameters
     ----------
@@ -46,7 +60,12 @@ def relabellings(design: Design, count: int, *, chunk: int, seed: int) -> Iterat
         Most relabellings at a time.
     seed : int
         Same seed, same relabellings, whatever the chunk.
+    exhaustive : bool
+        Take each different relabelling once where there are no more than `count`; else draw always.
     """
+    if exhaustive and relabelling_count(design, count)[1]:
+        yield from _all_relabellings(design, chunk)
+        return
     generator = np.random.default_rng(seed)
     subjects = len(design.tested)
     for start in range(0, count, chunk):
@@ -75,7 +94,63 @@ def counted_p(observed: FloatArray | float, drawn: FloatArray) -> FloatArray:
         ``(b + 1) / (P + 1)``, never zero (Phipson and Smyth 2010).
     """
     ordered = np.sort(drawn)
-    limit = np.asarray(observed, dtype=np.float64)
-    limit = limit - _ROUNDING * np.abs(limit)
+    limit = lowered(np.asarray(observed, dtype=np.float64))
     beyond = len(ordered) - np.searchsorted(ordered, limit, side="left")
     return np.asarray((beyond + 1.0) / (len(ordered) + 1.0), np.float64)
+
+
+def lowered(observed: FloatArray) -> FloatArray:
+    """Return statistics made smaller by what rounding may change in them."""
+    limit: FloatArray = observed - _ROUNDING * np.abs(observed)
+    return limit
+
+
+def _kinds(design: Design) -> IntArray:
+    """Return the number of the kind of row that each subject has; rows of one kind are alike."""
+    rows = np.round(np.hstack([design.tested, design.covariates]), 10)
+    kinds: IntArray = np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1)
+    return kinds
+
+
+def _possible(design: Design) -> int:
+    subjects = len(design.tested)
+    if design.exchange is Exchange.SIGNS:
+        return 1 << subjects
+    counts = Counter(_kinds(design).tolist()).values()
+    return factorial(subjects) // prod(factorial(one) for one in counts)
+
+
+def _all_relabellings(design: Design, chunk: int) -> Iterator[Relabelling]:
+    subjects = len(design.tested)
+    if design.exchange is Exchange.SIGNS:
+        numbers = np.arange(1, 2**subjects)
+        signs = 1.0 - 2.0 * ((numbers[:, None] >> np.arange(subjects)) & 1)
+        for start in range(0, len(signs), chunk):
+            some = signs[start : start + chunk, :, None]
+            yield Relabelling(some * design.tested, np.zeros((len(some), subjects, 0)))
+        return
+    kinds = _kinds(design)
+    first_of = np.unique(kinds, return_index=True)[1]
+    orders = np.array([one for one in _arrangements(kinds.tolist()) if one != kinds.tolist()])
+    for start in range(0, len(orders), chunk):
+        rows = first_of[orders[start : start + chunk]]
+        yield Relabelling(design.tested[rows], design.covariates[rows])
+
+
+def _arrangements(kinds: list[int]) -> Iterator[list[int]]:
+    """Yield each different order of the kinds once."""
+    left = Counter(kinds)
+
+    def grown(start: list[int]) -> Iterator[list[int]]:
+        if len(start) == len(kinds):
+            yield list(start)
+            return
+        for kind in sorted(left):
+            if left[kind]:
+                left[kind] -= 1
+                start.append(kind)
+                yield from grown(start)
+                start.pop()
+                left[kind] += 1
+
+    return grown([])

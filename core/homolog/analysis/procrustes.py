@@ -1,10 +1,30 @@
 """Generalized Procrustes alignment: position, rotation and, if wished, size taken out of particles."""
 
+from enum import StrEnum
+
 import numpy as np
 
 from homolog.arrays import FloatArray
 
-__all__ = ["align", "sizes"]
+__all__ = ["Alignment", "align", "aligned", "sizes"]
+
+
+class Alignment(StrEnum):
+    """How shapes are aligned before they are compared."""
+
+    AS_IT_LIES = "as-it-lies"
+    """As the run left them: position, rotation, size and shape are compared together."""
+    RIGID = "rigid"
+    """Position and rotation are taken out: size and shape are compared (form)."""
+    SIMILARITY = "similarity"
+    """Position, rotation and size are taken out: shape alone is compared."""
+
+
+def aligned(particles: FloatArray, alignment: Alignment) -> FloatArray:
+    """Return the particles (M, N, 3) as they are compared [mm]."""
+    if alignment is Alignment.AS_IT_LIES:
+        return particles
+    return align(particles, scaling=alignment is Alignment.SIMILARITY)
 
 
 def sizes(particles: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from homolog.analysis.comparison import DEFAULT, Comparison, Options, compared, 
 from homolog.analysis.design import group_design, paired_design, regression_design
 from homolog.analysis.discriminant import discriminant
 from homolog.analysis.procrustes import sizes
-from homolog.arrays import FloatArray, IntArray
+from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 
@@ -60,7 +60,10 @@ def compare_two_groups(
     design = group_design(list(labels[subjects]), between, own)
     title = f"{between[1]} - {between[0]}"
     counts = {one: int(np.count_nonzero(labels == one)) for one in between}
-    done = compared(shapes, subjects, design, title, counts, options, part_of(tick, 0.0, 0.7))
+    members = {one: labels[subjects] == one for one in between}
+    done = compared(
+        shapes, subjects, design, title, counts, options, part_of(tick, 0.0, 0.6), members=members
+    )
     if done.test.modes == 0:
         return done
     return replace(
@@ -71,8 +74,9 @@ def compare_two_groups(
             done.test.modes,
             covariates=own,
             bootstraps=options.bootstraps,
+            permutations=min(options.classifications, options.permutations),
             seed=options.seed,
-            tick=part_of(tick, 0.7, 1.0),
+            tick=part_of(tick, 0.6, 1.0),
         ),
     )
 
@@ -96,7 +100,7 @@ def compare_groups(
     Comparison
         Multivariate analysis of variance in the modes; effects are differences from the first group.
     tuple of Comparison
-        Each two groups; their `p_adjusted` is Holm's over these.
+        Each two groups; `p_adjusted`, `p_family` and `size_p_adjusted` are corrected over these (Holm).
     """
     shapes = checked_particles(particles, names)
     labels = np.asarray(groups)
@@ -108,21 +112,60 @@ def compare_groups(
     pairs = list(combinations(order, 2))
     share = 1.0 / (len(pairs) + 1)
     title = ", ".join(order)
-    overall = compared(shapes, subjects, design, title, counts, options, part_of(tick, 0.0, share))
-    each = [
-        compare_two_groups(
-            shapes,
-            groups,
-            pair,
-            covariates=covariates,
-            options=options,
-            names=names,
-            tick=part_of(tick, (index + 1) * share, (index + 2) * share),
+    members = {one: labels[subjects] == one for one in order}
+    overall = compared(
+        shapes, subjects, design, title, counts, options, part_of(tick, 0.0, share), members=members
+    )
+    each = []
+    for index, pair in enumerate(pairs):
+        tick_of_pair = part_of(tick, (index + 1) * share, (index + 2) * share)
+        columns, notes = _varying(covariates, np.isin(labels, pair))
+        found = compare_two_groups(
+            shapes, groups, pair, covariates=columns, options=options, names=names, tick=tick_of_pair
         )
-        for index, pair in enumerate(pairs)
-    ]
-    adjusted = holm(np.array([one.test.p_permutation for one in each]))
-    return overall, tuple(replace(one, p_adjusted=float(p)) for one, p in zip(each, adjusted, strict=True))
+        each.append(replace(found, notes=notes))
+    return overall, _corrected(each)
+
+
+def _varying(covariates: FloatArray | None, members: BoolArray) -> tuple[FloatArray | None, tuple[str, ...]]:
+    """Leave out covariates that are the same for all of some subjects, where there is nothing to adjust."""
+    if covariates is None:
+        return None, ()
+    varies = np.ptp(covariates[members], axis=0) > 0.0
+    if varies.all():
+        return covariates, ()
+    note = "a covariate is the same for all subjects of these two groups and is not adjusted for here"
+    return (covariates[:, varies] if varies.any() else None), (note,)
+
+
+def _corrected(pairs: Sequence[Comparison]) -> tuple[Comparison, ...]:
+    """Correct the p-values of whole shapes, particles and size for the number of pairs (Holm 1979)."""
+    whole = holm(np.array([one.p_adjusted for one in pairs]))
+    surface = _holm_of_families([one.p_family for one in pairs])
+    size = holm(np.array([1.0 if one.size_p_adjusted is None else one.size_p_adjusted for one in pairs]))
+    return tuple(
+        replace(
+            one,
+            p_adjusted=float(whole[index]),
+            p_family=surface[index],
+            size_p_adjusted=None if one.size_p_adjusted is None else float(size[index]),
+        )
+        for index, one in enumerate(pairs)
+    )
+
+
+def _holm_of_families(families: Sequence[FloatArray]) -> list[FloatArray]:
+    """Correct p-values that hold over each of several surfaces for the number of surfaces.
+
+    Surfaces are stepped through by their smallest p, as Holm (1979) steps through single tests.
+    """
+    adjusted: list[FloatArray] = [np.zeros(0)] * len(families)
+    least = 0.0
+    for rank, index in enumerate(np.argsort([one.min() for one in families], kind="stable")):
+        family = np.minimum(families[index] * (len(families) - rank), 1.0)
+        adjusted[index] = np.maximum(family, least)
+        least = float(adjusted[index].min())
+    return adjusted
 
 
 def regress(
@@ -180,7 +223,7 @@ def compare_pairs(
         raise InputError("pairs: each subject may be in one pair only; check the column that names the pairs")
     _refuse_duplicates_among(shapes, members, names)
     design = paired_design(len(first))
-    aligned = prepared(shapes, options)
+    both = prepared(shapes[members], options)
     return compared(
         shapes,
         first,
@@ -189,7 +232,8 @@ def compare_pairs(
         {"pairs": len(first)},
         options,
         tick,
-        data=aligned[second] - aligned[first],
+        mean=both[: len(first)].mean(axis=0),
+        data=both[len(first) :] - both[: len(first)],
         size=sizes(shapes[second]) - sizes(shapes[first]),
     )
 

@@ -29,7 +29,8 @@ class WelchMap:
     p : (N,) array
         Parametric and two-sided, for each particle by itself, not corrected.
     p_family : (N,) array
-        Corrected by the permutation distribution of the largest magnitude of t over the surface.
+        Corrected by the permutation distribution of the largest magnitude of t over the surface, each as the
+        normal deviate of the same p (Wallace 1959), so that t of few and of many degrees of freedom compare.
     q : (N,) array
         Benjamini-Hochberg false discovery rate.
     """
@@ -86,9 +87,16 @@ def welch_map(
     for start in range(0, permutations, chunk):
         tick(start / permutations, "permutations of the outward map")
         order = generator.random((min(chunk, permutations - start), len(second))).argsort(axis=1)
-        largest[start : start + len(order)] = np.abs(_welch(centred, membership[order])[1]).max(axis=1)
+        _, drawn, freedom = _welch(centred, membership[order])
+        largest[start : start + len(order)] = _deviate(drawn, freedom).max(axis=1)
     p = np.asarray(2.0 * stats.t.sf(np.abs(t), dof), np.float64)
-    return WelchMap(difference, t, p, counted_p(np.abs(t), largest), stats.false_discovery_control(p))
+    return WelchMap(difference, t, p, counted_p(_deviate(t, dof), largest), stats.false_discovery_control(p))
+
+
+def _deviate(t: FloatArray, dof: FloatArray) -> FloatArray:
+    """Return the magnitude of the normal deviate that is as unlikely as t (Wallace 1959)."""
+    deviate: FloatArray = (8.0 * dof + 1.0) / (8.0 * dof + 3.0) * np.sqrt(dof * np.log1p(np.square(t) / dof))
+    return deviate
 
 
 def _welch(centred: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from homolog.analysis.covariates import covariate_columns, numbers
+from homolog.analysis.covariates import covariate_columns, lookalikes, numbers
 from homolog.analysis.design import group_design, paired_design, regression_design
-from homolog.analysis.permutation import counted_p, relabellings
+from homolog.analysis.permutation import counted_p, relabelling_count, relabellings
 from homolog.errors import InputError
 
 
@@ -41,11 +41,28 @@ def test_decimals_with_commas_are_the_numbers_that_they_mean():
         ({"age": ["40", "40", "40"]}, "'age' is the same for all subjects"),
         ({"sex": ["m", "m", "m"]}, "'sex' is the same for all subjects"),
         ({"dose": ["1,250", "900", "1,100"]}, "'dose': 1,250 may be a decimal number or thousands"),
+        ({"age": ["40", "?", "60"]}, "'age' holds numbers, but also '\\?' of Ben"),
+        ({"age": ["40", "30 y", "60"]}, "'30 y' of Ben"),
+        ({"age": [40.0, np.inf, 60.0]}, "inf of Ben is not finite"),
     ],
 )
 def test_covariates_that_are_missing_or_constant_are_refused_by_name(table, words):
     with pytest.raises(InputError, match=words):
         covariate_columns(table, ["Ann", "Ben", "Cleo"])
+
+
+def test_spellings_of_one_category_are_found_and_other_values_are_not():
+    assert lookalikes(["Male", "male", "female", "1", "1.0", "NA", "na", "2"]) == [
+        ("Male", "male"),
+        ("1", "1.0"),
+    ]
+    assert lookalikes(["a", "b", ""]) == []
+
+
+def test_numbers_are_columns_of_categories_where_that_is_declared():
+    codes = {"site": ["1", "2", "3", "1", "2", "3"]}
+    assert covariate_columns(codes).shape == (6, 1)
+    assert covariate_columns(codes, categories={"site"}).shape == (6, 2)
 
 
 @pytest.mark.parametrize(
@@ -98,9 +115,26 @@ def test_relabellings_keep_group_sizes_and_do_not_depend_on_the_chunk():
 
 
 def test_pairs_are_relabelled_by_signs():
-    flipped = next(iter(relabellings(paired_design(4), 200, chunk=200, seed=0))).tested[:, :, 0]
-    np.testing.assert_allclose(np.abs(flipped), 0.5)
-    assert len(np.unique(flipped, axis=0)) == 16
+    flipped = next(iter(relabellings(paired_design(16), 200, chunk=200, seed=0))).tested[:, :, 0]
+    np.testing.assert_allclose(np.abs(flipped), 0.25)
+    assert len(np.unique(flipped, axis=0)) > 190
+
+
+@pytest.mark.parametrize(
+    ("design", "different"),
+    [
+        (paired_design(4), 16),
+        (group_design(["a", "b", "a", "b", "b"], ["a", "b"]), 10),
+        (group_design(["a", "b", "c"] * 2, ["a", "b", "c"]), 90),
+        (regression_design(np.array([1.0, 2.0, 4.0, 4.0])), 12),
+    ],
+)
+def test_small_designs_are_relabelled_in_each_way_once(design, different):
+    assert relabelling_count(design, 200) == (different - 1, True)
+    rows = [some.tested for some in relabellings(design, 200, chunk=7, seed=0)]
+    everything = np.concatenate([*rows, design.tested[None]]).round(9)
+    assert len(everything) == len(np.unique(everything, axis=0)) == different
+    assert relabelling_count(design, 5) == (5, False)
 
 
 def test_counted_p_counts_ties_and_the_real_labels():

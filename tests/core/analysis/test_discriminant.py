@@ -28,8 +28,10 @@ def test_shrinkage_is_that_of_ledoit_and_wolf_written_out():
 
 def test_groups_far_apart_are_told_apart_and_the_way_between_them_is_found(correlated):
     shapes, second = _two_groups(correlated, 12.0)
-    found = discriminant(shapes, second, 1, bootstraps=50)
-    assert found.accuracy == found.auc == 1.0
+    found = discriminant(shapes, second, 1, bootstraps=50, permutations=99)
+    assert found.accuracy.value == found.auc.value == 1.0
+    assert found.auc.p == found.accuracy.p == pytest.approx(0.01)
+    assert 0.8 < found.auc.low < found.auc.high == 1.0
     apart = shapes[second].mean(axis=0) - shapes[~second].mean(axis=0)
     way = found.displacement
     cosine = (way * apart).sum() / np.linalg.norm(way) / np.linalg.norm(apart)
@@ -40,14 +42,16 @@ def test_groups_far_apart_are_told_apart_and_the_way_between_them_is_found(corre
 
 def test_labels_without_meaning_are_not_told_apart(correlated):
     shapes = correlated(subjects=60)
-    found = discriminant(shapes, np.arange(60) % 2 == 1, 4, bootstraps=10)
-    assert 0.25 < found.auc < 0.65
-    assert 0.25 < found.accuracy < 0.65
+    found = discriminant(shapes, np.arange(60) % 2 == 1, 4, bootstraps=10, permutations=39)
+    assert 0.25 < found.auc.value < 0.65
+    assert 0.25 < found.accuracy.value < 0.65
+    assert found.auc.low < 0.5 < found.auc.high
+    assert found.auc.p > 0.05
 
 
 def test_the_direction_is_fishers_in_the_modes(correlated):
     shapes, second = _two_groups(correlated, 2.0)
-    found = discriminant(shapes, second, 3, bootstraps=5)
+    found = discriminant(shapes, second, 3, bootstraps=5, permutations=0)
     rows = shapes.reshape(40, -1) - shapes.reshape(40, -1).mean(axis=0)
     scores = rows @ found.modes.reshape(3, -1).T
     within = scores - np.where(second[:, None], scores[second].mean(axis=0), scores[~second].mean(axis=0))
@@ -61,7 +65,7 @@ def test_the_direction_is_fishers_in_the_modes(correlated):
 
 def test_bootstrap_bounds_hold_the_map_between_them(correlated):
     shapes, second = _two_groups(correlated, 3.0)
-    found = discriminant(shapes, second, 3, bootstraps=300)
+    found = discriminant(shapes, second, 3, bootstraps=300, permutations=0)
     maps = found.modes[:, :, 2]
     low, high = found.bounds(maps)
     inside = (low <= found.weights @ maps) & (found.weights @ maps <= high)
@@ -74,10 +78,12 @@ def test_a_covariate_that_makes_the_groups_differ_is_taken_out(correlated):
     second = np.arange(60) % 2 == 1
     age = second + 0.7 * np.random.default_rng(3).normal(size=60)
     shapes += age[:, None, None] * 8.0 * np.random.default_rng(4).normal(size=shapes.shape[1:])
-    blind = discriminant(shapes, second, 2, bootstraps=5)
-    fair = discriminant(shapes, second, 2, covariates=(age - age.mean())[:, None], bootstraps=5)
-    assert blind.auc > 0.75
-    assert fair.auc < 0.65
+    blind = discriminant(shapes, second, 2, bootstraps=5, permutations=0)
+    fair = discriminant(
+        shapes, second, 2, covariates=(age - age.mean())[:, None], bootstraps=5, permutations=0
+    )
+    assert blind.auc.value > 0.75
+    assert fair.auc.value < 0.65
 
 
 def test_a_discriminant_without_modes_or_with_a_group_of_one_is_refused(correlated):

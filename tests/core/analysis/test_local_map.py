@@ -26,7 +26,7 @@ def test_each_particle_is_tested_as_statsmodels_tests_it(correlated, covariates,
     for particle in range(6):
         wilks = _wilks(shapes[:, particle], exog, tested)
         assert found.explained[particle] == pytest.approx(1.0 - wilks["Value"], abs=1e-8)
-        assert found.p[particle] == pytest.approx(wilks["Pr > F"], abs=1e-8)
+        assert found.p_f[particle] == pytest.approx(wilks["Pr > F"], abs=1e-8)
         effect = np.linalg.lstsq(exog, shapes[:, particle], rcond=None)[0][tested]
         np.testing.assert_allclose(found.effect[:, particle], effect, atol=1e-9)
 
@@ -36,7 +36,7 @@ def test_freedman_lane_refits_covariates_at_each_particle(correlated, covariates
     design = group_design(["a", "b"] * 12, ["a", "b"], columns)
     rows = shapes.reshape(24, -1)
     residuals = design.residuals(rows)
-    statistic = LocalStatistic(residuals.reshape(shapes.shape))
+    statistic = LocalStatistic(residuals.reshape(shapes.shape), design)
     exog = np.column_stack([np.ones(24), columns, np.tile([0.0, 1.0], 12)])
     generator = np.random.default_rng(5)
     for _ in range(5):
@@ -56,25 +56,52 @@ def test_the_family_wise_p_is_counted_over_the_largest_statistic(correlated):
     for some in relabellings(design, 200, chunk=200, seed=3):
         for column in some.tested[:, :, 0]:
             second = column > 0
-            largest.append(max(_explained(shapes[:, one], second) for one in range(12)))
+            largest.append(max(_welch(shapes[:, one], second) for one in range(12)))
     second = np.tile([False, True], 12)
     for particle in range(12):
-        beyond = np.count_nonzero(np.array(largest) >= _explained(shapes[:, particle], second) - 1e-9)
+        own = _welch(shapes[:, particle], second)
+        assert found.studentized[particle] == pytest.approx(own)
+        beyond = np.count_nonzero(np.array(largest) >= own - 1e-9)
         assert found.p_family[particle] == pytest.approx((beyond + 1) / 201)
 
 
-def _explained(positions, second):
-    """1 - Wilks' lambda of two groups, from the two scatter matrices."""
-    total = positions - positions.mean(axis=0)
-    means = np.where(second[:, None], positions[second].mean(axis=0), positions[~second].mean(axis=0))
-    within = positions - means
-    return 1.0 - np.linalg.det(within.T @ within) / np.linalg.det(total.T @ total)
+def _welch(positions, second):
+    """Squared distance of two means over its variance, in coordinates of equal total scatter."""
+    centred = positions - positions.mean(axis=0)
+    values, vectors = np.linalg.eigh(centred.T @ centred)
+    white = centred @ (vectors / np.sqrt(values))
+    apart = white[second].mean(axis=0) - white[~second].mean(axis=0)
+    error = sum(np.trace(np.cov(white[one], rowvar=False)) / one.sum() for one in (second, ~second))
+    return apart @ apart / error
+
+
+@pytest.mark.parametrize("columns", [0, 2])
+def test_the_studentized_ratio_of_each_particle_is_that_of_a_refit(correlated, covariates, columns):
+    shapes = correlated(particles=5)
+    extra = covariate_columns(covariates()) if columns else None
+    groups = np.random.default_rng(1).choice(list("abc"), 24).tolist()
+    design = group_design(groups, list("abc"), extra)
+    rows = shapes.reshape(24, -1)
+    statistic = LocalStatistic(design.residuals(rows).reshape(shapes.shape), design)
+    white = statistic._white.transpose(1, 2, 0)
+    some = next(iter(relabellings(design, 4, chunk=4, seed=2)))
+    found = statistic.studentized(some)
+    for draw in range(4):
+        basis = np.hstack([np.full((24, 1), 24**-0.5), some.covariates[draw], some.tested[draw]])
+        leverage = np.square(basis).sum(axis=1)
+        tested = np.square(some.tested[draw]).sum(axis=1)
+        for particle in range(5):
+            own = white[:, particle]
+            rest = own - basis @ (basis.T @ own)
+            expected = (tested / (1 - leverage)) @ np.square(rest).sum(axis=1)
+            explained = np.square(some.tested[draw].T @ own).sum()
+            assert found[draw, particle] == pytest.approx(explained / expected, rel=1e-9)
 
 
 def test_q_values_are_those_of_statsmodels(correlated):
     shapes = correlated()
     shapes[::2, :5] += 4.0
-    found = local_map(shapes, group_design(["a", "b"] * 12, ["a", "b"]), permutations=9)
+    found = local_map(shapes, group_design(["a", "b"] * 12, ["a", "b"]), permutations=99)
     np.testing.assert_allclose(found.q, multipletests(found.p, method="fdr_bh")[1], atol=1e-12)
 
 

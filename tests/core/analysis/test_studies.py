@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -5,10 +7,12 @@ from statsmodels.stats.multitest import multipletests
 
 from homolog.analysis.comparison import Options
 from homolog.analysis.covariates import covariate_columns
+from homolog.analysis.procrustes import Alignment
 from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, holm, regress
 from homolog.errors import InputError
 
-QUICK = Options(permutations=199, bootstraps=20)
+LIES = Alignment.AS_IT_LIES
+QUICK = Options(alignment=LIES, permutations=199, bootstraps=20, classifications=9)
 
 
 def test_two_groups_are_compared_among_their_own_subjects_only(correlated):
@@ -30,12 +34,14 @@ def test_size_is_tested_apart_and_taken_out_of_the_shapes(ellipsoids):
     groups = ["small"] * 10 + ["large"] * 10
     shapes[10:] *= 1.3
     result = compare_two_groups(
-        shapes, groups, ("small", "large"), options=Options(scaling=True, permutations=199, bootstraps=20)
+        shapes, groups, ("small", "large"), options=replace(QUICK, alignment=Alignment.SIMILARITY)
     )
-    assert result.size_p < 1e-4
-    assert result.size_effect[0] > 4.0
+    assert result.size.p == 0.005  # the smallest of 199 permutations
     size = np.sqrt(np.square(shapes - shapes.mean(axis=1, keepdims=True)).sum(axis=2).mean(axis=1))
-    assert result.size_p == pytest.approx(stats.ttest_ind(size[10:], size[:10]).pvalue)
+    welch = stats.ttest_ind(size[10:], size[:10], equal_var=False)
+    interval = welch.confidence_interval()
+    np.testing.assert_allclose((result.size.low, result.size.high), (interval.low, interval.high))
+    assert result.size.value == pytest.approx(size[10:].mean() - size[:10].mean())
     assert result.test.p > 0.01
     with_size = compare_two_groups(shapes, groups, ("small", "large"), options=QUICK)
     assert with_size.test.p < 1e-4
@@ -100,13 +106,13 @@ def test_a_cohort_that_differs_by_noise_only_has_no_discriminant_and_no_nan():
     result = compare_two_groups(shapes, ["a", "b"] * 10, ("a", "b"), options=QUICK)
     assert result.test.modes == 0
     assert result.discriminant is None
-    assert np.isfinite([result.test.p, result.size_p, result.test.wilks, result.p_adjusted]).all()
+    assert np.isfinite([result.test.p, result.size.p, result.test.wilks, result.p_adjusted]).all()
 
 
 def test_the_null_simulation_comes_with_the_comparison_where_it_is_asked_for(correlated):
     shapes = correlated(subjects=20)
     groups = ["a", "b"] * 10
-    options = Options(permutations=99, bootstraps=5, null_repeats=50)
+    options = Options(permutations=99, bootstraps=5, classifications=9, null_repeats=50)
     with_null = compare_two_groups(shapes, groups, ("a", "b"), options=options)
-    assert [one.repeats for one in with_null.false_alarms] == [50] * 5
+    assert [one.repeats for one in with_null.false_alarms] == [50] * 4
     assert compare_two_groups(shapes, groups, ("a", "b"), options=QUICK).false_alarms == ()

@@ -1,0 +1,239 @@
+"""A question asked again of correspondences from other seeds: how much of the answer is chance of the run."""
+
+import csv
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from homolog.cohort import Cohort
+from homolog.errors import Cancelled, InputError
+from homolog.files.project import Project
+from homolog.files.records import ResultRecord
+from homolog.files.results import Result, read_result
+from homolog.files.tables import write_table
+from homolog.progress import Tick, no_tick, part_of
+from homolog.run import FinishReason, Run
+from homolog_app.report.findings import LEVEL, p_words
+from homolog_app.report.request import StudyRequest
+from homolog_app.report.study import Study, run_study
+
+__all__ = ["FILE", "SeedAnswer", "answer_by_seed", "read_spread", "spread_words", "write_spread"]
+
+FILE = "seeds.csv"
+_FOLDER = "seeds"
+_COLUMNS = [
+    "comparison", "seed_of_correspondence", "p_permutation_corrected", "mahalanobis_d_corrected",
+    "particles_p_family_corrected_05", "area_p_family_corrected_05_percent", "balanced_accuracy", "auc",
+    "size_effect_mm", "permutations", "result_fingerprint",
+]  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class SeedAnswer:
+    """One comparison's answer from the correspondence of one seed; None where there is none."""
+
+    comparison: str
+    seed: int
+    p: float
+    distance: float | None
+    particles: int
+    percent: float
+    accuracy: float | None
+    auc: float | None
+    size: float | None
+    permutations: int
+    fingerprint: str
+
+
+def answer_by_seed(
+    project: Project,
+    result: Result,
+    requests: Sequence[StudyRequest],
+    count: int,
+    tick: Tick = no_tick,
+) -> list[list[SeedAnswer]]:
+    """Place the particles of a result again with other seeds and answer questions about each.
+
+    The runs are kept in ``seeds/`` of the project and used again as long as the result's settings and
+    surfaces are the same.
+
+    Parameters
+    ----------
+    project : Project
+        With the result.
+    result : Result
+        As read, with the table's present columns.
+    requests : sequence of StudyRequest
+        The questions.
+    count : int
+        Seeds in all, the result's own among them.
+    tick : Tick
+        Progress and cancelling.
+
+    Returns
+    -------
+    list of list of SeedAnswer
+        For each question the answers: comparisons of the first seed, then of the others.
+
+    Raises
+    ------
+    InputError
+        If the result can't be repeated, because another program made it or files are gone.
+    """
+    record = project.read().result
+    if record is None or record.source:
+        raise InputError(
+            f"{project.folder}: its particles were not placed by Homolog; no seed can be changed"
+        )
+    first = record.settings.optimize.seed
+    found: list[list[SeedAnswer]] = [[] for _ in requests]
+    for number in range(count):
+        part = part_of(tick, number / count, (number + 1) / count)
+        again, seed = result, first + number
+        if number:
+            repeated = _repeated(project, record, seed, part_of(part, 0.0, 0.8))
+            again = _with_table(read_result(repeated), result)
+        for index, request in enumerate(requests):
+            low, high = 0.8 + 0.2 * index / len(requests), 0.8 + 0.2 * (index + 1) / len(requests)
+            quick = request.model_copy(update={"null_repeats": 0})
+            study = run_study(again, quick, part_of(part, low, high))
+            found[index] += _answers(study, seed, record.fingerprint)
+    return found
+
+
+def write_spread(folder: Path, answers: Sequence[SeedAnswer]) -> None:
+    """Write the answers of all seeds beside a study's tables."""
+    write_table(
+        folder / FILE,
+        _COLUMNS,
+        (
+            [
+                one.comparison, one.seed, one.p, one.distance, one.particles, one.percent, one.accuracy,
+                one.auc, one.size, one.permutations, one.fingerprint,
+            ]
+            for one in answers
+        ),
+    )  # fmt: skip
+
+
+def read_spread(folder: Path, fingerprint: str) -> list[SeedAnswer]:
+    """Return the answers of all seeds that lie in a study's folder; none if they are of another result."""
+    path = folder / FILE
+    if not path.is_file():
+        return []
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+        found = [
+            SeedAnswer(
+                row["comparison"], int(row["seed_of_correspondence"]), float(row["p_permutation_corrected"]),
+                _number(row["mahalanobis_d_corrected"]), int(row["particles_p_family_corrected_05"]),
+                float(row["area_p_family_corrected_05_percent"]), _number(row["balanced_accuracy"]),
+                _number(row["auc"]), _number(row["size_effect_mm"]), int(row["permutations"]),
+                row["result_fingerprint"],
+            )
+            for row in rows
+        ]  # fmt: skip
+    except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
+        raise InputError(
+            f"{path}: can't be read: {error}; delete it and analyze again with --seeds"
+        ) from error
+    return found if all(one.fingerprint == fingerprint for one in found) else []
+
+
+def spread_words(answers: Sequence[SeedAnswer]) -> list[str]:
+    """Return a sentence for each comparison: between what its answers lie."""
+    words = []
+    for title in dict.fromkeys(one.comparison for one in answers):
+        own = [one for one in answers if one.comparison == title]
+        low, high = min(one.p for one in own), max(one.p for one in own)
+        significant = sum(one.p <= LEVEL for one in own)
+        text = (
+            f"{title}: over {len(own)} seeds of the correspondence {p_words(low, own[0].permutations)} to "
+            f"{p_words(high, own[0].permutations)} ({significant} of {len(own)} significant)"
+        )
+        distances = [one.distance for one in own if one.distance is not None]
+        if distances:
+            text += f", D {min(distances):.2f} to {max(distances):.2f} SD"
+        percents = [one.percent for one in own]
+        text += f", {min(percents):.1f} to {max(percents):.1f} % of the surface"
+        accuracies = [one.accuracy for one in own if one.accuracy is not None]
+        if accuracies:
+            text += f", balanced accuracy {100 * min(accuracies):.0f} to {100 * max(accuracies):.0f} %"
+        words.append(f"{text}.")
+    return words
+
+
+def _repeated(project: Project, record: ResultRecord, seed: int, tick: Tick) -> Project:
+    """Return the project of another seed's run, computed now if it is not there."""
+    again = Project(project.folder / _FOLDER / f"seed_{seed}")
+    settings = record.settings.model_copy(
+        update={"optimize": record.settings.optimize.model_copy(update={"seed": seed})}
+    )
+    there = again.read() if again.exists else None
+    if there is not None and there.result is not None and there.result.settings == settings:
+        contents = {one.name: one.content for one in there.result.subjects}
+        if contents == {one.name: one.content for one in record.subjects}:
+            return again
+    if not again.groomed.is_dir() and project.groomed.is_dir():
+        shutil.copytree(project.groomed, again.groomed)  # so that nothing is groomed again
+        again.write(project.read().model_copy(update={"result": None, "subjects": [], "unfinished": False}))
+    cohort = project.cohort()
+    names = {one.name for one in record.subjects}
+    kept = tuple(one for one in cohort.subjects if one.name in names)
+    if len(kept) < len(names):
+        gone = sorted(names - {one.name for one in kept})
+        raise InputError(f"{gone[0]}: is no more among the project's subjects; run the project again first")
+    job = Run(again, Cohort(kept, cohort.folder), settings)
+
+    def observe(fraction: float, message: str) -> None:
+        try:
+            tick(fraction, f"seed {seed}: {message}")
+        except Cancelled:
+            job.cancel()
+
+    reason = job.execute(lambda status: observe(status.fraction, status.message))
+    if reason is not FinishReason.COMPLETED:
+        raise Cancelled
+    return again
+
+
+def _with_table(again: Result, result: Result) -> Result:
+    """Return a repeated result with the groups and columns of the first one."""
+    order = [result.names.index(name) for name in again.names]
+    return replace(
+        again,
+        groups=tuple(result.groups[index] for index in order),
+        columns=tuple(result.columns[index] for index in order),
+    )
+
+
+def _answers(study: Study, seed: int, fingerprint: str) -> list[SeedAnswer]:
+    found = []
+    for one in study.comparisons:
+        significant = one.p_family <= LEVEL
+        area = float(study.areas[significant].sum()) / max(float(study.areas.sum()), 1e-300)
+        line, size = one.discriminant, one.size
+        found.append(
+            SeedAnswer(
+                comparison=one.title,
+                seed=seed,
+                p=one.p_adjusted,
+                distance=None if one.distance is None else one.distance.value,
+                particles=int(np.count_nonzero(significant)),
+                percent=100.0 * area,
+                accuracy=None if line is None else line.accuracy.value,
+                auc=None if line is None else line.auc.value,
+                size=size.value if size is not None and np.isfinite(size.value) else None,
+                permutations=one.test.permutations,
+                fingerprint=fingerprint,
+            )
+        )
+    return found
+
+
+def _number(cell: str) -> float | None:
+    return float(cell) if cell else None

@@ -1,0 +1,174 @@
+"""Effects with 95 % confidence intervals: distance of the means, size, displacement at particles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize, stats
+
+from homolog.analysis.design import Design
+from homolog.analysis.permutation import counted_p, relabelling_count, relabellings
+from homolog.analysis.studentized import identity, null_weights, studentized_ratio
+from homolog.analysis.threads import on_one_thread
+from homolog.arrays import BoolArray, FloatArray
+
+__all__ = ["CONFIDENCE", "Effect", "corrected_distance", "effect_bounds", "size_effect"]
+
+CONFIDENCE = 0.95
+_CHUNK = 500
+_NOTHING = 1e-9
+"""Part of the size's own variation below which nothing is left to be tested: it is what is allowed for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """An estimate with its confidence interval, and a permutation p-value if it was tested.
+
+    Attributes
+    ----------
+    value, low, high : float
+        Estimate and bounds of the 95 % interval.
+    p : float or None
+        Two-sided (for accuracy and AUC: one-sided) permutation p-value; None if not tested.
+    permutations : int
+        Number of relabellings of that; 0 if not tested.
+    """
+
+    value: float
+    low: float
+    high: float
+    p: float | None = None
+    permutations: int = 0
+
+
+def corrected_distance(t_squared: float, modes: int, error_dof: int, scale: float) -> Effect | None:
+    """Return the Mahalanobis distance corrected for its bias, with its interval.
+
+    The square is made unbiased for normal data, ``(v - k - 1) / v D² - k / scale`` with v degrees of freedom
+    of the error and k modes, and is no less than zero. Bounds come from the noncentral F distribution
+    (Reiser 2001); they hold for normal data with equal covariances.
+
+    Parameters
+    ----------
+    t_squared : float
+        Hotelling's T².
+    modes : int
+        Number of modes k.
+    error_dof : int
+        Degrees of freedom of the error.
+    scale : float
+        T² divided by D²: for two groups ``n1 n2 / (n1 + n2)``.
+
+    Returns
+    -------
+    Effect or None
+        None with fewer than two degrees of freedom more than modes.
+    """
+    within = error_dof - modes + 1
+    if modes < 1 or within < 3:
+        return None
+    square = (error_dof - modes - 1) / error_dof * t_squared / scale - modes / scale
+    f = t_squared * within / (modes * error_dof)
+    low, high = (
+        _noncentrality(f, modes, within, tail) / scale
+        for tail in ((1.0 + CONFIDENCE) / 2.0, (1.0 - CONFIDENCE) / 2.0)
+    )
+    return Effect(float(np.sqrt(max(square, 0.0))), float(np.sqrt(low)), float(np.sqrt(high)))
+
+
+def _noncentrality(f: float, between: int, within: int, probability: float) -> float:
+    """Return the noncentrality at which F is below f with this probability; 0 if it never is."""
+    if stats.f.cdf(f, between, within) <= probability:
+        return 0.0
+
+    def above(noncentrality: float) -> float:
+        return float(stats.ncf.cdf(f, between, within, noncentrality)) - probability
+
+    limit = 10.0 + 2.0 * f * between
+    while above(limit) > 0.0:
+        limit *= 2.0
+    return float(optimize.brentq(above, 0.0, limit, xtol=1e-6 * limit))
+
+
+def effect_bounds(
+    values: FloatArray, design: Design, members: Sequence[BoolArray] = ()
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the coefficient of one tested column for many numbers, with bounds of its 95 % interval.
+
+    Parameters
+    ----------
+    values : (M, N) array
+        Numbers of each subject.
+    design : Design
+        With one tested column.
+    members : sequence of (M,) bool arrays, optional
+        Groups without covariates: degrees of freedom are then those of Welch (1947), else the design's.
+
+    Returns
+    -------
+    value, low, high : (N,) arrays
+        Standard errors are those of each group's own variance (HC2 where there are covariates or a variable).
+    """
+    column = design.tested[:, 0]
+    unit = float(np.linalg.norm(design.columns[:, 0]))
+    residuals = design.residuals(values)
+    along = column @ residuals
+    rest = residuals - column[:, None] * along
+    parts = null_weights(identity(design), design)[0][:, None] * np.square(rest)
+    variance = parts.sum(axis=0)
+    dof = np.full(values.shape[1], float(design.error_dof))
+    if members:
+        spread = sum(np.square(parts[one].sum(axis=0)) / (np.count_nonzero(one) - 1.0) for one in members)
+        dof = np.square(variance) / np.maximum(spread, np.finfo(float).tiny)
+        dof = np.clip(dof, 1.0, float(design.error_dof))
+    reach = stats.t.ppf((1.0 + CONFIDENCE) / 2.0, dof) * np.sqrt(variance) / unit
+    value = along / unit
+    return value, value - reach, value + reach
+
+
+@on_one_thread
+def size_effect(
+    size: FloatArray,
+    design: Design,
+    members: Sequence[BoolArray] = (),
+    *,
+    permutations: int = 10_000,
+    seed: int = 0,
+) -> Effect | None:
+    """Test whether size differs or changes, by permutation of its studentized statistic.
+
+    Parameters
+    ----------
+    size : (M,) array
+        Size of each subject, or the differences of pairs [mm].
+    design : Design
+        What is tested.
+    members : sequence of (M,) bool arrays, optional
+        The groups, without covariates; see `effect_bounds`.
+    permutations, seed : int
+        See `homolog.analysis.mode_test.mode_test`.
+
+    Returns
+    -------
+    Effect or None
+        Difference or change per unit [mm]; value and bounds are NaN for more than two groups. None if size
+        is what is tested or allowed for.
+    """
+    residuals = design.residuals(size[:, None])
+    spread = float(np.square(size - (size.mean() if design.nuisance.shape[1] else 0.0)).sum())
+    left = residuals - design.tested @ (design.tested.T @ residuals)
+    if spread == 0.0 or float(np.square(left).sum()) <= _NOTHING * spread:
+        return None
+    observed = studentized_ratio(residuals, identity(design), design)
+    count, _ = relabelling_count(design, permutations)
+    drawn, done = np.empty(count), 0
+    for some in relabellings(design, permutations, chunk=_CHUNK, seed=seed):
+        rest = residuals[None, :, :]
+        rest = rest - some.covariates @ (np.swapaxes(some.covariates, 1, 2) @ rest)
+        drawn[done : done + len(some.tested)] = studentized_ratio(rest, some, design)
+        done += len(some.tested)
+    p = float(counted_p(observed, drawn)[0])
+    if design.tested.shape[1] > 1:
+        return Effect(float("nan"), float("nan"), float("nan"), p, count)
+    value, low, high = (float(one[0]) for one in effect_bounds(size[:, None], design, members))
+    return Effect(value, low, high, p, count)

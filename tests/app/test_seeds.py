@@ -1,0 +1,59 @@
+"""Answers of several correspondences of one cohort, and between what they lie."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import SimpleITK
+
+from homolog.cohort import Cohort, Subject
+from homolog.files.project import Project
+from homolog.run import Run
+from homolog_app.cli import main
+from homolog_app.report.seeds import SeedAnswer, read_spread, spread_words, write_spread
+
+QUICK = ["--permutations", "99", "--null", "0", "--alignment", "rigid", "--progress", "none"]
+
+
+@pytest.fixture
+def project(short_settings, tmp_path):
+    """A project of six ellipsoids in two groups."""
+    grid = np.stack(np.meshgrid(*[np.arange(-11.0, 12.0)] * 3, indexing="ij"))
+    subjects = []
+    for index, axes in enumerate(((9, 7, 6), (10, 7, 5), (8, 7.5, 6), (9.5, 6, 6.5), (9, 6, 6), (10, 8, 6))):
+        inside = (np.square(grid) / np.square(axes)[:, None, None, None]).sum(axis=0) <= 1.0
+        path = tmp_path / f"e{index}.nrrd"
+        SimpleITK.WriteImage(SimpleITK.GetImageFromArray(inside.astype(np.uint8).T), path)
+        subjects.append(Subject(path.stem, path, "ab"[index % 2]))
+    project = Project(tmp_path / "project")
+    Run(project, Cohort(tuple(subjects), tmp_path), short_settings).execute()
+    return project
+
+
+def test_other_seeds_are_run_once_and_their_answers_reported(project, capsys):
+    question = ["analyze", str(project.folder), *QUICK, "--seeds", "2"]
+    assert main(question) == 0
+    assert "over 2 seeds of the correspondence" in capsys.readouterr().out
+    with (project.folder / "analysis" / "groups_group_a_b" / "seeds.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    own = project.read().result.settings.optimize.seed
+    assert [int(row["seed_of_correspondence"]) for row in rows] == [own, own + 1]
+    again = Project(project.folder / "seeds" / f"seed_{own + 1}")
+    assert again.read().result.settings.optimize.seed == own + 1
+    before = again.read().result.finished
+    assert main(question) == 0
+    assert again.read().result.finished == before
+
+
+ANSWER = SeedAnswer("b - a", 0, 0.011, 1.3, 6, 4.7, 0.8, 0.9, 0.5, 999, "abc")
+
+
+def test_the_spread_is_between_the_smallest_and_the_largest(tmp_path):
+    answers = [ANSWER, replace(ANSWER, seed=1, p=0.08, percent=3.1, distance=None)]
+    write_spread(tmp_path, answers)
+    assert read_spread(tmp_path, "abc") == answers
+    assert read_spread(tmp_path, "another result") == []
+    (words,) = spread_words(answers)
+    assert "p = 0.011 to p = 0.080 (1 of 2 significant)" in words
+    assert "3.1 to 4.7 % of the surface" in words

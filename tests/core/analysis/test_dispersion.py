@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+from scipy import stats
+
+from homolog.analysis.design import group_design, paired_design, regression_design
+from homolog.analysis.dispersion import dispersion_test
+from homolog.analysis.local_map import local_map
+from homolog.analysis.mode_test import mode_test
+
+
+def _groups(counts):
+    labels = np.repeat(["a", "b"], counts)
+    return group_design(labels.tolist(), ["a", "b"]), {one: labels == one for one in "ab"}
+
+
+def test_distances_to_the_centroid_are_those_of_the_definition(correlated):
+    shapes = correlated(subjects=20)
+    design, members = _groups((8, 12))
+    found = dispersion_test(shapes, design, 19, members, permutations=99)
+    for group, size in (("a", 8), ("b", 12)):
+        own = shapes[members[group]]
+        apart = np.sqrt(np.square(own - own.mean(axis=0)).sum(axis=2).mean(axis=1) * size / (size - 1))
+        np.testing.assert_allclose(found.distances[members[group]], apart, rtol=1e-4)
+    f = stats.f_oneway(found.distances[:8], found.distances[8:]).statistic
+    assert found.f == pytest.approx(f)
+
+
+def test_a_group_that_scatters_twice_as_much_is_noticed_and_equal_ones_are_not(correlated):
+    shapes = correlated(subjects=42, seed=1)
+    design, members = _groups((8, 34))
+    assert dispersion_test(shapes, design, 4, members, permutations=499).p > 0.05
+    shapes[:8] = 2.0 * shapes[:8]
+    found = dispersion_test(shapes, design, 4, members, permutations=499)
+    assert found.p < 0.01
+    assert found.by_group["a"] > 1.5 * found.by_group["b"]
+    assert found.ratio == found.by_group["a"] / found.by_group["b"]
+
+
+def test_scatter_that_grows_along_a_variable_is_noticed_and_pairs_have_none(correlated):
+    shapes = correlated(subjects=40)
+    values = np.linspace(1.0, 6.0, 40)
+    spread = shapes * values[:, None, None]
+    assert dispersion_test(spread, regression_design(values), 4, {}, permutations=499).p < 0.01
+    assert dispersion_test(shapes, paired_design(40), 4, {}) is None
+
+
+def test_the_permutation_tests_hold_their_level_where_t_squared_does_not():
+    """Equal means, the smaller group of 8 with twice the dispersion of the 34: scores and particles."""
+    generator = np.random.default_rng(4)
+    pattern = generator.normal(size=(5, 12, 3))
+    design, _ = _groups((8, 34))
+    counts = np.zeros(3, int)
+    for repeat in range(150):
+        scores = generator.normal(size=(42, 5)) * np.where(np.arange(42) < 8, 2.0, 1.0)[:, None]
+        shapes = np.tensordot(scores, pattern, axes=1)
+        whole = mode_test(shapes, design, modes=5, permutations=199, seed=repeat)
+        local = local_map(shapes, design, permutations=199, seed=repeat)
+        counts += [whole.p <= 0.05, whole.p_permutation <= 0.05, local.p_family.min() <= 0.05]
+    parametric, permuted, family_wise = counts / 150
+    assert parametric > 0.25
+    assert permuted < 0.1
+    assert family_wise < 0.1

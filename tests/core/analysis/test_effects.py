@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+from scipy import stats
+
+from homolog.analysis.design import group_design, regression_design
+from homolog.analysis.effects import corrected_distance, effect_bounds, size_effect
+
+
+def test_the_distance_is_unbiased_where_the_plain_one_is_too_large():
+    generator = np.random.default_rng(1)
+    squares, plain, inside = [], [], 0
+    for _ in range(400):
+        scores = generator.normal(size=(28, 5))
+        scores[14:, 0] += 1.2
+        apart = scores[14:].mean(axis=0) - scores[:14].mean(axis=0)
+        pooled = (np.cov(scores[:14], rowvar=False) + np.cov(scores[14:], rowvar=False)) / 2
+        square = apart @ np.linalg.solve(pooled, apart)
+        found = corrected_distance(7.0 * square, 5, 26, 7.0)
+        squares.append((28 - 5 - 3) / 26 * square - 5 / 7)
+        plain.append(np.sqrt(square))
+        assert found.value == pytest.approx(np.sqrt(max(squares[-1], 0.0)))
+        inside += found.low <= 1.2 <= found.high
+    assert np.mean(squares) == pytest.approx(1.44, abs=0.15)
+    assert np.mean(plain) > 1.5
+    assert 0.92 < inside / 400 < 0.98
+
+
+def test_bounds_of_one_number_are_welchs_and_hold_for_a_variable_too():
+    generator = np.random.default_rng(2)
+    values = generator.normal(size=(30, 3)) * np.where(np.arange(30) < 9, 3.0, 1.0)[:, None]
+    labels = np.where(np.arange(30) < 9, "a", "b")
+    design = group_design(labels.tolist(), ["a", "b"])
+    value, low, high = effect_bounds(values, design, (labels == "a", labels == "b"))
+    welch = stats.ttest_ind(values[9:], values[:9], equal_var=False).confidence_interval()
+    np.testing.assert_allclose(low, welch.low)
+    np.testing.assert_allclose(high, welch.high)
+    np.testing.assert_allclose(value, values[9:].mean(axis=0) - values[:9].mean(axis=0))
+    age = generator.normal(60.0, 9.0, 30)
+    slope, low, high = effect_bounds(values + 0.5 * age[:, None], regression_design(age))
+    assert (low < slope).all()
+    assert (slope < high).all()
+    np.testing.assert_allclose(slope, np.polyfit(age, values, 1)[0] + 0.5)
+
+
+def test_size_against_itself_has_no_test():
+    size = np.random.default_rng(3).normal(30.0, 2.0, 20)
+    assert size_effect(size, regression_design(size)) is None
+    groups = group_design(["a", "b"] * 10, ["a", "b"], ((size - size.mean()) / size.std())[:, None])
+    assert size_effect(size, groups) is None
+    assert size_effect(size, group_design(["a", "b"] * 10, ["a", "b"]), permutations=99).p > 0.0
