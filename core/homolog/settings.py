@@ -9,7 +9,16 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["Alignment", "GroomSettings", "Method", "OptimizeSettings", "Procrustes", "RunSettings"]
+__all__ = [
+    "Alignment",
+    "GroomSettings",
+    "Method",
+    "Mirror",
+    "OptimizeSettings",
+    "Pieces",
+    "Procrustes",
+    "RunSettings",
+]
 
 
 class Method(StrEnum):
@@ -40,12 +49,35 @@ class Alignment(StrEnum):
     ICP = "icp"
 
 
-class Procrustes(StrEnum):
-    """Whether shapes are aligned by their particles while these are placed."""
+class Mirror(StrEnum):
+    """Which side of the body is mirrored, so that left and right ones are compared."""
 
+    AUTO = "auto"
+    LEFT = "left"
+    RIGHT = "right"
+    OFF = "off"
+
+
+class Pieces(StrEnum):
+    """Which of a structure's separate pieces are kept."""
+
+    LARGEST = "largest"
+    ALL = "all"
+
+
+class Procrustes(StrEnum):
+    """Whether shapes are aligned by their particles while these are placed, and what results keep."""
+
+    AUTO = "auto"
     OFF = "off"
     RIGID = "rigid"
+    FORM = "form"
     SIMILARITY = "similarity"
+
+    @property
+    def takes_size_out(self) -> bool:
+        """Whether shapes are compared at one size."""
+        return self in (Procrustes.FORM, Procrustes.SIMILARITY)
 
 
 def _unit(name: str) -> dict[str, Any]:
@@ -68,9 +100,17 @@ class GroomSettings(_Settings):
         Field(
             min_length=1,
             max_length=200,
-            description="Name of the segment to keep, in files that name theirs (.seg.nrrd, DICOM SEG).",
+            description="Name of the structure to keep, whatever its case, dashes and order of words: as the "
+            "files (.seg.nrrd, DICOM SEG), a table beside them or a public list (FreeSurfer) call it.",
         ),
     ] = None
+    pieces: Annotated[
+        Pieces,
+        Field(
+            description="Of separate pieces keep the largest; or all, which must then touch or overlap, so "
+            "that they make one surface."
+        ),
+    ] = Pieces.LARGEST
     spacing: Annotated[
         float | None,
         Field(
@@ -93,6 +133,14 @@ class GroomSettings(_Settings):
         Alignment,
         Field(description="Rigid alignment: none, centre of mass, principal axes, or ICP to a medoid shape."),
     ] = Alignment.ICP
+    mirror: Annotated[
+        Mirror,
+        Field(
+            description="Mirror the subjects of one side of the body: left, right, or off. Auto mirrors the "
+            "rarer side (left, if both are as many) where a column side or the names of all files say left "
+            "and right."
+        ),
+    ] = Mirror.AUTO
     scaling: Annotated[
         bool,
         Field(description="Also scale to a common size. The factor is stored; files keep their own size."),
@@ -131,10 +179,11 @@ class OptimizeSettings(_Settings):
     procrustes: Annotated[
         Procrustes,
         Field(
-            description="Align the shapes by their particles during the run: off, rigid, or similarity "
-            "(also to one size)."
+            description="Align the shapes by their particles: off, rigid (sizes count), form (compared at "
+            "one size; results keep sizes), or similarity (results have one size). Auto: form after ICP "
+            "alignment, similarity if scaling too, else off."
         ),
-    ] = Procrustes.OFF
+    ] = Procrustes.AUTO
     landmarks: Annotated[
         bool,
         Field(
@@ -209,3 +258,13 @@ class RunSettings(_Settings):
             description="Processes that groom subjects side by side; one for each core if not given.",
         ),
     ] = None
+
+    @property
+    def placing(self) -> OptimizeSettings:
+        """The optimizer's settings with `Procrustes.AUTO` replaced by what it stands for here."""
+        if self.optimize.procrustes is not Procrustes.AUTO:
+            return self.optimize
+        meant = Procrustes.OFF
+        if self.groom.alignment is Alignment.ICP:
+            meant = Procrustes.SIMILARITY if self.groom.scaling else Procrustes.FORM
+        return self.optimize.model_copy(update={"procrustes": meant})

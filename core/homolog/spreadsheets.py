@@ -1,19 +1,27 @@
-"""Tables as spreadsheet programs save them: with commas, semicolons or tabs, in UTF-8 or UTF-16."""
+"""Tables as spreadsheet programs save them: text with commas, semicolons or tabs, or XLSX."""
 
 import codecs
 import csv
 import io
 import re
+import zipfile
 from collections import Counter
+from contextlib import closing
+from datetime import datetime, time
 from pathlib import Path
 
 from homolog.errors import InputError
 
-__all__ = ["Row", "read_rows"]
+__all__ = ["TABLE_SUFFIXES", "Row", "read_rows"]
 
 Row = dict[str, str]
 
+TABLE_SUFFIXES = (".csv", ".tsv", ".xlsx")
+"""Of files that are taken for tables."""
+
 _LARGEST = 64 * 2**20
+_LARGEST_UNPACKED = 256 * 2**20
+_MOST_ROWS, _MOST_COLUMNS = 100_000, 1000
 _SEPARATORS = ",;\t"
 _SAID = re.compile(r'"?sep=(.)"?\r?\n', re.IGNORECASE)  # what Excel takes for the separator
 _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
@@ -22,28 +30,15 @@ _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 def read_rows(path: Path) -> tuple[list[str], list[tuple[int, Row]]]:
     """Return a table's column names, and its rows with their lines; empty rows are left out.
 
-    The separator is the one that the first line has most of. Values lose the blanks around them.
+    The separator is the one that the first line has most of. Values lose the blanks around them. Of an XLSX
+    file the first sheet is read, with numbers and dates as texts.
 
     Raises
     ------
     InputError
         If the file can't be read, two columns have one name, or a row has more values than there are columns.
     """
-    text = _decoded(path)
-    skipped = 0
-    if said := _SAID.match(text):
-        text, skipped = text[said.end() :], 1
-    head = text.partition("\n")[0]
-    separator = said[1] if said else max(_SEPARATORS, key=head.count)
-    reader = csv.reader(
-        io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True
-    )
-    try:
-        lines = [(reader.line_num + skipped, [value.strip() for value in line]) for line in reader]
-    except csv.Error as error:
-        raise InputError(
-            f"{path}, line {reader.line_num + skipped}: {error}; save the table again"
-        ) from error
+    lines, separator = _sheet_lines(path) if path.suffix.lower() == ".xlsx" else _text_lines(path)
     columns = lines[0][1] if lines else []
     twice = [name for name, count in Counter(columns).items() if name and count > 1]
     if twice:
@@ -59,6 +54,66 @@ def read_rows(path: Path) -> tuple[list[str], list[tuple[int, Row]]]:
             filled = [*values, *[""] * (len(columns) - len(values))]
             rows.append((number, {key: one for key, one in zip(columns, filled, strict=False) if key}))
     return columns, rows
+
+
+def _text_lines(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
+    """Return the numbered lines of a text file as values, and what separates them."""
+    text = _decoded(path)
+    skipped = 0
+    if said := _SAID.match(text):
+        text, skipped = text[said.end() :], 1
+    head = text.partition("\n")[0]
+    separator = said[1] if said else max(_SEPARATORS, key=head.count)
+    reader = csv.reader(
+        io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True
+    )
+    try:
+        lines = [(reader.line_num + skipped, [value.strip() for value in line]) for line in reader]
+    except csv.Error as error:
+        raise InputError(
+            f"{path}, line {reader.line_num + skipped}: {error}; save the table again"
+        ) from error
+    return lines, separator
+
+
+def _sheet_lines(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
+    """Return the numbered lines of a workbook's first sheet as values."""
+    import openpyxl
+
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file; correct the path")
+    lines: list[tuple[int, list[str]]] = []
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if sum(one.file_size for one in archive.infolist()) > _LARGEST_UNPACKED:
+                raise InputError(f"{path}: is too large for a table; choose another file")
+        with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
+            sheet = book.worksheets[0]
+            sheet.reset_dimensions()  # what a sheet claims of its size would be filled with blanks
+            for number, row in enumerate(sheet.iter_rows(values_only=True, max_col=_MOST_COLUMNS), start=1):
+                if number > _MOST_ROWS:
+                    raise InputError(f"{path}: has more than {_MOST_ROWS} rows; choose another file")
+                values = [_cell(one) for one in row]
+                while values and not values[-1]:
+                    values.pop()
+                if values or lines:
+                    lines.append((number, values))
+    except InputError:
+        raise
+    except Exception as error:  # what zip, XML and openpyxl raise on damaged files is no short list
+        raise InputError(f"{path}: can't be read as a table: {error}; save it again") from error
+    return lines, ","
+
+
+def _cell(value: object) -> str:
+    """Return a cell's value as text, as a spreadsheet program would save it as CSV."""
+    if value is None:
+        return ""
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        return str(int(value))
+    if isinstance(value, datetime) and value.time() == time():
+        return value.date().isoformat()
+    return str(value).strip()
 
 
 def _decoded(path: Path) -> str:

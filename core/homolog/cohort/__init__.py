@@ -3,8 +3,9 @@
 from collections import Counter
 from pathlib import Path
 
-from homolog.cohort.folder import dicom_files, is_dicom_seg, read_folder
+from homolog.cohort.folder import dicom_files, is_dicom_seg, mask_files, read_folder
 from homolog.cohort.manifest import MANIFEST, read_manifest
+from homolog.cohort.sides import FROM_NAMES, LEFT, RIGHT, SIDE_COLUMN, Sides, other_side, sides_of
 from homolog.cohort.subject import (
     IMAGE_SUFFIXES,
     MESH_SUFFIXES,
@@ -14,19 +15,33 @@ from homolog.cohort.subject import (
     landmarks_beside,
     suffix_of,
 )
+from homolog.cohort.table import TableChanges, with_table, with_values_of
 from homolog.errors import InputError
+from homolog.spreadsheets import TABLE_SUFFIXES
 
 __all__ = [
+    "FROM_NAMES",
     "IMAGE_SUFFIXES",
+    "LEFT",
     "MESH_SUFFIXES",
+    "RIGHT",
+    "SIDE_COLUMN",
+    "TABLE_SUFFIXES",
     "Cohort",
+    "Sides",
     "Subject",
+    "TableChanges",
     "checked_path",
     "dicom_files",
     "is_dicom_seg",
     "landmarks_beside",
+    "mask_files",
+    "other_side",
     "read_cohort",
+    "sides_of",
     "suffix_of",
+    "with_table",
+    "with_values_of",
 ]
 
 
@@ -36,9 +51,10 @@ def read_cohort(path: Path) -> Cohort:
     Parameters
     ----------
     path : Path
-        A folder, or a CSV file with the columns ``name,path[,group,…]``; relative paths start at the
-        file's own folder. A folder that holds a ``cohort.csv`` is read through it. If it holds folders only,
-        one with all files is read, or the single file of each, which then names the subject.
+        A folder, or a table (CSV, TSV, XLSX) with the columns ``name,path[,group,…]``; relative paths start
+        at the file's own folder. A folder that holds a ``cohort.csv`` is read through it. If it holds
+        folders only, one with all files is read, or the single file of each, or each folder with a file for
+        each structure; the folder then names the subject.
 
     Raises
     ------
@@ -49,7 +65,7 @@ def read_cohort(path: Path) -> Cohort:
     if path.is_dir():
         manifest = path / MANIFEST
         cohort = read_manifest(manifest) if manifest.is_file() else read_folder(path)
-    elif path.is_file() and path.suffix.lower() == ".csv":
+    elif path.is_file() and path.suffix.lower() in TABLE_SUFFIXES:
         cohort = read_manifest(path)
     elif path.is_file():
         raise InputError(

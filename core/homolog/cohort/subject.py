@@ -18,7 +18,7 @@ __all__ = [
     "suffix_of",
 ]
 
-IMAGE_SUFFIXES = (".nii.gz", ".nii", ".seg.nrrd", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm")
+IMAGE_SUFFIXES = (".nii.gz", ".nii", ".seg.nrrd", ".nrrd", ".nhdr", ".mha", ".mhd", ".mgz", ".mgh", ".dcm")
 MESH_SUFFIXES = (".vtp", ".vtk", ".ply", ".stl", ".obj")
 
 _MARKUPS = ".mrk.json"
@@ -34,7 +34,8 @@ class Subject:
     name : str
         Unique within the cohort and fit for a file name.
     path : Path
-        Segmentation (a file, or the folder of a DICOM series) or closed surface mesh.
+        Segmentation (a file, the folder of a DICOM series, or a folder with a file for each structure) or
+        closed surface mesh.
     group : str or None
         Value of the manifest's ``group`` column, if any.
     columns : mapping of str to str

@@ -230,11 +230,11 @@ class Engine:
         self.faces.assign(self._nearest_faces())
 
     def gaps(self) -> FloatArray:
-        """Return how far the farthest particle of each shape is from its mesh, (M,), in optimizer lengths."""
+        """Return how far each particle is from its mesh, (M, n), in optimizer lengths; inf if nowhere."""
         self._locate()
         away = self.positions.numpy() - self.feet.numpy()["position"]
-        longest: FloatArray = np.linalg.norm(away, axis=1).reshape(self.shapes, -1).max(axis=1)
-        return longest
+        distances: FloatArray = np.linalg.norm(away, axis=1).reshape(self.shapes, self.count)
+        return np.where(np.isfinite(distances), distances, np.inf)
 
     def _project(self, newton_steps: int = NEWTON_STEPS) -> None:
         given = [self.count, newton_steps, self.movable, self.fields, self.reliefs]

@@ -7,6 +7,7 @@ import numpy as np
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.correspondence.engine import Engine, Particles
+from homolog.correspondence.poses import rescaled, scales_of
 from homolog.correspondence.types import Checkpoint, Frame, Observe, Stage
 
 __all__ = ["Keep", "Logbook"]
@@ -23,7 +24,9 @@ class Logbook:
     Parameters
     ----------
     alignments : (M, 4, 4) array
-        Similarities from file to world coordinates, as the run begins.
+        Similarities from file to world coordinates, as the shapes are compared when the run begins.
+    scales : (M,) array or None
+        Scales that the shapes are shown with; None for those with which they are compared.
     unit : float
         Optimizer's unit of length [mm of the world frame].
     observe : callable, optional
@@ -33,9 +36,15 @@ class Logbook:
     """
 
     def __init__(
-        self, alignments: FloatArray, unit: float, observe: Observe | None, keep: Keep | None
+        self,
+        alignments: FloatArray,
+        scales: FloatArray | None,
+        unit: float,
+        observe: Observe | None,
+        keep: Keep | None,
     ) -> None:
-        self.alignments, self.unit, self.observe, self.keep = alignments, unit, observe, keep
+        self.alignments, self.scales, self.unit = alignments, scales, unit
+        self.observe, self.keep = observe, keep
         self.rows: list[list[float]] = []
         self.iteration = 0
         self._next_frame = self._next_checkpoint = 0.0
@@ -52,6 +61,16 @@ class Logbook:
         """Return how much the objective changed between the last two records."""
         before, now = (float(np.sum(row[1:])) for row in self.rows[-2:])
         return abs(before - now)
+
+    def has_stopped_falling(self, records: int, tolerance: float) -> bool:
+        """Return whether the objective falls no more than it fluctuates, over twice so many last records.
+
+        Where surfaces have handles that are smaller than the distance between particles, a few particles
+        have no place of rest, and the objective keeps fluctuating.
+        """
+        before, now = np.array(self.rows)[-2 * records :, 1:].sum(axis=1).reshape(2, records)
+        error = np.sqrt((before.var(ddof=1) + now.var(ddof=1)) / records)
+        return bool(before.mean() - now.mean() < max(tolerance, 2.0 * error))
 
     @property
     def energies(self) -> FloatArray:
@@ -74,9 +93,14 @@ class Logbook:
         if self.observe is None or now < self._next_frame or not self.rows:
             return
         self._next_frame = now + FRAME_S
-        world = engine.posed_positions() * self.unit
+        world, alignments = engine.posed_positions() * self.unit, self.aligned(engine.poses)
+        if self.scales is not None:
+            middles, before = world.mean(axis=1), scales_of(alignments)
+            alignments = rescaled(alignments, self.scales, middles)
+            growth = (self.scales / before)[:, None, None]
+            world = middles[:, None] + growth * (world - middles[:, None])
         latest = np.array(self.rows[-1][1:])
-        self.observe(Frame(stage, self.iteration, world, latest, self.aligned(engine.poses)))
+        self.observe(Frame(stage, self.iteration, world, latest, alignments))
 
     def checkpoint_is_due(self) -> bool:
         """Whether it is time for a checkpoint."""

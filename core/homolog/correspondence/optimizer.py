@@ -8,7 +8,9 @@ from homolog.arrays import BoolArray
 from homolog.correspondence.domain import Solve, prepare
 from homolog.correspondence.journey import Journey
 from homolog.correspondence.logbook import Keep
+from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.schedule import plan_stages
+from homolog.correspondence.surfaces import of_one_size
 from homolog.correspondence.types import Checkpoint, Correspondence, Observe, Shape, Start
 from homolog.errors import InputError
 from homolog.geodesics import solve_tables
@@ -35,7 +37,8 @@ def optimize(
     Parameters
     ----------
     shapes : sequence of Shape
-        M of them, at least two.
+        M of them, at least two. Where an alignment is a reflection the mirror image is optimized; the
+        result is in the coordinates of the file, and its alignment a reflection again.
     settings : OptimizeSettings
         Method, number of particles, weights and schedule.
     device : str
@@ -70,6 +73,11 @@ def optimize(
     moving: BoolArray | None = None
     if start is not None and start.movable is not None:
         moving = np.any(start.movable, axis=1)
+    images = with_mirror_images(shapes)
+    shapes, start, observe = images.shapes, images.start(start), images.observer(observe)
+    alignments = np.stack([shape.alignment for shape in shapes])
+    if settings.procrustes.takes_size_out:
+        shapes = of_one_size(shapes)
     stages = plan_stages(settings, start.local.shape[1] if start is not None else None)
     geometry = 0.3 if settings.method.uses_geodesics else 0.02
     domain = prepare(
@@ -81,14 +89,13 @@ def optimize(
         solve=solve,
         tick=part_of(tick, 0.0, geometry),
     )
-    journey = Journey(
-        shapes, domain, settings, stages, start, part_of(tick, geometry, 1.0), observe, checkpoint
-    )
+    rest = part_of(tick, geometry, 1.0)
+    journey = Journey(shapes, alignments, domain, settings, stages, start, rest, observe, checkpoint)
     try:
         reason = journey.run(resume)
     finally:
         journey.launcher.close()
-    return journey.result(reason)
+    return images.result(journey.result(reason))
 
 
 def _check_start(start: Start, shapes: int, particles: int) -> None:

@@ -10,10 +10,18 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.optimizer import optimize
-from homolog.correspondence.start import SmoothingMap, features, register, spread_indices, vertex_normals
-from homolog.correspondence.strays import predicted, snapped
-from homolog.correspondence.surfaces import Placement, length_unit
+from homolog.correspondence.start import (
+    SmoothingMap,
+    features,
+    register,
+    snapped,
+    spread_indices,
+    vertex_normals,
+)
+from homolog.correspondence.strays import predicted
+from homolog.correspondence.surfaces import Placement, length_unit, of_one_size
 from homolog.correspondence.types import Correspondence, Observe, Shape, Start
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
@@ -80,7 +88,9 @@ def repair(
             "regularization_start": max(LOOSE, settings.regularization_end),
         }
     )
-    start = Start(_placed(shapes, local, wrong), movable)
+    images = with_mirror_images(shapes)
+    placed = images.points(_placed(images.shapes, images.points(local), wrong))
+    start = Start(placed, movable)
     return optimize(shapes, settings, device=device, tick=tick, observe=observe, start=start)
 
 
@@ -106,9 +116,11 @@ def fitting_start(
         On each new shape the particles of the known one that is nearest to it, carried by the registration
         that also places first particles; only those may move.
     """
-    placements = _placements(shapes)
-    start = np.empty((len(shapes), *local.shape[1:]))
+    images = with_mirror_images(shapes)
+    shapes, placements = images.shapes, _placements(of_one_size(images.shapes))
+    start = np.zeros((len(shapes), *local.shape[1:]))
     start[known] = local
+    start = images.points(start)
     coarse = [_moved(s.coarse_mesh, p) for s, p in zip(shapes, placements, strict=True)]
     points = [mesh.vertices[:: max(1, len(mesh.vertices) // CONTROL)] for mesh in coarse]
     unknown = np.flatnonzero(~known).tolist()
@@ -124,7 +136,7 @@ def fitting_start(
         moved, normals = _carried(coarse[nearest], coarse[k], particles, normals, here)
         feet = snapped(moved, normals, _moved(shapes[k].mesh, placements[k]))
         start[k] = placements[k].invert(feet)
-    return Start(start, np.repeat(~known[:, None], local.shape[1], axis=1))
+    return Start(images.points(start), np.repeat(~known[:, None], local.shape[1], axis=1))
 
 
 def _placed(shapes: Sequence[Shape], local: FloatArray, misplaced: BoolArray) -> FloatArray:

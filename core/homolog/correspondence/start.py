@@ -18,12 +18,14 @@ from homolog.arrays import FloatArray, IntArray
 from homolog.progress import Tick, no_tick, part_of, patiently
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["first_particles"]
+__all__ = ["first_particles", "snapped"]
 
 CONTROL = 400  # points of the reference that drive its deformation
 ROUNDS = 12
 ENOUGH = 6  # landmarks that make a map: four points fix an affine one
 STIFF, SOFT = 1e3, 10.0  # smoothing of the thin-plate map in the first and in the last round
+MATCHES, BLUR = 8, 4.0  # vertices that a closest point is the mean of, and how far apart [optimizer lengths]
+ALIKE = 0.5  # cosine from which a surface faces as it does nearby
 NORMAL_LENGTH = 20.0  # length, in the optimizer's unit, that a turn of the normal by one radian counts
 
 
@@ -88,7 +90,7 @@ def first_particles(
     Returns
     -------
     (M, count, 3) array
-        Vertices of the meshes.
+        On the meshes, or nearly.
     """
     normals = [vertex_normals(mesh) for mesh in meshes]
     reference = medoid(meshes, tick=part_of(tick, 0.0, 0.1))
@@ -114,10 +116,8 @@ def first_particles(
             continue
         guess = _guess(source, marked[reference], mesh.vertices[marked[index]])
         deformed = register(source, control, mesh, own, maps, guess, here)
-        moved = features(deformed.vertices, vertex_normals(deformed))[chosen]
-        nearest = np.asarray(cKDTree(features(mesh.vertices, own)).query(moved)[1])
-        nearest[: len(marked[index])] = marked[index]
-        result[index] = mesh.vertices[nearest]
+        result[index] = snapped(deformed.vertices[chosen], vertex_normals(deformed)[chosen], mesh)
+        result[index, : len(marked[index])] = mesh.vertices[marked[index]]
     return result
 
 
@@ -155,6 +155,7 @@ def register(
 ) -> TriangleMesh:
     """Return the source mesh deformed onto the target, by closest points under softening thin plates.
 
+    A closest point is the mean of a few vertices, by their distances: between vertices there is surface too.
     The first closest points are those of the guess, a deformed source, or of the source itself.
     """
     deformed = source if guess is None else guess
@@ -162,7 +163,11 @@ def register(
     for number, smoothing in enumerate(np.geomspace(STIFF, SOFT, ROUNDS)):
         tick(number / ROUNDS, "first particles")
         moving = features(deformed.vertices, vertex_normals(deformed))
-        matched = target.vertices[tree.query(moving[control])[1]]
+        found = tree.query(moving[control], k=MATCHES)
+        distances, vertices = np.asarray(found[0]), np.asarray(found[1])
+        weights = np.exp(-0.5 * (np.square(distances) - np.square(distances[:, :1])) / BLUR**2)
+        weights /= weights.sum(axis=1, keepdims=True)
+        matched = np.einsum("nk,nkd->nd", weights, target.vertices[vertices])
         deformed = TriangleMesh(maps.moved(matched, float(smoothing)), source.faces)
     return deformed
 
@@ -214,3 +219,20 @@ def medoid(
         back = [np.mean(np.asarray(tree.query(points[k])[0])) for tree in trees]
         costs.append(float(np.sum(away) + np.sum(back)))
     return indices[int(np.argmin(costs))]
+
+
+def snapped(points: FloatArray, normals: FloatArray, mesh: TriangleMesh) -> FloatArray:
+    """Return points on a mesh near the given ones, on the side that faces as the normals do, (n, 3)."""
+    facing = vertex_normals(mesh)
+    nearest: IntArray = np.asarray(
+        cKDTree(features(mesh.vertices, facing)).query(features(points, normals))[1]
+    )
+    feet, upward = mesh.vertices[nearest], facing[nearest]
+    aside = points - feet
+    aside -= upward * np.einsum("nd,nd->n", aside, upward)[:, None]
+    length = np.linalg.norm(aside, axis=1, keepdims=True)
+    there: FloatArray = feet + aside * np.minimum(1.0, mesh.mean_edge / np.maximum(length, 1e-12))
+    around = facing[np.asarray(cKDTree(mesh.vertices).query(there)[1])]
+    through = np.einsum("nd,nd->n", around, upward) < ALIKE  # the wall is thin and bends
+    there[through] = feet[through]
+    return there

@@ -6,7 +6,7 @@ on millimetres: regularisation and steps mean the same at every scale.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import warp as wp
@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from homolog.arrays import BoolArray, DeviceArray, Float32Array, FloatArray, IntArray
 from homolog.correspondence.functions import FieldData
 from homolog.correspondence.kernels import Surface
+from homolog.correspondence.poses import rescaled, scales_of, transformed
 from homolog.correspondence.relief import SIZE, opening_grid, openings_at
 from homolog.correspondence.types import Shape
 from homolog.errors import NumericalError
@@ -30,6 +31,7 @@ __all__ = [
     "field_array",
     "length_unit",
     "nearest_faces",
+    "of_one_size",
     "opening_array",
 ]
 
@@ -82,6 +84,23 @@ def length_unit(shapes: Sequence[Shape]) -> float:
     """Return the optimizer's unit of length [mm of the world frame]."""
     areas = [shape.mesh.area * np.linalg.det(shape.alignment[:3, :3]) ** (2.0 / 3.0) for shape in shapes]
     return 0.01 * float(np.sqrt(np.mean(areas)))
+
+
+def of_one_size(shapes: Sequence[Shape]) -> list[Shape]:
+    """Return the shapes with alignments that grow each about its middle, so that all have one area.
+
+    It is the geometric mean of their areas in the world frame.
+    """
+    alignments = np.stack([shape.alignment for shape in shapes])
+    areas = np.array([shape.mesh.area for shape in shapes])
+    scales = scales_of(alignments)
+    sizes = scales * np.sqrt(areas)
+    middles = np.stack(
+        [transformed(s.alignment[None], s.mesh.vertices[None])[0].mean(axis=0) for s in shapes]
+    )
+    common = np.exp(np.log(sizes).mean())
+    grown = rescaled(alignments, scales * common / sizes, middles)
+    return [replace(shape, alignment=own) for shape, own in zip(shapes, grown, strict=True)]
 
 
 def field_array(

@@ -31,10 +31,7 @@ _VERTICES = 8000  # enough to see, and few enough to be carried by particles
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawn:
-    """A subject's surface in local coordinates, the file that it is of (None if of no file), and notes.
-
-    Its faces point outward in world coordinates, also where the alignment is a mirror image.
-    """
+    """A subject's surface in local coordinates, the file that it is of (None if of no file), and notes."""
 
     mesh: TriangleMesh
     path: Path | None
@@ -68,17 +65,17 @@ def surfaces_of(
     for index, (one, points) in enumerate(zip(subjects, local, strict=True)):
         tick(index / len(subjects), f"surface of {one.name}")
         drawn, reason = _own(one, points)
-        found.append(None if drawn is None else Drawn(_turned(drawn.mesh, alignments[index]), drawn.path))
+        found.append(drawn)
         refused.append(reason)
     have = [index for index, drawn in enumerate(found) if drawn is not None]
     if not have:
         return [
             Drawn(
-                _turned(discs(points), matrix),
+                discs(points),
                 None,
                 (f"{reason}; shown as discs at its particles, can't be groomed or optimized",),
             )
-            for points, matrix, reason in zip(local, alignments, refused, strict=True)
+            for points, reason in zip(local, refused, strict=True)
         ]
     places = np.array(world)
     template = have[medoid(places[have], places.mean(axis=0))]
@@ -112,12 +109,6 @@ def _own(one: ForeignSubject, points: FloatArray) -> tuple[Drawn | None, str]:
             return Drawn(mesh, path), ""
         reason = f"its particles are not on the surface in {path.name}"
     return None, reason
-
-
-def _turned(mesh: TriangleMesh, alignment: FloatArray) -> TriangleMesh:
-    """Return the mesh with its faces the other way about if the alignment mirrors it."""
-    mirrored = np.linalg.det(alignment[:3, :3]) < 0.0
-    return TriangleMesh(mesh.vertices, mesh.faces[:, ::-1]) if mirrored else mesh
 
 
 def _read(name: str, path: Path) -> TriangleMesh:

@@ -31,12 +31,18 @@ from homolog.errors import InputError
 from homolog.files.atomic import is_left_over, write_text, writing
 from homolog.files.records import FORMAT_VERSION, ProjectRecord, SubjectRecord
 
-__all__ = ["Project"]
+__all__ = ["OUT_OF_DATE", "Project"]
 
 _RECORD = "project.json"
 _NEXT = ".next"
+OUT_OF_DATE = "OUT_OF_DATE.txt"
+"""Stands in a folder of statistics whose tables are of an earlier result."""
+_OUT_OF_DATE_WORDS = (
+    "The tables in this folder are of an earlier result of the project: particles were placed anew since.\n"
+    "Run homolog analyze with the same question, or homolog report, to compute them again.\n"
+)
 _COMPLETE = "complete"
-_WRITTEN = ("groomed", "geodesics", "particles", "model", "figures", "analysis", "report", _NEXT)
+_WRITTEN = ("groomed", "geodesics", "particles", "model", "figures", "analysis", "report", "seeds", _NEXT)
 """Folders that programs write into."""
 
 
@@ -248,7 +254,13 @@ class Project:
                 if target.is_dir():
                     shutil.rmtree(target)
                 entry.replace(target)
+            self._mark_analyses()
             shutil.rmtree(following)
+
+    def _mark_analyses(self) -> None:
+        """Say in each folder of statistics that its tables are of particles that are no more."""
+        for folder in sorted((self.folder / "analysis").glob("*/")):
+            write_text(folder / OUT_OF_DATE, _OUT_OF_DATE_WORDS)
 
 
 def _relative(path: Path, folder: Path) -> str:

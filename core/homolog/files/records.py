@@ -2,11 +2,13 @@
 
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from homolog.cohort import checked_path
+from homolog.cohort import checked_path, other_side
 from homolog.files.names import checked_stem
 from homolog.settings import RunSettings
+from homolog.surfaces.mirroring import mirrors
 
 __all__ = ["FORMAT_VERSION", "IMPORTED", "ProjectRecord", "ResultRecord", "ResultSubject", "SubjectRecord"]
 
@@ -37,16 +39,23 @@ class ResultSubject(_Record):
     """A subject of the result, with what is needed to use the result without the input files.
 
     `file` is the stem of the subject's files, `content` the hash of its groomed surface, `alignment` the
-    similarity from local to world coordinates, `notes` what grooming found and changed.
+    similarity from local to world coordinates (a reflection for a subject that was mirrored), `side` that of
+    the body as far as it was known, `notes` what grooming found and changed.
     """
 
     name: str
     file: _Stem
     group: str | None = None
     columns: dict[str, str] = {}
+    side: Literal["", "left", "right"] = ""
     content: str
     alignment: Annotated[list[_Row], Field(min_length=4, max_length=4)]
     notes: list[str] = []
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether world coordinates show its mirror image."""
+        return bool(mirrors(np.array(self.alignment)))
 
 
 class ResultRecord(_Record):
@@ -84,6 +93,18 @@ class ResultRecord(_Record):
             f"{names[0] if len(names) == 1 else f'{names[0]} and {len(names) - 1} more'}: {note}"
             for note, names in where.items()
         ]
+
+    @property
+    def mirrored_words(self) -> str:
+        """Who was mirrored: "3 left subjects were mirrored to right"; empty if nobody was."""
+        who = [one for one in self.subjects if one.is_mirrored]
+        if not who:
+            return ""
+        sides = {one.side for one in who}
+        side = sides.pop() if len(sides) == 1 else ""
+        subjects = f"{side} subject".strip() if len(who) == 1 else f"{side} subjects".strip()
+        target = f" to {other_side(side)}" if side else ""
+        return f"{len(who)} {subjects} {'was' if len(who) == 1 else 'were'} mirrored{target}"
 
     @property
     def surface_words(self) -> str:

@@ -12,8 +12,9 @@ from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.meshes import read_mesh
 from homolog.files.particles import read_particles
 from homolog.files.project import Project
-from homolog.files.records import ResultRecord
+from homolog.files.records import ResultRecord, ResultSubject
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mirroring import mirrors
 
 __all__ = [
     "MODE_DEVIATIONS",
@@ -23,6 +24,7 @@ __all__ = [
     "particle_file",
     "read_modes",
     "read_result",
+    "read_surface",
     "read_surfaces",
     "surface_file",
     "write_smoothing",
@@ -47,7 +49,7 @@ class Result:
     world, local : (M, N, 3) float64 arrays
         Particles [mm] in aligned coordinates and in those of the input files, read-only.
     alignments : (M, 4, 4) float64 array
-        Similarities from local to world, read-only.
+        Similarities from local to world, read-only; reflections for subjects that were mirrored.
     mean_surface : TriangleMesh
         The mean shape, in world coordinates.
     smoothing : (N,) float64 array
@@ -63,6 +65,11 @@ class Result:
     alignments: FloatArray
     mean_surface: TriangleMesh
     smoothing: FloatArray
+
+    @property
+    def mirrored(self) -> int:
+        """How many subjects aligned coordinates show mirrored."""
+        return int(mirrors(self.alignments).sum())
 
 
 def particle_file(project: Project, stem: str, frame: str) -> Path:
@@ -118,6 +125,20 @@ def read_result(project: Project) -> Result:
     )
 
 
+def read_surface(project: Project, subject: ResultSubject) -> TriangleMesh:
+    """Read the groomed surface of a result's subject, in local coordinates.
+
+    Raises
+    ------
+    InputError
+        If it is missing or damaged.
+    """
+    mesh = read_mesh(surface_file(project, subject.file))
+    if subject.is_mirrored and mesh.volume < 0.0:  # of an import by an older version
+        return TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
+    return mesh
+
+
 def write_smoothing(project: Project, smoothing: FloatArray) -> None:
     """Write the smoothing (N,) of the spline by which the mean surface follows the particles [mm]."""
     write_arrays(_smoothing_file(project), {"smoothing": smoothing})
@@ -132,9 +153,7 @@ def read_surfaces(project: Project) -> list[TriangleMesh]:
         If there is no result, or one of the surfaces is missing or damaged.
     """
     record = _result_of(project)
-    return [
-        read_mesh(surface_file(project, one.file)).placed(np.array(one.alignment)) for one in record.subjects
-    ]
+    return [read_surface(project, one).placed(np.array(one.alignment)) for one in record.subjects]
 
 
 def read_modes(project: Project, mean: TriangleMesh) -> FloatArray:

@@ -1,8 +1,10 @@
 """Bringing groomed shapes into one frame."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
@@ -11,19 +13,45 @@ from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, no_tick
 from homolog.settings import Alignment, GroomSettings
 
-__all__ = ["align"]
+__all__ = ["Registration", "align", "medoid", "register"]
 
 _OTHER_UNIT = 100.0
+_FEWEST = 3  # subjects that it takes to say which is the odd one
+_ODD, _USUAL = 2.0, 0.06  # of the usual distance, of at least this: from where on a subject is odd
+_TURNED = 60.0  # degrees
 _QUANTILES = np.linspace(0.02, 0.98, 25)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Registration:
+    """How a cohort lies in one frame.
+
+    Attributes
+    ----------
+    alignments : (M, 4, 4) float64 array
+        From local to world coordinates: a proper rotation times one positive scale, and a translation [mm].
+    notes : tuple of M str or None
+        On a subject that does not look like the others, or lay otherwise.
+    """
+
+    alignments: FloatArray
+    notes: tuple[str | None, ...]
+
+
 def align(groomed: Sequence[GroomedSubject], settings: GroomSettings, tick: Tick = no_tick) -> FloatArray:
-    """Return a similarity per subject from its local to world coordinates.
+    """Return a similarity per subject from its local to world coordinates, (M, 4, 4); see `register`."""
+    return register(groomed, settings, tick).alignments
+
+
+def register(
+    groomed: Sequence[GroomedSubject], settings: GroomSettings, tick: Tick = no_tick
+) -> Registration:
+    """Bring a cohort into one frame.
 
     With *center* each surface's centre becomes the origin. *Axes* also turns the principal axes onto
     those of a reference subject, and *ICP* registers the surface to the reference (`registered`); the world
-    then has the reference's directions. The reference is the medoid of the distributions of
-    distances from the centre, which do not depend on pose.
+    then has the reference's directions. Surfaces are compared at one size. The reference is the medoid of the
+    distributions of distances from the centre, which do not depend on pose.
 
     Parameters
     ----------
@@ -34,36 +62,57 @@ def align(groomed: Sequence[GroomedSubject], settings: GroomSettings, tick: Tick
     tick : Tick
         Called once per subject.
 
-    Returns
-    -------
-    (M, 4, 4) float64 array
-        A proper rotation times one positive scale, and a translation [mm].
-
     Raises
     ------
     InputError
         If a shape is a hundred times as large or small as the others: then its unit is another.
     """
     clouds = [cloud_of(one.coarse_mesh) for one in groomed]
-    _check_units([one.name for one in groomed], [cloud.size for cloud in clouds])
-    if settings.scaling:
-        common = float(np.exp(np.mean([np.log(cloud.size) for cloud in clouds])))
-        clouds = [cloud.scaled(common / cloud.size) for cloud in clouds]
-    reference = clouds[_medoid(clouds)]
-    result = np.empty((len(clouds), 4, 4))
-    for index, (cloud, one) in enumerate(zip(clouds, groomed, strict=True)):
-        tick(index / len(clouds), f"aligning {one.name}")
+    names, sizes = [one.name for one in groomed], np.array([cloud.size for cloud in clouds])
+    _check_units(names, sizes.tolist())
+    goals = np.full(len(sizes), np.exp(np.log(sizes).mean())) if settings.scaling else sizes
+    units = [cloud.scaled(1.0 / cloud.size) for cloud in clouds]
+    reference = units[medoid(units)]
+    result, distances = np.empty((len(units), 4, 4)), np.zeros(len(units))
+    for index, (unit, size, goal) in enumerate(zip(units, sizes.tolist(), goals.tolist(), strict=True)):
+        tick(index / len(units), f"aligning {names[index]}")
         pose = np.eye(4)
         if settings.alignment is Alignment.AXES:
-            pose[:3, :3] = axes_rotation(cloud, reference)
+            pose[:3, :3] = axes_rotation(unit, reference)
         elif settings.alignment is Alignment.ICP:
-            pose = registered(cloud, reference)
+            fit = registered(unit, reference)
+            distances[index] = fit.distance
+            pose[:3] = fit.pose[:3] / np.cbrt(np.linalg.det(fit.pose[:3, :3]))
+        pose[:3, :3] *= goal / size
+        pose[:3, 3] *= goal
+        pose[:3, 3] -= pose[:3, :3] @ unit.centre
         if settings.alignment is Alignment.NONE:
-            pose[:3, 3] = cloud.centre
-        to_cloud = np.diag([cloud.scale, cloud.scale, cloud.scale, 1.0])
-        to_cloud[:3, 3] = -cloud.scale * cloud.centre
-        result[index] = pose @ to_cloud
-    return result
+            pose[:3, 3] += unit.centre
+        result[index] = pose
+    return Registration(result, _notes(result, distances))
+
+
+def _notes(alignments: FloatArray, distances: FloatArray) -> tuple[str | None, ...]:
+    """Return what a person should know about the registrations, by subject."""
+    if len(distances) < _FEWEST:
+        return (None,) * len(distances)
+    typical = float(np.median(distances))
+    linear = alignments[:, :3, :3]
+    turns = Rotation.from_matrix(linear / np.cbrt(np.linalg.det(linear))[:, None, None])
+    angles = np.degrees([(turns * turn.inv()).magnitude() for turn in turns])
+    usual = angles[int(np.argmin(np.median(angles, axis=1)))]
+    notes: list[str | None] = []
+    for distance, angle in zip(distances.tolist(), usual.tolist(), strict=True):
+        note = None
+        if distance > _ODD * max(typical, _USUAL):
+            note = (
+                f"does not look like the others: {100.0 * distance:.0f} % of its size away from the most "
+                f"typical subject, usually {100.0 * typical:.0f} %; check that it shows the same structure"
+            )
+        elif np.median(usual) < _TURNED < angle:
+            note = f"lay turned by {angle:.0f}° against most others and was turned to fit them; check it"
+        notes.append(note)
+    return tuple(notes)
 
 
 def _check_units(names: Sequence[str], sizes: Sequence[float]) -> None:
@@ -77,7 +126,7 @@ def _check_units(names: Sequence[str], sizes: Sequence[float]) -> None:
             )
 
 
-def _medoid(clouds: Sequence[Cloud]) -> int:
+def medoid(clouds: Sequence[Cloud]) -> int:
     """Return the index of the shape whose radii are distributed most like all others' (Osada et al. 2002)."""
     radii = np.array([np.quantile(np.linalg.norm(cloud.points, axis=1), _QUANTILES) for cloud in clouds])
     return int(np.argmin(np.abs(radii[:, None] - radii).sum(axis=(1, 2))))

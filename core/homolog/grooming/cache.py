@@ -20,16 +20,16 @@ from homolog.settings import GroomSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["content_key", "is_outdated", "load_groomed", "save_groomed"]
+__all__ = ["content_key", "is_outdated", "load_groomed", "load_report", "save_groomed"]
 
-_VERSION = "1"
+_VERSION = "4"
 """To be raised whenever grooming gives other results: older archives are then made anew."""
 
 
 def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) -> str:
     """Return two hashes of all that a groomed subject depends on: the file's content, and the settings."""
     content, rest = hashlib.sha256(), hashlib.sha256(_VERSION.encode())
-    rest.update(settings.model_dump_json(exclude={"alignment", "scaling", "label"}).encode())
+    rest.update(settings.model_dump_json(exclude={"alignment", "mirror", "scaling", "label"}).encode())
     arrays: tuple[Array, ...]
     if isinstance(source, Segmentation):
         arrays = (source.mask, source.rotation, source.spacing, source.origin)
@@ -38,7 +38,7 @@ def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) ->
     for array in arrays:
         content.update(f"{array.dtype}{array.shape}".encode())
         content.update(np.ascontiguousarray(array).tobytes())
-    return f"{content.hexdigest()} {rest.hexdigest()}"
+    return f"{_VERSION}.{content.hexdigest()} {rest.hexdigest()}"
 
 
 def is_outdated(folder: Path, name: str, key: str) -> bool:
@@ -47,7 +47,8 @@ def is_outdated(folder: Path, name: str, key: str) -> bool:
         stored = str(read_arrays(_file(folder, name, "npz"))["key"])
     except (InputError, KeyError):
         return False
-    return stored.partition(" ")[0] != key.partition(" ")[0]
+    before, now = stored.partition(" ")[0], key.partition(" ")[0]
+    return before.partition(".")[0] == now.partition(".")[0] and before != now
 
 
 def load_groomed(folder: Path, name: str, key: str) -> GroomedSubject | None:
@@ -56,16 +57,31 @@ def load_groomed(folder: Path, name: str, key: str) -> GroomedSubject | None:
         stored = read_arrays(_file(folder, name, "npz"))
         if str(stored["key"]) != key:
             return None
-        report = json.loads(str(stored["report"]))
         return GroomedSubject(
             name=name,
             field=DistanceField(stored["values"], stored["index_to_world"]),
             mesh=_mesh(stored, ""),
             coarse_mesh=_mesh(stored, "coarse_"),
-            report=GroomReport(**{**report, "notes": tuple(report["notes"])}),
+            report=_report(stored),
         )
-    except (InputError, KeyError, ValueError, TypeError, RecursionError):
+    except _DAMAGED:
         return None
+
+
+def load_report(folder: Path, name: str) -> GroomReport | None:
+    """Return what grooming found in a subject's file the last time; None if it is not known."""
+    try:
+        return _report(read_arrays(_file(folder, name, "npz")))
+    except _DAMAGED:
+        return None
+
+
+_DAMAGED = (InputError, KeyError, ValueError, TypeError, RecursionError)
+
+
+def _report(stored: Mapping[str, Array]) -> GroomReport:
+    report = json.loads(str(stored["report"]))
+    return GroomReport(**{**report, "notes": tuple(report["notes"])})
 
 
 def _mesh(stored: Mapping[str, Array], prefix: str) -> TriangleMesh:

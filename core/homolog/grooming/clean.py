@@ -6,7 +6,9 @@ import numpy as np
 from scipy import ndimage
 
 from homolog.arrays import BoolArray
+from homolog.errors import InputError
 from homolog.grooming.images import Segmentation
+from homolog.settings import Pieces
 
 __all__ = ["Cleaned", "cleaned"]
 
@@ -33,11 +35,24 @@ class Cleaned:
     at_border: bool
 
 
-def cleaned(segmentation: Segmentation) -> Cleaned:
-    """Keep the largest component (26 neighbours), fill what it encloses, crop to it."""
+def cleaned(segmentation: Segmentation, pieces: Pieces = Pieces.LARGEST) -> Cleaned:
+    """Keep the largest component (26 neighbours), fill what it encloses, crop to it.
+
+    Raises
+    ------
+    InputError
+        If all components are to be kept and there are several.
+    """
     box = _box(segmentation.mask)
     mask: BoolArray = segmentation.mask[box]
     labels, count = ndimage.label(mask, _ANY_NEIGHBOUR)
+    if count > 1 and pieces is Pieces.ALL:
+        sizes = sorted(np.bincount(labels.ravel())[1:].tolist(), reverse=True)
+        listed = ", ".join(map(str, sizes[:3])) + (" …" if count > 3 else "")
+        raise InputError(
+            f"is in {count} pieces that do not touch (of {listed} voxels), which can't give one surface; "
+            "join them in the segmentation, or keep the largest (pieces: largest)"
+        )
     if count > 1:
         mask = labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
     filled = ndimage.binary_fill_holes(mask)

@@ -48,7 +48,7 @@ def check_cohort(cohort: Cohort, settings: GroomSettings, tick: Tick = no_tick) 
         tick(index / len(cohort.subjects), f"checking {subject.name}")
         try:
             source = read_source(subject, settings)
-            if isinstance(source, Segmentation) and source.name:
+            if isinstance(source, Segmentation) and source.name and settings.segment is None:
                 called[subject.name] = source.name.strip()
             if subject.landmarks is not None:
                 read_markups(subject.landmarks)

@@ -9,11 +9,14 @@ from homolog.grooming.antialias import smoothed
 from homolog.grooming.levels import Level
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import marching_cubes
+from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.redistance import redistanced
 
-__all__ = ["distance_field"]
+__all__ = ["distance_field", "volume_inside"]
 
 _FINAL = 0.85  # of the smoothing, after the distances are made
+_REACH = 4
+"""Nodes: how far from the surface of a large structure distances are those of the eikonal equation."""
 _KEPT = 0.2  # nodes: how far from zero a node on its own side is kept, if the topology would change
 
 
@@ -45,16 +48,36 @@ def distance_field(level: Level, smoothing: float) -> tuple[DistanceField, tuple
     notes = level.notes
     if dropped:
         notes = (*notes, f"{dropped} small piece(s) came loose in smoothing and were dropped")
-    values = _smoothed_alike(redistanced(solid), _FINAL * smoothing)
+    distances = redistanced(solid, reach=_REACH if level.is_large else None)
+    values = _smoothed_alike(distances, _FINAL * smoothing)
     return DistanceField(values * np.float32(level.step), level.index_to_world), notes
+
+
+def volume_inside(field: DistanceField) -> float:
+    """Return the volume within the largest piece of a field's zero level [mm³]."""
+    if not (field.values < 0.0).any():
+        return 0.0
+    return TriangleMesh(*marching_cubes(field.values)).volume * field.spacing**3
 
 
 def _smoothed_alike(distances: Float32Array, sigma: float) -> Float32Array:
     """Smooth; where that would tear the shape, keep every node on its own side of the zero level."""
     result = smoothed(distances, sigma)
+    if _pieces(result) != 1 or _pieces(-result) != 1:
+        return _on_own_side(result, distances)
     before, after = _euler_number(distances), _euler_number(result)
     if after == before or (after > before and _doubtful(distances < 0.0, after)):
         return result
+    return _on_own_side(result, distances)
+
+
+def _pieces(values: Array) -> int:
+    """Return in how many pieces the nodes below zero lie."""
+    return int(ndimage.label(values < 0.0)[1])
+
+
+def _on_own_side(result: Float32Array, distances: Float32Array) -> Float32Array:
+    """Return smoothed values that leave every node on the side of the zero level where it was."""
     return np.where((result < 0.0) == (distances < 0.0), result, np.clip(distances, -_KEPT, _KEPT))
 
 

@@ -61,6 +61,10 @@ def read_volume(path: Path) -> Volume:
         from homolog.grooming.nifti import read_nifti
 
         return read_nifti(path)
+    if name.endswith((".mgz", ".mgh")):
+        from homolog.grooming.nifti import read_mgh
+
+        return read_mgh(path)
     return _read_itk(path)
 
 

@@ -10,11 +10,13 @@ from homolog.errors import InputError
 from homolog.grooming.antialias import antialiased
 from homolog.grooming.images import Segmentation
 from homolog.grooming.slices import interpolated
+from homolog.surfaces.closest import thickness
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.mesh_level import mesh_level
+from homolog.surfaces.mesh_level import REACH, mesh_level, mesh_sides
 from homolog.surfaces.redistance import redistanced
+from homolog.surfaces.solid import Solid
 
-__all__ = ["MAX_NODES", "Level", "level_of_mesh", "level_of_voxels"]
+__all__ = ["MAX_NODES", "USUAL_NODES", "Level", "level_of_mesh", "level_of_solid", "level_of_voxels"]
 
 PADDING = 6
 """Nodes between the structure and the border of the grid."""
@@ -22,6 +24,22 @@ MAX_NODES = 2**26
 """Larger grids are refused: they ask for several gigabytes per subject."""
 USUAL_NODES = 2**24
 """Where the user gives no spacing, it is chosen so that the grid is not larger."""
+MANY_NODES = 2_000_000
+"""A larger grid is made coarser, as far as the thinnest parts of the structure allow."""
+FINEST_PART = 4.0
+"""Nodes across these parts."""
+LOOKED_AT = 250_000
+"""Voxels by which this is judged."""
+LOST = 0.005
+"""Of the volume: parts that are thinner than that many nodes may have so much of it."""
+OF_VOXELS = 1.15
+"""Of the finest spacing: a large grid is made so coarse, or as the cube root of a voxel, whatever is thin."""
+NODES_ACROSS = 2.5
+"""Nodes across the thin parts of a mesh: less and its walls would have holes on the grid …"""
+THIN_SHARE = 0.05
+"""… where this part of the surface is thinner …"""
+THIN_NODES = 2**22
+"""… and as far as the grid does not get larger than this."""
 STACK_FROM = 2.0
 """Slices this many times further apart than the pixels are interpolated as outlines."""
 THINNEST = 2.0
@@ -42,12 +60,16 @@ class Level:
         Distance between nodes [mm].
     notes : tuple of str
         Sentences for the user on how it was made.
+    is_large : bool
+        Whether it is of so many voxels that what is far from the surface is to be looked at as little as
+        possible.
     """
 
     values: Array
     index_to_world: FloatArray
     step: float
     notes: tuple[str, ...] = ()
+    is_large: bool = False
 
 
 def level_of_voxels(segmentation: Segmentation, spacing: float | None, sigma: float) -> Level:
@@ -67,22 +89,23 @@ def level_of_voxels(segmentation: Segmentation, spacing: float | None, sigma: fl
     InputError
         If the grid would be too large or too coarse.
     """
-    extent = np.array(segmentation.mask.shape) * segmentation.spacing
     finest = float(segmentation.spacing.min())
-    step = spacing or max(finest, float((extent.prod() / USUAL_NODES) ** (1 / 3)))
+    extent = np.array(segmentation.mask.shape) * segmentation.spacing
+    is_large = _count(extent, min(finest, spacing or finest)) > MANY_NODES
+    step = spacing or (_sparing_step(segmentation) if is_large else finest)
     notes: tuple[str, ...] = ()
     if not spacing and step > finest:
         notes = (f"the grid was made coarser than the image: {step:.3g} mm",)
-    segmentation = _turned(_coarsened(segmentation, step))
+    segmentation = _turned(_coarsened(segmentation, step, is_large))
     margin = np.maximum(0.5 * (segmentation.spacing - step), 0.0)
     shape, start = _grid((np.array(segmentation.mask.shape) - 1) * segmentation.spacing, margin, step)
     is_stack = segmentation.spacing[2] > STACK_FROM * segmentation.spacing[:2].max()
     make = _from_stack if is_stack else _from_volume
-    values, further = make(segmentation, step, shape, start, sigma)
+    values, further = make(segmentation, step, shape, start, sigma, is_large)
     affine = np.eye(4)
     affine[:3, :3] = segmentation.rotation * step
     affine[:3, 3] = segmentation.origin + segmentation.rotation @ start
-    return Level(values, affine, step, notes + further)
+    return Level(values, affine, step, notes + further, is_large)
 
 
 def level_of_mesh(mesh: TriangleMesh, spacing: float | None) -> Level:
@@ -91,7 +114,7 @@ def level_of_mesh(mesh: TriangleMesh, spacing: float | None) -> Level:
     Parameters
     ----------
     mesh : TriangleMesh
-        Closed.
+        Closed, outward.
     spacing : float or None
         Distance between nodes [mm]; from the mesh's edges and size if None.
 
@@ -100,13 +123,85 @@ def level_of_mesh(mesh: TriangleMesh, spacing: float | None) -> Level:
     InputError
         If the grid would be too large.
     """
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    shape, start, step, affine = _grid_around(mesh, spacing)
+    return Level(mesh_level(mesh, start, step, shape), affine, step)
+
+
+def level_of_solid(solid: Solid, spacing: float | None) -> Level:
+    """Return the distance to the boundary of what repaired triangles wind around at least half.
+
+    Where no face is near that boundary, it is made even as that of voxels is.
+
+    Parameters
+    ----------
+    solid : Solid
+        With faces.
+    spacing : float or None
+        As for `level_of_mesh`.
+    """
+    boundary = TriangleMesh(solid.mesh.vertices, solid.mesh.faces[solid.bounds])
+    shape, start, step, affine = _grid_around(boundary, spacing)
+    values = mesh_level(solid.mesh, start, step, shape, bounds=solid.bounds)
+    if solid.bounds.all() and solid.is_closed:
+        return Level(values, affine, step)
+    inside = values < 0.0 if solid.is_closed else mesh_sides(solid.mesh, start, step, values)
+    if inside.any():
+        apart = np.clip(np.abs(values) - 1.0, 0.0, 1.0)
+        even = np.clip(antialiased(inside), -REACH, REACH)
+        exact = np.where(inside, -1.0, 1.0) * np.abs(values)
+        values = ((1.0 - apart) * exact + apart * even).astype(np.float32)
+    return Level(values, affine, step)
+
+
+def _grid_around(
+    mesh: TriangleMesh, spacing: float | None
+) -> tuple[tuple[int, ...], FloatArray, float, FloatArray]:
+    """Return shape, first node [mm], distance of nodes [mm] and affine of a grid around a mesh."""
+    corners = mesh.vertices[np.unique(mesh.faces)]
+    low, high = corners.min(axis=0), corners.max(axis=0)
     diagonal = float(np.linalg.norm(high - low))
     step = spacing or float(np.clip(0.75 * mesh.mean_edge, diagonal / 250.0, diagonal / 120.0))
+    if not spacing:
+        finest = float(((high - low).prod() / THIN_NODES) ** (1 / 3))
+        step = min(step, max(_thin_part(mesh) / NODES_ACROSS, finest))
     shape, start = _grid(high - low, np.zeros(3), step)
     affine = np.diag([step, step, step, 1.0])
     affine[:3, 3] = low + start
-    return Level(mesh_level(mesh, low + start, step, shape), affine, step)
+    return shape, low + start, step, affine
+
+
+def _count(extent: FloatArray, step: float) -> float:
+    """Return the number of nodes of a grid around a structure, about."""
+    return float(np.prod(extent / step + 2 * PADDING))
+
+
+def _sparing_step(segmentation: Segmentation) -> float:
+    """Return the distance of nodes for many voxels: as few nodes as the thinnest parts allow [mm]."""
+    spacing = segmentation.spacing
+    extent = np.array(segmentation.mask.shape) * spacing
+    finest = float(spacing.min())
+    of_voxel = float(min(spacing.prod() ** (1 / 3), OF_VOXELS * finest))
+    step = least = max(of_voxel, float((extent.prod() / USUAL_NODES) ** (1 / 3)))
+    while _count(extent, step) > MANY_NODES:
+        step *= 1.02
+    every = max(1, round((segmentation.mask.size / LOOKED_AT) ** (1 / 3)))
+    some = np.pad(segmentation.mask[::every, ::every, ::every], 1)
+    depth = ndimage.distance_transform_edt(some, every * spacing)
+    while step > least:
+        radius = 0.5 * FINEST_PART * step
+        opened = ndimage.distance_transform_edt(depth < radius, every * spacing) <= radius
+        if np.count_nonzero(some & ~opened) <= LOST * np.count_nonzero(some):
+            return step
+        step *= 0.8
+    return least
+
+
+def _thin_part(mesh: TriangleMesh) -> float:
+    """Return the thickness [mm] that all but a twentieth of the surface has: rims are thin on every shape."""
+    through, areas = thickness(mesh), mesh.face_areas
+    order = np.argsort(through)
+    share = np.cumsum(areas[order]) / max(float(areas.sum()), 1e-300)
+    return float(through[order[min(int(np.searchsorted(share, THIN_SHARE)), len(order) - 1)]])
 
 
 def _turned(segmentation: Segmentation) -> Segmentation:
@@ -120,8 +215,12 @@ def _turned(segmentation: Segmentation) -> Segmentation:
     )
 
 
-def _coarsened(segmentation: Segmentation, step: float) -> Segmentation:
-    """Merge voxels where the grid is at least twice as coarse as the image."""
+def _coarsened(segmentation: Segmentation, step: float, is_large: bool) -> Segmentation:
+    """Merge voxels where the grid is at least twice as coarse as the image.
+
+    Of blocks that are half inside all count as inside, or every second one: of many voxels none are lost, and
+    the volume stays.
+    """
     from skimage.measure import block_reduce
 
     factor = np.maximum(1, np.floor(step / segmentation.spacing + 1e-6)).astype(int)
@@ -129,6 +228,9 @@ def _coarsened(segmentation: Segmentation, step: float) -> Segmentation:
         return segmentation
     share = block_reduce(segmentation.mask.astype(np.float32), tuple(factor), np.mean)
     mask = np.asarray(share >= 0.5)
+    if is_large:
+        i, j, k = np.ogrid[tuple(map(slice, share.shape))]
+        mask &= (share > 0.5) | ((i + j + k) % 2 == 0)
     if not mask.any():
         raise InputError(f"is smaller than the grid spacing of {step:g} mm; choose a finer one")
     shift = 0.5 * (factor - 1) * segmentation.spacing
@@ -153,20 +255,31 @@ def _grid(extent: FloatArray, margin: FloatArray, step: float) -> tuple[tuple[in
 
 
 def _from_volume(
-    segmentation: Segmentation, step: float, shape: tuple[int, ...], start: FloatArray, smoothing: float
+    segmentation: Segmentation,
+    step: float,
+    shape: tuple[int, ...],
+    start: FloatArray,
+    smoothing: float,
+    is_large: bool,
 ) -> tuple[Array, tuple[str, ...]]:
     padded, first = _padded(segmentation, start, (0, 1, 2))
-    return _resampled(antialiased(padded, smoothing), segmentation.spacing, step, shape, start, first), ()
+    level = antialiased(padded, smoothing, is_large=is_large)
+    return _resampled(level, segmentation.spacing, step, shape, start, first, is_large), ()
 
 
 def _from_stack(
-    segmentation: Segmentation, step: float, shape: tuple[int, ...], start: FloatArray, smoothing: float
+    segmentation: Segmentation,
+    step: float,
+    shape: tuple[int, ...],
+    start: FloatArray,
+    smoothing: float,
+    is_large: bool,
 ) -> tuple[Array, tuple[str, ...]]:
     spacing = segmentation.spacing
     padded, first = _padded(segmentation, start, (0, 1))
     heights = (start[2] + step * np.arange(shape[2])) / spacing[2]
     stack = interpolated(padded, spacing[2] / spacing[:2].mean(), heights, smoothing)
-    place = np.array([*spacing[:2], step]), step, shape, start, np.array([*first[:2], start[2]])
+    place = np.array([*spacing[:2], step]), step, shape, start, np.array([*first[:2], start[2]]), is_large
     outline = _resampled(stack.outline, *place)
     level = np.maximum(outline, stack.ends)
     if stack.hole is not None:
@@ -195,11 +308,23 @@ def _resampled(
     shape: tuple[int, ...],
     start: FloatArray,
     first: FloatArray,
+    is_large: bool,
 ) -> Array:
-    """Interpolate a level function at the nodes of the grid with cubic splines."""
+    """Interpolate a level function at the nodes of the grid with cubic splines.
+
+    Axis by axis with a matrix for each it is the same to rounding, and quick.
+    """
     offset = (start - first) / spacing
     if level.shape == shape and np.allclose(spacing, step) and np.allclose(offset, 0.0):
         return level
+    if is_large:
+        for axis in range(3):
+            along = np.eye(level.shape[axis], dtype=np.float32)
+            places = offset[axis] + step / spacing[axis] * np.arange(shape[axis])
+            one = ndimage.map_coordinates
+            weights = np.stack([one(row, places[None], order=3, mode="nearest") for row in along], axis=1)
+            level = np.moveaxis(np.tensordot(weights, level, (1, axis)), 0, axis)
+        return np.ascontiguousarray(level)
     resampled: Array = ndimage.affine_transform(
         level, step / spacing, offset, output_shape=shape, order=3, mode="nearest", output=np.float32
     )

@@ -1,8 +1,10 @@
-"""NIfTI 1 and 2 label maps, with their two ways of saying where they lie."""
+"""NIfTI 1 and 2 label maps, with their two ways of saying where they lie, and FreeSurfer's MGH and MGZ."""
 
 import gzip
+import html
 import logging
 import math
+import re
 import zlib
 from pathlib import Path
 from typing import Any
@@ -10,14 +12,15 @@ from typing import Any
 import nibabel
 import numpy as np
 from nibabel.filebasedimages import ImageFileError
+from nibabel.freesurfer.mghformat import MGHHeader
 from nibabel.imageglobals import ErrorLevel, logger
 from nibabel.spatialimages import HeaderDataError
 
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
-from homolog.grooming.volumes import Volume, check_size
+from homolog.grooming.volumes import Segment, Volume, check_size
 
-__all__ = ["read_nifti"]
+__all__ = ["read_mgh", "read_nifti"]
 
 logger.setLevel(logging.CRITICAL + 1)  # what nibabel finds is said in messages, not on the standard error
 
@@ -25,6 +28,13 @@ _TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _UNITS = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}
 _NO_PLACE = "its header does not say how the patient lay (no qform or sform); RAS axes were assumed"
 _HEADER, _FARTHEST = 348, 2**28  # bytes
+_MGH_HEADER = 284
+_NO_MGH_PLACE = "its header does not say how the patient lay; FreeSurfer's coronal axes were assumed"
+_NAMED = re.compile(
+    r"""<Label\s[^>]*?\bKey=["'](\d{1,9})["'][^>]*>\s*(?:<!\[CDATA\[(.{1,200}?)\]\]>|([^<]{1,200}))""",
+    re.DOTALL,
+)
+"""An entry of the table of labels that TotalSegmentator and Connectome Workbench put into an extension."""
 _GZIP = b"\x1f\x8b"
 _DUBIOUS = 30  # of nibabel's levels: sizes of zero or below, unknown codes
 _FAULTS = (ImageFileError, HeaderDataError, OSError, EOFError, zlib.error, ValueError, OverflowError)
@@ -63,31 +73,84 @@ def read_nifti(path: Path) -> Volume:
     kind = header.get_data_dtype()
     if kind.fields is not None or kind.kind not in "iuf":
         raise InputError(f"{path}: has {kind} voxels, not single numbers; export a label map")
-    scaled = header.get_slope_inter()[0] not in (None, 1.0)
+    proxy: Any = image.dataobj
+    scaled = (proxy.slope, proxy.inter) != (1.0, 0.0)
     check_size(path, shape, kind.itemsize + (8.0 if scaled else kind.itemsize))
     matrix, notes = _placement(path, header, shape)
-    proxy: Any = image.dataobj
     begin = int(proxy.offset)
     content = _content(path, begin, begin + math.prod(shape) * kind.itemsize)
     try:
-        values: Array = np.asanyarray(type(image).from_bytes(content).dataobj).reshape(shape)
+        values: Array
+        if scaled:
+            values = np.asanyarray(type(image).from_bytes(content).dataobj).reshape(shape)
+        else:
+            values = np.frombuffer(content, kind, math.prod(shape), begin)
+            values = values.astype(kind.newbyteorder("="), copy=False).reshape(shape, order="F")
     except (*_FAULTS, MemoryError) as error:
         raise InputError(
             f"{path}: is cut short or damaged; copy or export it again ({_first_line(error)})"
         ) from error
-    return Volume(path, [values], _TO_LPS @ matrix, notes=notes)
+    return Volume(path, [values], _TO_LPS @ matrix, _named(header), notes)
+
+
+def _named(header: Any) -> tuple[Segment, ...]:  # noqa: ANN401 - half of nibabel is untyped
+    """Return the structures that an extension of the header names."""
+    found: dict[int, str] = {}
+    for extension in header.extensions:
+        if b"<LabelTable" in extension.content:
+            for one in _NAMED.finditer(extension.content.decode("utf-8", "replace")):
+                found.setdefault(int(one[1]), html.unescape(one[3] or "") or one[2] or "")
+    return tuple(Segment(name.strip(), value) for value, name in found.items() if value > 0 and name.strip())
+
+
+def read_mgh(path: Path) -> Volume:
+    """Read a volume of FreeSurfer's, compressed (.mgz) or not (.mgh).
+
+    Raises
+    ------
+    InputError
+        If it can't be read, is cut short, no 3-D volume, or too large.
+    """
+    _check_packing(path)
+    begin = _unpacked(path, _MGH_HEADER)
+    if len(begin) < _MGH_HEADER:
+        raise InputError(f"{path}: is cut short ({len(begin)} bytes); copy or export it again")
+    try:
+        header: Any = MGHHeader(begin)  # type: ignore[no-untyped-call]
+        shape, kind = list(header.get_data_shape()), header.get_data_dtype()
+        matrix = np.asarray(header.get_affine(), np.float64)
+    except (*_FAULTS, KeyError, TypeError) as error:
+        raise InputError(
+            f"{path}: is no readable image; export it again, or leave it out ({_first_line(error)})"
+        ) from error
+    while len(shape) > 3 and shape[-1] == 1:
+        shape.pop()
+    check_size(path, shape, kind.itemsize * 2)
+    size = math.prod(shape) * kind.itemsize
+    content = _unpacked(path, _MGH_HEADER + size)
+    if len(content) < _MGH_HEADER + size:
+        raise InputError(
+            f"{path}: is cut short ({len(content)} of {_MGH_HEADER + size} bytes); copy or export it again"
+        )
+    values = np.frombuffer(content, kind, offset=_MGH_HEADER).astype(kind.newbyteorder("="))
+    placed = int.from_bytes(begin[28:30], "big") > 0
+    return Volume(
+        path, [values.reshape(shape, order="F")], _TO_LPS @ matrix, notes=() if placed else (_NO_MGH_PLACE,)
+    )
 
 
 def _check_packing(path: Path) -> None:
     """Refuse a file whose name says wrongly whether it is packed."""
     with path.open("rb") as stream:
         packed = stream.read(2) == _GZIP
-    said = path.name.lower().endswith(".gz")
+    name = path.name.lower()
+    said = name.endswith((".gz", ".mgz"))
+    right = {".nii": ".nii.gz", ".mgh": ".mgz", "i.gz": ".nii", ".mgz": ".mgh"}[name[-4:]]
     if packed and not said:
-        raise InputError(f"{path}: is compressed, unlike its name; rename it to end in .nii.gz")
+        raise InputError(f"{path}: is compressed, unlike its name; rename it to end in {right}")
     if said and not packed:
         raise InputError(
-            f"{path}: is not compressed, unlike its name; copy it again, or rename it to end in .nii"
+            f"{path}: is not compressed, unlike its name; copy it again, or rename it to end in {right}"
         )
 
 
@@ -101,17 +164,24 @@ def _content(path: Path, begin: int, end: int) -> bytes:
     """Return a file's bytes, unpacked; as many as its header tells of, and with the right checksum."""
     if not _HEADER <= begin <= _FARTHEST:
         raise InputError(f"{path}: says that its voxels begin at byte {begin}; export it again")
-    try:
-        with gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as stream:
-            content: bytes = stream.read(end + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{path}: is cut short or damaged; copy or export it again ({error})") from error
+    content = _unpacked(path, end + 1)
     if len(content) < end:
         raise InputError(f"{path}: is cut short ({len(content)} of {end} bytes); copy or export it again")
     if len(content) > end:
         raise InputError(
             f"{path}: holds more voxels than its header tells of; mend its sizes or export it again"
         )
+    return content
+
+
+def _unpacked(path: Path, count: int) -> bytes:
+    """Return the first bytes of a file, unpacked, as many as there are up to a number."""
+    packed = path.name.lower().endswith((".gz", ".mgz"))
+    try:
+        with gzip.open(path) if packed else path.open("rb") as stream:
+            content: bytes = stream.read(count)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: is cut short or damaged; copy or export it again ({error})") from error
     return content
 
 

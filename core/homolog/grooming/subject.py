@@ -1,28 +1,31 @@
 """From one file to a distance field and its meshes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import numpy as np
-
-from homolog.arrays import BoolArray
 from homolog.cohort import Subject
 from homolog.errors import InputError, NumericalError
 from homolog.files.meshes import read_mesh
 from homolog.grooming.clean import cleaned
-from homolog.grooming.fields import distance_field
+from homolog.grooming.fields import distance_field, volume_inside
 from homolog.grooming.images import Segmentation, read_segmentation
-from homolog.grooming.levels import level_of_mesh, level_of_voxels
+from homolog.grooming.levels import USUAL_NODES, level_of_voxels
+from homolog.grooming.structures import mask_of, masks_of
+from homolog.grooming.triangles import check_triangles, deviation, level_of_triangles
 from homolog.settings import GroomSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import coarse_isosurface, isosurface
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.topology import check_mesh, euler_number, face_components
+from homolog.surfaces.topology import check_mesh, euler_number
 
 __all__ = ["COARSE_VERTICES", "GroomReport", "GroomedSubject", "groom", "groom_subject", "read_source"]
 
 COARSE_VERTICES = 1500
 
 _FEWEST_VOXELS = 8
+_MUCH_LOST = 0.75
+"""Of the voxels' volume: a field that holds less is made again on a finer grid."""
+_LEAST_HELD = 0.3
+"""Of the voxels' volume: what holds less is refused."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +37,7 @@ class GroomReport:
     components_dropped : int
         Separate pieces that were left out; the largest is kept.
     holes_filled : int
-        Enclosed cavities that were filled.
+        Enclosed cavities of a segmentation that were filled, openings of a mesh that were closed.
     padded : bool
         Whether the structure touched the border of its image.
     volume_before, volume_after : float
@@ -80,7 +83,7 @@ class GroomedSubject:
 
 
 def groom_subject(subject: Subject, settings: GroomSettings) -> GroomedSubject:
-    """Turn a segmentation or a closed mesh into a distance field and meshes.
+    """Turn a segmentation or a mesh into a distance field and meshes.
 
     Pure, and of arguments and results that can be pickled: it may run in another process or on another
     machine that sees the same files.
@@ -111,6 +114,10 @@ def read_source(subject: Subject, settings: GroomSettings) -> Segmentation | Tri
         Naming the file, what is wrong and the remedy.
     """
     try:
+        if masks := masks_of(subject):
+            path = mask_of(subject, masks, settings.label, settings.segment)
+            subject = replace(subject, path=path)
+            settings = settings.model_copy(update={"label": None, "segment": None})  # all of that file
         if not subject.is_mesh:
             found = read_segmentation(subject.path, settings.label, settings.segment)
             if (count := int(found.mask.sum())) < _FEWEST_VOXELS:
@@ -125,8 +132,10 @@ def read_source(subject: Subject, settings: GroomSettings) -> Segmentation | Tri
         raise InputError(
             f"{subject.path}: can't be read: {reason}; check its permissions and disk"
         ) from error
-    pieces = face_components(mesh.faces)
-    check_mesh(_piece(mesh, pieces == 0), str(subject.path))
+    try:
+        check_triangles(mesh, settings)
+    except InputError as error:
+        raise InputError(f"{subject.path}: {error}") from error
     return mesh
 
 
@@ -140,16 +149,25 @@ def groom(name: str, source: Segmentation | TriangleMesh, settings: GroomSetting
 
 def _groomed(name: str, source: Segmentation | TriangleMesh, settings: GroomSettings) -> GroomedSubject:
     notes: list[str] = []
+    surface = None
     if isinstance(source, Segmentation):
         notes += source.notes
-        found = cleaned(source)
+        found = cleaned(source, settings.pieces)
         dropped, filled, at_border = found.components_dropped, found.holes_filled, found.at_border
-        level = level_of_voxels(found.segmentation, settings.spacing, settings.smoothing)
+        volume = source.volume
+        field, further = _field_of_voxels(found.segmentation, settings)
+        if dropped:
+            notes.append(f"the largest of {dropped + 1} separate pieces was kept")
+        if filled:
+            notes.append(f"{filled} enclosed cavities were filled")
+        if at_border:
+            notes.append("touches the border of its image and may be cut off there; it was padded")
     else:
-        pieces = face_components(source.faces)
-        dropped, filled, at_border = int(pieces.max()), 0, False
-        level = level_of_mesh(_outward(_piece(source, pieces == 0)), settings.spacing)
-    field, further = distance_field(level, settings.smoothing)
+        solid = level_of_triangles(source, settings)
+        dropped, filled, at_border = solid.pieces_dropped, solid.holes_filled, False
+        volume, surface = solid.volume, solid.surface
+        notes += solid.notes
+        field, further = distance_field(solid.level, settings.smoothing)
     mesh = isosurface(field, settings.mesh_edge, settings.adaptive_mesh)
     if mesh.volume <= 0.0:
         raise NumericalError(
@@ -157,17 +175,13 @@ def _groomed(name: str, source: Segmentation | TriangleMesh, settings: GroomSett
             "(mesh edge), or leave it out"
         )
     check_mesh(mesh, name)
-    if dropped:
-        notes.append(f"the largest of {dropped + 1} separate pieces was kept")
-    if filled:
-        notes.append(f"{filled} enclosed cavities were filled")
-    if at_border:
-        notes.append("touches the border of its image and may be cut off there; it was padded")
+    if surface is not None:
+        notes.append(deviation(surface, mesh))
     report = GroomReport(
         components_dropped=dropped,
         holes_filled=filled,
         padded=at_border,
-        volume_before=abs(source.volume) / 1000.0,
+        volume_before=volume / 1000.0,
         volume_after=mesh.volume / 1000.0,
         genus=1 - euler_number(mesh.faces) // 2,
         notes=(*notes, *further),
@@ -175,13 +189,26 @@ def _groomed(name: str, source: Segmentation | TriangleMesh, settings: GroomSett
     return GroomedSubject(name, field, mesh, coarse_isosurface(field, mesh, COARSE_VERTICES), report)
 
 
-def _piece(mesh: TriangleMesh, chosen: BoolArray) -> TriangleMesh:
-    """Return the chosen faces with the vertices that they use."""
-    if chosen.all():
-        return mesh
-    used, faces = np.unique(mesh.faces[chosen], return_inverse=True)
-    return TriangleMesh(mesh.vertices[used], faces.reshape(-1, 3))
-
-
-def _outward(mesh: TriangleMesh) -> TriangleMesh:
-    return mesh if mesh.volume > 0.0 else TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
+def _field_of_voxels(
+    segmentation: Segmentation, settings: GroomSettings
+) -> tuple[DistanceField, tuple[str, ...]]:
+    """Return the field of one piece; on nodes half as far apart as its voxels where much would be lost."""
+    level = level_of_voxels(segmentation, settings.spacing, settings.smoothing)
+    field, notes = distance_field(level, settings.smoothing)
+    if 8 * field.values.size > USUAL_NODES:
+        return field, notes
+    held = volume_inside(field) / segmentation.volume
+    if held < _MUCH_LOST and settings.spacing is None:
+        level = level_of_voxels(segmentation, 0.5 * level.step, settings.smoothing)
+        if (level.values < 0.0).any():  # splines may leave nothing of a thread
+            finer, further = distance_field(level, settings.smoothing)
+            if (more := volume_inside(finer) / segmentation.volume) > held:
+                thin = f"parts are thin: the grid was made finer than the image, {level.step:.3g} mm"
+                field, notes, held = finer, (*further, thin), more
+    if held < _LEAST_HELD:
+        remedy = "choose a finer grid spacing" if settings.spacing else "segment it on a finer grid"
+        raise InputError(
+            f"is too thin for its grid: only {100.0 * held:.0f} % of its volume hold together; {remedy}, "
+            "or leave it out"
+        )
+    return field, notes

@@ -1,16 +1,18 @@
 """Label volumes in one frame (LPS, mm): which voxels are the structure, whatever file they came from."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.errors import InputError
+from homolog.grooming.names import label_table, matching, near
 from homolog.memory import check_fits
 
-__all__ = ["Segment", "Segmentation", "Volume", "check_size"]
+__all__ = ["Extent", "Segment", "Segmentation", "Volume", "check_size"]
 
 _MASKS = 2
 """Bytes that each voxel takes beside its value while the structure is picked."""
@@ -19,6 +21,19 @@ _MOST_VALUES = 1000
 """With more different values than this, a file is a picture rather than a label map."""
 
 _LOOKED_AT = 2_000_000
+
+_COUNTED = 2**22
+"""Voxels that are counted at once."""
+
+_LISTED = 2**20
+"""Values below this are counted in a list, larger ones by sorting."""
+
+_TOGETHER = "its labels were taken together as one structure; choose a label to study one of them"
+
+_NAMED = 10
+"""Structures that a message names, at most."""
+
+_LARGEST = 2**31 - 1
 
 _ROUNDING = 1e-3
 """How far label values may be from whole numbers: what scaling and single precision leave."""
@@ -31,7 +46,8 @@ class Segmentation:
     Attributes
     ----------
     mask : (I, J, K) bool array
-        True inside, read-only.
+        True inside, read-only. Cropped to the structure and one voxel around it, where the file has one: what
+        lies at the border of the mask lies at the border of the image.
     rotation : (3, 3) float64 array
         Proper rotation; its columns are the directions of the three grid axes in LPS.
     spacing : (3,) float64 array
@@ -103,14 +119,48 @@ class Volume:
 
     def segments(self) -> list[Segment]:
         """Return the structures that have voxels: those with names in the file's order, then other values."""
+        return [one.segment for one in self.extents()]
+
+    def extents(self) -> list["Extent"]:
+        """Return what has voxels, in the order of `segments`, with its volume; one look at each layer."""
+        voxel = abs(float(np.linalg.det(self.index_to_world[:3, :3])))
         known = {(one.layer, one.value): one for one in self.named}
         found = []
         for number in range(len(self.layers)):
             layer = self._labels(number)
-            present = [Segment("", int(value), number) for value in np.unique(layer[layer > 0])]
-            found += [known.get((number, one.value), one) for one in present]
+            border = {value for side in _sides(layer) for value in _counted(side)}
+            found += [
+                Extent(known.get((number, value), Segment("", value, number)), count * voxel, value in border)
+                for value, count in sorted(_counted(layer).items())
+            ]
         order = {one: index for index, one in enumerate(self.named)}
-        return sorted(found, key=lambda one: (order.get(one, len(order)), one.value))
+        return sorted(found, key=lambda one: (order.get(one.segment, len(order)), one.segment.value))
+
+    def with_names(self, wanted: str | None = None) -> "Volume":
+        """Return the volume with names from a table beside its file, or from a public list.
+
+        It is as it was if the file names its structures itself, or nothing tells how they are called.
+
+        Parameters
+        ----------
+        wanted : str, optional
+            The structure that the user asks for.
+
+        Raises
+        ------
+        InputError
+            If two tables beside the file contradict each other.
+        """
+        if self.named or len(self.layers) > 1:
+            return self
+        table = label_table(self.path, _counted(self._labels(0)), wanted)
+        if table is None:
+            return self
+        named = tuple(Segment(name, value) for value, name in sorted(table.names.items()))
+        if not table.is_known_list:
+            return replace(self, named=named)
+        note = f"neither it nor a table beside it names its labels; {table.source}'s numbers were taken"
+        return replace(self, named=named, notes=(*self.notes, note))
 
     def segmentation(self, label: int | None, segment: str | None = None) -> Segmentation:
         """Return the voxels of a structure.
@@ -120,7 +170,8 @@ class Volume:
         label : int or None
             Its value; every value above 0 if neither value nor name are given.
         segment : str or None
-            Its name, upper and lower case alike; goes before the value in files that name their segments.
+            Its name, whatever its case, dashes and order of words; goes before the value where something
+            names the structures: the file, a table beside it, or the public list that it follows.
 
         Raises
         ------
@@ -128,35 +179,68 @@ class Volume:
             If there is no such structure, it has no voxels, more than one fits, or structures that overlap
             were to be taken together.
         """
+        if segment is not None and not self.named and len(self.layers) == 1:
+            named = self.with_names(segment)
+            if named.named:
+                return named.segmentation(label, segment)
         if segment is not None and (self.named or label is None):
-            return self._one([one for one in self.named if _same(one.name, segment)], repr(segment))
+            return self._one(
+                matching(((one.name, one) for one in self.named), segment), repr(segment), segment
+            )
         if label is not None:
-            named = [one for one in self.named if one.value == label]
-            return self._one(named or self._plain(label), f"label {label}")
-        return self._placed(self._everything())
+            same = [one for one in self.named if one.value == label]
+            return self._one(same or self._plain(label), f"label {label}")
+        return self._everything()
 
     def _plain(self, label: int) -> list[Segment]:
         return [Segment("", label)] if len(self.layers) == 1 else []
 
-    def _one(self, found: Sequence[Segment], wanted: str) -> Segmentation:
+    def _one(self, found: Sequence[Segment], wanted: str, name: str = "") -> Segmentation:
         if len(found) > 1:
             raise InputError(
                 f"{self.path}: {wanted} is {' and '.join(one.words for one in found)}; choose one by its "
-                "name, and give each its own name"
+                "name or number, and give each its own name"
             )
         for one in found:
-            if (self._labels(one.layer) == one.value).any():
-                return self.placed(one)
-        listed = ", ".join(one.words for one in self.segments()[:10])
-        remedy = f"it holds {listed}" if listed else "segment the structure or leave the subject out"
-        raise InputError(f"{self.path}: has no voxel of {wanted}; {remedy}")
+            if (cropped := self.placed(one)) is not None:
+                return cropped
+        lacks = "has no voxel of" if found or not name else "has no structure called"
+        raise InputError(f"{self.path}: {lacks} {wanted}; {self._what_there_is(name)}")
 
-    def _everything(self) -> BoolArray:
+    def _what_there_is(self, name: str) -> str:
+        """Return what a structure that was not found may be called, and what the file holds."""
+        there = self.segments()
+        if not there:
+            return "segment the structure or leave the subject out"
+        listed = ", ".join(one.words for one in there[:_NAMED])
+        more = f" and {len(there) - _NAMED} more" if len(there) > _NAMED else ""
+        alike = near([one.name for one in there], name) if name else []
+        nearest = f"near that are {', '.join(alike)}; " if alike else ""
+        nameless = name and not any(one.name for one in there)
+        remedy = "; put a table of the labels' names beside the files, or give a number" if nameless else ""
+        return f"{nearest}it holds {listed}{more}{remedy}"
+
+    def _everything(self) -> Segmentation:
+        if len(self.layers) == 1:
+            layer = self._labels(0)
+            several = _labels_seen(self.path, layer) > 1
+            found = _cropped(layer, lambda values: values > 0)
+        else:
+            several = True
+            found = _cropped(self._union(), lambda values: values)
+        if found is None:
+            raise InputError(
+                f"{self.path}: has no voxel above 0; segment the structure or leave the subject out"
+            )
+        whole = self._placed(*found)
+        return replace(whole, notes=(*whole.notes, _TOGETHER)) if several else whole
+
+    def _union(self) -> BoolArray:
         mask: BoolArray = np.array(False)
         overlap = False
         for number in range(len(self.layers)):
             layer = self._labels(number)
-            _check_is_label_map(self.path, layer)
+            _labels_seen(self.path, layer)
             overlap |= bool((mask & (layer > 0)).any())
             mask = mask | (layer > 0)
         if overlap:
@@ -165,30 +249,32 @@ class Volume:
                 f"{self.path}: its segments overlap ({listed}), so that together they are no one structure; "
                 "choose one by its name"
             )
-        if not mask.any():
-            raise InputError(
-                f"{self.path}: has no voxel above 0; segment the structure or leave the subject out"
-            )
         return mask
 
-    def placed(self, segment: Segment) -> Segmentation:
-        """Return the voxels of one of `segments`."""
-        return self._placed(np.asarray(self._labels(segment.layer) == segment.value), segment.name)
+    def placed(self, segment: Segment) -> Segmentation | None:
+        """Return the voxels of a structure; None if there are none."""
+        found = _cropped(self._labels(segment.layer), lambda values: values == segment.value)
+        return None if found is None else self._placed(*found, segment.name)
 
     def _labels(self, number: int) -> Array:
         """Return the values of a layer, whole numbers; raises InputError if they are none."""
         values = self.layers[number]
         if not np.issubdtype(values.dtype, np.floating):
             return values
-        if not np.isfinite(values).all():
-            raise InputError(f"{self.path}: holds values that are not numbers; export the label map again")
-        whole: Array = np.rint(values)
-        if any(np.abs(one - other).max() > _ROUNDING for one, other in zip(values, whole, strict=True)):
-            raise InputError(f"{self.path}: holds fractions, so it is no label map; threshold it first")
+        whole = np.empty_like(values, dtype=np.int32)  # in the order of the file, slice by slice
+        for source, target in zip(_slices(values), _slices(whole), strict=True):
+            rounded = np.rint(source)
+            if not np.isfinite(source).all():
+                raise InputError(
+                    f"{self.path}: holds values that are not numbers; export the label map again"
+                )
+            if np.abs(source - rounded).max() > _ROUNDING:
+                raise InputError(f"{self.path}: holds fractions, so it is no label map; threshold it first")
+            target[...] = np.clip(rounded, -1, _LARGEST)
         return whole
 
-    def _placed(self, mask: BoolArray, name: str = "") -> Segmentation:
-        """Put the mask in its place, on right-handed axes."""
+    def _placed(self, mask: BoolArray, start: Sequence[int], name: str = "") -> Segmentation:
+        """Put a mask that begins at a voxel of the file in its place, on right-handed axes."""
         axes, origin = self.index_to_world[:3, :3], self.index_to_world[:3, 3]
         spacing = np.linalg.norm(axes, axis=0)
         if not np.isfinite([*origin, *spacing]).all() or spacing.min() <= 0.0:
@@ -198,11 +284,21 @@ class Volume:
             raise InputError(
                 f"{self.path}: its axes are not at right angles; resample it to an orthogonal grid"
             )
+        origin = origin + axes @ np.asarray(start, np.float64)
         if np.linalg.det(rotation) < 0.0:
             mask = mask[::-1]
             origin = origin + axes[:, 0] * (len(mask) - 1)
             rotation = rotation * [-1.0, 1.0, 1.0]
         return Segmentation(mask, rotation, spacing, origin, self.notes, name)
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """How much there is of a structure in a file: its volume [mm³], and whether it touches the border."""
+
+    segment: Segment
+    volume: float
+    at_border: bool
 
 
 def check_size(path: Path, shape: Sequence[int], voxel_bytes: float) -> None:
@@ -220,20 +316,77 @@ def check_size(path: Path, shape: Sequence[int], voxel_bytes: float) -> None:
     check_fits(f"{path} ({words} voxels)", needed, "crop it or make it coarser, or mend its header")
 
 
-def _same(name: str, other: str) -> bool:
-    return name.strip().casefold() == other.strip().casefold()
+def _slices(values: Array) -> Iterator[Array]:
+    """Return slices of a volume, one after the other as they lie in memory."""
+    axis = int(np.argmax(values.strides))
+    return iter(np.moveaxis(values, axis, 0))
 
 
-def _check_is_label_map(path: Path, values: Array) -> None:
-    """Refuse a picture, whose voxels above 0 would be taken for the structure."""
+def _sides(values: Array) -> list[Array]:
+    """Return the six outermost slices of a volume."""
+    return [np.moveaxis(values, axis, 0)[end] for axis in range(3) for end in (0, -1)]
+
+
+def _counted(values: Array) -> Counter[int]:
+    """Return how many voxels have each value above 0."""
+    found: Counter[int] = Counter()
+    flat = values.ravel(order="K")
+    for start in range(0, flat.size, _COUNTED):
+        part = flat[start : start + _COUNTED]
+        if part.dtype.kind != "u" and part.min() < 0:
+            part = part[part > 0]
+        if part.size and part.max() < _LISTED:
+            counts = np.bincount(part.astype(np.intp, copy=False))
+            present = np.flatnonzero(counts)
+            found.update(dict(zip(present.tolist(), counts[present].tolist(), strict=True)))
+        elif part.size:
+            several, counts = np.unique(part, return_counts=True)
+            found.update(dict(zip(several.tolist(), counts.tolist(), strict=True)))
+    del found[0]
+    return found
+
+
+def _cropped(values: Array, inside: Callable[[Array], Array]) -> tuple[BoolArray, tuple[int, ...]] | None:
+    """Return the voxels that are inside, with one voxel around them, and where that box begins.
+
+    Slice by slice, so that nothing of the volume's size is made.
+    """
+    first = int(np.argmax(values.strides))
+    stack = np.moveaxis(values, first, 0)
+    rows, columns = np.zeros(stack.shape[1], np.bool_), np.zeros(stack.shape[2], np.bool_)
+    depth = np.zeros(len(stack), np.bool_)
+    for index, one in enumerate(stack):
+        hit = inside(one)
+        across = hit.any(axis=0)
+        depth[index] = across.any()
+        if depth[index]:
+            columns |= across
+            rows |= hit.any(axis=1)
+    if not depth.any():
+        return None
+    spans = [np.flatnonzero(one)[[0, -1]] for one in (depth, rows, columns)]
+    box = tuple(slice(max(int(low) - 1, 0), int(high) + 2) for low, high in spans)
+    mask = np.moveaxis(np.asarray(inside(stack[box]), np.bool_), 0, first)
+    starts = [one.start for one in box[1:]]
+    starts.insert(first, box[0].start)
+    return mask, tuple(starts)
+
+
+def _labels_seen(path: Path, values: Array) -> int:
+    """Return how many labels a look at a layer finds.
+
+    Refuses a picture, whose voxels above 0 would be taken for the structure.
+    """
     if values.min() < 0:
         raise InputError(
             f"{path}: holds values below 0, so it is a picture rather than a label map; segment the "
             "structure first, or name a label"
         )
     step = max(1, values.size // _LOOKED_AT)
-    if len(np.unique(values.ravel(order="K")[::step])) > _MOST_VALUES:
+    seen = np.unique(values.ravel(order="K")[::step])
+    if len(seen) > _MOST_VALUES:
         raise InputError(
             f"{path}: holds more than {_MOST_VALUES} different values, so it is a picture rather than a "
             "label map; segment the structure first, or name a label"
         )
+    return int(np.count_nonzero(seen))

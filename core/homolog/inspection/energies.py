@@ -11,6 +11,7 @@ from homolog.correspondence.dual import covariance
 from homolog.inspection.neighbourhood import Neighbourhood
 from homolog.inspection.places import Places
 from homolog.settings import OptimizeSettings
+from homolog.surfaces.mirroring import scale_of
 
 __all__ = ["ParticleEnergies", "particle_energies", "shared_entropy"]
 
@@ -42,7 +43,7 @@ class ParticleEnergies:
 
 def particle_energies(places: Places, usual: Neighbourhood, settings: OptimizeSettings) -> ParticleEnergies:
     """Return what each particle adds to the energies of a result."""
-    scale = np.cbrt(np.linalg.det(places.alignments[:, :3, :3]))
+    scale = scale_of(places.alignments)
     areas = np.array([mesh.area for mesh in places.meshes]) * scale**2
     unit = 0.01 * float(np.sqrt(areas.mean()))  # the optimizer's length
     positions = (places.world - places.world.mean(axis=0)) / unit

@@ -33,6 +33,7 @@ _FEWEST_VERTICES = 1500
 _T = TypeVar("_T")
 _MEAN_ROUNDS = 20
 _LOST = 1.0
+_MOST_OFF = 0.02  # of the particles: a few may be off the mesh where it cuts a corner of the surface
 """Particles farther from their surface are not on it, in mean spacings."""
 
 
@@ -133,9 +134,10 @@ def find_places(
         part = part_of(tick, m / len(meshes), (m + 1) / len(meshes))
         part(0.0, f"{name}: distances between particles")
         own, feet[m], away = feet_on(mesh, points)
-        if not away.max() < _LOST * spacing[m]:
+        off = ~(away < _LOST * spacing[m])
+        if off.mean() > _MOST_OFF:
             raise InputError(
-                f"{name}: {np.count_nonzero(~(away < _LOST * spacing[m]))} particles are not on the surface, "
+                f"{name}: {np.count_nonzero(off)} particles are not on the surface, "
                 "which has changed since; run again"
             )
         normals[m] = own @ alignments[m, :3, :3].T

@@ -2,6 +2,7 @@
 
 from homolog.run.base import adds_particles
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus
+from homolog.run.reuse import is_result_of
 from homolog.run.run import Run
 
-__all__ = ["FinishReason", "Observer", "Phase", "Run", "RunStatus", "adds_particles"]
+__all__ = ["FinishReason", "Observer", "Phase", "Run", "RunStatus", "adds_particles", "is_result_of"]

@@ -72,7 +72,7 @@ class Base:
         local = np.stack([self.local[one.name] for one in known])
         here = transformed(np.stack([one.alignment for one in known]), local)
         there = transformed(np.stack([self.alignments[one.name] for one in known]), local)
-        move = best_similarity(here.reshape(-1, 3), there.reshape(-1, 3), scaling=True)
+        move = _agreed_move(here, there)
         return [replace(s, alignment=self.alignments.get(s.name, move @ s.alignment)) for s in shapes]
 
     def start(self, shapes: Sequence[Shape], tick: Tick) -> Start:
@@ -80,6 +80,20 @@ class Base:
         known = np.array([one.name in self.local for one in shapes])
         local = np.stack([self.local[one.name] for one in shapes if one.name in self.local])
         return Start(local) if known.all() else fitting_start(shapes, local, known, tick)
+
+
+def _agreed_move(here: FloatArray, there: FloatArray) -> FloatArray:
+    """Return the similarity (4, 4) that takes most subjects' particles (M, N, 3) from here to there.
+
+    Registration may turn one of several near-symmetric subjects otherwise than before; it has no say then.
+    """
+    moves = [best_similarity(own, goal, scaling=True) for own, goal in zip(here, there, strict=True)]
+    errors = np.array(
+        [np.linalg.norm(here @ move[:3, :3].T + move[:3, 3] - there, axis=2).mean(axis=1) for move in moves]
+    )
+    best = errors[int(np.argmin(np.median(errors, axis=1)))]
+    agreed = best <= 2.0 * np.median(best) + 1e-9
+    return best_similarity(here[agreed].reshape(-1, 3), there[agreed].reshape(-1, 3), scaling=True)
 
 
 def adds_particles(record: ResultRecord, cohort: Cohort, settings: RunSettings) -> bool:

@@ -66,7 +66,7 @@ def mend(
     with device_faults(study.device):
         return repair(
             study.shapes,
-            study.settings.optimize,
+            study.settings.placing,
             local,
             movable,
             misplaced=misplaced,

@@ -3,13 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 
 from homolog.analysis.reconstruction import MeanSurface
 from homolog.analysis.shape_model import ShapeModel, fit_shape_model
 from homolog.arrays import BoolArray, FloatArray
-from homolog.cohort import Cohort
+from homolog.cohort import Cohort, sides_of
 from homolog.correspondence import Correspondence, Shape
 from homolog.device import describe_device
 from homolog.files.meshes import write_mesh
@@ -23,7 +24,7 @@ from homolog.grooming import GroomedSubject
 from homolog.progress import Tick, part_of
 from homolog.run.identity import content_of, versions
 from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
-from homolog.settings import RunSettings
+from homolog.settings import Mirror, RunSettings
 
 __all__ = [
     "CANCELLED",
@@ -73,7 +74,7 @@ class Outcome:
     world, local : (M, N, 3) float64 arrays
         Particles in aligned and in file coordinates [mm].
     alignments : (M, 4, 4) float64 array
-        Similarities from local to world.
+        Similarities from local to world; reflections for mirrored subjects.
     energies : (T, 4) float64 array
         Iteration and the three parts of the objective.
     iterations : int
@@ -99,7 +100,7 @@ def noted(groomed: GroomedSubject, note: str) -> GroomedSubject:
 
 
 def with_repairs(study: Study, found: Correspondence) -> Study:
-    """Return the study with a note on every subject whose particles were put right, if any were."""
+    """Return the study with a note on every subject whose particles were repaired, if any were."""
     if not found.repaired.any():
         return study
     subjects: BoolArray = np.any(found.repaired > 0, axis=1)
@@ -107,7 +108,8 @@ def with_repairs(study: Study, found: Correspondence) -> Study:
     first = found.repaired[found.repaired > 0].min()
     before = objective[np.searchsorted(found.energies[:, 0], first)]
     note = (
-        "particles that faced another way than on most subjects were put right, "
+        "particles that faced another way than on most subjects, stood in each other's place or had left the "
+        "surface were repaired: "
         f"{np.count_nonzero(found.repaired)} on {subjects.sum()} subjects in all "
         f"(objective {before:.4f} then, {objective[-1]:.4f} in the end)"
     )
@@ -182,12 +184,15 @@ def _write_subjects(
 
 def _record(outcome: Outcome, stems: Sequence[str], surface: MeanSurface) -> ResultRecord:
     study = outcome.study
+    mirror = study.settings.groom.mirror
+    sides: Mapping[str, Any] = {} if mirror is Mirror.OFF else sides_of(study.cohort).of
     subjects = [
         ResultSubject(
             name=subject.name,
             file=stem,
             group=subject.group,
             columns=dict(subject.columns),
+            side=sides.get(subject.name, ""),
             content=content_of(shape),
             alignment=alignment.tolist(),
             notes=list(groomed.report.notes),

@@ -21,7 +21,14 @@ from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import writing
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord
-from homolog.grooming import GroomedSubject, Problem, align, check_cohort, groom_cohort
+from homolog.grooming import (
+    GroomedSubject,
+    Problem,
+    align_cohort,
+    check_cohort,
+    check_sides,
+    groom_cohort,
+)
 from homolog.progress import no_tick, patiently
 from homolog.run.base import Base, read_base
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
@@ -178,10 +185,10 @@ class Run:
             base = self._base(cohort)
             self._claim(cohort)
             cohort, groomed = self._groomed(cohort)
-            shapes = self._aligned(groomed, base)
+            groomed, shapes = self._aligned(cohort, groomed, base)
             if self._settings.optimize.landmarks and base is None:  # it gives the first particles
                 shapes = with_landmarks(shapes, cohort)
-            fingerprint = fingerprint_of(self._settings.optimize, shapes, self._control.tick)
+            fingerprint = fingerprint_of(self._settings.placing, shapes, self._control.tick)
             self._study = Study(cohort, self._settings, groomed, shapes, fingerprint, device)
             found = self._optimized(self._study, base)
             self._control.enter(Phase.MODELING, "principal components")
@@ -205,6 +212,7 @@ class Run:
             raise InputError("\n".join(self._notes))
         cohort = self._cohort.without({one.subject for one in problems})
         self._check_number(cohort)
+        check_sides(cohort, self._settings.groom)  # refuses sides that are none before any work
         return cohort
 
     def _check_number(self, cohort: Cohort) -> None:
@@ -259,17 +267,22 @@ class Run:
             self._claim(cohort)
         return cohort, groomed
 
-    def _aligned(self, groomed: Sequence[GroomedSubject], base: Base | None) -> list[Shape]:
+    def _aligned(
+        self, cohort: Cohort, groomed: Sequence[GroomedSubject], base: Base | None
+    ) -> tuple[list[GroomedSubject], list[Shape]]:
         self._control.enter(Phase.ALIGNING, "aligning")
-        alignments = patiently(
-            lambda tick: align(groomed, self._settings.groom, tick), self._control.tick, "aligning"
+        known = None if base is None else base.alignments
+        noted, alignments = patiently(
+            lambda tick: align_cohort(cohort, groomed, self._settings.groom, tick, known=known),
+            self._control.tick,
+            "aligning",
         )
         self._control.tick(1.0, "aligned")
         shapes = [
             Shape(one.name, one.field, one.mesh, one.coarse_mesh, alignment)
             for one, alignment in zip(groomed, alignments, strict=True)
         ]
-        return shapes if base is None else base.shapes(shapes)
+        return noted, shapes if base is None else base.shapes(shapes)
 
     def _optimized(self, study: Study, base: Base | None) -> Correspondence:
         geodesic = study.settings.optimize.method.uses_geodesics
@@ -291,7 +304,7 @@ class Run:
             start = None if base is None else base.start(study.shapes, self._control.tick)
             return optimize(
                 study.shapes,
-                study.settings.optimize,
+                study.settings.placing,
                 device=study.device,
                 tick=self._control.tick,
                 observe=observe,

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from homolog.arrays import Float32Array, FloatArray, frozen
+from homolog.surfaces.mirroring import MIRROR
 
 __all__ = ["DistanceField"]
 
@@ -19,8 +20,8 @@ class DistanceField:
     values : (I, J, K) float32 array
         Signed distance [mm] at the grid nodes, read-only. Every border node is outside (positive).
     index_to_world : (4, 4) float64 array
-        Affine from grid indices (i, j, k) to LPS millimetres: spacing times a proper rotation, and an
-        origin. Read-only.
+        Affine from grid indices (i, j, k) to LPS millimetres: spacing times a rotation (a reflection, for
+        the field of a mirror image), and an origin. Read-only.
     """
 
     values: Float32Array
@@ -40,6 +41,11 @@ class DistanceField:
         """Distance between neighbouring nodes [mm], the same along the three axes."""
         return float(np.linalg.norm(self.index_to_world[:3, 0]))
 
+    @property
+    def mirrored(self) -> "DistanceField":
+        """The distance to the mirror image; its grid is the mirror image of this one."""
+        return DistanceField(self.values, MIRROR @ self.index_to_world)
+
     def sample(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return value [mm] and gradient at points.
 
@@ -55,8 +61,7 @@ class DistanceField:
         (N, 3) float64 array
             Trilinear in the central differences of the values, in LPS.
         """
-        axes = self.index_to_world[:3, :3] / self.spacing
-        nodes = ((points - self.index_to_world[:3, 3]) @ axes / self.spacing).T
+        axes, nodes = self._nodes(points)
         values = ndimage.map_coordinates(self.values, nodes, np.float64, order=1, mode="nearest")
         slopes = np.empty((len(points), 3))
         for axis in range(3):
@@ -68,6 +73,26 @@ class DistanceField:
                 self.values, behind, np.float64, order=1, mode="nearest"
             )
         return values, slopes @ axes.T / (2.0 * self.spacing)
+
+    def sample_values(self, points: FloatArray) -> FloatArray:
+        """Return the value [mm] at points (N, 3), as `sample` does, without the gradient; shape (N,)."""
+        nodes = self._nodes(points)[1]
+        values: FloatArray = ndimage.map_coordinates(self.values, nodes, np.float64, order=1, mode="nearest")
+        return values
+
+    def curvedness(self, points: FloatArray) -> FloatArray:
+        """Return the root of the sum of squared principal curvatures at points (N, 3), shape (N,) [1/mm]."""
+        h = self.spacing
+        squared = np.zeros(len(points))
+        for axis in np.eye(3):
+            ahead, behind = self.sample(points + h * axis)[1], self.sample(points - h * axis)[1]
+            squared += ((ahead - behind) ** 2).sum(axis=1) / (2.0 * h) ** 2
+        return np.asarray(np.sqrt(squared))
+
+    def _nodes(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the grid's axes in LPS, columns of (3, 3), and the points in grid indices, (3, N)."""
+        axes = self.index_to_world[:3, :3] / self.spacing
+        return axes, ((points - self.index_to_world[:3, 3]) @ axes / self.spacing).T
 
     def projected(self, points: FloatArray, steps: int = 3) -> FloatArray:
         """Return the points put onto the zero level by Newton steps along the gradient, shape (N, 3) [mm]."""

@@ -1,14 +1,16 @@
 """The zero level of a distance field as a mesh of even triangles."""
 
 import numpy as np
+from scipy.spatial import KDTree
 
-from homolog.arrays import Array, FloatArray, IntArray
+from homolog.arrays import Array, BoolArray, FloatArray, IntArray
 from homolog.errors import InputError, NumericalError
+from homolog.surfaces.closest import distances_to
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.remesh import remeshed
+from homolog.surfaces.remesh import Sizes, curvature_sizes, remeshed
 from homolog.surfaces.simplify import simplified
-from homolog.surfaces.topology import face_components
+from homolog.surfaces.topology import euler_number, face_components, is_sound
 
 __all__ = ["coarse_isosurface", "isosurface", "marching_cubes"]
 
@@ -18,10 +20,25 @@ _EQUILATERAL = 2.0 / np.sqrt(3.0)  # edge² times vertices, over the area
 _SLIVER = 0.05  # of the volume of the nodes inside
 _NEAREST = 1e-3
 """Values closer to zero than this part of the largest are moved away: vertices on nodes make needles."""
+_TOLERATED = 0.5
+"""Edges: how far a mesh may be from the surface …"""
+_THIN = 0.3
+"""… and how much of the local thickness."""
+_CHORD = 0.7  # of the longest edge whose chord stays within the tolerance on a circle of that curvature
+_REFINEMENTS = 2
+_FINER = 0.5  # of the edges where a mesh is too far from the surface, in each refinement
+_GRADING = 0.4  # mm of edge length per mm of distance: neighbouring triangles differ little
+_MOST_TIMES = 2.0  # the wanted number of vertices
+_TOO_FINE = (
+    4.0  # times the wanted number of vertices, of the source, which is used where no other mesh will do
+)
+_REFERENCES = 20_000  # points of the surface at which a mesh is compared with it
 
 
 def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool = False) -> TriangleMesh:
     """Return the zero level of a distance field.
+
+    Triangles are smaller where the surface is thin or pointed, so that the mesh stays close to it.
 
     Parameters
     ----------
@@ -60,12 +77,105 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
         raise InputError(
             f"mesh edges of {edge:g} mm would make {count} vertices; choose {least:.2g} mm or more"
         )
-    return remeshed(simplified(raw, count), field, edge, adaptive)
+    return _meshed(field, raw, count, edge, adaptive)
 
 
 def coarse_isosurface(field: DistanceField, mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
-    """Return a mesh of the zero level with about `n_vertices` vertices, made from a finer one."""
-    return remeshed(simplified(mesh, n_vertices), field, _edge_for(mesh.area, n_vertices))
+    """Return a mesh of the zero level with `n_vertices` vertices or some more, made from a finer one.
+
+    It has the finer one's topology, and is that mesh itself where fewer triangles can't carry the shape.
+    """
+    return _meshed(field, mesh, n_vertices, _edge_for(mesh.area, n_vertices))
+
+
+def _meshed(
+    field: DistanceField, source: TriangleMesh, count: int, edge: float, adaptive: bool = False
+) -> TriangleMesh:
+    """Return a sound mesh of the zero level with the source's topology, finer where thin and curved."""
+    references = source.vertices[:: max(1, len(source.vertices) // _REFERENCES)]
+    tree = KDTree(references)
+    curvature = field.curvedness(references)
+    tolerance = np.minimum(_TOLERATED * edge, _THIN * _thickness(field, references, 4.0 * edge))
+    tolerance = np.maximum(tolerance, _TOLERATED * min(field.spacing, edge))
+    sizes = curvature_sizes(curvature, edge) if adaptive else np.full(len(references), edge)
+    needed = _CHORD * np.sqrt(8.0 * tolerance / np.maximum(curvature, 1e-12))
+    least = min(edge, field.spacing)
+    wanted, sizes = sizes, _graded(sizes, np.maximum(needed, least), tree)
+    while least < edge and np.mean((edge / sizes) ** 2) > _MOST_TIMES:  # times as many vertices
+        least *= 1.2
+        sizes = _graded(wanted, np.maximum(needed, least), tree)
+    euler = euler_number(source.faces)
+    start = simplified(source, count) if (sizes > 0.8 * edge).all() else source
+    best: TriangleMesh | None = None
+    spare: TriangleMesh | None = None
+    fewest = len(references) + 1
+    for _ in range(1 + _REFINEMENTS):
+        mesh = remeshed(start, field, _at(tree, sizes))
+        far = _far(mesh, field, references, tree, 2.0 * tolerance)
+        whole = is_sound(mesh) and euler_number(mesh.faces) == euler
+        near = whole and _is_near(mesh, field)
+        if near and (n_far := int(np.count_nonzero(far))) < fewest:
+            best, fewest = mesh, n_far
+        spare = spare or (mesh if whole else None)
+        if (near and not far.any()) or len(mesh.vertices) > _MOST_TIMES * count:
+            break
+        start = source
+        sizes = _graded(sizes, np.where(far, np.maximum(_FINER * sizes, 0.5 * field.spacing), edge), tree)
+    if best is None and len(source.vertices) > _TOO_FINE * count:
+        best = spare or simplified(source, count)
+    return best or source
+
+
+def _is_near(mesh: TriangleMesh, field: DistanceField) -> bool:
+    """Return whether all vertices lie within half a node of the zero level."""
+    return bool(np.abs(field.sample_values(mesh.vertices)).max() < 0.5 * field.spacing)
+
+
+def _at(tree: KDTree, sizes: FloatArray) -> Sizes:
+    """Return the function that looks up sizes at the nearest of the tree's points."""
+    return lambda points: np.asarray(sizes[tree.query(points)[1]])
+
+
+def _thickness(field: DistanceField, points: FloatArray, most: float) -> FloatArray:
+    """Return how far it is through the solid, or through a gap of it, from points of its surface [mm].
+
+    The distance grows along the normal up to the middle between two walls.
+    """
+    normals = field.sample(points)[1]
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    steps = np.arange(1.0, 0.5 * most / field.spacing + 1.0) * field.spacing
+    result = np.full(len(points), np.inf)
+    for side in (-1.0, 1.0):
+        depth, growing = np.zeros(len(points)), np.full(len(points), True)
+        for step in steps:
+            here = side * field.sample_values(points + side * step * normals)
+            growing &= here > depth + 0.25 * field.spacing
+            depth = np.where(growing, here, depth)
+        result = np.where(growing, result, np.minimum(result, 2.0 * np.maximum(depth, 0.5 * field.spacing)))
+    return result
+
+
+def _far(
+    mesh: TriangleMesh, field: DistanceField, references: FloatArray, tree: KDTree, tolerance: FloatArray
+) -> BoolArray:
+    """Return at which points of the surface a mesh is not close to it."""
+    far: BoolArray = distances_to(mesh, references) > tolerance
+    corners = mesh.vertices[mesh.faces]
+    for between in (corners.mean(axis=1), 0.5 * (corners[:, 0] + corners[:, 1])):
+        nearest = np.asarray(tree.query(between)[1])
+        far[nearest[np.abs(field.sample_values(between)) > tolerance[nearest]]] = True
+    return far
+
+
+def _graded(sizes: FloatArray, needed: FloatArray, tree: KDTree) -> FloatArray:
+    """Return edge lengths that are no larger than needed, and grow slowly around small ones."""
+    points: FloatArray = tree.data
+    result = sizes.copy()
+    for least in np.unique(0.8 ** np.floor(np.log(needed[needed < sizes]) / np.log(0.8))):
+        small = (needed < sizes) & (needed <= least / 0.8)
+        distance = KDTree(points[small]).query(points)[0]
+        result = np.minimum(result, least / 0.8 + _GRADING * np.maximum(distance - least, 0.0))
+    return result
 
 
 def _edge_for(area: float, n_vertices: int) -> float:

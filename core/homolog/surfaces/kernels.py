@@ -94,7 +94,9 @@ def start_band(
         foot += onto + along
         moved = wp.length(onto) + wp.length(along)
     reach = wp.length(node - foot)
-    if moved < 0.01 and reach < 1.5:
+    # in the middle of a thin wall the slope vanishes and the foot stays where it began
+    on_level = wp.abs(_sample(level, foot)) < 0.1 * wp.abs(level[i, j, k])
+    if moved < 0.01 and reach < 1.5 and on_level:
         field[i, j, k] = side * reach
 
 
@@ -210,3 +212,73 @@ def distance_to_mesh(mesh: wp.uint64, reach: float, distances: wp.array3d(dtype=
         nearest = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
         side = wp.where(query.sign < 0.0, -1.0, 1.0)
         distances[i, j, k] = side * wp.min(wp.length(node - nearest), reach)
+
+
+@wp.kernel
+def distances_of_points(
+    mesh: wp.uint64, points: wp.array(dtype=wp.vec3), distances: wp.array(dtype=wp.float32)
+) -> None:
+    """Unsigned distance from points to a mesh."""
+    i = wp.tid()
+    query = wp.mesh_query_point_no_sign(mesh, points[i], 1.0e30)
+    nearest = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
+    distances[i] = wp.length(points[i] - nearest)
+
+
+@wp.kernel
+def distance_to_faces(
+    faces: wp.uint64, mesh: wp.uint64, reach: float, distances: wp.array3d(dtype=wp.float32)
+) -> None:
+    """As `distance_to_mesh`, from some of a mesh's faces; all of them tell the side."""
+    i, j, k = wp.tid()
+    node = wp.vec3(float(i), float(j), float(k))
+    query = wp.mesh_query_point_no_sign(faces, node, reach)
+    if query.result:
+        nearest = wp.mesh_eval_position(faces, query.face, query.u, query.v)
+        around = wp.mesh_query_point_sign_winding_number(mesh, node, _FAR)
+        side = wp.where(around.sign < 0.0, -1.0, 1.0)
+        distances[i, j, k] = side * wp.min(wp.length(node - nearest), reach)
+
+
+@wp.kernel
+def find_sides(mesh: wp.uint64, points: wp.array(dtype=wp.vec3), inside: wp.array(dtype=wp.bool)) -> None:
+    """Whether a mesh winds around points at least half, however far away it is."""
+    query = wp.mesh_query_point_sign_winding_number(mesh, points[wp.tid()], _FAR)
+    inside[wp.tid()] = query.result and query.sign < 0.0
+
+
+@wp.kernel
+def count_escaping(
+    mesh: wp.uint64,
+    points: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3),
+    away: float,
+    ahead: wp.array(dtype=wp.int32),
+    behind: wp.array(dtype=wp.int32),
+) -> None:
+    """Count the directions in which a ray from just before and just behind a face meets no other one."""
+    here = wp.tid()
+    normal = normals[here]
+    for number in range(directions.shape[0]):
+        way = directions[number]
+        side = wp.sign(wp.dot(way, normal))
+        query = wp.mesh_query_ray(mesh, points[here] + side * away * normal, way, _FAR)
+        if query.result:
+            continue
+        if side > 0.0:
+            ahead[here] += 1
+        else:
+            behind[here] += 1
+
+
+@wp.kernel
+def thickness_of_faces(mesh: wp.uint64, thickness: wp.array(dtype=wp.float32)) -> None:
+    """Distance from the middle of each face, against its normal, to the next face."""
+    face = wp.tid()
+    middle = wp.mesh_eval_position(mesh, face, 1.0 / 3.0, 1.0 / 3.0)
+    inward = -wp.mesh_eval_face_normal(mesh, face)
+    a = wp.mesh_eval_position(mesh, face, 1.0, 0.0)
+    start = 1.0e-4 * wp.length(a - middle)  # beyond the face itself
+    query = wp.mesh_query_ray(mesh, middle + start * inward, inward, 1.0e30)
+    thickness[face] = wp.where(query.result, query.t + start, wp.inf)

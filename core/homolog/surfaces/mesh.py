@@ -34,8 +34,10 @@ class TriangleMesh:
         return TriangleMesh, (self.vertices, self.faces)
 
     def placed(self, matrix: FloatArray) -> "TriangleMesh":
-        """Return the surface in the frame that a (4, 4) matrix leads to."""
-        return TriangleMesh(self.vertices @ matrix[:3, :3].T + matrix[:3, 3], self.faces)
+        """Return the surface in the frame that a (4, 4) matrix leads to; its faces still point outward."""
+        mirrored = np.linalg.det(matrix[:3, :3]) < 0.0
+        faces = self.faces[:, ::-1] if mirrored else self.faces
+        return TriangleMesh(self.vertices @ matrix[:3, :3].T + matrix[:3, 3], faces)
 
     @property
     def face_areas(self) -> FloatArray:

@@ -1,22 +1,32 @@
-"""A closed mesh as a level function on a grid."""
+"""A mesh as a level function on a grid, and what else is asked of triangles in space."""
 
 import numpy as np
 import warp as wp
 from scipy import ndimage
 
-from homolog.arrays import Float32Array, FloatArray
+from homolog.arrays import Array, BoolArray, Float32Array, FloatArray, IntArray
 from homolog.device import choose_device
 from homolog.surfaces import kernels
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["REACH", "mesh_level"]
+__all__ = ["REACH", "escaping", "mesh_level", "mesh_sides", "winds_around"]
 
 REACH = 2.5
 """Nodes: how far from the mesh its distance is computed."""
+_COARSE = 3
+"""Nodes between those that are asked first for their side, far from the mesh."""
+_UNITS = 1000.0
+"""Length of a mesh's diagonal in the numbers that kernels see; single precision does for it."""
 
 
 def mesh_level(
-    mesh: TriangleMesh, start: FloatArray, spacing: float, shape: tuple[int, ...], *, device: str = "cpu"
+    mesh: TriangleMesh,
+    start: FloatArray,
+    spacing: float,
+    shape: tuple[int, ...],
+    *,
+    bounds: BoolArray | None = None,
+    device: str = "cpu",
 ) -> Float32Array:
     """Return the signed distance to a closed mesh on an axis-aligned grid, near the mesh.
 
@@ -30,6 +40,8 @@ def mesh_level(
         Distance between nodes [mm].
     shape : tuple of int
         Number of nodes along each axis; the border is outside.
+    bounds : (F,) bool array, optional
+        The faces whose distance is wanted; all wind around the nodes. All if not given.
     device : str
         ``"cpu"`` or a CUDA device.
 
@@ -39,16 +51,117 @@ def mesh_level(
         Exact distance, negative inside, up to `REACH`; that value beyond [nodes].
     """
     # Single precision: count from the grid's first node, in nodes.
-    points = ((mesh.vertices - start) / spacing).astype(np.float32)
     with wp.ScopedDevice(choose_device(device)):
-        surface = wp.Mesh(
-            points=wp.array(points, dtype=wp.vec3),
-            indices=wp.array(mesh.faces.ravel(), dtype=wp.int32),
-            support_winding_number=True,
-        )
+        surface = _surface(mesh, start, spacing)
         level = wp.full(shape, REACH, dtype=wp.float32)
-        wp.launch(kernels.distance_to_mesh, shape, [surface.id, REACH, level])
+        if bounds is None or bounds.all():
+            wp.launch(kernels.distance_to_mesh, shape, [surface.id, REACH, level])
+        else:
+            part = _surface(TriangleMesh(mesh.vertices, mesh.faces[bounds]), start, spacing)
+            wp.launch(kernels.distance_to_faces, shape, [part.id, surface.id, REACH, level])
         values: Float32Array = np.array(level.numpy())
     inside = ndimage.binary_fill_holes(values < 0.0)
     values[inside & (values == REACH)] = -REACH
     return values
+
+
+def mesh_sides(mesh: TriangleMesh, start: FloatArray, spacing: float, near: Float32Array) -> BoolArray:
+    """Return which nodes of a grid an open mesh winds around at least half.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Faces counter-clockwise seen from outside.
+    start, spacing :
+        As for `mesh_level`.
+    near : (I, J, K) float32 array
+        What `mesh_level` gives: signs next to the mesh are taken from it.
+
+    Returns
+    -------
+    (I, J, K) bool array
+        True inside. Away from the mesh the side is asked of every third node along each axis, and of those
+        between only where these differ.
+    """
+    inside: BoolArray = near < 0.0
+    far = np.abs(near) >= REACH
+    within = tuple(map(slice, near.shape))
+    ends = [np.arange(0, size + _COARSE - 1, _COARSE) for size in near.shape]
+    nodes = np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1)
+    with wp.ScopedDevice(choose_device("cpu")):
+        surface = _surface(mesh, start, spacing)
+        sides = _asked(surface, nodes.reshape(-1, 3)).reshape(nodes.shape[:3])
+        low, high = (
+            find(sides, 2, origin=-1).repeat(_COARSE, 0).repeat(_COARSE, 1).repeat(_COARSE, 2)[within]
+            for find in (ndimage.minimum_filter, ndimage.maximum_filter)
+        )
+        inside[far] = low[far]
+        mixed = np.argwhere(far & (low != high))
+        inside[tuple(mixed.T)] = _asked(surface, mixed)
+    return np.asarray(ndimage.binary_fill_holes(inside))
+
+
+def winds_around(mesh: TriangleMesh, points: FloatArray) -> BoolArray:
+    """Return whether a mesh winds at least half around points (N, 3), shape (N,)."""
+    low, scale = _unit(mesh)
+    with wp.ScopedDevice(choose_device("cpu")):
+        return _asked(_surface(mesh, low, scale), (points - low) / scale)
+
+
+def _unit(mesh: TriangleMesh) -> tuple[FloatArray, float]:
+    """Return a place [mm] and a unit of length [mm] from which single precision does for a mesh."""
+    return mesh.vertices.min(axis=0), float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))) / _UNITS
+
+
+def escaping(mesh: TriangleMesh, asked: IntArray, n_directions: int) -> tuple[IntArray, IntArray]:
+    """Return how many rays leave the mesh from before and from behind some of its faces.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Any triangles.
+    asked : (N,) int array
+        Faces.
+    n_directions : int
+        Rays per face, spread evenly over the sphere.
+
+    Returns
+    -------
+    (N,), (N,) int32 arrays
+        Rays on the side of the normal, and on the other, that meet no face.
+    """
+    low, scale = _unit(mesh)
+    corners = mesh.vertices[mesh.faces[asked]]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = across / np.linalg.norm(across, axis=1, keepdims=True)
+    # a Fibonacci lattice on the sphere
+    heights = 1.0 - (2.0 * np.arange(n_directions) + 1.0) / n_directions
+    turns = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(n_directions)
+    wide = np.sqrt(1.0 - heights**2)
+    ways = np.stack([wide * np.cos(turns), wide * np.sin(turns), heights], axis=1)
+    with wp.ScopedDevice(choose_device("cpu")):
+        surface = _surface(mesh, low, scale)
+        given = ((corners.mean(axis=1) - low) / scale, normals, ways)
+        vectors = [wp.array(one.astype(np.float32), dtype=wp.vec3) for one in given]
+        counts = [wp.zeros(len(asked), dtype=wp.int32) for _ in range(2)]
+        wp.launch(kernels.count_escaping, len(asked), [surface.id, *vectors, 1e-3, *counts])
+        ahead, behind = (np.array(one.numpy()) for one in counts)
+    return ahead, behind
+
+
+def _surface(mesh: TriangleMesh, start: FloatArray, spacing: float) -> wp.Mesh:
+    """Return a mesh for queries, counted from a place in a unit of length."""
+    points = ((mesh.vertices - start) / spacing).astype(np.float32)
+    return wp.Mesh(
+        points=wp.array(points, dtype=wp.vec3),
+        indices=wp.array(mesh.faces.ravel(), dtype=wp.int32),
+        support_winding_number=True,
+    )
+
+
+def _asked(surface: wp.Mesh, nodes: Array) -> BoolArray:
+    """Return on which side of a mesh nodes (N, 3) are."""
+    points = wp.array(nodes.astype(np.float32), dtype=wp.vec3)
+    inside = wp.zeros(len(nodes), dtype=wp.bool)
+    wp.launch(kernels.find_sides, len(nodes), [surface.id, points, inside])
+    return np.array(inside.numpy(), dtype=bool)

@@ -2,17 +2,21 @@
 
 import numpy as np
 import warp as wp
+from scipy import ndimage
 
-from homolog.arrays import Array, Float32Array
+from homolog.arrays import Array, BoolArray, Float32Array
 from homolog.device import choose_device
 from homolog.surfaces import kernels
 
 __all__ = ["redistanced"]
 
 _TOLERANCE = 1e-3  # voxels
+_EVERY = 3  # nodes between those where rough distances are computed
 
 
-def redistanced(level: Array, *, device: str = "cpu", second_order: bool = True) -> Float32Array:
+def redistanced(
+    level: Array, *, reach: int | None = None, device: str = "cpu", second_order: bool = True
+) -> Float32Array:
     """Return the signed distance to the zero level of a function on a regular grid.
 
     Next to the zero level the distance is that to the trilinear interpolant; further out the eikonal
@@ -24,6 +28,9 @@ def redistanced(level: Array, *, device: str = "cpu", second_order: bool = True)
     ----------
     level : (I, J, K) array
         Negative inside, of any scale; crosses zero somewhere.
+    reach : int, optional
+        How far from the zero level this is done [voxels]; farther away distances are rough, to a voxel or
+        two. Everywhere if not given.
     device : str
         ``"cpu"`` or a CUDA device.
     second_order : bool
@@ -42,13 +49,40 @@ def redistanced(level: Array, *, device: str = "cpu", second_order: bool = True)
         signed, state = wp.empty_like(given), wp.zeros(level.shape, dtype=wp.int32)
         slopes = wp.array(gradient, dtype=wp.vec3)
         wp.launch(kernels.start_band, level.shape, [given, slopes, signed, state])
-        _propagate(signed, state, second_order)
-        return np.asarray(signed.numpy())
+        fixed = state.numpy() == 2
+        far = _far_from(fixed, reach) if reach else None
+        _propagate(signed, state, fixed, far, second_order)
+        result = np.asarray(signed.numpy())
+    return result if reach is None or far is None else _filled(result, far, reach)
 
 
-def _propagate(signed: wp.array, state: wp.array, second_order: bool) -> None:
-    """Relax from the fixed nodes outward until nothing changes."""
-    fixed = state.numpy() == 2
+def _far_from(fixed: BoolArray, reach: int) -> BoolArray:
+    """Return which nodes are more than `reach` steps along the axes from the fixed ones."""
+    near = ndimage.binary_dilation(fixed, iterations=reach)
+    return np.asarray(~near)
+
+
+def _filled(signed: Float32Array, far: BoolArray, reach: int) -> Float32Array:
+    """Fill in what is far from the zero level: distances on a grid of every few nodes, interpolated."""
+    inside = signed < 0.0
+    every = tuple(slice(None, None, _EVERY) for _ in range(3))
+    near = np.pad(~far, 1)[1:-1, 1:-1, 1:-1][every]
+    rough: Array = _EVERY * ndimage.distance_transform_edt(~near)
+    for axis, size in enumerate(signed.shape):
+        places = np.arange(size) / _EVERY
+        low = np.minimum(places.astype(int), rough.shape[axis] - 1)
+        high = np.minimum(low + 1, rough.shape[axis] - 1)
+        share = np.expand_dims(places - low, tuple(range(1, 3 - axis)))
+        a, b = np.take(rough, low, axis), np.take(rough, high, axis)
+        rough = (a + share * (b - a)).astype(np.float32)
+    result = np.where(far, np.where(inside, -1.0, 1.0) * (reach + rough), signed)
+    return np.asarray(result, dtype=np.float32)
+
+
+def _propagate(
+    signed: wp.array, state: wp.array, fixed: BoolArray, far: BoolArray | None, second_order: bool
+) -> None:
+    """Relax from the fixed nodes outward until nothing changes; far nodes are not looked at."""
     near = np.zeros_like(fixed)
     for axis in range(3):
         moved, still = np.moveaxis(near, axis, 0), np.moveaxis(fixed, axis, 0)
@@ -57,8 +91,10 @@ def _propagate(signed: wp.array, state: wp.array, second_order: bool) -> None:
     start = np.argwhere(near & ~fixed).astype(np.int32)
     marks = fixed.astype(np.int32) * 2
     marks[tuple(start.T)] = 1
+    if far is not None:
+        marks[far] = 3
     state.assign(marks)
-    capacity = 1 + int(np.count_nonzero(~fixed))
+    capacity = 1 + int(np.count_nonzero(~fixed if far is None else ~(fixed | far)))
     lists = [wp.empty(capacity, dtype=wp.vec3i) for _ in range(2)]
     if len(start):
         lists[0][: len(start)].assign(start)

@@ -4,6 +4,7 @@ After Botsch and Kobbelt, A Remeshing Approach to Multiresolution Modeling (SGP 
 independent edges at once. Topology does not change.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,10 @@ from homolog.errors import NumericalError
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["remeshed"]
+__all__ = ["Sizes", "curvature_sizes", "remeshed"]
+
+Sizes = Callable[[FloatArray], FloatArray]
+"""Wished edge length [mm] at points (N, 3), shape (N,)."""
 
 _LONG, _SHORT = 4.0 / 3.0, 4.0 / 5.0  # of the wished edge length
 _SWEEPS = 5
@@ -24,7 +28,7 @@ _SLIDE = 0.6
 _SHARPEST = 0.3  # cosine between a face's normal before and after a change
 
 
-def remeshed(mesh: TriangleMesh, field: DistanceField, edge: float, adaptive: bool = False) -> TriangleMesh:
+def remeshed(mesh: TriangleMesh, field: DistanceField, sizes: float | Sizes) -> TriangleMesh:
     """Return a mesh of a field's zero level with edges of about the wished length.
 
     Parameters
@@ -33,10 +37,8 @@ def remeshed(mesh: TriangleMesh, field: DistanceField, edge: float, adaptive: bo
         A closed manifold near the zero level.
     field : DistanceField
         Whose zero level the vertices are put on.
-    edge : float
-        Wished edge length [mm].
-    adaptive : bool
-        Shorter edges where the surface is strongly curved, longer ones elsewhere.
+    sizes : float or callable
+        Wished edge length [mm], the same everywhere or at each place.
 
     Raises
     ------
@@ -46,7 +48,7 @@ def remeshed(mesh: TriangleMesh, field: DistanceField, edge: float, adaptive: bo
     vertices: FloatArray = np.array(mesh.vertices)
     faces: IntArray = np.array(mesh.faces, dtype=np.int64)
     for _ in range(_SWEEPS):
-        size = _sizes(vertices, field, edge) if adaptive else np.full(len(vertices), edge)
+        size = sizes(vertices) if callable(sizes) else np.full(len(vertices), sizes)
         vertices, faces, size = _split(vertices, faces, size)
         vertices, faces, size = _collapse(vertices, faces, size)
         faces = _flip(vertices, faces)
@@ -250,12 +252,6 @@ def _slide(vertices: FloatArray, faces: IntArray, field: DistanceField) -> Float
     return field.projected(vertices + _SLIDE * step)
 
 
-def _sizes(vertices: FloatArray, field: DistanceField, edge: float) -> FloatArray:
-    """Edge length at each vertex: short where the normals turn quickly, with `edge` as the typical value."""
-    h = field.spacing
-    turn = np.zeros(len(vertices))
-    for axis in np.eye(3):
-        ahead, behind = field.sample(vertices + h * axis)[1], field.sample(vertices - h * axis)[1]
-        turn += ((ahead - behind) ** 2).sum(axis=1) / (2.0 * h) ** 2
-    relative = np.sqrt(turn / np.median(turn))
-    return np.asarray(edge * np.clip(relative, 0.4, 6.0) ** -0.5)
+def curvature_sizes(curvature: FloatArray, edge: float) -> FloatArray:
+    """Return edge lengths [mm] that are short where the curvature is large; `edge` is the typical one."""
+    return np.asarray(edge * np.clip(curvature / np.median(curvature), 0.4, 6.0) ** -0.5)

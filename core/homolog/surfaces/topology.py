@@ -8,7 +8,7 @@ from homolog.arrays import FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["check_mesh", "edges", "euler_number", "face_components", "longest_edge"]
+__all__ = ["check_mesh", "edges", "euler_number", "face_components", "is_sound", "longest_edge"]
 
 FLATTEST = 1e-7
 """A face whose height is below this part of its longest side counts as a face without area."""
@@ -59,9 +59,17 @@ def check_mesh(mesh: TriangleMesh, name: str) -> None:
     InputError
         The first fault found, what it does, and the remedy.
     """
-    fault = _array_fault(mesh) or _face_fault(mesh) or _vertex_fault(mesh) or _side_fault(mesh)
-    if fault:
+    if fault := _fault(mesh):
         raise InputError(f"{name}: the mesh {fault}")
+
+
+def is_sound(mesh: TriangleMesh) -> bool:
+    """Return whether a mesh passes `check_mesh`: what every mesh that this program makes must do."""
+    return not _fault(mesh)
+
+
+def _fault(mesh: TriangleMesh) -> str:
+    return _array_fault(mesh) or _face_fault(mesh) or _vertex_fault(mesh) or _side_fault(mesh)
 
 
 def _sides(faces: IntArray) -> IntArray:

@@ -1,0 +1,84 @@
+"""Which side of the body a subject's structure is from, as a table or the files' names say."""
+
+import re
+from dataclasses import dataclass
+
+from homolog.cohort.subject import Cohort, Subject, suffix_of
+from homolog.errors import InputError
+
+__all__ = ["FROM_COLUMN", "FROM_NAMES", "LEFT", "RIGHT", "SIDE_COLUMN", "Sides", "other_side", "sides_of"]
+
+LEFT, RIGHT = "left", "right"
+SIDE_COLUMN = "side"
+"""Of the cohort's table, in any case of letters."""
+
+FROM_COLUMN, FROM_NAMES = f"the column {SIDE_COLUMN}", "the file names"
+
+_CODES = {
+    **dict.fromkeys(("l", "left", "lt", "lh", "links", "gauche", "izquierda", "sinistra"), LEFT),
+    **dict.fromkeys(("r", "right", "rt", "rh", "rechts", "droite", "derecha", "destra"), RIGHT),
+}
+_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+"""Runs of letters, apart where small letters are followed by a capital: ``leftFemur``, ``m03_L``, ``12R``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sides:
+    """The subjects' sides.
+
+    Attributes
+    ----------
+    of : dict of str to str
+        ``"left"`` or ``"right"`` by subject; subjects whose side nobody says are not in it.
+    source : str
+        `FROM_COLUMN`, `FROM_NAMES`, or empty if no side is known.
+    """
+
+    of: dict[str, str]
+    source: str = ""
+
+
+def other_side(side: str) -> str:
+    """Return right for left and left for right."""
+    return RIGHT if side == LEFT else LEFT
+
+
+def sides_of(cohort: Cohort) -> Sides:
+    """Return the subjects' sides: those of the column ``side``, else those that the files' names give.
+
+    A column may leave some subjects without a side. Names count only where every subject's gives one and
+    both sides occur: letters in single names mean anything.
+
+    Raises
+    ------
+    InputError
+        If the column says left or right of some subjects, and something else of another.
+    """
+    values = {one.name: _column(one) for one in cohort.subjects}
+    said = {name: side for name, value in values.items() if (side := _CODES.get(value.casefold()))}
+    if said:
+        odd = [name for name, value in values.items() if value and name not in said]
+        if odd:
+            raise InputError(
+                f"{odd[0]}: its side is {values[odd[0]]!r}; write left or right, or leave it empty"
+            )
+        return Sides(said, FROM_COLUMN)
+    named = {one.name: side for one in cohort.subjects if (side := _of_name(one))}
+    if len(named) == len(cohort.subjects) and len(set(named.values())) == 2:
+        return Sides(named, FROM_NAMES)
+    return Sides({})
+
+
+def _column(subject: Subject) -> str:
+    found = [value for name, value in subject.columns.items() if name.strip().casefold() == SIDE_COLUMN]
+    return found[0].strip() if found else ""
+
+
+def _of_name(subject: Subject) -> str | None:
+    """Return the side that the file's name gives, else the subject's name; None if neither gives just one."""
+    file = subject.path.name
+    for text in (file[: len(file) - len(suffix_of(subject.path))], subject.name):
+        found = {side for word in _WORDS.findall(text) if (side := _CODES.get(word.casefold()))}
+        if len(found) == 1:
+            return found.pop()
+    return None

@@ -1,0 +1,201 @@
+"""Groups and covariates from a table, for subjects that are known already."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+
+from homolog.cohort.subject import Subject, suffix_of
+from homolog.errors import InputError
+from homolog.spreadsheets import Row, read_rows
+
+__all__ = ["Replaced", "TableChanges", "with_table", "with_values_of"]
+
+_KEYS = ("name", "subject", "id")
+_NOT_TAKEN = ("path", "landmarks")
+_GROUP = "group"
+_SHOWN = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Replaced:
+    """A value of a subject that another takes the place of."""
+
+    subject: str
+    column: str
+    before: str
+    after: str
+
+
+@dataclass(frozen=True, slots=True)
+class TableChanges:
+    """What a table changes of known subjects.
+
+    Attributes
+    ----------
+    subjects : tuple of Subject
+        All of them in their order, with the table's values.
+    matched, without_row : tuple of str
+        Those that the table has a row of, and the others.
+    unknown : tuple of str
+        What the rows are called that name no subject, or several.
+    key : str
+        The column that names the subjects.
+    added : dict of str to int
+        Columns that get values where there were none, and how many.
+    replaced : tuple of Replaced
+        Values that differ from those that were there.
+    """
+
+    subjects: tuple[Subject, ...]
+    matched: tuple[str, ...]
+    without_row: tuple[str, ...]
+    unknown: tuple[str, ...]
+    key: str
+    added: Mapping[str, int]
+    replaced: tuple[Replaced, ...]
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether every value was there before."""
+        return not self.added and not self.replaced
+
+    @property
+    def words(self) -> list[str]:
+        """What changes, a line each."""
+        lines = [f"{len(self.matched)} of {len(self.subjects)} subjects have a row (column {self.key})"]
+        lines += [f"{name}: {_count(number, 'new value')}" for name, number in self.added.items()]
+        for name in dict.fromkeys(one.column for one in self.replaced):
+            changed = [one for one in self.replaced if one.column == name]
+            shown = [f"{one.subject} {one.before} to {one.after}" for one in changed]
+            lines.append(f"{name}: {_count(len(changed), 'value')} replaced ({_listed(shown)})")
+        if self.is_empty:
+            lines.append("nothing changes: all values are there already")
+        if self.without_row:
+            lines.append(f"without a row: {_listed(self.without_row)}")
+        if self.unknown:
+            lines.append(f"rows that name no subject: {_listed(self.unknown)}")
+        return lines
+
+
+def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
+    """Read groups and covariates of known subjects from a table.
+
+    The column called name, subject or id (the one that fits most subjects), else the first one, names the
+    subject: by its name, by its file's name, with or without suffix, or by the beginning of its name up to a
+    sign that is no letter or digit (``acdc004`` means ``acdc004_ED_myo``). Columns for paths and landmarks
+    are left alone. An empty cell leaves what is there.
+
+    Parameters
+    ----------
+    subjects : sequence of Subject
+    path : Path
+        CSV with commas, semicolons or tabs, or XLSX.
+
+    Raises
+    ------
+    InputError
+        If the file can't be read, names no subject, or has two rows of one subject.
+    """
+    columns, lines = read_rows(path)
+    named = [one for one in columns if one]
+    if not lines or not named:
+        raise InputError(f"{path}: holds no rows; choose another table")
+    rows = [row for _, row in lines]
+    wanted = [one for key in _KEYS for one in named if one.casefold() == key]
+    keys = wanted or [one for one in named if one.casefold() == "path"] or named[:1]
+    found = {key: [_named(subjects, row[key]) for row in rows] for key in keys}
+    key = max(keys, key=lambda one: sum(name is not None for name in found[one]))
+    names = found[key]
+    if not any(names):
+        raise InputError(f"{path}: its column {key!r} names none of the subjects, such as {subjects[0].name}")
+    twice = [name for name, count in Counter(filter(None, names)).items() if count > 1]
+    if twice:
+        raise InputError(f"{path}: has several rows of {_listed(twice)}; keep one of each")
+    values = {
+        name: {column: value for column, value in row.items() if column != key}
+        for name, row in zip(names, rows, strict=True)
+        if name is not None
+    }
+    unknown = [row[key] for name, row in zip(names, rows, strict=True) if name is None]
+    return _changes(subjects, values, unknown, key)
+
+
+def with_values_of(subjects: Sequence[Subject], others: Sequence[Subject]) -> TableChanges:
+    """Return what the groups and columns of others with the same names change of subjects."""
+    values = {one.name: {_GROUP: one.group or "", **one.columns} for one in others}
+    return _changes(subjects, values, [], "name")
+
+
+def _changes(
+    subjects: Sequence[Subject], values: Mapping[str, Row], unknown: Sequence[str], key: str
+) -> TableChanges:
+    known = {name.casefold(): name for one in subjects for name in one.columns}
+    added: Counter[str] = Counter()
+    replaced: list[Replaced] = []
+    result = []
+    for one in subjects:
+        before = {_GROUP: one.group or "", **one.columns}
+        after = dict(before)
+        for title, value in values.get(one.name, {}).items():
+            column = _GROUP if title.casefold() == _GROUP else known.get(title.casefold(), title)
+            if title.casefold() in _NOT_TAKEN:
+                continue
+            was = before.get(column, "")
+            if not value:
+                after.setdefault(column, "")
+            elif value != was:
+                after[column] = value
+                if was:
+                    replaced.append(Replaced(one.name, column, was, value))
+                else:
+                    added[column] += 1
+        group = after.pop(_GROUP)
+        result.append(replace(one, group=group or None, columns=MappingProxyType(after)))
+    return TableChanges(
+        subjects=tuple(result),
+        matched=tuple(one.name for one in subjects if one.name in values),
+        without_row=tuple(one.name for one in subjects if one.name not in values),
+        unknown=tuple(unknown),
+        key=key,
+        added=MappingProxyType(dict(added)),
+        replaced=tuple(replaced),
+    )
+
+
+def _named(subjects: Sequence[Subject], text: str) -> str | None:
+    """Return the name of the one subject that a row means; None if it means none, or several."""
+    file = text.replace("\\", "/").rpartition("/")[2]
+    said = {text.casefold(), file.casefold(), _stem(file).casefold()} - {""}
+    for fits in (_is_called, _is_file, _begins):
+        found = [one.name for one in subjects if any(fits(one, name) for name in said)]
+        if found:
+            return found[0] if len(found) == 1 else None
+    return None
+
+
+def _is_called(subject: Subject, said: str) -> bool:
+    return subject.name.casefold() == said
+
+
+def _is_file(subject: Subject, said: str) -> bool:
+    return said in (subject.path.name.casefold(), _stem(subject.path.name).casefold())
+
+
+def _begins(subject: Subject, said: str) -> bool:
+    name = subject.name.casefold()
+    return name.startswith(said) and not name[len(said) :][:1].isalnum()
+
+
+def _stem(file: str) -> str:
+    return file[: len(file) - len(suffix_of(Path(file)))] if file else ""
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(names[:_SHOWN]) + more

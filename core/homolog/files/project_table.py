@@ -1,0 +1,57 @@
+"""Groups and covariates of a project, changed without touching its particles."""
+
+from collections.abc import Sequence
+
+from homolog.cohort import Subject
+from homolog.files.project import Project
+from homolog.files.records import ProjectRecord, ResultSubject
+from homolog.files.tables import write_table
+from homolog.spreadsheets import read_rows
+
+__all__ = ["update_table", "with_columns"]
+
+
+def update_table(project: Project, subjects: Sequence[Subject]) -> None:
+    """Give a project's subjects, and those of its result, the groups and columns of others by name.
+
+    Particles, surfaces and models stay; the groups in ``model/scores.csv`` follow. Each file is replaced
+    whole or not at all.
+
+    Parameters
+    ----------
+    project : Project
+        Locked by the caller.
+    subjects : sequence of Subject
+
+    Raises
+    ------
+    InputError
+        If the project can't be read or written to.
+    """
+    record = with_columns(project.read(), subjects)
+    project.write(record)
+    scores = project.model / "scores.csv"
+    if record.result is None or not scores.is_file():
+        return
+    groups = {one.name: one.group for one in record.result.subjects}
+    columns, rows = read_rows(scores)
+    if columns[:2] != ["name", "group"]:
+        return
+    write_table(
+        scores,
+        columns,
+        ([groups.get(row["name"]) if key == "group" else row[key] for key in columns] for _, row in rows),
+    )
+
+
+def with_columns(record: ProjectRecord, subjects: Sequence[Subject]) -> ProjectRecord:
+    """Return a record with the groups and columns of others by name, also in its result."""
+    changed = {one.name: {"group": one.group, "columns": dict(one.columns)} for one in subjects}
+    listed = [one.model_copy(update=changed.get(one.name, {})) for one in record.subjects]
+    result = record.result
+    if result is not None:
+        known: list[ResultSubject] = [
+            one.model_copy(update=changed.get(one.name, {})) for one in result.subjects
+        ]
+        result = result.model_copy(update={"subjects": known})
+    return record.model_copy(update={"subjects": listed, "result": result})

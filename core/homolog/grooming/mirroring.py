@@ -1,0 +1,224 @@
+"""Left and right subjects in one frame: one side is mirrored, and every subject that is has a note."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from homolog.arrays import FloatArray
+from homolog.cohort import FROM_NAMES, LEFT, RIGHT, Cohort, other_side, sides_of
+from homolog.errors import InputError
+from homolog.grooming.align import Registration, medoid, register
+from homolog.grooming.icp import Cloud, cloud_of, registered
+from homolog.grooming.subject import GroomedSubject
+from homolog.progress import Tick, no_tick, part_of
+from homolog.settings import Alignment, GroomSettings, Mirror
+from homolog.surfaces.mirroring import MIRROR, mirrors
+
+__all__ = ["align_cohort", "check_sides"]
+
+_MOVING, _FIXED = 300, 800
+"""Points of a subject, and of the one that it and its mirror image are compared with."""
+_FAR_BETTER = 0.65
+"""Of the distance to the reference: a mirror image that comes so much nearer is worth a note."""
+
+
+def check_sides(cohort: Cohort, settings: GroomSettings) -> None:
+    """Raise InputError if a side is neither left nor right, or is to be mirrored where no side is known."""
+    _plan(cohort, settings, {})
+
+
+def align_cohort(
+    cohort: Cohort,
+    groomed: Sequence[GroomedSubject],
+    settings: GroomSettings,
+    tick: Tick = no_tick,
+    *,
+    known: Mapping[str, FloatArray] | None = None,
+) -> tuple[list[GroomedSubject], FloatArray]:
+    """Bring groomed subjects into one frame, those of one side of the body mirrored.
+
+    Where only names tell the sides, and most of those to be mirrored fit the others far better as they are,
+    their files hold mirror images already: then nobody is mirrored.
+
+    Parameters
+    ----------
+    cohort : Cohort
+        Whose columns and names say the sides.
+    groomed : sequence of GroomedSubject
+        Of the cohort, in its order.
+    settings : GroomSettings
+        Its `alignment`, `scaling` and `mirror`.
+    tick : Tick
+        Progress and cancelling.
+    known : mapping of str to (4, 4) array, optional
+        Alignments of a result's subjects: those are mirrored as there, new ones are brought to their side.
+
+    Returns
+    -------
+    list of GroomedSubject
+        The same, with notes on who was mirrored, who would fit far better mirrored, and who does not look
+        like the others.
+    (M, 4, 4) float64 array
+        Similarities from local to world coordinates, as `align` gives them; a reflection for a mirrored
+        subject.
+
+    Raises
+    ------
+    InputError
+        As `align` and `check_sides` do.
+    """
+    given = known or {}
+    plan = _plan(cohort, settings, given)
+    found, better = _aligned(groomed, plan, settings, given, part_of(tick, 0.0, 0.6))
+    if plan.from_names and len(better & plan.mirrored) > len(plan.mirrored) / 2:
+        plan = plan.without_mirroring()
+        found, better = _aligned(groomed, plan, settings, given, part_of(tick, 0.6, 1.0))
+    result = []
+    for one, registered_as in zip(groomed, found.notes, strict=True):
+        notes = [plan.notes[one.name]] if one.name in plan.notes else []
+        if one.name in better:
+            notes.append(
+                f"fits the others far better {'un' if one.name in plan.mirrored else ''}mirrored: its side "
+                "may be wrong or missing; say left or right in a column side of the cohort's table"
+            )
+        elif registered_as is not None:
+            notes.append(registered_as)
+        result.append(replace(one, report=replace(one.report, notes=(*one.report.notes, *notes))))
+    return result, found.alignments
+
+
+def _aligned(
+    groomed: Sequence[GroomedSubject],
+    plan: "_Plan",
+    settings: GroomSettings,
+    known: Collection[str],
+    tick: Tick,
+) -> tuple[Registration, set[str]]:
+    """Return alignments, reflections where mirrored, and the names of who would fit far better otherwise."""
+    taken = [_image(one) if one.name in plan.mirrored else one for one in groomed]
+    found = register(taken, settings, part_of(tick, 0.0, 0.5))
+    alignments = found.alignments
+    better: set[str] = set()
+    if settings.mirror is not Mirror.OFF:
+        registered_already = settings.alignment is Alignment.ICP
+        better = _better_mirrored(taken, alignments, known, registered_already, part_of(tick, 0.5, 1.0))
+    mirrored = np.array([one.name in plan.mirrored for one in groomed])
+    reflected = np.where(mirrored[:, None, None], alignments @ MIRROR, alignments)
+    return replace(found, alignments=reflected), better
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """Who is mirrored, what to say of whom, and whether only names tell the sides of a new run."""
+
+    mirrored: set[str]
+    notes: dict[str, str]
+    from_names: bool = False
+
+    def without_mirroring(self) -> "_Plan":
+        """Return the plan for files that hold mirror images already."""
+        note = (
+            "was not mirrored, although its name says another side than most: as it is, its shape fits "
+            "theirs; a column side of the cohort's table decides"
+        )
+        return _Plan(set(), dict.fromkeys(self.mirrored, note))
+
+
+def _plan(cohort: Cohort, settings: GroomSettings, given: Mapping[str, FloatArray]) -> _Plan:
+    kept = {name for name, alignment in given.items() if mirrors(alignment)}
+    notes = dict.fromkeys(kept, "mirrored, as in the result")
+    if settings.mirror is Mirror.OFF:
+        return _Plan(kept, notes)
+    sides = sides_of(cohort)
+    fixed = _fixed_side(sides.of, kept, given) if given else _fewer(sides.of, settings.mirror, cohort)
+    if fixed is None:
+        return _Plan(kept, notes)
+    mirrored = kept | {name for name, side in sides.of.items() if side == fixed and name not in given}
+    for name in mirrored & sides.of.keys():
+        side = sides.of[name]
+        notes[name] = f"a {side} one, mirrored to {other_side(side)}; left or right is from {sides.source}"
+    unknown = [one.name for one in cohort.subjects if one.name not in sides.of and one.name not in given]
+    notes |= dict.fromkeys(unknown, "its side is not given; it was not mirrored")
+    from_names = settings.mirror is Mirror.AUTO and not given and sides.source == FROM_NAMES
+    return _Plan(mirrored, notes, from_names)
+
+
+def _fewer(sides: Mapping[str, str], wish: Mirror, cohort: Cohort) -> str | None:
+    """Return the side to mirror; None if there is nothing to do."""
+    if wish is not Mirror.AUTO:
+        if not sides:
+            raise InputError(
+                f"{cohort.folder}: no subject's side is known, so there is no {wish} one to mirror; say left "
+                "or right in a column side of the cohort's table"
+            )
+        return str(wish.value)
+    counts = {side: sum(one == side for one in sides.values()) for side in (LEFT, RIGHT)}
+    return min(counts, key=counts.__getitem__) if all(counts.values()) else None
+
+
+def _fixed_side(sides: Mapping[str, str], kept: set[str], known: Mapping[str, FloatArray]) -> str | None:
+    """Return the side that new subjects are mirrored from; None if a result has left and right ones."""
+    common = {other_side(sides[name]) if name in kept else sides[name] for name in known if name in sides}
+    return other_side(common.pop()) if len(common) == 1 else None
+
+
+def _image(one: GroomedSubject) -> GroomedSubject:
+    return replace(
+        one,
+        field=one.field.mirrored,
+        mesh=one.mesh.placed(MIRROR),
+        coarse_mesh=one.coarse_mesh.placed(MIRROR),
+    )
+
+
+def _better_mirrored(
+    groomed: Sequence[GroomedSubject],
+    alignments: FloatArray,
+    known: Collection[str],
+    registered_already: bool,
+    tick: Tick,
+) -> set[str]:
+    """Return the names of those whose mirror image comes far nearer to the most typical subject.
+
+    All are compared at one size. Known ones are not looked at.
+    """
+    placed = [
+        cloud_of(one.coarse_mesh.placed(alignment))
+        for one, alignment in zip(groomed, alignments, strict=True)
+    ]
+    clouds = [cloud.scaled(1.0 / cloud.size) for cloud in placed]
+    middle = medoid(clouds)
+    fixed = _thinned(clouds[middle], _FIXED)
+    asked = {k: one.name for k, one in enumerate(groomed) if k != middle and one.name not in known}
+    found = set()
+    for number, (k, name) in enumerate(asked.items()):
+        tick(number / len(asked), f"comparing {name} with its mirror image")
+        cloud, turned = _thinned(clouds[k], _MOVING), MIRROR[:3, :3]
+        image = Cloud(cloud.points @ turned, cloud.normals @ turned, cloud.centre)
+        if registered_already:  # to the same one, whose centre is the origin
+            own = _gap(cloud.points + placed[k].centre / placed[k].size, fixed)
+        else:
+            own = _gap(_moved(cloud, fixed), fixed)
+        if _gap(_moved(image, fixed), fixed) < _FAR_BETTER * own:
+            found.add(name)
+    # Where most would fit better mirrored, it is the reference and its like that are odd.
+    return {one.name for one in groomed} - found if not known and 2 * len(found) > len(groomed) else found
+
+
+def _thinned(cloud: Cloud, points: int) -> Cloud:
+    every = slice(None, None, max(1, len(cloud.points) // points))
+    return replace(cloud, points=cloud.points[every], normals=cloud.normals[every])
+
+
+def _moved(moving: Cloud, fixed: Cloud) -> FloatArray:
+    """Return a cloud's points (N, 3) registered to another cloud."""
+    pose = registered(moving, fixed).pose
+    return np.asarray(moving.points @ pose[:3, :3].T + pose[:3, 3])
+
+
+def _gap(points: FloatArray, fixed: Cloud) -> float:
+    """Return how far points are on average from a cloud's surface, over the size."""
+    nearest = KDTree(fixed.points).query(points)[1]
+    return float(np.abs(np.einsum("ni,ni->n", points - fixed.points[nearest], fixed.normals[nearest])).mean())

@@ -1,0 +1,256 @@
+"""Names of structures: tables beside the files, and how what a user writes is matched with them."""
+
+import difflib
+import json
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import TypeVar
+
+from homolog.cohort import IMAGE_SUFFIXES, suffix_of
+from homolog.errors import InputError
+from homolog.grooming.known_labels import FREESURFER, known_list
+from homolog.spreadsheets import read_rows
+
+__all__ = ["LabelTable", "label_table", "matching", "near", "read_label_table", "same_name"]
+
+_LARGEST = 2**20
+"""Bytes; larger files are no tables of labels."""
+_KINDS = (".txt", ".ctbl", ".label", ".labels", ".lut", ".json", ".tsv", ".csv")
+_NEAR = 6
+"""Names that a message offers, at most."""
+
+_Named = TypeVar("_Named")
+
+
+@dataclass(frozen=True, slots=True)
+class LabelTable:
+    """What label values are called.
+
+    Attributes
+    ----------
+    source : str
+        The file, or the public list, for messages.
+    names : mapping of int to str
+        By value, above 0.
+    is_known_list : bool
+        Whether it is a public list that the file's values speak for, not a table that somebody put there.
+    """
+
+    source: str
+    names: Mapping[int, str]
+    is_known_list: bool = False
+
+
+def same_name(name: str, other: str) -> bool:
+    """Return whether two names mean the same structure.
+
+    Case, blanks, dashes, underscores and the order of the words don't matter; ``L`` and ``lh`` are left.
+    """
+    return not _keys(name).isdisjoint(_keys(other))
+
+
+def matching(items: Iterable[tuple[str, _Named]], wanted: str) -> list[_Named]:
+    """Return the items of a name: those that are called exactly so, if there are any."""
+    items = list(items)
+    exact = [item for name, item in items if name.strip().casefold() == wanted.strip().casefold()]
+    return exact or [item for name, item in items if name and same_name(name, wanted)]
+
+
+def near(names: Iterable[str], wanted: str) -> list[str]:
+    """Return the names that a user may have meant, best first; none if there are none."""
+    tokens = {name: set(_tokens(name)) for name in names if name}
+    words = set(_tokens(wanted))
+    inside = [name for name, own in tokens.items() if words <= own or own <= words]
+    plain = {" ".join(sorted(own)): name for name, own in tokens.items()}
+    alike = [plain[one] for one in difflib.get_close_matches(" ".join(sorted(words)), plain, 3, 0.75)]
+    telling = {one for one in words - {"left", "right"} if len(one) > 3}
+    partly = [name for name, own in tokens.items() if telling & own]
+    return list(dict.fromkeys([*inside, *alike, *partly]))[:_NEAR]
+
+
+@lru_cache(maxsize=4096)
+def _keys(name: str) -> frozenset[str]:
+    """Return what two names of one structure share."""
+    split = _tokens(re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name))
+    plain = _tokens(name)
+    return frozenset({" ".join(sorted(split)), " ".join(sorted(plain)), "".join(plain)} - {""})
+
+
+def _tokens(name: str) -> list[str]:
+    words = re.findall(r"[^\W_]+", unicodedata.normalize("NFKC", name).casefold())
+    return [_SYNONYMS.get(one, one) for one in words]
+
+
+_SYNONYMS = {
+    "l": "left", "lh": "left", "lt": "left", "r": "right", "rh": "right", "rt": "right",
+    "third": "3rd", "fourth": "4th", "fifth": "5th",
+}  # fmt: skip
+
+
+def label_table(path: Path, values: Iterable[int], wanted: str | None = None) -> LabelTable | None:
+    """Return what the values of a file are called that does not say so itself.
+
+    Parameters
+    ----------
+    path : Path
+        The label map. Tables are looked for under its own name, then in its folder, then in the folder
+        above; the first place that has one counts.
+    values : iterable of int
+        The values that have voxels.
+    wanted : str, optional
+        What the user asks for. A name of FreeSurfer's speaks for its list where the values allow it, also in
+        files of a few labels.
+
+    Returns
+    -------
+    LabelTable or None
+        A table beside the file; else the public list that the values follow, if there is one.
+
+    Raises
+    ------
+    InputError
+        If two tables in one place contradict each other.
+    """
+    for tables in _places(path):
+        if tables:
+            return _joined(tables)
+    present = frozenset(values)
+    known = known_list(path, present)
+    if known is None and wanted and present and present <= FREESURFER.common:
+        known = FREESURFER if any(same_name(one, wanted) for one in FREESURFER.names.values()) else None
+    return LabelTable(known.source, known.names, is_known_list=True) if known else None
+
+
+def _places(path: Path) -> Iterable[list[LabelTable]]:
+    stem = path.name[: len(path.name) - len(suffix_of(path))]
+    for folder in path.parents[:2]:
+        entries = _entries(str(folder), folder.stat().st_mtime_ns if folder.is_dir() else 0)
+        images = {
+            one[: -len(suffix_of(Path(one)))] for one in entries if suffix_of(Path(one)) in IMAGE_SUFFIXES
+        }
+        tables = [Path(one) for one in entries if Path(one).suffix.lower() in _KINDS]
+        yield _read(folder / one for one in tables if one.stem == stem)
+        yield _read(folder / one for one in tables if one.stem not in images)
+
+
+@lru_cache(maxsize=64)
+def _entries(folder: str, changed: int) -> tuple[str, ...]:
+    try:
+        return tuple(sorted(one.name for one in Path(folder).iterdir() if not one.name.startswith(".")))
+    except OSError:
+        return ()
+
+
+def _read(paths: Iterable[Path]) -> list[LabelTable]:
+    return [table for one in paths if (table := read_label_table(one)) is not None]
+
+
+def _joined(tables: Sequence[LabelTable]) -> LabelTable:
+    """Return several tables as one; raises InputError if they give a value different names."""
+    names: dict[int, tuple[str, str]] = {}
+    for table in tables:
+        for value, name in table.names.items():
+            before, source = names.setdefault(value, (name, table.source))
+            if not same_name(before, name):
+                raise InputError(
+                    f"{table.source}: calls label {value} {name!r}, and {source} calls it {before!r}; keep "
+                    "the table that is right beside the files, and move the other one"
+                )
+    joined = {value: name for value, (name, _) in names.items()}
+    return LabelTable(", ".join(one.source for one in tables), MappingProxyType(joined))
+
+
+def read_label_table(path: Path) -> LabelTable | None:
+    """Read a table of labels; None if the file is none.
+
+    FreeSurfer's colour tables, ITK-SNAP's label descriptions, 3D Slicer's colour tables (``.ctbl``,
+    ``.csv``), BIDS' (``_dseg.tsv``), JSON of numbers and names in either order (also nnU-Net's
+    ``dataset.json`` and TotalSegmentator's class maps).
+    """
+    try:
+        if not path.is_file() or path.stat().st_size > _LARGEST:
+            return None
+        kind = path.suffix.lower()
+        if kind in (".tsv", ".csv"):
+            names = _of_columns(path)
+        else:
+            text = path.read_text(encoding="utf-8-sig", errors="replace")
+            names = _of_json(text) if kind == ".json" else _of_lines(text)
+    except OSError as error:
+        raise InputError(f"{path}: can't be read: {error.strerror}; check its permissions") from error
+    names = {value: name.strip() for value, name in names.items() if value > 0 and name.strip()}
+    return LabelTable(str(path), MappingProxyType(names)) if names else None
+
+
+_COLOURED = re.compile(r"(\d{1,9})\s+(\S.*?)((?:\s+\d{1,3}){3,4})")
+_SNAP = re.compile(r'(\d{1,9})((?:\s+\d{1,3}){3})\s+[\d.]+\s+[01]\s+[01]\s+"(.*)"')
+
+
+def _of_lines(text: str) -> dict[int, str]:
+    """Return the names of a FreeSurfer, ITK-SNAP or Slicer table, all of whose lines must be of one kind."""
+    lines = [line.strip() for line in text.splitlines()]
+    lines = [line for line in lines if line and not line.startswith("#")]
+    for pattern, name in ((_SNAP, 3), (_COLOURED, 2)):
+        found = [pattern.fullmatch(line) for line in lines]
+        if all(found):
+            return {int(one[1]): one[name] for one in found if one}
+    return {}
+
+
+def _of_columns(path: Path) -> dict[int, str]:
+    """Return the names of a table with headings, as BIDS and 3D Slicer write them."""
+    with path.open("rb") as stream:
+        head = stream.readline(4096).decode("utf-8", "replace").casefold()
+    if not re.match(r'\W*(index|labelvalue)"?[\t,;]\s*"?(name)\b', head):
+        return {}
+    columns, rows = read_rows(path)
+    value, name = columns[:2]
+    return {int(row[value]): row[name] for _, row in rows if row[value].isdecimal()}
+
+
+def _of_json(text: str) -> dict[int, str]:
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+    if not isinstance(content, dict):
+        return _of_entries(content)
+    for key in ("labels", "total", "class_map", "names"):
+        if isinstance(inner := content.get(key), dict | list):
+            return _of_mapping(inner) if isinstance(inner, dict) else _of_entries(inner)
+    return _of_mapping(content)
+
+
+def _of_mapping(content: Mapping[str, object]) -> dict[int, str]:
+    """Return the names of ``{"1": "spleen"}`` or ``{"spleen": 1}``."""
+    numbers = {key: value for key, value in content.items() if type(value) is int}
+    if all(key.isdecimal() and isinstance(value, str) for key, value in content.items()):
+        return {int(key): str(value) for key, value in content.items()}
+    if len(numbers) == len(content) == len(set(numbers.values())):
+        return {value: key for key, value in numbers.items()}
+    return {}
+
+
+def _of_entries(content: object) -> dict[int, str]:
+    """Return the names of ``[{"value": 1, "name": "spleen"}]``, whatever the two are called."""
+    found: dict[int, str] = {}
+    for entry in content if isinstance(content, list) else ():
+        if not isinstance(entry, dict):
+            return {}
+        keys = {str(key).casefold(): value for key, value in entry.items()}
+        value = next(
+            (keys[key] for key in ("value", "id", "index", "label", "number") if type(keys.get(key)) is int),
+            None,
+        )
+        name = next(
+            (keys[key] for key in ("name", "label", "structure") if isinstance(keys.get(key), str)), None
+        )
+        if value is None or name is None:
+            return {}
+        found[value] = name
+    return found

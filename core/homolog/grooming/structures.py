@@ -1,0 +1,245 @@
+"""Which structures a cohort's files hold: names, volumes, and how many subjects have them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from statistics import median
+
+from homolog.cohort import Cohort, Subject, dicom_files, mask_files
+from homolog.errors import InputError
+from homolog.files.meshes import read_mesh
+from homolog.grooming.images import read_volume
+from homolog.grooming.known_labels import FREESURFER
+from homolog.grooming.names import matching, near, same_name
+from homolog.progress import Tick, no_tick
+
+__all__ = [
+    "Found",
+    "Structure",
+    "Structures",
+    "chosen_structures",
+    "joined",
+    "list_structures",
+    "mask_of",
+    "masks_of",
+    "structures_of",
+]
+
+_LISTED = 12
+"""Structures that a message names, at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A structure in a subject's files.
+
+    Attributes
+    ----------
+    name : str
+        Empty if nothing names it.
+    value : int or None
+        Its label; None if it has a file of its own.
+    volume : float
+        Of its voxels or its surface, in ml.
+    at_border : bool
+        Whether it touches the border of its image, where it may be cut off.
+    """
+
+    name: str
+    value: int | None
+    volume: float
+    at_border: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Structure:
+    """A structure of a cohort.
+
+    Attributes
+    ----------
+    name : str
+        As most subjects' files call it; empty if nothing names it.
+    values : tuple of int
+        Its labels, one where all files agree; none if it has files of its own.
+    found : mapping of str to Found
+        By the names of the subjects that have it.
+    """
+
+    name: str
+    values: tuple[int, ...]
+    found: Mapping[str, Found] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """How people call it: its name, or its number."""
+        return self.name or f"Label {self.values[0]}"
+
+    @property
+    def volumes(self) -> tuple[float, float, float]:
+        """Smallest, median and largest volume [ml]."""
+        volumes = [one.volume for one in self.found.values()]
+        return min(volumes), median(volumes), max(volumes)
+
+    @property
+    def at_border(self) -> list[str]:
+        """The subjects in whose images it touches the border."""
+        return [name for name, one in self.found.items() if one.at_border]
+
+
+@dataclass(frozen=True, slots=True)
+class Structures:
+    """What a cohort's files hold.
+
+    Attributes
+    ----------
+    structures : tuple of Structure
+        In the order of their labels, then of their names.
+    problems : mapping of str to str
+        Why a subject's files can't be read, by its name.
+    """
+
+    structures: tuple[Structure, ...]
+    problems: Mapping[str, str]
+
+
+def masks_of(subject: Subject) -> dict[str, Path]:
+    """Return a subject's files by structure, if it has a folder with a file for each; empty otherwise."""
+    if not subject.path.is_dir():
+        return {}
+    masks = mask_files(subject.path)
+    return masks if masks and not dicom_files(subject.path) else {}
+
+
+def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segment: str | None) -> Path:
+    """Return the file of a structure; raises InputError if there is none, or several may be meant."""
+    listed = ", ".join(list(masks)[:_LISTED]) + (" …" if len(masks) > _LISTED else "")
+    if segment is None and len(masks) == 1:
+        return next(iter(masks.values()))
+    if segment is None:
+        what = "has a file for each structure, so that numbers mean nothing" if label else "holds several"
+        raise InputError(
+            f"{subject.path}: {what}; choose one by its name (--label {next(iter(masks))}), or take all with "
+            f"homolog batch; there are {listed}"
+        )
+    found = matching(masks.items(), segment)
+    if len(found) > 1:
+        names = " and ".join(one.name for one in found)
+        raise InputError(f"{subject.path}: {segment!r} is {names}; give the whole name of one")
+    if not found:
+        alike = near(masks, segment)
+        nearest = f"near that are {', '.join(alike)}; " if alike else ""
+        raise InputError(f"{subject.path}: has no file of {segment!r}; {nearest}there are {listed}")
+    return found[0]
+
+
+def structures_of(subject: Subject) -> list[Found]:
+    """Return what a subject's files hold; each file is read once. A surface alone is no structure to choose.
+
+    Raises
+    ------
+    InputError
+        If a file can't be read, or tables of names contradict each other.
+    """
+    if subject.is_mesh:
+        return []
+    if masks := masks_of(subject):
+        return [one for name, path in masks.items() if (one := _found_in(name, path)) is not None]
+    return [
+        Found(one.segment.name, one.segment.value, one.volume / 1000.0, one.at_border)
+        for one in read_volume(subject.path).with_names().extents()
+    ]
+
+
+def _found_in(name: str, path: Path) -> Found | None:
+    """Return the structure of a file of its own; None if it is empty."""
+    if Subject(name, path).is_mesh:
+        return Found(name, None, abs(read_mesh(path).volume) / 1000.0)
+    parts = read_volume(path).extents()
+    volume = sum(one.volume for one in parts) / 1000.0
+    return Found(name, None, volume, any(one.at_border for one in parts)) if parts else None
+
+
+def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
+    """Look into every file of a cohort and return the structures that there are.
+
+    Those of one name are one structure, whatever their numbers; those without a name go by their number.
+    """
+    problems: dict[str, str] = {}
+    found: dict[str, list[Found]] = {}
+    for index, subject in enumerate(cohort.subjects):
+        tick(index / len(cohort.subjects), f"reading {subject.name}")
+        try:
+            found[subject.name] = structures_of(subject)
+        except InputError as error:
+            problems[subject.name] = str(error)
+    return Structures(joined(_named_alike(found)), problems)
+
+
+def _named_alike(found: Mapping[str, Sequence[Found]]) -> dict[str, Sequence[Found]]:
+    """Return what was found, named by FreeSurfer's list also in files of too few labels to speak for it."""
+    names = FREESURFER.names
+    follow = any(
+        one.name and one.name == names.get(one.value or 0) for ones in found.values() for one in ones
+    )
+    result: dict[str, Sequence[Found]] = {}
+    for subject, ones in found.items():
+        values = {one.value for one in ones}
+        nameless = bool(values) and values <= FREESURFER.common and not any(one.name for one in ones)
+        if follow and nameless:
+            result[subject] = [replace(one, name=names[one.value or 0]) for one in ones]
+        else:
+            result[subject] = ones
+    return result
+
+
+def joined(found: Mapping[str, Sequence[Found]]) -> tuple[Structure, ...]:
+    """Return the structures of a cohort from those of its subjects, by the subjects' names."""
+    kinds: dict[tuple[str, ...] | int, dict[str, Found]] = {}
+    names: dict[str, tuple[str, ...]] = {}
+    for subject, ones in found.items():
+        for one in ones:
+            key = names.setdefault(one.name, _key_of(one.name, kinds)) if one.name else one.value or 0
+            kinds.setdefault(key, {}).setdefault(subject, one)
+    structures = [_structure(there) for there in kinds.values()]
+    return tuple(sorted(structures, key=lambda one: (one.values or (0,), one.name.casefold())))
+
+
+def _key_of(name: str, kinds: Mapping[tuple[str, ...] | int, object]) -> tuple[str, ...]:
+    same = (one for one in kinds if isinstance(one, tuple) and same_name(one[0], name))
+    return next(same, (name,))
+
+
+def _structure(found: Mapping[str, Found]) -> Structure:
+    names = [one.name for one in found.values()]
+    values = sorted({one.value for one in found.values() if one.value is not None})
+    return Structure(max(names, key=names.count), tuple(values), found)
+
+
+def chosen_structures(structures: Sequence[Structure], wanted: Sequence[str]) -> list[Structure]:
+    """Return the structures that a user names, or gives the number of; all of them for ``all``.
+
+    Raises
+    ------
+    InputError
+        A line for each name that is unknown or ambiguous, with near ones.
+    """
+    if [one.casefold() for one in wanted] == ["all"]:
+        return list(structures)
+    chosen, wrong = [], []
+    for text in wanted:
+        found = matching(((one.name, one) for one in structures), text)
+        if not found and text.isdecimal():
+            found = [one for one in structures if int(text) in one.values]
+        if len(found) == 1:
+            chosen.append(found[0])
+        elif found:
+            wrong.append(
+                f"{text!r} is {' and '.join(one.title for one in found)}; give the whole name of one"
+            )
+        else:
+            alike = near([one.name for one in structures], text)
+            nearest = f"near that are {', '.join(alike)}" if alike else "homolog labels lists what there is"
+            wrong.append(f"no subject has a structure {text!r}; {nearest}")
+    if wrong:
+        raise InputError("\n".join(wrong))
+    return list(dict.fromkeys(chosen))

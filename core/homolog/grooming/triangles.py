@@ -1,0 +1,223 @@
+"""Level functions of meshes, whatever state these are in."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from homolog.arrays import BoolArray, FloatArray
+from homolog.errors import InputError
+from homolog.grooming.levels import Level, level_of_mesh, level_of_solid
+from homolog.settings import GroomSettings, Pieces
+from homolog.surfaces.closest import distances_to
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.solid import Solid, clusters, solid_of
+from homolog.surfaces.topology import check_mesh, face_components
+
+__all__ = ["Triangles", "check_triangles", "deviation", "level_of_triangles"]
+
+_CRUMBS = 0.05
+"""Of the area: pieces of no more than this beside a sound one are left out without a look."""
+_KEPT = 0.7
+"""Of the area: less than this kept is another structure."""
+_THICK = 0.5
+"""Nodes: a solid with less volume than half its surface times this encloses nothing."""
+_THINNEST = 1e-6
+"""Of the longest extent: points that span less than this are in one plane."""
+_NEAR = 2  # nodes from a surface
+_PIECE = 1e-3
+"""Of the largest solid: what has fewer nodes is a crumb of the grid rather than a piece."""
+_END = 0.1
+"""Of the diagonal: a wider opening with a flat rim is told of as an end that was cut off."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Triangles:
+    """A mesh as a level function.
+
+    Attributes
+    ----------
+    level : Level
+        Of one solid.
+    volume : float
+        That the mesh encloses [mm³].
+    pieces_dropped, holes_filled : int
+        Separate pieces that were left out; openings that were closed.
+    surface : TriangleMesh or None
+        The repaired mesh; None if nothing had to be repaired.
+    notes : tuple of str
+        Sentences for the user on what was done.
+    """
+
+    level: Level
+    volume: float
+    pieces_dropped: int
+    holes_filled: int
+    surface: TriangleMesh | None
+    notes: tuple[str, ...]
+
+
+def check_triangles(mesh: TriangleMesh, settings: GroomSettings) -> None:
+    """Refuse what encloses no volume, or falls apart, as far as a quick look tells.
+
+    Raises
+    ------
+    InputError
+        What is wrong, and the remedy.
+    """
+    corners = mesh.vertices[np.unique(mesh.faces)]
+    spread = np.linalg.svd(np.cov((corners - corners.mean(axis=0)).T), compute_uv=False)
+    if spread[2] <= _THINNEST**2 * spread[0]:
+        raise InputError("the mesh is flat and encloses no volume; export the whole surface")
+    if settings.pieces is Pieces.LARGEST:
+        found = clusters(mesh)
+        _check_share(_share(mesh.face_areas, found == 0), int(found.max()) + 1)
+
+
+def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles:
+    """Return the level function of a mesh.
+
+    A sound mesh is taken as it is. Any other is repaired (`solid_of`), and what it winds around at least half
+    is the solid; of solids that do not touch, the largest is kept.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Any triangles with finite vertices.
+    settings : GroomSettings
+        Its `spacing` and `pieces`.
+
+    Raises
+    ------
+    InputError
+        If nothing encloses a volume, less than 70 % of the surface is kept, or all pieces are to be kept and
+        they do not touch.
+    """
+    pieces = face_components(mesh.faces)
+    largest = _chosen(mesh, pieces == 0)
+    crumbs = 1.0 - _share(mesh.face_areas, pieces == 0)
+    may_drop = settings.pieces is Pieces.LARGEST and crumbs <= _CRUMBS
+    if (may_drop or len(largest.faces) == len(mesh.faces)) and _is_sound(largest):
+        level = level_of_mesh(_outward(largest), settings.spacing)
+        dropped = int(pieces.max())
+        note = (f"the largest of {dropped + 1} separate pieces was kept",) if dropped else ()
+        return Triangles(level, abs(mesh.volume), dropped, 0, None, note)
+    found = clusters(mesh) if settings.pieces is Pieces.LARGEST else np.zeros(len(mesh.faces), np.int64)
+    solid = solid_of(_chosen(mesh, found == 0))
+    if not solid.bounds.any():
+        raise InputError(_NOTHING)
+    level = level_of_solid(solid, settings.spacing)
+    level, inside, apart = _largest(level)
+    touching = _touching(solid.mesh, level, inside)
+    area = solid.mesh.face_areas
+    volume = float(np.count_nonzero(inside)) * level.step**3
+    if volume < 0.5 * _THICK * level.step * float(area[touching].sum()):
+        raise InputError(_NOTHING)
+    if apart and settings.pieces is Pieces.ALL:
+        raise InputError(
+            f"the mesh is in {apart + 1} pieces that do not touch, which can't give one surface; join them, "
+            "or keep the largest (pieces: largest)"
+        )
+    dropped = int(found.max()) + apart
+    share = _share(mesh.face_areas, found == 0) * _share(area, touching)
+    _check_share(share, dropped + 1)
+    notes = _notes(solid, touching, dropped, share)
+    surface = _chosen(solid.mesh, touching & solid.bounds)
+    return Triangles(level, volume, dropped, len(solid.rims), surface, notes)
+
+
+def deviation(surface: TriangleMesh, groomed: TriangleMesh) -> str:
+    """Return a note on how far a groomed surface is from the repaired one that it was made of."""
+    there = distances_to(surface, groomed.vertices)
+    back = distances_to(groomed, surface.vertices[surface.faces].mean(axis=1))
+    return (
+        f"the groomed surface is {there.mean():.2g} mm from the repaired one on average and "
+        f"{there.max():.2g} mm at most; the other way {back.mean():.2g} and {back.max():.2g} mm"
+    )
+
+
+_NOTHING = (
+    "the mesh encloses no volume; export the whole surface, closed or with openings that are small against it"
+)
+
+
+def _notes(solid: Solid, touching: BoolArray, dropped: int, share: float) -> tuple[str, ...]:
+    walls = int(np.count_nonzero(touching & ~solid.bounds))
+    pieces = int(face_components(solid.mesh.faces[touching]).max()) + 1
+    size = float(np.linalg.norm(np.ptp(solid.mesh.vertices, axis=0)))
+    ends = solid.rims[solid.rims > _END * size]
+    holes = len(solid.rims) - len(ends)
+    widths = ", ".join(f"{one:.3g}" for one in ends[:4]) + (" …" if len(ends) > 4 else "")
+    said = [
+        (solid.welded, f"coincident vertices were merged ({solid.welded})"),
+        (solid.dropped, f"faces without area or listed twice were left out ({solid.dropped})"),
+        (solid.turned, f"faces of opposite orientation were turned ({solid.turned})"),
+        (pieces > 1, f"pieces that touch or overlap were united ({pieces})"),
+        (walls > _CRUMBS * len(solid.mesh.faces), f"faces inside the solid were left out ({walls})"),
+        (len(ends), f"open ends were closed flat at their rims ({len(ends)}: {widths} mm wide)"),
+        (holes, f"holes with flat rims were closed flat ({holes})"),
+        (
+            not solid.is_closed,
+            f"other openings were closed by winding number (rims of {solid.open_length:,.0f} mm in all)",
+        ),
+        (
+            dropped,
+            f"the largest of {dropped + 1} separate pieces was kept ({100.0 * share:.0f} % of the area)",
+        ),
+    ]
+    return tuple(words for is_true, words in said if is_true)
+
+
+def _largest(level: Level) -> tuple[Level, BoolArray, int]:
+    """Return the level function of the largest solid, its nodes, and how many others there were."""
+    labels, count = ndimage.label(level.values < 0.0)
+    if not count:
+        raise InputError(_NOTHING)
+    inside: BoolArray = labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
+    inside = np.asarray(ndimage.binary_fill_holes(inside))
+    others = np.bincount(labels[~inside].ravel(), minlength=2)[1:]
+    others = np.where(others >= _PIECE * np.count_nonzero(inside), others, 0)
+    if others.any():
+        apart = np.append(False, others > 0)[labels]
+        level = replace(level, values=np.where(apart & ~inside, np.abs(level.values), level.values))
+    return level, inside, int(np.count_nonzero(others))
+
+
+def _touching(mesh: TriangleMesh, level: Level, inside: BoolArray) -> BoolArray:
+    """Return which faces are at or in a solid."""
+    near = ndimage.binary_dilation(inside, np.ones((3, 3, 3), dtype=bool), _NEAR)
+    middles = mesh.vertices[mesh.faces].mean(axis=1)
+    nodes = np.rint((middles - level.index_to_world[:3, 3]) / level.step).astype(np.int64)
+    return np.asarray(near[tuple(np.clip(nodes, 0, np.array(inside.shape) - 1).T)])
+
+
+def _check_share(share: float, pieces: int) -> None:
+    if share < _KEPT:
+        raise InputError(
+            f"the mesh is in {pieces} separate pieces, and the largest has only {100.0 * share:.0f} % of the "
+            "area; save the structure as a file of its own, or join what belongs together"
+        )
+
+
+def _share(areas: FloatArray, chosen: BoolArray) -> float:
+    return float(areas[chosen].sum() / max(float(areas.sum()), 1e-300))
+
+
+def _is_sound(mesh: TriangleMesh) -> bool:
+    try:
+        check_mesh(mesh, "")
+    except InputError:
+        return False
+    return True
+
+
+def _chosen(mesh: TriangleMesh, chosen: BoolArray) -> TriangleMesh:
+    """Return the chosen faces with the vertices that they use."""
+    if chosen.all():
+        return mesh
+    used, faces = np.unique(mesh.faces[chosen], return_inverse=True)
+    return TriangleMesh(mesh.vertices[used], faces.reshape(-1, 3))
+
+
+def _outward(mesh: TriangleMesh) -> TriangleMesh:
+    return mesh if mesh.volume > 0.0 else TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])

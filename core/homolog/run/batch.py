@@ -1,0 +1,266 @@
+"""A batch: one project for each structure of a cohort."""
+
+import json
+import logging
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from homolog.cohort import Cohort
+from homolog.errors import InputError, words_for
+from homolog.files.atomic import write_text
+from homolog.files.names import file_stems
+from homolog.files.project import Project
+from homolog.grooming.cache import load_report
+from homolog.grooming.structures import Structure
+from homolog.run.events import FinishReason, RunStatus
+from homolog.run.run import Run
+from homolog.settings import RunSettings
+
+__all__ = ["Batch", "BatchItem", "ItemState"]
+
+_log = logging.getLogger(__name__)
+
+_RECORD, _FORMAT = "batch.json", "homolog-batch"
+_TWO = 2
+"""Subjects that a shape model needs at least."""
+
+
+class ItemState(StrEnum):
+    """What became of a structure."""
+
+    WAITING = "waiting"
+    FINISHED = "finished"
+    TOO_FEW = "too few subjects"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BatchItem:
+    """A structure of a batch.
+
+    Attributes
+    ----------
+    structure : Structure
+    project : Project
+        Its own.
+    state : ItemState
+    message : str
+        Why it failed or was not begun.
+    absent : tuple of str
+        Subjects whose files do not have the structure.
+    left_out : tuple of str
+        A line for each further subject that was left out.
+    remarks : mapping of str to tuple of str
+        What is to be said of subjects, by their names: absent, at the border of the image, in pieces.
+    was_there : bool
+        Whether it was finished by an earlier batch and kept as it is.
+    """
+
+    structure: Structure
+    project: Project
+    state: ItemState = ItemState.WAITING
+    message: str = ""
+    absent: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    remarks: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    was_there: bool = False
+
+
+class Batch:
+    """Runs of the pipeline, one for each structure; one that fails does not end the others.
+
+    Parameters
+    ----------
+    cohort : Cohort
+        All subjects whose files can be read.
+    structures : sequence of Structure
+        Of that cohort.
+    folder : Path
+        Gets a project for each structure, named after it, and a record of the batch. What an earlier batch
+        of the same subjects and settings finished there is kept, what it began is gone on with.
+    settings : RunSettings
+        Of each run; label and segment are set for each structure.
+    fewest : int
+        Structures that fewer subjects have are passed over.
+    anew : bool
+        Run also what is finished.
+
+    Raises
+    ------
+    InputError
+        If the folder holds anything but a batch.
+    """
+
+    def __init__(
+        self,
+        cohort: Cohort,
+        structures: Sequence[Structure],
+        folder: Path,
+        settings: RunSettings,
+        *,
+        fewest: int = 3,
+        anew: bool = False,
+    ) -> None:
+        self.folder = folder
+        self._record = _read_record(folder)
+        self._cohort, self._settings = cohort, settings
+        self._fewest, self._anew = max(fewest, _TWO), anew
+        self._cancelled = threading.Event()
+        self._job: Run | None = None
+        stems = file_stems([one.title for one in structures])
+        names = [one.name for one in cohort.subjects]
+        self._items = [
+            BatchItem(
+                one, Project(folder / stem), absent=tuple(name for name in names if name not in one.found)
+            )
+            for one, stem in zip(structures, stems, strict=True)
+        ]
+
+    @property
+    def items(self) -> tuple[BatchItem, ...]:
+        """The structures as they stand."""
+        return tuple(self._items)
+
+    def cancel(self) -> None:
+        """End as soon as possible; the structure that is being worked on can be gone on with."""
+        self._cancelled.set()
+        if self._job is not None:
+            self._job.cancel()
+
+    def execute(
+        self,
+        observe: Callable[[BatchItem, float, RunStatus], None],
+        ended: Callable[[BatchItem], None],
+    ) -> FinishReason:
+        """Run one structure after the other; returns whether all were looked at or it was cancelled.
+
+        Parameters
+        ----------
+        observe : callable
+            Called with the structure, the fraction of the whole batch done, and the status of its run.
+        ended : callable
+            Called with each structure when nothing more is done for it.
+        """
+        for index, item in enumerate(self._items):
+            watch = partial(self._watch, observe, index)
+            ended_item = self._ended(item, watch)
+            self._items[index] = ended_item = replace(ended_item, remarks=_remarks(ended_item))
+            if ended_item.state is ItemState.CANCELLED:
+                return FinishReason.CANCELLED
+            self._write(ended_item)
+            ended(ended_item)
+        return FinishReason.COMPLETED
+
+    def _watch(
+        self, observe: Callable[[BatchItem, float, RunStatus], None], index: int, status: RunStatus
+    ) -> None:
+        observe(self._items[index], (index + status.fraction) / len(self._items), status)
+
+    def _ended(self, item: BatchItem, watch: Callable[[RunStatus], None]) -> BatchItem:
+        cohort = self._cohort.without(set(item.absent))
+        count = len(cohort.subjects)
+        if count < self._fewest:
+            whose = "subject has it" if count == 1 else "subjects have it"
+            return replace(item, state=ItemState.TOO_FEW, message=f"{count} {whose}")
+        names, settings = [one.name for one in cohort.subjects], self._settings_of(item.structure)
+        before = self._record.get(item.project.folder.name, {})
+        if not self._anew and before.get("names") == names and _has_result(item.project, settings):
+            left_out = tuple(map(str, before.get("left_out", ())))
+            return replace(item, state=ItemState.FINISHED, left_out=left_out, was_there=True)
+        try:
+            resume = not self._anew and _can_go_on(item.project, names, settings)
+            self._job = Run(item.project, cohort, settings, resume=resume, skip_bad=True)
+            if self._cancelled.is_set():
+                self._job.cancel()
+            reason = self._job.execute(watch)
+        except Exception as error:  # noqa: BLE001 - whatever is wrong with one structure, others may do
+            message = words_for(error)
+            if message is None:
+                _log.exception("%s failed", item.structure.title)
+                message = f"{type(error).__name__}: {error}"
+            return replace(item, state=ItemState.FAILED, message=message)
+        state = ItemState.FINISHED if reason is FinishReason.COMPLETED else ItemState.CANCELLED
+        return replace(item, state=state, left_out=self._job.notes)
+
+    def _settings_of(self, structure: Structure) -> RunSettings:
+        chosen = (
+            {"segment": structure.name, "label": None}
+            if structure.name
+            else {"label": structure.values[0], "segment": None}
+        )
+        groom = self._settings.groom.model_copy(update=chosen)
+        return self._settings.model_copy(update={"groom": groom})
+
+    def _write(self, item: BatchItem) -> None:
+        """Write down who was asked for the structure, so that a batch that is run again can tell."""
+        self._record[item.project.folder.name] = {
+            "name": item.structure.title,
+            "state": item.state,
+            "message": item.message,
+            "names": [one.name for one in self._cohort.subjects if one.name not in item.absent],
+            "absent": item.absent,
+            "left_out": item.left_out,
+        }
+        content = {"format": _FORMAT, "version": 1, "structures": self._record}
+        write_text(self.folder / _RECORD, json.dumps(content, indent=2) + "\n")
+
+
+def _has_result(project: Project, settings: RunSettings) -> bool:
+    """Return whether a project came to its end with these settings, wherever it was computed."""
+    if not project.exists:
+        return False
+    record = project.read()
+    result = record.result
+    same = _where_it_runs(record.settings) == _where_it_runs(settings)
+    return same and not record.unfinished and result is not None and result.ended != "cancelled"
+
+
+def _can_go_on(project: Project, names: Sequence[str], settings: RunSettings) -> bool:
+    """Return whether a project was begun with these settings for some of these subjects, and broken off."""
+    if not project.exists:
+        return False
+    record = project.read()
+    same = _where_it_runs(record.settings) == _where_it_runs(settings)
+    return record.unfinished and same and {one.name for one in record.subjects} <= set(names)
+
+
+def _where_it_runs(settings: RunSettings) -> RunSettings:
+    """Return settings without the device and the number of workers, which change no result."""
+    return settings.model_copy(update={"device": "auto", "workers": None})
+
+
+def _remarks(item: BatchItem) -> dict[str, tuple[str, ...]]:
+    found: dict[str, tuple[str, ...]] = dict.fromkeys(item.absent, ("absent",))
+    for name, there in item.structure.found.items():
+        report = load_report(item.project.groomed, name) if item.state is ItemState.FINISHED else None
+        words = ["touches the border of its image and may be cut off"] if there.at_border else []
+        if report is not None and report.components_dropped:
+            kept = min(report.volume_after / max(report.volume_before, 1e-9), 1.0)
+            words.append(
+                f"{report.components_dropped + 1} pieces, the largest kept ({kept:.0%} of the volume)"
+            )
+        if words:
+            found[name] = tuple(words)
+    return found
+
+
+def _read_record(folder: Path) -> dict[str, Any]:
+    """Return what an earlier batch wrote down; raises InputError if the folder holds something else."""
+    path = folder / _RECORD
+    if not path.is_file():
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise InputError(f"{folder}: holds other files; choose a new or empty folder for the batch")
+        return {}
+    try:
+        content = json.loads(path.read_bytes())
+        if content["format"] != _FORMAT or not isinstance(content["structures"], dict):
+            raise ValueError("is not of a batch")
+        return dict(content["structures"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(f"{path}: is damaged: {error}; delete it, and the batch is run anew") from error

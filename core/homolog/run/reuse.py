@@ -1,0 +1,70 @@
+"""Whether a project's result is what a run would make, so that the run need not be."""
+
+from homolog.cohort import Cohort, sides_of
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog.files.records import IMPORTED, ResultRecord
+from homolog.grooming.cache import content_key, load_groomed
+from homolog.grooming.subject import read_source
+from homolog.progress import Tick, no_tick
+from homolog.run.result import CANCELLED
+from homolog.settings import Mirror, RunSettings
+
+__all__ = ["is_result_of"]
+
+
+def is_result_of(project: Project, cohort: Cohort, settings: RunSettings, tick: Tick = no_tick) -> bool:
+    """Return whether the project's finished result is that of a cohort and settings.
+
+    The order of the subjects, their groups and columns play no part, nor where to compute; files are
+    compared by their content.
+
+    Parameters
+    ----------
+    project : Project
+        It may hold no result.
+    cohort : Cohort
+    settings : RunSettings
+    tick : Tick
+        Called once per subject, whose file is read.
+
+    Raises
+    ------
+    InputError
+        If the project is damaged.
+    """
+    record = project.read()
+    result = record.result
+    if result is None or record.unfinished or not _was_asked_for(result, cohort, settings):
+        return False
+    for index, subject in enumerate(cohort.subjects):
+        tick(index / len(cohort.subjects), f"comparing {subject.name} with the result")
+        try:
+            key = content_key(read_source(subject, settings.groom), settings.groom)
+        except InputError:
+            return False  # said by the run
+        if load_groomed(project.groomed, subject.name, key) is None:
+            return False
+    return True
+
+
+def _was_asked_for(result: ResultRecord, cohort: Cohort, settings: RunSettings) -> bool:
+    """Return whether a result ended well, and is of these names, sides and settings."""
+    own = result.settings
+    return (
+        result.ended not in (CANCELLED, IMPORTED)
+        and (own.groom, own.optimize) == (settings.groom, settings.optimize)
+        and not settings.optimize.landmarks  # whose files the result does not keep
+        and {one.name for one in result.subjects} == {one.name for one in cohort.subjects}
+        and _same_sides(result, cohort, settings.groom.mirror)
+    )
+
+
+def _same_sides(result: ResultRecord, cohort: Cohort, mirror: Mirror) -> bool:
+    """Return whether the same subjects would be mirrored."""
+    if mirror is Mirror.OFF:
+        return True
+    before = {one.name: one.side for one in result.subjects if one.side}
+    now = sides_of(cohort).of
+    both = any(len(set(one.values())) > 1 for one in (before, now))
+    return before == now or (mirror is Mirror.AUTO and not both)

@@ -1,0 +1,68 @@
+"""Distances to meshes, and through them."""
+
+import numpy as np
+import warp as wp
+
+from homolog.arrays import FloatArray
+from homolog.device import choose_device
+from homolog.surfaces import kernels
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["distances_to", "thickness"]
+
+
+def distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:
+    """Return how far points are from a mesh, unsigned.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Any triangles.
+    points : (N, 3) array
+        Places [mm].
+    device : str
+        ``"cpu"`` or a CUDA device.
+
+    Returns
+    -------
+    (N,) float64 array
+        Distances [mm].
+    """
+    with wp.ScopedDevice(choose_device(device)):
+        surface, centre = _on_device(mesh)
+        asked = wp.array((points - centre).astype(np.float32), dtype=wp.vec3)
+        found = wp.empty(len(points), dtype=wp.float32)
+        wp.launch(kernels.distances_of_points, len(points), [surface.id, asked, found])
+        return np.asarray(found.numpy(), dtype=np.float64)
+
+
+def thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
+    """Return how thick the solid is below each face: the way from its middle inward to the next face.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Faces counter-clockwise seen from outside.
+    device : str
+        ``"cpu"`` or a CUDA device.
+
+    Returns
+    -------
+    (F,) float64 array
+        Thickness [mm]; infinite where no face lies opposite.
+    """
+    with wp.ScopedDevice(choose_device(device)):
+        surface, _ = _on_device(mesh)
+        found = wp.empty(len(mesh.faces), dtype=wp.float32)
+        wp.launch(kernels.thickness_of_faces, len(mesh.faces), [surface.id, found])
+        return np.asarray(found.numpy(), dtype=np.float64)
+
+
+def _on_device(mesh: TriangleMesh) -> tuple[wp.Mesh, FloatArray]:
+    """Return the mesh on the current device, and the point that its coordinates count from."""
+    centre: FloatArray = mesh.vertices.mean(axis=0)  # single precision: keep the numbers small
+    surface = wp.Mesh(
+        points=wp.array((mesh.vertices - centre).astype(np.float32), dtype=wp.vec3),
+        indices=wp.array(mesh.faces.ravel(), dtype=wp.int32),
+    )
+    return surface, centre

@@ -1,0 +1,359 @@
+"""Any triangles as the boundary of a solid: oriented, without inner walls, closed where they end flat.
+
+What is closed by no face is left to the winding number (Jacobson, Kavan and Sorkine-Hornung: Robust
+Inside-Outside Segmentation using Generalized Winding Numbers, SIGGRAPH 2013; Barill et al.: Fast Winding
+Numbers for Soups and Clouds, SIGGRAPH 2018), see `mesh_level`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import Delaunay, KDTree, QhullError
+
+from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mesh_level import escaping, winds_around
+from homolog.surfaces.topology import FLATTEST, face_components
+
+__all__ = ["Solid", "clusters", "solid_of"]
+
+_SAME = 1e-6
+"""Of the diagonal: vertices that are nearer to each other are welded."""
+_FLAT = 0.05
+"""Of a rim's width: how far it may be from its plane if it is to be closed flat."""
+_CRACK = 1e-4
+"""Of the squared length: a rim around less area is a crack between faces that meet, not an opening."""
+_GAP = 1e-3
+"""Of its length: how far an open side may be from another one that it lies on."""
+_NEIGHBOURS = 12
+_FEW = 4
+"""Faces for each side of its rim: patches of fewer may be as flat as the rim."""
+_SAMPLES = 24
+"""Faces of a patch that are asked how much of the outside they see."""
+_DIRECTIONS = 16
+_PLACES = np.array([[1.0, 1.0, 1.0], [2.4, 0.3, 0.3], [0.3, 2.4, 0.3], [0.3, 0.3, 2.4]]) / 3.0
+"""On a face, where it is asked what is before and behind it."""
+_ASIDE = 0.02
+"""Of the mean edge: how far before and behind."""
+_MANY = 3000
+"""More pieces than this are looked at as one cluster."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solid:
+    """Faces that wind around a solid.
+
+    Attributes
+    ----------
+    mesh : TriangleMesh
+        Oriented outward, with the caps; parts may cross each other.
+    bounds : (F,) bool array
+        Which of its faces have the solid on one side and the outside on the other.
+    is_closed : bool
+        Whether every side of a face meets one of another face.
+    rims : (R,) float64 array
+        Widths of the openings that were closed flat [mm], the widest first.
+    open_length : float
+        Length of all other sides of one face only [mm].
+    turned, dropped : int
+        Faces that lay otherwise than their neighbours; faces without area, or twice there, left out.
+    welded : int
+        Vertices merged with another one.
+    """
+
+    mesh: TriangleMesh
+    bounds: BoolArray
+    is_closed: bool
+    rims: FloatArray
+    open_length: float
+    turned: int
+    dropped: int
+    welded: int
+
+
+def solid_of(mesh: TriangleMesh) -> Solid:
+    """Return the solid that triangles of any kind stand for.
+
+    Vertices that coincide are welded; faces without area and duplicates are left out. Faces that meet two by
+    two at their sides make patches, each oriented one way. Openings with a flat rim are closed by caps.
+    Closed patches get a positive volume; from others rays are sent to both sides: the side from which more
+    of them escape is outside, and where none escapes the patch is an inner wall.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Any triangles with finite vertices; may be left without faces.
+    """
+    vertices, faces = _welded(mesh.vertices, mesh.faces)
+    welded = len(np.unique(mesh.faces)) - len(np.unique(faces))
+    faces = _with_area(vertices, faces)
+    patches, turned = _patches(faces)
+    faces = np.where(turned[:, None], faces[:, ::-1], faces)
+    vertices, caps, cap_patches, rims, left = _capped(vertices, faces, patches)
+    every = TriangleMesh(vertices, np.concatenate([faces, caps]))
+    owners = np.concatenate([patches, cap_patches])
+    sides, unsure = _outsides(every, owners, left)
+    about = sides[owners] < 0
+    result = np.where(about[:, None], every.faces[:, ::-1], every.faces)
+    hidden = sides[owners] == 0
+    used, numbers = np.unique(result[~hidden], return_inverse=True)
+    solid = TriangleMesh(vertices[used], numbers.reshape(-1, 3))
+    bounds = np.ones(len(solid.faces), dtype=bool)
+    if len(solid.faces) and (len(left) or len(sides) > 1):
+        bounds = _bounding(solid)
+    ends = vertices[left[:, :2]]
+    return Solid(
+        solid,
+        bounds,
+        len(left) == 0,
+        np.sort(rims)[::-1],
+        float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum()),
+        _count_turned(patches, turned, unsure & (sides < 0)),
+        len(mesh.faces) - len(faces),
+        welded,
+    )
+
+
+def _bounding(mesh: TriangleMesh) -> BoolArray:
+    """Return which faces have the solid behind them and the outside before them, somewhere at least."""
+    corners = mesh.vertices[mesh.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    aside = _ASIDE * mesh.mean_edge * across / np.linalg.norm(across, axis=1, keepdims=True)
+    result = np.zeros(len(corners), dtype=bool)
+    met = np.ones(len(mesh.vertices), dtype=bool)
+    for place in _PLACES:
+        left = np.flatnonzero(~result & met[mesh.faces].any(axis=1))
+        points = np.einsum("k,fkd->fd", place, corners[left])
+        found = winds_around(mesh, np.concatenate([points - aside[left], points + aside[left]]))
+        behind, before = found.reshape(2, -1)
+        result[left] = behind & ~before
+        met[:] = False
+        met[mesh.faces[result]] = True  # at further places only the neighbours of faces found so far
+    return result
+
+
+def _count_turned(patches: IntArray, turned: BoolArray, about: BoolArray) -> int:
+    """Count faces that lie otherwise than most of their patch, or whose patch lies otherwise than most."""
+    size = np.bincount(patches, minlength=len(about))
+    other = np.bincount(patches, turned, minlength=len(about)).astype(int)
+    whole = int(size[about].sum())
+    return int(np.minimum(other, size - other).sum()) + min(whole, len(patches) - whole)
+
+
+def clusters(mesh: TriangleMesh) -> IntArray:
+    """Return the number of the cluster of each face, shape (F,), that of the largest area first.
+
+    Faces that share a vertex are of one cluster, and so are pieces whose bounding boxes overlap.
+    """
+    pieces = face_components(mesh.faces)
+    count = int(pieces.max()) + 1
+    if count == 1 or count > _MANY:
+        return np.zeros(len(mesh.faces), np.int64)
+    corners = mesh.vertices[mesh.faces]
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, pieces, corners.min(axis=1))
+    np.maximum.at(high, pieces, corners.max(axis=1))
+    slack = 0.5 * mesh.mean_edge
+    near = np.ones((count, count), dtype=bool)
+    for axis in range(3):
+        near &= low[:, None, axis] <= high[None, :, axis] + slack
+        near &= high[:, None, axis] + slack >= low[None, :, axis]
+    labels = connected_components(near, directed=False)[1]
+    areas = np.bincount(labels[pieces], mesh.face_areas)
+    rank = np.empty(len(areas), np.int64)
+    rank[np.argsort(-areas, kind="stable")] = np.arange(len(areas))
+    return np.asarray(rank[labels[pieces]])
+
+
+def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Merge vertices that all but coincide, and drop faces that lose a corner."""
+    reach = _SAME * float(np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0)))
+    pairs = KDTree(vertices).query_pairs(reach, output_type="ndarray")
+    if len(pairs):
+        graph = coo_array((np.ones(len(pairs), np.int8), tuple(pairs.T)), shape=(len(vertices),) * 2)
+        labels = connected_components(graph, directed=False)[1]
+        faces = np.unique(labels, return_index=True)[1][labels][faces]
+    return vertices, faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+
+
+def _with_area(vertices: FloatArray, faces: IntArray) -> IntArray:
+    """Leave out faces without area, and all but one of those with the same corners."""
+    corners = vertices[faces]
+    sides = corners - corners[:, [1, 2, 0]]
+    longest = (sides**2).sum(axis=2).max(axis=1, initial=0.0)
+    doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    faces = faces[doubled > FLATTEST * longest]
+    first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]
+    return faces[np.sort(first)]
+
+
+def _sides(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Return directed sides (3F, 2), the face of each, and the number of faces at its edge."""
+    sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    ordered = np.sort(sides, axis=1)
+    keys = ordered[:, 0] * (int(faces.max(initial=0)) + 1) + ordered[:, 1]
+    _, same, uses = np.unique(keys, return_inverse=True, return_counts=True)
+    return sides, np.tile(np.arange(len(faces)), 3), uses[same]
+
+
+def _patches(faces: IntArray) -> tuple[IntArray, BoolArray]:
+    """Return the patch of each face, and which to turn about so that each patch lies one way.
+
+    A graph with every face twice, as it is and turned about, tells both: pairs of faces that lie the same
+    way join their equal copies, others their unequal ones. A patch with one side only (a Möbius strip) falls
+    apart into its faces.
+    """
+    sides, owners, uses = _sides(faces)
+    twice = np.flatnonzero(uses == 2)
+    paired = twice[np.lexsort(np.sort(sides[twice], axis=1).T)].reshape(-1, 2)
+    a, b = owners[paired].T
+    n = len(faces)
+    against = (sides[paired[:, 0]] == sides[paired[:, 1]]).all(axis=1)
+    starts = np.concatenate([a, a + n])
+    ends = np.concatenate([b + n * against, b + n * ~against])
+    graph = coo_array((np.ones(len(starts), np.int8), (starts, ends)), shape=(2 * n, 2 * n))
+    labels = connected_components(graph, directed=False)[1]
+    plain, other = labels[:n], labels[n:]
+    patches, turned = np.minimum(plain, other), plain > other
+    patches[plain == other] = 2 * n + np.flatnonzero(plain == other)
+    return np.unique(patches, return_inverse=True)[1], turned
+
+
+def _capped(
+    vertices: FloatArray, faces: IntArray, patches: IntArray
+) -> tuple[FloatArray, IntArray, IntArray, FloatArray, IntArray]:
+    """Close the openings with a flat rim.
+
+    Returns
+    -------
+    (V', 3) float64 array
+        The vertices, and one in the middle of each cap.
+    (C, 3), (C,) int arrays
+        Faces of the caps, and the patch of each.
+    (R,) float64 array
+        Widths of the rims that were closed.
+    (B, 3) int array
+        The sides that are still open, and the patch of each; cracks are not among them.
+    """
+    sides, owners, uses = _sides(faces)
+    edge = sides[uses == 1]
+    patch = patches[owners[uses == 1]]
+    if not len(edge):
+        return vertices, np.empty((0, 3), np.int64), np.empty(0, np.int64), np.empty(0), np.empty((0, 3), int)
+    graph = coo_array((np.ones(len(edge), np.int8), tuple(edge.T)), shape=(len(vertices),) * 2)
+    rim_of = connected_components(graph, directed=False)[1][edge[:, 0]]
+    leaving = np.bincount(edge[:, 0], minlength=len(vertices))
+    arriving = np.bincount(edge[:, 1], minlength=len(vertices))
+    is_simple = (leaving[edge] == 1) & (arriving[edge] == 1)
+    members = np.argsort(patches, kind="stable")
+    first = np.searchsorted(patches[members], np.arange(int(patches.max()) + 2))
+    middles: list[FloatArray] = []
+    caps: list[IntArray] = []
+    cap_patches, widths, left = [], [], []
+    order = np.argsort(rim_of, kind="stable")
+    for chosen in np.split(order, np.flatnonzero(np.diff(rim_of[order])) + 1):
+        rim, middle = edge[chosen], vertices[edge[chosen, 0]].mean(axis=0)
+        spokes = vertices[rim] - middle
+        across = np.cross(spokes[:, 1], spokes[:, 0])
+        area = 0.5 * float(np.linalg.norm(across.sum(axis=0)))
+        length = float(np.linalg.norm(spokes[:, 0] - spokes[:, 1], axis=1).sum())
+        one_patch = (patch[chosen] == patch[chosen[0]]).all()
+        if 0.5 * np.linalg.norm(across, axis=1).sum() <= _CRACK * length**2:
+            continue
+        normal = across.sum(axis=0) / max(2.0 * area, 1e-300)
+        width = 2.0 * float(np.linalg.norm(spokes[:, 0], axis=1).max())
+        off = float(np.abs(spokes[:, 0] @ normal).max())
+        is_flat = is_simple[chosen].all() and one_patch and (off <= _FLAT * width or len(rim) <= 4)
+        own = members[first[patch[chosen[0]]] : first[patch[chosen[0]] + 1]]
+        if is_flat and len(own) <= _FEW * len(rim):  # and the patch is more than the rim's own plane
+            is_flat = np.abs((vertices[faces[own]] - middle) @ normal).max() > _FLAT * width
+        if not is_flat:
+            left.append(np.column_stack([rim, patch[chosen]]))
+            continue
+        if (across @ normal > 0.0).all():
+            number = len(vertices) + len(middles)
+            middles.append(middle)
+            caps.append(np.column_stack([rim[:, ::-1], np.full(len(rim), number)]))
+        else:
+            caps.append(_filled(vertices, rim, normal))
+        cap_patches.append(np.full(len(caps[-1]), patch[chosen[0]]))
+        widths.append(width)
+    remaining = np.concatenate([np.empty((0, 3), np.int64), *left])
+    return (
+        np.concatenate([vertices, np.reshape(middles, (-1, 3))]),
+        np.concatenate([np.empty((0, 3), np.int64), *caps]),
+        np.concatenate([np.empty(0, np.int64), *cap_patches]),
+        np.array(widths),
+        remaining[~_covered(vertices, remaining[:, :2])],
+    )
+
+
+def _covered(vertices: FloatArray, sides: IntArray) -> BoolArray:
+    """Return which open sides lie on other ones: where a vertex ends in the middle of a neighbour's side."""
+    if not len(sides):
+        return np.zeros(0, dtype=bool)
+    a, b = vertices[sides[:, 0]], vertices[sides[:, 1]]
+    middle, along = 0.5 * (a + b), b - a
+    length = np.linalg.norm(along, axis=1)
+    tree = KDTree(middle)
+    covered = np.zeros(len(sides), dtype=bool)
+    near = tree.query(middle, k=min(_NEIGHBOURS, len(sides)), distance_upper_bound=float(length.max()))[1]
+    for other in near.reshape(len(sides), -1).T:
+        is_there = (other < len(sides)) & (other != np.arange(len(sides)))
+        other = np.where(is_there, other, 0)
+        share = ((middle - a[other]) * along[other]).sum(axis=1) / np.maximum(length[other] ** 2, 1e-300)
+        gap = np.linalg.norm(a[other] + np.clip(share, 0.0, 1.0)[:, None] * along[other] - middle, axis=1)
+        covered |= is_there & (gap <= _GAP * np.minimum(length, length[other]))
+    return covered
+
+
+def _filled(vertices: FloatArray, rim: IntArray, normal: FloatArray) -> IntArray:
+    """Triangulate a flat opening whose rim turns inward somewhere: Delaunay triangles within the rim."""
+    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    plane = np.stack([first, np.cross(normal, first)], axis=1)
+    names = rim[:, 0]
+    flat = vertices[names] @ plane
+    try:
+        found = Delaunay(flat).simplices
+    except QhullError:
+        return np.empty((0, 3), np.int64)
+    a, b = vertices[rim[:, 0]] @ plane, vertices[rim[:, 1]] @ plane
+    x, y = flat[found].mean(axis=1).T[..., None]
+    crosses = (a[:, 1] > y) != (b[:, 1] > y)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = a[:, 0] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+    found = np.asarray(found[np.count_nonzero(crosses & (at > x), axis=1) % 2 == 1])
+    sides = np.diff(flat[found], axis=1)
+    wrong = sides[:, 0, 0] * sides[:, 1, 1] < sides[:, 0, 1] * sides[:, 1, 0]
+    return np.asarray(names[np.where(wrong[:, None], found[:, ::-1], found)])
+
+
+def _outsides(mesh: TriangleMesh, patches: IntArray, left: IntArray) -> tuple[IntArray, BoolArray]:
+    """Return 1 for each patch that faces outward, -1 for one to turn about, 0 for an inner wall.
+
+    Also returns which patches are not closed by themselves, so that rays were sent.
+    """
+    count = int(patches.max(initial=-1)) + 1
+    centre = mesh.vertices.mean(axis=0)
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]] - centre for corner in range(3))
+    volume = np.bincount(patches, np.einsum("ij,ij->i", a, np.cross(b, c)), minlength=count)
+    result = np.where(volume < 0.0, -1, 1)
+    unsure = np.zeros(count, dtype=bool)
+    unsure[left[:, 2]] = True
+    _, owners, uses = _sides(mesh.faces)
+    unsure[patches[owners[uses > 2]]] = True
+    if not unsure.any():
+        return result, unsure
+    rng = np.random.default_rng(0)
+    weight = rng.random(len(patches)) / np.maximum(mesh.face_areas, 1e-300)
+    order = np.lexsort((weight, patches))
+    start = np.searchsorted(patches[order], np.arange(count))
+    asked = order[np.arange(len(order)) - start[patches[order]] < _SAMPLES]
+    asked = asked[unsure[patches[asked]]]
+    ahead, behind = (
+        np.bincount(patches[asked], one, minlength=count) for one in escaping(mesh, asked, _DIRECTIONS)
+    )
+    seen = np.where(ahead == behind, np.where(ahead == 0, 0, result), np.sign(ahead - behind))
+    return np.where(unsure, seen, result), unsure
