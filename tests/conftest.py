@@ -1,4 +1,4 @@
-"""What all tests share: the real cohorts, and the rule for tests that open windows."""
+"""What all tests share: the real cohorts, and the rules for tests that need Qt or open windows."""
 
 import os
 import sys
@@ -70,9 +70,13 @@ def finished_run(ellipsoids, short_settings):
 
 
 def pytest_runtest_setup(item):
-    """Skip window tests where no window can open; in continuous integration that is a fault."""
-    reason = QT_FAULT or _display_fault()
-    if item.get_closest_marker("window") is None or not reason:
+    """Skip tests of Qt where it can't be loaded, and of windows where none can open; a fault in CI."""
+    reason = ""
+    if item.get_closest_marker("window") is not None:
+        reason = QT_FAULT or _display_fault()
+    elif item.get_closest_marker("qt") is not None:
+        reason = QT_FAULT
+    if not reason:
         return
     if os.environ.get("CI"):
         pytest.fail(reason, pytrace=False)
@@ -110,3 +114,15 @@ def unit_sphere():
         return points, faces
 
     return spread
+
+
+@pytest.fixture
+def around():
+    """Return the function that crops a mask to what is in it and one voxel around that."""
+
+    def crop(mask):
+        inside = np.argwhere(mask)
+        low, high = np.maximum(inside.min(axis=0) - 1, 0), inside.max(axis=0) + 2
+        return mask[tuple(slice(*span) for span in zip(low, high, strict=True))]
+
+    return crop

@@ -147,7 +147,9 @@ def mixed(scans):
         SimpleITK.WriteImage(SimpleITK.GetImageFromArray(array, isVector=False), scans / f"{name}.nrrd")
     (scans / "cut.nrrd").write_bytes((scans / "a.nrrd").read_bytes()[:-300])
     (scans / "text.nii").write_text("no image")
-    (scans / "open.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 2 3\nf 1 3 4\nf 1 4 2\n")
+    (scans / "open.obj").write_text(
+        "v 0 0 0\nv 9 0 0\nv 9 9 0\nv 0 9 0\nf 1 2 3\nf 1 3 4\n"
+    )  # encloses nothing
     return scans
 
 

@@ -1,4 +1,5 @@
 import csv
+import json
 import re
 import xml.etree.ElementTree as ElementTree
 from html.parser import HTMLParser
@@ -7,14 +8,17 @@ import numpy as np
 import pytest
 
 from homolog.files.meshes import write_mesh
-from homolog.files.particles import write_particles
+from homolog.files.particles import read_particles, write_particles
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
-from homolog.files.results import mean_file, particle_file
+from homolog.files.results import mean_file, particle_file, read_result
 from homolog.files.tables import write_table
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.cli import main
+from homolog_app.report.findings import p_words
+from homolog_app.report.request import Answered, StudyRequest, read_requests, study_folder, write_request
+from homolog_app.report.study import column_of
 
 HOSTILE = "<script>alert('x')</script> & co"
 QUICK = ["--permutations", "199", "--null", "50", "--progress", "none"]
@@ -41,6 +45,16 @@ def _project(folder, unit_sphere):
         name = HOSTILE if index == 4 else f"subject {index}"
         columns = {"age": str(40 + 2 * index), "sex": "mf"[index % 2], "site": "one"}
         columns |= {"twin": f"t{index // 6}", "grade": "" if index == 7 else str(index % 4)}
+        columns |= {
+            "dose": "30 y" if index == 3 else str(index),
+            "weight": "inf" if index == 2 else str(index),
+        }
+        columns |= {
+            "couple": f"c{index // 3}",
+            "code": str(index // 2 % 3 + 1),
+            "stage": "NA" if index == 7 else "1",
+        }
+        columns["half"] = "x" if index % 3 < 2 else "xy"[index % 2]
         subjects.append(
             ResultSubject(
                 name=name,
@@ -86,6 +100,7 @@ def test_three_groups_are_analyzed_with_and_without_size_and_written_as_tables(p
     assert "6 A, 6 B, 6 C: the groups differ in shape" in said
     assert "C - A (6 A, 6 C): the shapes differ" in said
     assert "B - A (6 A, 6 B): no difference in shape can be shown" in said
+    assert "none of 60 particles" in said
     folder = project.folder / "analysis" / "groups_group_A_B_C"
     tests = _rows(folder / "tests.csv")
     assert [row["comparison"] for row in tests] == ["A, B, C", "B - A", "C - A", "C - B"]
@@ -101,7 +116,7 @@ def test_three_groups_are_analyzed_with_and_without_size_and_written_as_tables(p
 
 def test_regression_and_pairs_are_analyzed(project, capsys):
     assert _analyze(project, "--regress", "age", "--covariates", "sex", "--size", "with") == 0
-    assert "effect of age, allowing for sex" in capsys.readouterr().out
+    assert "effect of age, adjusted for sex" in capsys.readouterr().out
     assert _analyze(project, "--pairs", "twin", "--between", "A", "B", "--size", "with") == 2
     assert "pair 't0' has two subjects that are 'A'" in capsys.readouterr().err
 
@@ -116,7 +131,7 @@ def test_a_subject_that_lies_far_from_all_others_is_named_first(project, capsys)
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--group", "nothing"], "there is no column 'nothing'; the cohort has: group, size, age"),
+        (["--group", "nothing"], "there is no column 'nothing'; the cohort has: group, shape-size, age"),
         (["--between", "A", "Z"], "no subject is in 'Z'; there are: A, B, C"),
         (["--group", "site"], "one group only"),
         (["--regress", "sex"], "holds words"),
@@ -128,6 +143,12 @@ def test_a_subject_that_lies_far_from_all_others_is_named_first(project, capsys)
         (["--modes", "17"], "17 modes are more than the 15"),
         (["--modes", "0"], "--modes 0: Input should be greater than or equal to 1"),
         (["--pairs", "twin"], "between two values of a column"),
+        (["--pairs", "twin", "--between", "X", "Y"], "no subject is in 'X'; there are: A, B, C"),
+        (["--pairs", "twin", "--regress", "age"], "can't be combined with --regress"),
+        (["--covariates", "age", "age"], "'age' is named twice"),
+        (["--covariates", "dose"], "'dose' holds numbers, but also '30 y' of subject 3"),
+        (["--covariates", "weight"], "'inf' of subject 2 is not finite"),
+        (["--size", "with", "--alignment", "rigid"], "give one of them"),
     ],
 )
 def test_a_question_that_cannot_be_answered_is_refused_and_not_kept(project, words, message, capsys):
@@ -136,6 +157,175 @@ def test_a_question_that_cannot_be_answered_is_refused_and_not_kept(project, wor
     assert message in error
     assert "Traceback" not in error
     assert not list(project.folder.rglob("study.json"))
+
+
+def test_each_p_is_printed_with_no_more_digits_than_it_has():
+    assert [p_words(p) for p in (0.0, 0.00099, 0.0123, 0.21, 1.0)] == [
+        "p < 0.001", "p < 0.001", "p = 0.012", "p = 0.21", "p > 0.99",
+    ]  # fmt: skip
+    assert p_words(1 / 200, 199) == "p = 0.005"
+    assert p_words(1 / 100, 99) == "p = 0.01"
+    assert p_words(1 / 20, 19) == "p = 0.05"
+
+
+def test_a_group_that_scatters_more_raises_a_caution_where_answers_are_read(project, capsys):
+    record = project.read().result
+    for index, one in enumerate(record.subjects):
+        if one.group == "A":
+            place = particle_file(project, one.file, "world")
+            shape = read_particles(place)
+            generator = np.random.default_rng(index)
+            push = 3.0 * np.tanh(np.linalg.norm(shape, axis=1, keepdims=True)) * generator.normal(size=(1, 3))
+            write_particles(place, shape * (1.0 + push / 20.0))
+    assert _analyze(project, "--between", "A", "B", "--alignment", "as-it-lies") == 0
+    said = capsys.readouterr().out
+    assert "Caution: B - A: the groups differ in dispersion" in said
+    assert "assume equal dispersion" in said
+    (row,) = _rows(project.folder / "analysis" / "groups_group_A_B_as_it_lies" / "tests.csv")
+    assert float(row["dispersion_p"]) <= 0.05
+    assert float(row["dispersion_ratio"]) > 1.5
+
+
+def test_form_and_shape_count_as_two_answers_and_pairs_are_corrected(project):
+    assert _analyze(project) == 0
+    rows = _rows(project.folder / "analysis" / "groups_group_A_B_C" / "tests.csv")
+    assert [row["answers"] for row in rows] == ["2"] * 4
+    assert [row["pairs_corrected_for"] for row in rows] == ["1", "3", "3", "3"]
+    least = min(rows[1:], key=lambda row: float(row["p_permutation"]))
+    assert float(least["p_permutation_corrected"]) == pytest.approx(min(6 * float(least["p_permutation"]), 1))
+    raw = sorted(float(row["size_p_permutation"]) for row in rows[1:])
+    corrected = sorted(float(row["size_p_permutation_corrected"]) for row in rows[1:])
+    assert corrected[0] == pytest.approx(min(3 * raw[0], 1.0))
+
+
+def test_tables_say_what_they_are_of_and_what_each_column_holds(project):
+    assert _analyze(project, "--between", "A", "C", "--covariates", "age", "--alignment", "rigid") == 0
+    folder = project.folder / "analysis" / "groups_group_A_C_for_age"
+    (test,) = _rows(folder / "tests.csv")
+    assert (test["result_fingerprint"], test["alignment"], test["covariates"]) == ("abc", "rigid", "age")
+    assert test["date"]
+    assert test["homolog_version"]
+    assert float(test["mahalanobis_d_corrected"]) < float(test["mahalanobis_d_plain"])
+    assert float(test["auc_low_95"]) <= float(test["auc"]) <= float(test["auc_high_95"])
+    kept = json.loads((folder / "study.json").read_text())
+    assert kept["answered"]["fingerprint"] == "abc"
+    meanings = _rows(folder / "columns.csv")
+    assert {row["file"] for row in meanings} == {one.name for one in folder.glob("*.csv")} - {"columns.csv"}
+    assert all(row["meaning"] for row in meanings)
+    assert not [row for row in meanings if row["meaning"] == "the column that was asked about"][1:]
+    particle = _rows(folder / "particles_C_-_A.csv")[0]
+    assert float(particle["outward_low_95_mm"]) < float(particle["outward_mm"])
+    sample = _rows(folder / "sample.csv")
+    assert [row["n"] for row in sample if row["variable"] == "subjects"] == ["6", "6"]
+    left_out = [row["left_out_because"] for row in _rows(folder / "subjects.csv")]
+    assert left_out.count("group is 'B'") == 6
+
+
+def test_subjects_without_a_value_are_left_out_by_choice_and_counted(project):
+    question = ["--covariates", "grade:c", "--between", "A", "B", "--size", "with"]
+    assert _analyze(project, *question) == 2
+    assert _analyze(project, *question, "--complete-cases") == 0
+    (folder,) = (project.folder / "analysis").iterdir()
+    (test,) = _rows(folder / "tests.csv")
+    assert (test["n"], test["complete_cases"]) == ("11", "1")
+    gone = {row["name"]: row["left_out_because"] for row in _rows(folder / "subjects.csv")}
+    assert gone["subject 7"] == "no value of grade"
+    assert _analyze(project, "--regress", "grade", "--size", "with", "--complete-cases") == 0
+    (test,) = _rows(project.folder / "analysis" / "regression_grade_complete_cases" / "tests.csv")
+    assert test["n"] == "17"
+    assert test["unit"] == "per unit of grade"
+
+
+def test_numbers_that_are_declared_categories_become_columns(project):
+    for name, covariate in (("number", "code"), ("category", "code:c")):
+        assert _analyze(project, "--between", "A", "B", "--size", "with", "--covariates", covariate) == 0, (
+            name
+        )
+    folders = sorted((project.folder / "analysis").iterdir())
+    dof = [int(float(_rows(one / "tests.csv")[0]["f_dof_denominator"])) for one in folders]
+    modes = [int(_rows(one / "tests.csv")[0]["modes"]) for one in folders]
+    assert dof[0] + modes[0] == dof[1] + modes[1] + 1
+
+
+def test_a_covariate_that_is_the_same_within_one_pair_of_groups_is_told_not_refused(project, capsys):
+    assert _analyze(project, "--covariates", "half", "--size", "with") == 0
+    assert "B - A: a covariate is the same for all subjects of these two groups" in capsys.readouterr().out
+
+
+def test_a_column_called_size_is_the_users_own(project, capsys):
+    record = project.read()
+    subjects = [
+        one.model_copy(update={"columns": {**one.columns, "size": str(index % 5)}})
+        for index, one in enumerate(record.result.subjects)
+    ]
+    project.write(
+        record.model_copy(update={"result": record.result.model_copy(update={"subjects": subjects})})
+    )
+    assert _analyze(project, "--regress", "size", "--size", "with") == 0
+    said = capsys.readouterr().out
+    assert "the size of the shapes is 'shape-size'" in said
+    assert "Size alone" in said
+    assert _analyze(project, "--regress", "shape-size", "--size", "with") == 0
+    assert "Size alone" not in capsys.readouterr().out  # against itself
+
+
+def test_no_answer_overwrites_that_of_another_question(project):
+    long = [f"{'a very long name of a group ' * 5}{one}" for one in "AB"]
+    questions = [
+        StudyRequest(between=tuple(long)),
+        StudyRequest(between=(long[0], long[0] + "C")),
+        StudyRequest(between=tuple(long), alignment="similarity"),
+        StudyRequest(between=("a b", "c")),
+        StudyRequest(between=("a", "b c")),
+        StudyRequest(kind="pairs", between=("A", "B"), pairs="twin"),
+        StudyRequest(kind="pairs", between=("A", "B"), pairs="couple"),
+        StudyRequest(seed=3),
+        StudyRequest(seed=4),
+    ]
+    folders = []
+    for one in questions:
+        folders.append(study_folder(project, one))
+        write_request(one, folders[-1], Answered.now(project))
+    assert len(set(folders)) == len(questions)
+    assert [study_folder(project, one) for one in questions] == folders
+    assert max(len(one.name) for one in folders) < 140
+    assert sorted(one.question for one in read_requests(project)) == sorted(one.question for one in questions)
+
+
+def test_a_question_of_an_earlier_version_is_answered_and_the_change_is_told(project):
+    folder = project.folder / "analysis" / "groups_group_A_C"
+    folder.mkdir(parents=True)
+    question = {"kind": "groups", "column": "group", "between": ["A", "C"], "pairs": None, "covariates": []}
+    question |= {"scaling": False, "modes": None, "permutations": 199, "null_repeats": 0, "seed": 0}
+    (folder / "study.json").write_text(json.dumps(question))
+    (request,) = read_requests(project)
+    assert (request.alignment, request.earlier) == ("rigid", True)
+    assert study_folder(project, request) == folder
+    assert main(["report", str(project.folder), "--progress", "none"]) == 0
+    words = (project.folder / "report" / "report.html").read_text(encoding="utf-8")
+    assert "compared shapes as they lie" in words
+
+
+def test_tables_are_marked_as_soon_as_particles_are_placed_anew(project):
+    assert _analyze(project, "--between", "A", "C", "--size", "with") == 0
+    folder = project.folder / "analysis" / "groups_group_A_C"
+    with project.locked(), project.replacing_result() as following:
+        following.write(project.read())
+    assert "earlier result" in (folder / "OUT_OF_DATE.txt").read_text()
+
+
+def test_the_size_of_shapes_that_the_run_brought_to_one_is_still_compared(project):
+    record = project.read().result
+    before = column_of(read_result(project), "shape-size")
+    subjects = []
+    for index, one in enumerate(record.subjects):
+        scale = 1.0 + 0.1 * (index % 4)
+        place = particle_file(project, one.file, "world")
+        write_particles(place, read_particles(place) * scale)
+        subjects.append(one.model_copy(update={"alignment": np.diag([scale, scale, scale, 1.0]).tolist()}))
+    project.write(ProjectRecord(result=record.model_copy(update={"subjects": subjects})))
+    after = column_of(read_result(project), "shape-size")
+    np.testing.assert_allclose(np.array(after, float), np.array(before, float), rtol=1e-6)
 
 
 class _Page(HTMLParser):

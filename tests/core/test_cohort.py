@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from homolog.cohort import Subject, read_cohort
+from homolog.cohort import Subject, mask_files, read_cohort
 from homolog.errors import InputError
 
 
@@ -189,3 +189,39 @@ def test_a_file_name_that_is_no_text_is_refused(folder, name):
     with pytest.raises(InputError, match=r"\\x.*: its name is no text in UTF-8; rename it") as refused:
         read_cohort(folder)
     assert str(refused.value).encode()
+
+
+def paths_of(folder):
+    return {one.name: one.path.relative_to(folder).as_posix() for one in read_cohort(folder).subjects}
+
+
+def test_subjects_with_a_file_for_each_structure_are_their_folders(tmp_path):
+    place(tmp_path, "anna/liver.nii.gz", "anna/spleen.nii.gz", "bert/liver.nii.gz", "notes/readme.md")
+    assert paths_of(tmp_path) == {"anna": "anna", "bert": "bert"}
+
+
+def test_a_folder_of_segmentations_goes_before_the_scan_beside_it(tmp_path):
+    for name in ("s1", "s2"):
+        place(tmp_path, f"{name}/ct.nii.gz", f"{name}/segmentations/liver.nii.gz")
+        place(tmp_path, f"{name}/segmentations/spleen.nii.gz")
+    assert paths_of(tmp_path) == {"s1": "s1/segmentations", "s2": "s2/segmentations"}
+    assert set(mask_files(tmp_path / "s1")) == {"liver", "spleen"}
+
+
+def test_scans_beside_the_one_label_map_of_each_subject_are_left_out(tmp_path):
+    for name in ("BraTS20_001", "BraTS20_002"):
+        place(tmp_path, *(f"{name}/{name}_{one}.nii.gz" for one in ("flair", "t1", "t1ce", "t2", "seg")))
+    assert paths_of(tmp_path) == {
+        name: f"{name}/{name}_seg.nii.gz" for name in ("BraTS20_001", "BraTS20_002")
+    }
+
+
+def test_freesurfers_subjects_are_their_aseg(tmp_path):
+    for name in ("bert", "ernie"):
+        place(tmp_path, f"{name}/mri/aseg.mgz", f"{name}/mri/orig.mgz", f"{name}/mri/brain.mgz")
+    assert paths_of(tmp_path) == {name: f"{name}/mri/aseg.mgz" for name in ("bert", "ernie")}
+
+
+def test_labels_are_taken_where_images_lie_in_the_folder_beside(tmp_path):
+    place(tmp_path, *(f"{kind}/{one}.nii.gz" for kind in ("imagesTr", "labelsTr") for one in "ab"))
+    assert paths_of(tmp_path) == {"a": "labelsTr/a.nii.gz", "b": "labelsTr/b.nii.gz"}

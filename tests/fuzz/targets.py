@@ -153,11 +153,11 @@ def read_preferences(folder: Path) -> object:
 
 
 def good_study(folder: Path) -> None:
-    from homolog_app.report.request import StudyRequest, write_request
+    from homolog_app.report.request import Answered, StudyRequest, write_request
 
-    write_request(Project(folder / "project"), StudyRequest(between=("f", "m")))
-    (found,) = (folder / "project").rglob("study.json")
-    found.parent.rename(found.parent.with_name("study"))
+    study = folder / "project" / "analysis" / "study"
+    study.mkdir(parents=True)
+    write_request(StudyRequest(between=("f", "m")), study, Answered(homolog="0", date="2026-11-23"))
 
 
 def read_study(folder: Path) -> object:

@@ -32,12 +32,13 @@ def ventricles(data, run, tmp_path_factory):
 def compare(window, wait, explore):
     """Return a function that opens a project and compares two of its groups."""
 
-    def tested(project, first, second):
+    def tested(project, first, second, alignment="Form: size and shape (rigid alignment)"):
         page = window.inspector.explore.page
         if window.desk.session.result is None:
             page = explore(project, "groups")
         page.form.first.setCurrentText(first)
         page.form.second.setCurrentText(second)
+        page.form.alignment.setCurrentText(alignment)
         page.answers = []
         window.commands["explore.test"].trigger()
         wait(lambda: bool(page.answers), seconds=300, what="for the test")
@@ -62,14 +63,18 @@ def test_the_table_says_what_the_analysis_found(compare, bean_project):
     test, texts = answer.pair.test, dict(page.numbers.texts)
     assert texts["Subjects"] == "5 slim, 5 wide"
     assert texts["Hotelling's T²"] == f"{test.t_squared:.1f}"
-    assert texts["10000 permutations"].startswith("p = ")
+    assert texts["All 252 permutations"].startswith("p = ")
+    assert "95 % CI" in texts["Mahalanobis D"]
+    local = texts["Local, corrected p ≤ 0.05"]
+    assert (" mm² or " in local) == bool((answer.pair.local.p_family <= 0.05).any())
+    assert "of 128 particles" in local
     assert any(name.startswith("False alarms of F") for name in texts)
     assert "slim" in page.verdict.text()
-    assert "permutation" in page.words.text()
+    assert "permutation" in page.words.text().lower()
 
 
 def test_the_slider_goes_from_one_groups_mean_to_the_others(compare, bean_project, window):
-    page = compare(bean_project, "slim", "wide")
+    page = compare(bean_project, "slim", "wide", "As the shapes lie (not aligned)")
     (answer,) = page.answers
     scene, result = window.views.stage.scene, answer.shape.result
     labels = np.array(answer.study.labels)
@@ -174,4 +179,4 @@ def test_ventricles_with_thick_walls_expand_and_widened_ones_move_outward(compar
     inner = walls(wide)
     assert wide.difference.outward[inner].mean() < -0.5  # the cavity's wall goes away from its axis
     assert wide.difference.outward[~inner].mean() > 0.5
-    assert {one for one, _ in page.numbers.texts} >= {"Hotelling's T²", "Effect", "Size"}
+    assert {one for one, _ in page.numbers.texts} >= {"Hotelling's T²", "Mahalanobis D", "Size"}

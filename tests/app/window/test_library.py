@@ -267,3 +267,22 @@ def test_closing_in_mid_run_asks_first(groomed, monkeypatch, wait):
     assert groomed.isVisible()
     assert groomed.desk.work.is_busy
     groomed.desk.preferences.ask_on_close = False
+
+
+@pytest.mark.window
+@pytest.mark.parametrize("answer", ["Import", "Cancel"])
+def test_a_table_is_imported_once_its_preview_is_accepted(beans, tmp_path, monkeypatch, answer):
+    asked = []
+
+    def ask(parent, title, words, answers):
+        asked.append(words)
+        return answer
+
+    monkeypatch.setattr("homolog_app.window.library.ask", ask)
+    table = tmp_path / "subjects.csv"
+    table.write_text("id;group;age\na;case;61\nb;control;48\nx;case;1\n", encoding="utf-8")
+    beans.library.import_table(table)
+    groups = [one.subject.group for one in beans.desk.session.study.members]
+    assert groups == (["case", "control", None, None] if answer == "Import" else [None] * 4)
+    assert "2 of 4" in asked[0]
+    assert "x" in asked[0].splitlines()[-1]

@@ -33,8 +33,9 @@ def test_a_file_of_another_kind_is_refused_by_name(tmp_path):
 def test_a_table_gives_groups_and_covariates_to_the_subjects_that_it_names(study, tmp_path):
     table = tmp_path / "table.csv"
     table.write_text("id,group,age\np01,DCM,61\np02_ED,NOR,48\nstranger,NOR,50\np1,NOR,1\n", encoding="utf-8")
-    changed, used = with_table(study, table)
-    assert used == 2
+    changed, changes = with_table(study, table)
+    assert changes.matched == ("p01_ED", "p02_ED")
+    assert changes.unknown == ("stranger", "p1")
     assert [one.subject.group for one in changed.members] == ["DCM", "NOR", None]
     assert changed.members[0].subject.columns == {"age": "61"}
 

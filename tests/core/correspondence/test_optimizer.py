@@ -198,7 +198,7 @@ def test_an_alignment_brings_turned_shapes_to_the_same_model(found, ellipsoid_sh
 def test_a_shape_whose_field_and_mesh_disagree_is_named(ellipsoid_shapes, make_shape):
     wrong = make_shape("wrong", (12.0, 9.0, 6.0), centre=(9.0, 0.0, 0.0))
     mixed = dataclasses.replace(wrong, field=ellipsoid_shapes[0].field)
-    with pytest.raises(NumericalError, match="wrong: particles left the surface"):
+    with pytest.raises(NumericalError, match=r"^wrong: "):
         optimize([*ellipsoid_shapes[:2], mixed], QUICK)
 
 

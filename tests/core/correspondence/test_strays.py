@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from homolog.correspondence import Start, logbook, optimize
 from homolog.correspondence.start import vertex_normals
-from homolog.correspondence.strays import snapped, strays
+from homolog.correspondence.strays import exchanged, snapped, strays
 from homolog.errors import Cancelled
 from homolog.settings import Method, OptimizeSettings
 
@@ -81,7 +81,33 @@ def test_a_particle_on_the_wrong_wall_is_put_right_and_the_run_says_so(discs, sp
     found = optimize(discs, ON, start=Start(local), tick=lambda _, message: words.append(message))
     np.testing.assert_array_equal(np.argwhere(found.repaired > 0), [[SHAPE, particle]])
     assert np.einsum("nd,nd->n", found.normals[SHAPE], found.normals[0]).min() > 0.9
-    assert words[-1] == "optimizing: 64 particles, 1 put right on 1 shape"
+    assert words[-1] == "optimizing: 64 particles, 1 repaired on 1 shape"
+
+
+def test_a_particle_that_has_left_its_surface_is_put_back_and_the_run_goes_on(discs, spoiled):
+    local, particle = spoiled
+    local = local.copy()
+    local[SHAPE, particle] = (80.0, 0.0, 0.0)
+    found = optimize(discs, ON, start=Start(local))
+    assert found.repaired[SHAPE, particle] > 0
+    on_surface = cKDTree(discs[SHAPE].mesh.vertices).query(found.local[SHAPE])[0]
+    assert on_surface.max() < discs[SHAPE].mesh.mean_edge
+    assert np.isfinite(found.energies).all()
+
+
+def test_two_particles_in_each_others_place_are_exchanged_and_nobody_else(discs):
+    local = np.array(optimize(discs, QUICK).local)
+    middle = int(np.argmin(np.linalg.norm(local[SHAPE, :, :2], axis=1) - local[SHAPE, :, 2]))
+    gaps = np.linalg.norm(local[SHAPE] - local[SHAPE, middle], axis=1)
+    other = int(np.argsort(gaps)[1])
+    world = local.copy()
+    world[SHAPE, [middle, other]] = local[SHAPE, [other, middle]]
+    normals = np.array([0.0, 0.0, 1.0]) * np.sign(local[0, :, 2:])
+    nobody = np.tile(np.arange(64), (5, 1))
+    np.testing.assert_array_equal(exchanged(local, normals), nobody)
+    expected = nobody.copy()
+    expected[SHAPE, [middle, other]] = other, middle
+    np.testing.assert_array_equal(exchanged(world, normals), expected)
 
 
 def test_the_objective_is_lower_after_a_repair(discs, spoiled):

@@ -17,6 +17,11 @@ TURNED = np.array([[0, -1.0, 0, 3], [1, 0, 0, -5], [0, 0, 1, 7], [0, 0, 0, 1]]) 
 SHEARED = RAS + np.array([[0, 0, 1.0, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]])
 
 
+def said(found):
+    """Return the notes but that several labels were taken together."""
+    return tuple(note for note in found.notes if "taken together" not in note)
+
+
 @pytest.fixture
 def write(blocks, tmp_path):
     def save(
@@ -47,7 +52,7 @@ def test_either_version_and_matrix_puts_the_voxels_at_the_same_places(
 ):
     found = read_segmentation(write(qform, sform, name, kind), None)
     assert np.allclose(points(found), expected(blocks), atol=1e-4)
-    assert not found.notes
+    assert not said(found)
 
 
 @pytest.mark.parametrize("codes", [(1, 2), (1, 4), (2, 4), (2, 1), (3, 1)])
@@ -57,7 +62,7 @@ def test_codes_that_name_two_frames_are_no_trouble_and_the_scanner_goes_first(
 ):
     found = read_segmentation(write(RAS, other, codes=codes), None)
     assert np.allclose(points(found), expected(blocks, other if codes[1] == 1 else RAS), atol=1e-3)
-    assert found.notes == ()
+    assert said(found) == ()
 
 
 @pytest.mark.parametrize("codes", [(1, 1), (2, 2), (4, 4)])
@@ -66,7 +71,7 @@ def test_two_places_in_one_frame_are_told_with_how_far_and_which_was_used(write,
     used, other = (MOVED, "sform") if codes[1] == 1 else (RAS, "qform")
     assert np.allclose(points(found), expected(blocks, used), atol=1e-3)
     frame = {1: "scanner", 2: "aligned", 4: "MNI"}[codes[0]]
-    assert found.notes == (
+    assert said(found) == (
         f"its qform ({frame}) and sform ({frame}) put voxels up to 4.0 mm apart; the {other} was used, as 3D "
         "Slicer does",
     )
@@ -138,7 +143,7 @@ def test_other_units_become_millimetres(write, blocks, points, units, factor):
     assert np.allclose(points(found, factor), expected(blocks), atol=1e-4)
 
 
-def test_scaled_values_are_read_scaled(write, tmp_path, blocks):
+def test_scaled_values_are_read_scaled(write, tmp_path, blocks, around):
     image = nibabel.load(write(RAS, None, "a.nii"))
     image.header.set_slope_inter(2.0, 0.0)
     scaled = nibabel.Nifti1Image(blocks.astype(np.int16), None, image.header)
@@ -146,7 +151,7 @@ def test_scaled_values_are_read_scaled(write, tmp_path, blocks):
     raw = bytearray((tmp_path / "b.nii").read_bytes())
     raw[112:116] = np.float32(2.0).tobytes()  # scl_slope
     (tmp_path / "b.nii").write_bytes(raw)
-    assert np.array_equal(read_segmentation(tmp_path / "b.nii", 4).mask, blocks == 2)
+    assert np.array_equal(read_segmentation(tmp_path / "b.nii", 4).mask, around(blocks == 2))
 
 
 def test_a_fourth_axis_of_one_is_no_hindrance_and_of_two_is(write, blocks):

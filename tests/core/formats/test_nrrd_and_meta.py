@@ -11,6 +11,11 @@ from homolog.errors import InputError
 from homolog.grooming.images import read_segmentation
 
 
+def said(found):
+    """Return the notes but that several labels were taken together."""
+    return tuple(note for note in found.notes if "taken together" not in note)
+
+
 def expected(blocks, turn=(1, 1, 1)):
     found = (np.argwhere(blocks) * [1.0, 2.0, 3.0] + [5.0, -6.0, 7.0]) * turn
     return found[np.lexsort(np.round(found, 1).T)]
@@ -29,7 +34,7 @@ def expected(blocks, turn=(1, 1, 1)):
 def test_a_nrrd_is_put_where_its_space_says(blocks, write_nrrd, points, encoding, space, turn):
     found = read_segmentation(write_nrrd("a.nrrd", blocks, encoding=encoding, space=space), None)
     assert np.allclose(points(found), expected(blocks, turn))
-    assert not found.notes
+    assert not said(found)
 
 
 def test_a_nrrd_of_no_anatomical_space_is_read_with_a_note(blocks, write_nrrd, points):
@@ -198,7 +203,7 @@ def test_a_metaimage_header_that_contradicts_itself_is_refused(write_meta, lines
 )
 def test_voxels_of_unknown_size_are_read_with_a_note(write_meta, blocks, points, spacing, note):
     found = read_segmentation(write_meta(**spacing), None)
-    assert found.notes == (
+    assert said(found) == (
         ("its header does not say how large its voxels are; 1 mm was assumed",) if note else ()
     )
     assert found.spacing.tolist() == ([1.0, 1.0, 1.0] if note else [1.0, 2.0, 3.0])

@@ -42,3 +42,14 @@ def sphere_volume(grid, save):
         return save(np.linalg.norm(points, axis=-1) < radius, name, origin=(-2.0, 8.0, 18.0))
 
     return write
+
+
+@pytest.fixture(scope="session")
+def egg():
+    """Return an ellipsoid of 20 x 14 x 10 mm half axes, 2562 vertices."""
+    import trimesh
+
+    from homolog.surfaces.mesh import TriangleMesh
+
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    return TriangleMesh(np.asarray(ball.vertices) * [20.0, 14.0, 10.0], np.asarray(ball.faces))

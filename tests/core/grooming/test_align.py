@@ -7,6 +7,8 @@ from scipy.spatial.transform import Rotation
 from homolog.cohort import Subject
 from homolog.errors import Cancelled, InputError
 from homolog.grooming import align, groom_subject
+from homolog.grooming.align import register
+from homolog.grooming.icp import Cloud, registered
 from homolog.settings import Alignment, GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -118,3 +120,49 @@ def test_a_shape_in_another_unit_is_refused_by_name(paw, scale, message):
     with pytest.raises(InputError, match=f"odd: is {message} as the others; .* export it in mm"):
         align([*others, odd], GroomSettings())
     assert len(align(others, GroomSettings(alignment=Alignment.CENTER))) == 5
+
+
+@pytest.mark.parametrize("growth", [0.4, 2.5])
+def test_icp_undoes_a_turn_whatever_the_size(paw, growth):
+    turn = Rotation.from_rotvec([2.0, -1.0, 1.5]).as_matrix()
+    other = moved(paw, turn, np.array([100.0, -50.0, 20.0]), growth)
+    poses = align([paw, other], GroomSettings())
+    assert np.cbrt(np.linalg.det(poses[:, :3, :3])) == pytest.approx(1.0)
+    assert np.abs(placed(paw, poses[0]) - placed(other, poses[1]) / growth).max() < 0.1
+
+
+def test_icp_is_not_misled_by_a_part_that_is_elsewhere():
+    random = np.random.default_rng(6)
+    directions = random.normal(size=(1500, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    points = directions * [1.5, 1.0, 0.6]
+    normals = points / np.square([1.5, 1.0, 0.6])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+
+    def with_dent(centre):
+        near = np.linalg.norm(points - centre, axis=1) < 0.45
+        dented = np.where(near[:, None], points - 0.3 * normals, points)
+        return Cloud(dented, normals, np.zeros(3))
+
+    pose = registered(with_dent([0.0, 0.5, 0.5]), with_dent([0.0, -0.2, 0.6])).pose
+    scale = np.cbrt(np.linalg.det(pose[:3, :3]))
+    turn = Rotation.from_matrix(pose[:3, :3] / scale).magnitude()
+    assert np.degrees(turn) < 1.0
+    assert scale == pytest.approx(1.0, abs=0.01)
+
+
+def test_who_does_not_look_like_the_others_or_lay_otherwise_has_a_note(paw):
+    random = np.random.default_rng(7)
+    cohort = [
+        moved(paw, Rotation.from_rotvec(0.1 * random.normal(size=3)).as_matrix(), random.normal(size=3), size)
+        for size in (0.8, 0.9, 1.0, 1.1)
+    ]
+    upside_down = moved(paw, np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+    middle = paw.coarse_mesh.vertices.mean(axis=0)
+    arms = paw.coarse_mesh.vertices - middle
+    flattened = TriangleMesh(arms * [0.3, 1.0, 2.5], paw.coarse_mesh.faces)
+    odd = replace(paw, mesh=flattened, coarse_mesh=flattened)
+    notes = register([*cohort, upside_down, odd], GroomSettings()).notes
+    assert notes[:4] == (None,) * 4
+    assert "turned" in notes[4]
+    assert "does not look like the others" in notes[5]

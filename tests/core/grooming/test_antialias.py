@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from scipy import ndimage
 from skimage.measure import find_contours
 
-from homolog.grooming.antialias import antialiased, smoothed
+from homolog.grooming.antialias import antialiased, near_distance, smoothed
 from homolog.surfaces.isosurface import marching_cubes
 
 
@@ -54,3 +55,16 @@ def test_smoothing_keeps_cubics_and_dampens_noise():
     assert np.allclose(smoothed(cubic, 1.0)[20:-20], cubic[20:-20], atol=1e-6)
     noise = np.random.default_rng(1).normal(size=(64, 64))
     assert smoothed(noise, 1.0).std() < 0.45
+
+
+def test_near_the_border_distances_of_large_volumes_are_exact(grid):
+    mask = np.linalg.norm(grid(14.0, (1.0, 1.3, 0.8)) - [0.1, 0.2, 0.3], axis=-1) < 8.3
+    exact = ndimage.distance_transform_edt(~mask)
+    assert np.array_equal(near_distance(mask, 7), np.minimum(exact, 7.0).astype(np.float32))
+
+
+def test_a_large_volume_gets_the_same_surface(grid):
+    mask = np.linalg.norm(grid(17.0) - [0.13, 0.27, 0.41], axis=-1) < 12.0
+    whole, near = antialiased(mask), antialiased(mask, is_large=True)
+    band = np.abs(whole) < 0.8
+    assert np.abs(whole - near)[band].max() < 0.02

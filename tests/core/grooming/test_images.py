@@ -23,9 +23,16 @@ def test_every_value_above_zero_is_inside_without_a_label(labelled, save):
     assert read_segmentation(save(labelled), None).mask.sum() == 10
 
 
-def test_a_label_is_picked_alone(labelled, save):
+def test_labels_that_are_taken_together_are_noted(labelled, save):
+    together, alone = (read_segmentation(save(labelled), label) for label in (None, 2))
+    assert [note for note in together.notes if "taken together" in note]
+    assert not [note for note in alone.notes if "taken together" in note]
+    assert not [note for note in read_segmentation(save(labelled == 2), None).notes if "together" in note]
+
+
+def test_a_label_is_picked_alone_with_one_voxel_around_it(labelled, save, around):
     found = read_segmentation(save(labelled), 2)
-    assert np.array_equal(found.mask, labelled == 2)
+    assert np.array_equal(found.mask, around(labelled == 2))
     assert found.volume == 6.0
 
 

@@ -236,7 +236,33 @@ def test_a_mesh_gives_the_same_field_as_the_shape_it_is_of(sphere_volume, tmp_pa
         assert np.abs(np.linalg.norm(one.mesh.vertices - [10.0, 20.0, 30.0], axis=1) - 8.0).mean() < 0.2
 
 
-def test_crumbs_of_a_mesh_are_dropped_and_an_open_one_refused(sphere_volume, tmp_path):
+def test_a_blade_thinner_than_its_triangles_keeps_its_two_walls_whole(tmp_path):
+    """A plate of 40 x 30 x 1 mm with edges of 2 mm."""
+    import trimesh
+
+    box = trimesh.creation.box((40.0, 30.0, 1.0)).subdivide_to_size(2.0)
+    write_mesh(tmp_path / "blade.ply", TriangleMesh(box.vertices, box.faces))
+    result = groom_subject(Subject("blade", tmp_path / "blade.ply"), SETTINGS)
+    assert result.report.genus == 0
+    assert result.report.volume_after == pytest.approx(1.2, rel=0.1)
+    for mesh in (result.mesh, result.coarse_mesh):
+        assert mesh.volume == pytest.approx(1200.0, rel=0.1)
+
+
+def test_a_shape_is_not_torn_in_smoothing(grid, save):
+    """Two balls joined by a single row of voxels stay in one piece."""
+    points = grid(18.0)
+    balls = np.minimum(
+        np.linalg.norm(points - np.array([9.0, 0.0, 0.0]), axis=-1),
+        np.linalg.norm(points + np.array([9.0, 0.0, 0.0]), axis=-1),
+    )
+    bar = (np.abs(points[..., 1:]).max(axis=-1) < 0.6) & (np.abs(points[..., 0]) < 9.0)
+    result = groomed(save((balls < 5.0) | bar), spacing=1.0)
+    check_mesh(result.mesh, "dumbbell")
+    assert np.ptp(result.mesh.vertices[:, 0]) > 25.0
+
+
+def test_crumbs_of_a_mesh_are_dropped(sphere_volume, tmp_path):
     mesh = groomed(sphere_volume(), mesh_edge=2.0).mesh
     crumb = TriangleMesh(0.1 * mesh.vertices, mesh.faces)
     both = TriangleMesh(
@@ -248,9 +274,6 @@ def test_crumbs_of_a_mesh_are_dropped_and_an_open_one_refused(sphere_volume, tmp
     write_mesh(tmp_path / "both.vtp", both)
     report = groomed(tmp_path / "both.vtp").report
     assert report.components_dropped == 1
-    write_mesh(tmp_path / "open.vtp", TriangleMesh(mesh.vertices, mesh.faces[1:]))
-    with pytest.raises(InputError, match=r"open\.vtp: the mesh is not closed: 3 edges"):
-        groomed(tmp_path / "open.vtp")
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.nrrd"])

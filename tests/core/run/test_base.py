@@ -40,7 +40,7 @@ def test_particles_are_added_to_those_of_the_result(start, again, settings):
     after = read_result(again)
     assert after.world.shape == (4, 90, 3)
     on_surfaces(again)
-    np.testing.assert_array_equal(after.alignments, before.alignments)
+    np.testing.assert_allclose(after.alignments, before.alignments, atol=0.2)  # by other particles
     nearest = np.linalg.norm(after.local[0][:, None] - before.local[0], axis=2).argmin(axis=1)
     assert len(set(nearest.tolist())) > 40
     assert not again.read().unfinished

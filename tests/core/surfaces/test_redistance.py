@@ -80,3 +80,14 @@ def test_it_ends_on_noise_where_fronts_meet_everywhere(scale):
     distance = redistanced(noise)
     assert np.isfinite(distance).all()
     assert np.abs(distance).max() < 40.0
+
+
+def test_within_reach_distances_are_the_same_and_beyond_it_they_go_on_growing(points):
+    level = ((points / [18.0, 12.0, 9.0]) ** 2).sum(axis=-1) - 1.0
+    whole, near = redistanced(level), redistanced(level, reach=4)
+    assert np.array_equal(near < 0.0, whole < 0.0)
+    band = np.abs(whole) < 2.0
+    assert np.abs(whole - near)[band].max() < 0.01
+    assert np.abs(whole - near).max() < 4.0
+    far = np.abs(whole) > 8.0
+    assert np.abs(near)[far].min() > 4.0

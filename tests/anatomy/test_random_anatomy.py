@@ -1,0 +1,36 @@
+"""Random anatomies, two of each family: the same each time, or others with HOMOLOG_ANATOMY_SEED=NUMBER."""
+
+import os
+
+import numpy as np
+import pytest
+from trial import attempt
+
+from anatomy import LABEL_MAPS, MESHES, label_map, random_mesh
+
+SEED = int(os.environ.get("HOMOLOG_ANATOMY_SEED", "0"))
+FAMILIES = [*LABEL_MAPS, *MESHES]
+
+
+@pytest.mark.parametrize("number", range(34))
+def test_a_random_anatomy_is_groomed_or_refused_with_a_reason(number, tmp_path):
+    family = FAMILIES[number % len(FAMILIES)]
+    trial = attempt(family, SEED + number, tmp_path, most=600.0, edges=25)
+    assert trial.outcome in ("groomed", "refused"), f"HOMOLOG_ANATOMY_SEED={SEED}: {trial}"
+    assert trial.reason or trial.outcome == "groomed"
+
+
+@pytest.mark.parametrize("family", LABEL_MAPS)
+def test_a_seed_makes_the_same_label_map_of_thirty_voxels_or_more(family):
+    first, again = label_map(family, SEED, 2000.0), label_map(family, SEED, 2000.0)
+    assert first.mask.sum() >= 30
+    assert np.array_equal(first.mask, again.mask)
+    assert first.spacing.max() < 8.001 * first.spacing.min()
+    assert np.linalg.det(first.rotation) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("family", MESHES)
+def test_a_seed_makes_the_same_mesh(family):
+    first, again = random_mesh(family, SEED, 500.0), random_mesh(family, SEED, 500.0)
+    assert np.array_equal(first.vertices, again.vertices)
+    assert np.array_equal(first.faces, again.faces)

@@ -1,0 +1,137 @@
+"""``homolog table``, and runs of a result that is there."""
+
+import shutil
+
+import pytest
+
+from homolog.files.project import Project
+from homolog.files.results import particle_file, read_result
+from homolog_app.cli import main
+
+QUIET = ["--progress", "none", "--no-figures", "--workers", "1", "--device", "cpu"]
+
+
+@pytest.fixture
+def project(finished_run, ellipsoids, tmp_path):
+    """Return a copy of the finished project, beside its scans."""
+    shutil.copytree(ellipsoids, tmp_path / "scans")
+    return Project(shutil.copytree(finished_run.folder, tmp_path / "project"))
+
+
+@pytest.fixture
+def table(tmp_path):
+    path = tmp_path / "subjects.csv"
+    path.write_text("subject;group;age\na.nrrd;case;61\nb;control;48\nc;case;\nx;case;1\n", encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def options(short_settings):
+    """Return the options that give the finished project's settings."""
+    from homolog_app.cli.options import options_of
+
+    return [*options_of(short_settings.groom), *options_of(short_settings.optimize), *QUIET]
+
+
+def bytes_of(project):
+    """Return all particles of a project, as they are on the disk."""
+    stems = [one.file for one in project.read().result.subjects]
+    return [
+        particle_file(project, stem, frame).read_bytes() for stem in stems for frame in ("local", "world")
+    ]
+
+
+def manifest(tmp_path, names, **columns):
+    path = tmp_path / "cohort.csv"
+    rows = [
+        ",".join([name, f"scans/{name}.nrrd", *(values[name] for values in columns.values())])
+        for name in names
+    ]
+    path.write_text("\n".join([",".join(["name", "path", *columns]), *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def test_a_table_changes_groups_and_covariates_but_no_particle(project, table, capsys):
+    before = bytes_of(project)
+    assert main(["table", str(project.folder), str(table)]) == 0
+    result = read_result(project)
+    assert result.groups == ("case", "control", "case", None)
+    assert result.columns[0] == {"age": "61"}
+    assert bytes_of(project) == before
+    told = capsys.readouterr().out
+    assert "3 of 4" in told
+    assert "without a row: d" in told
+    assert "name no subject: x" in told
+
+
+def test_everything_that_reads_groups_sees_the_new_ones(project, table, capsys):
+    main(["table", str(project.folder), str(table)])
+    assert [one.group for one in project.read().result.subjects] == ["case", "control", "case", None]
+    lines = (project.model / "scores.csv").read_text(encoding="utf-8").splitlines()
+    assert [line.split(",")[1] for line in lines[1:]] == ["case", "control", "case", ""]
+    capsys.readouterr()
+    main(["info", str(project.folder)])
+    assert "2 case, 1 control" in capsys.readouterr().out
+
+
+def test_a_dry_run_says_the_same_and_writes_nothing(project, table, capsys):
+    before = (project.folder / "project.json").read_bytes()
+    assert main(["table", str(project.folder), str(table), "--dry-run"]) == 0
+    assert "3 of 4" in capsys.readouterr().out
+    assert (project.folder / "project.json").read_bytes() == before
+
+
+def test_a_second_time_nothing_changes(project, table, capsys):
+    main(["table", str(project.folder), str(table)])
+    before = (project.folder / "project.json").read_bytes()
+    main(["table", str(project.folder), str(table)])
+    assert "nothing changes" in capsys.readouterr().out
+    assert (project.folder / "project.json").read_bytes() == before
+
+
+def test_a_folder_that_is_no_project_is_refused(table, tmp_path, capsys):
+    assert main(["table", str(tmp_path), str(table)]) == 2
+    assert "is no project" in capsys.readouterr().err
+
+
+def test_the_same_subjects_in_another_order_with_new_columns_use_the_result(
+    project, tmp_path, options, capsys
+):
+    before = bytes_of(project), project.read().result.finished
+    cohort = manifest(tmp_path, "dbca", group=dict(zip("abcd", "xyxy", strict=True)))
+    assert main(["run", str(cohort), "--out", str(project.folder), *options]) == 0
+    assert (bytes_of(project), project.read().result.finished) == before
+    assert read_result(project).groups == ("x", "y", "x", "y")
+    assert "result of the same files and settings is used" in capsys.readouterr().err
+
+
+def test_a_folder_without_columns_keeps_those_that_are_there(project, table, options, tmp_path):
+    main(["table", str(project.folder), str(table)])
+    main(["run", str(tmp_path / "scans"), "--out", str(project.folder), *options])
+    assert read_result(project).groups == ("case", "control", "case", None)
+
+
+def ran_again(project, words):
+    before = project.folder / "energies.csv"
+    stamp = before.stat().st_mtime_ns
+    assert main(["run", *words]) == 0
+    return before.stat().st_mtime_ns != stamp
+
+
+def test_other_settings_other_subjects_and_wishes_run_as_before(project, tmp_path, options):
+    out = ["--out", str(project.folder), *options]
+    assert ran_again(project, [str(tmp_path / "scans"), *out, "--seed", "3"])
+    assert ran_again(project, [str(tmp_path / "scans"), *out, "--seed", "3", "--anew"])
+    assert ran_again(project, [str(manifest(tmp_path, "abc")), *out])
+
+
+def test_a_file_of_other_content_is_run_anew(project, tmp_path, options):
+    shutil.copy(tmp_path / "scans" / "b.nrrd", tmp_path / "scans" / "a.nrrd")
+    assert ran_again(project, [str(tmp_path / "scans"), "--out", str(project.folder), *options])
+
+
+def test_sides_that_are_said_later_are_heeded(project, tmp_path, options):
+    sides = dict(zip("abcd", ("left", "right", "right", "right"), strict=True))
+    cohort = manifest(tmp_path, "abcd", side=sides)
+    assert ran_again(project, [str(cohort), "--out", str(project.folder), *options])
+    assert project.read().result.mirrored_words == "1 left subject was mirrored to right"

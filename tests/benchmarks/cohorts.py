@@ -1,0 +1,90 @@
+"""Any cohorts with default settings: groomed, aligned, optimized with several particle numbers and seeds.
+
+``python tests/benchmarks/cohorts.py FOLDER… --particles 64 256 --seeds 0 1 2 [--label NUMBER] [--check]``
+prints a line a cohort on its surfaces, and a line a run: why it ended, iterations, particles that were
+repaired, the objective, and with ``--check`` how many findings of each kind `homolog check` has.
+"""
+
+import argparse
+import time
+from collections import Counter
+from pathlib import Path
+
+from homolog.cohort import read_cohort
+from homolog.correspondence import Shape, load_kernels, optimize
+from homolog.device import choose_device, describe_device
+from homolog.errors import HomologError
+from homolog.grooming import Problem, align_cohort, groom_cohort
+from homolog.inspection import inspect
+from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folders", nargs="+", type=Path)
+    parser.add_argument("--particles", nargs="+", type=int, default=[256])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    parser.add_argument("--label", type=int, help="number of the structure in label maps")
+    parser.add_argument("--check", action="store_true")
+    options = parser.parse_args()
+    device = choose_device()
+    load_kernels(device)
+    print(describe_device(device))
+    for folder in options.folders:
+        try_cohort(folder, options, device)
+
+
+def try_cohort(folder, options, device):
+    settings = GroomSettings(label=options.label)
+    problems: list[Problem] = []
+    begun = time.perf_counter()
+    cohort = read_cohort(folder)
+    groomed = groom_cohort(cohort, settings, left_out=problems)
+    cohort = cohort.without({problem.subject for problem in problems})
+    seconds = time.perf_counter() - begun
+    fine, coarse = ([len(mesh.vertices) for mesh in kind] for kind in (
+        [subject.mesh for subject in groomed], [subject.coarse_mesh for subject in groomed]
+    ))  # fmt: skip
+    genus = sorted(subject.report.genus for subject in groomed)
+    print(
+        f"{folder.name}: {len(groomed)} groomed, {len(problems)} refused, genus {genus}, "
+        f"vertices {min(fine)}-{max(fine)} and {min(coarse)}-{max(coarse)}, {seconds:.0f} s"
+    )
+    for problem in problems:
+        print(f"    {problem.message}")
+    groomed, alignments = align_cohort(cohort, groomed, settings)
+    shapes = [
+        Shape(subject.name, subject.field, subject.mesh, subject.coarse_mesh, alignment)
+        for subject, alignment in zip(groomed, alignments, strict=True)
+    ]
+    for count in options.particles:
+        for seed in options.seeds:
+            placing = RunSettings(
+                groom=settings, optimize=OptimizeSettings(particles=count, seed=seed)
+            ).placing
+            begun = time.perf_counter()
+            try:
+                found = optimize(shapes, placing, device=device)
+            except HomologError as error:
+                print(f"    {count:5d} seed {seed}: {type(error).__name__}: {error}")
+                continue
+            seconds = time.perf_counter() - begun
+            kinds = ""
+            if options.check:
+                meshes = [subject.mesh for subject in groomed]
+                names = [subject.name for subject in groomed]
+                suspects = inspect(found.local, meshes, found.alignments, names=names).suspects
+                kinds = ", ".join(
+                    f"{n} {kind}" for kind, n in Counter(s.kind.value for s in suspects).items()
+                )
+            print(
+                f"    {count:5d} seed {seed}: {found.reason.value} after {found.iterations}, "
+                f"{(found.repaired > 0).sum()} repaired, objective {found.energies[-1, 1:].sum():.3f}, "
+                f"{seconds:.1f} s {kinds}"
+            )
+
+
+if __name__ == "__main__":
+    main()

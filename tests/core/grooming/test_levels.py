@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from homolog.grooming import levels
+from homolog.grooming.fields import distance_field
+from homolog.grooming.levels import level_of_voxels
+from homolog.grooming.volumes import Segmentation
+from homolog.surfaces.isosurface import marching_cubes
+from homolog.surfaces.mesh import TriangleMesh
+
+
+@pytest.fixture
+def of_mask():
+    def make(mask, spacing=(1.0, 1.0, 1.0)):
+        (box,) = ndimage.find_objects(mask.astype(np.uint8))
+        return Segmentation(mask[box], np.eye(3), np.array(spacing), np.zeros(3))
+
+    return make
+
+
+def surface_of(segmentation):
+    field, _ = distance_field(level_of_voxels(segmentation, None, 1.0), 1.0)
+    vertices, faces = marching_cubes(field.values)
+    return field, TriangleMesh(vertices, faces).placed(field.index_to_world)
+
+
+@pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (0.8, 0.8, 1.5)])
+def test_a_large_thick_structure_on_a_coarser_grid_has_the_same_surface(grid, of_mask, monkeypatch, spacing):
+    shape = ((grid(36.0, spacing) / [34.0, 26.0, 22.0]) ** 2).sum(axis=-1) < 1.0
+    finest, expected = surface_of(of_mask(shape, spacing))
+    monkeypatch.setattr(levels, "MANY_NODES", 90_000)
+    coarse, mesh = surface_of(of_mask(shape, spacing))
+    assert finest.spacing == min(spacing)
+    assert coarse.spacing > 1.2 * min(spacing)
+    assert mesh.volume == pytest.approx(expected.volume, rel=0.005)
+    there, back = coarse.sample(expected.vertices)[0], finest.sample(mesh.vertices)[0]
+    assert max(np.abs(there).mean(), np.abs(back).mean()) < 0.1
+
+
+def test_a_thin_shell_keeps_the_grid_of_its_voxels(grid, of_mask, monkeypatch):
+    radius = np.linalg.norm(grid(26.0), axis=-1)
+    shell = (radius < 24.0) & (radius > 22.0) & (grid(26.0)[..., 2] < 10.0)
+    monkeypatch.setattr(levels, "MANY_NODES", 50_000)
+    assert level_of_voxels(of_mask(shell), None, 1.0).step == 1.0
+
+
+def test_a_structure_of_few_nodes_is_not_made_coarser(grid, of_mask):
+    ball = np.linalg.norm(grid(26.0), axis=-1) < 24.0
+    level = level_of_voxels(of_mask(ball), None, 1.0)
+    assert (level.step, level.is_large, level.notes) == (1.0, False, ())

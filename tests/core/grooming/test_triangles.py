@@ -1,0 +1,220 @@
+"""Meshes as people have them: each is the same ellipsoid, damaged in another way."""
+
+import numpy as np
+import pytest
+
+from homolog.cohort import Subject
+from homolog.errors import InputError
+from homolog.files.meshes import write_mesh
+from homolog.grooming import groom_subject
+from homolog.grooming.levels import level_of_mesh
+from homolog.grooming.subject import read_source
+from homolog.grooming.triangles import level_of_triangles
+from homolog.settings import GroomSettings
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import check_mesh
+
+SETTINGS = GroomSettings(mesh_edge=2.5, spacing=0.8)
+VOLUME = 4.0 / 3.0 * np.pi * 20.0 * 14.0 * 10.0
+
+
+def joined(*meshes):
+    counts = np.cumsum([0, *(len(one.vertices) for one in meshes)])
+    faces = [one.faces + count for one, count in zip(meshes, counts, strict=False)]
+    return TriangleMesh(np.concatenate([one.vertices for one in meshes]), np.concatenate(faces))
+
+
+def moved(mesh, by, scale=1.0):
+    return TriangleMesh(scale * mesh.vertices + by, mesh.faces)
+
+
+def turned(mesh, share, rng):
+    chosen = rng.random(len(mesh.faces)) < share
+    return TriangleMesh(mesh.vertices, np.where(chosen[:, None], mesh.faces[:, ::-1], mesh.faces))
+
+
+def soup(mesh, noise=0.0, rng=None):
+    points = mesh.vertices[mesh.faces].reshape(-1, 3)
+    points = points + noise * rng.normal(size=points.shape) if noise else points
+    return TriangleMesh(points, np.arange(len(points)).reshape(-1, 3))
+
+
+def without_a_ball(mesh, rng):
+    middles = mesh.vertices[mesh.faces].mean(axis=1)
+    return TriangleMesh(mesh.vertices, mesh.faces[np.linalg.norm(middles - [0, 0, 10.0], axis=1) > 5.0])
+
+
+def split_at_sides(mesh, rng):
+    chosen = rng.random(len(mesh.faces)) < 0.1
+    a, b, c = mesh.faces[chosen].T
+    new = len(mesh.vertices) + np.arange(len(a))
+    middles = 0.5 * (mesh.vertices[a] + mesh.vertices[b])
+    halves = [np.stack([a, new, c], axis=1), np.stack([new, b, c], axis=1)]
+    return TriangleMesh(
+        np.concatenate([mesh.vertices, middles]), np.concatenate([mesh.faces[~chosen], *halves])
+    )
+
+
+def with_slivers(mesh, rng):
+    vertices = mesh.vertices.copy()
+    a, b, c = mesh.faces[rng.choice(len(mesh.faces), 30, replace=False)].T
+    vertices[a] = 0.5 * (vertices[b] + vertices[c])
+    return TriangleMesh(vertices, mesh.faces)
+
+
+def with_fins(mesh, rng, depth):
+    a, b, c = mesh.faces[rng.choice(len(mesh.faces), 60, replace=False)].T
+    tips = mesh.vertices[np.stack([a, b, c])].mean(axis=0) * depth
+    new = len(mesh.vertices) + np.arange(len(a))
+    fins = np.stack([a, b, new], axis=1)
+    return TriangleMesh(np.concatenate([mesh.vertices, tips]), np.concatenate([mesh.faces, fins]))
+
+
+def with_septum(mesh, rng):
+    left = mesh.vertices[mesh.faces].mean(axis=1)[:, 0] < 1.0
+    sides = [np.sort(mesh.faces[chosen][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)) for chosen in (left, ~left)]
+    border = np.array(sorted(set(map(tuple, sides[0])) & set(map(tuple, sides[1]))))
+    centre = len(mesh.vertices)
+    wall = np.column_stack([border, np.full(len(border), centre)])
+    return TriangleMesh(
+        np.concatenate([mesh.vertices, [[1.0, 0.0, 0.0]]]), np.concatenate([mesh.faces, wall])
+    )
+
+
+DAMAGED = {
+    "a tenth of the faces turned": lambda mesh, rng: turned(mesh, 0.1, rng),
+    "half of the faces turned": lambda mesh, rng: turned(mesh, 0.5, rng),
+    "triangles without shared vertices": lambda mesh, rng: soup(mesh),
+    "triangles with gaps, some turned": lambda mesh, rng: turned(soup(mesh, 0.01, rng), 0.3, rng),
+    "faces listed twice": lambda mesh, rng: TriangleMesh(
+        mesh.vertices, np.concatenate([mesh.faces, mesh.faces[::7], mesh.faces[::9, ::-1]])
+    ),
+    "unused vertices": lambda mesh, rng: TriangleMesh(
+        np.concatenate([mesh.vertices, 900.0 * np.eye(3)]), mesh.faces
+    ),
+    "faces missing here and there": lambda mesh, rng: TriangleMesh(
+        mesh.vertices, mesh.faces[rng.random(len(mesh.faces)) > 0.05]
+    ),
+    "a large hole": without_a_ball,
+    "vertices in the middle of sides": split_at_sides,
+    "slivers": with_slivers,
+    "edges with three faces, within": lambda mesh, rng: with_fins(mesh, rng, 0.8),
+    "edges with three faces, outside": lambda mesh, rng: with_fins(mesh, rng, 1.05),
+    "an inner wall across": with_septum,
+    "a second wall within, as skulls have": lambda mesh, rng: joined(
+        mesh, TriangleMesh(0.9 * mesh.vertices, mesh.faces[:, ::-1])
+    ),
+    "a second wall within, turned": lambda mesh, rng: joined(mesh, moved(mesh, 0.0, 0.9)),
+    "the same piece twice, a little apart": lambda mesh, rng: joined(mesh, moved(mesh, [0.02, 0.01, 0.0])),
+    "a small piece far away": lambda mesh, rng: joined(moved(mesh, [90.0, 0, 0], 0.3), mesh),
+}
+
+
+def level_and_settings(mesh, **settings):
+    return level_of_triangles(mesh, GroomSettings(**settings))
+
+
+def distance_from_egg(points):
+    """First-order distance from the ellipsoid [mm]."""
+    axes = np.array([20.0, 14.0, 10.0])
+    value = np.linalg.norm(points / axes, axis=1)
+    return np.abs(value - 1.0) * value / np.linalg.norm(points / axes**2, axis=1)
+
+
+@pytest.mark.parametrize("damage", DAMAGED.values(), ids=DAMAGED.keys())
+def test_a_damaged_mesh_gives_the_surface_of_the_sound_one(egg, tmp_path, damage):
+    path = tmp_path / "a.ply"
+    write_mesh(path, damage(egg, np.random.default_rng(3)))
+    result = groom_subject(Subject("a", path), SETTINGS)
+    check_mesh(result.mesh, "fine")
+    assert result.report.genus == 0
+    assert result.mesh.volume == pytest.approx(VOLUME, rel=0.02)
+    off = distance_from_egg(result.mesh.vertices)
+    assert off.mean() < 0.12
+    assert off.max() < 1.6
+
+
+def test_a_sound_mesh_is_taken_as_it_is(egg):
+    expected = level_of_mesh(egg, None)
+    result = level_and_settings(egg)
+    assert np.array_equal(result.level.values, expected.values)
+    assert result.notes == ()
+    assert result.surface is None
+
+
+def test_a_shaft_cut_off_is_closed_flat_at_its_rim_and_noted(egg, tmp_path):
+    lower = egg.vertices[egg.faces][..., 0].max(axis=1) < 8.0
+    faces = egg.faces[lower]
+    rim = egg.vertices[:, 0] > 6.0
+    vertices = np.where(rim[:, None] & (np.arange(3) == 0), 7.0, egg.vertices)
+    path = tmp_path / "shaft.stl"
+    write_mesh(path, TriangleMesh(vertices, faces))
+    result = groom_subject(Subject("shaft", path), SETTINGS)
+    note = next(one for one in result.report.notes if "rims" in one)
+    assert "open ends were closed flat" in note
+    end = result.mesh.vertices[:, 0] > 6.0
+    assert end.sum() > 20
+    assert result.mesh.vertices[:, 0].max() < 7.5
+    inner = end & (np.linalg.norm(result.mesh.vertices[:, 1:] / [13.1, 9.4], axis=1) < 0.7)
+    assert np.abs(result.mesh.vertices[inner, 0] - 7.0).max() < 0.3
+
+
+def test_overlapping_pieces_are_united(egg, tmp_path):
+    both = joined(egg, moved(egg, [18.0, 0.0, 0.0]))
+    path = tmp_path / "both.ply"
+    write_mesh(path, both)
+    for pieces in ("largest", "all"):
+        result = groom_subject(Subject("a", path), GroomSettings(mesh_edge=2.5, spacing=0.8, pieces=pieces))
+        size = np.ptp(result.mesh.vertices, axis=0)
+        assert size[0] == pytest.approx(58.0, abs=1.0)
+        assert VOLUME < result.mesh.volume * 1.02 < 2.0 * VOLUME
+        assert any("united (2)" in note for note in result.report.notes)
+
+
+def test_pieces_apart_make_one_surface_only_if_the_largest_is_kept(egg, tmp_path):
+    path = tmp_path / "two.ply"
+    write_mesh(path, joined(egg, moved(egg, [60.0, 0.0, 0.0], 0.5)))
+    report = groom_subject(Subject("a", path), SETTINGS).report
+    assert report.components_dropped == 1
+    assert any("largest of 2" in note and "80 %" in note for note in report.notes)
+    with pytest.raises(InputError, match=r"a: .* 2 pieces that do not touch"):
+        groom_subject(Subject("a", path), GroomSettings(pieces="all"))
+
+
+def test_a_mesh_of_several_structures_is_refused_before_any_work(egg, tmp_path):
+    path = tmp_path / "two.ply"
+    write_mesh(path, joined(egg, moved(egg, [60.0, 0.0, 0.0])))
+    with pytest.raises(InputError, match=r"two\.ply: .* 50 % of the area; save"):
+        read_source(Subject("a", path), SETTINGS)
+
+
+def test_what_encloses_no_volume_is_refused(egg, tmp_path):
+    upper = egg.vertices[egg.faces][..., 2].min(axis=1) > 0.0
+    cap = TriangleMesh(egg.vertices * [1.0, 1.0, 0.02], egg.faces[upper])
+    flat = TriangleMesh(egg.vertices * [1.0, 1.0, 0.0], egg.faces[upper])
+    for mesh, words in ((cap, "encloses no volume"), (flat, "is flat and encloses no volume")):
+        path = tmp_path / "open.ply"
+        write_mesh(path, mesh)
+        with pytest.raises(InputError, match=words):
+            groom_subject(Subject("a", path), SETTINGS)
+
+
+def test_notes_say_how_far_the_surface_is_from_the_repaired_one(egg, tmp_path):
+    path = tmp_path / "a.ply"
+    write_mesh(path, turned(egg, 0.2, np.random.default_rng(0)))
+    notes = groom_subject(Subject("a", path), SETTINGS).report.notes
+    assert any("opposite orientation" in one for one in notes)
+    assert any("mm from the repaired one on average" in one for one in notes)
+
+
+def test_all_pieces_of_a_segmentation_must_touch(grid, save):
+    points = grid(12.0)
+    balls = [(np.array([5.0, 0.0, 0.0]), 4.0), (np.array([-5.0, 0.0, 0.0]), 4.5)]
+    two = np.any([np.linalg.norm(points - middle, axis=-1) < radius for middle, radius in balls], axis=0)
+    path = save(two)
+    assert groom_subject(Subject("a", path), SETTINGS).report.components_dropped == 1
+    with pytest.raises(InputError, match=r"a: is in 2 pieces that do not touch .* largest"):
+        groom_subject(Subject("a", path), GroomSettings(pieces="all"))
+    touching = two | (np.linalg.norm(points[..., 1:], axis=-1) < 2.5) & (np.abs(points[..., 0]) < 5.0)
+    result = groom_subject(Subject("a", save(touching)), GroomSettings(pieces="all", mesh_edge=1.5))
+    assert result.report.components_dropped == 0

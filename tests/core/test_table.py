@@ -1,0 +1,121 @@
+"""Groups and covariates from tables, for subjects that are known."""
+
+from pathlib import Path
+
+import openpyxl
+import pytest
+
+from homolog.cohort import Subject, with_table
+from homolog.errors import InputError
+
+SUBJECTS = (
+    Subject("p01_ED", Path("scans/p01_ED.nii.gz"), "DCM", {"age": "61"}),
+    Subject("p02_ED", Path("scans/p02_ED.nii.gz")),
+    Subject("p10_ED", Path("scans/heart10.nii.gz"), "NOR"),
+)
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Return a function that reads a table of some text for the subjects."""
+
+    def changes(text, name="table.csv"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return with_table(SUBJECTS, path)
+
+    return changes
+
+
+def test_new_columns_and_groups_are_added_and_replaced(read):
+    found = read("name,group,age,sex\np01_ED,HCM,62,F\np02_ED,NOR,48,M\n")
+    assert [one.group for one in found.subjects] == ["HCM", "NOR", "NOR"]
+    assert found.subjects[0].columns == {"age": "62", "sex": "F"}
+    assert found.added == {"group": 1, "age": 1, "sex": 2}
+    assert [(one.column, one.before, one.after) for one in found.replaced] == [
+        ("group", "DCM", "HCM"),
+        ("age", "61", "62"),
+    ]
+
+
+def test_rows_and_subjects_without_the_other_are_told(read):
+    found = read("name,sex\np01_ED,F\nstranger,M\n")
+    assert (found.matched, found.without_row, found.unknown) == (
+        ("p01_ED",),
+        ("p02_ED", "p10_ED"),
+        ("stranger",),
+    )
+    assert any("stranger" in line for line in found.words)
+
+
+@pytest.mark.parametrize(
+    "said", ["p10_ED", "P10_ed", "p10", "p10_ED.nii.gz", "heart10", "heart10.nii.gz", "/data/heart10.nii.gz"]
+)
+def test_a_row_names_its_subject_in_many_ways(read, said):
+    assert read(f"id,sex\n{said},F\n").matched == ("p10_ED",)
+
+
+def test_a_beginning_that_two_subjects_share_names_neither(tmp_path):
+    table = tmp_path / "table.csv"
+    table.write_text("name,sex\np1,F\nq,M\n", encoding="utf-8")
+    pair = [Subject(name, Path(f"{name}.ply")) for name in ("p1_a", "p1_b", "q")]
+    assert with_table(pair, table).unknown == ("p1",)
+
+
+def test_the_column_that_fits_most_subjects_names_them(read):
+    found = read("name,id,sex\nJane,p01,F\nJohn,p02,M\n")
+    assert (found.key, len(found.matched)) == ("id", 2)
+    assert found.subjects[0].columns["name"] == "Jane"
+
+
+def test_paths_are_left_alone_and_may_name_the_subjects(read):
+    found = read("path,sex\nelsewhere/heart10.nii.gz,F\n")
+    assert found.subjects[2].path == SUBJECTS[2].path
+    assert found.subjects[2].columns == {"sex": "F"}
+
+
+def test_an_empty_cell_leaves_what_is_there(read):
+    found = read("name,group,age\np01_ED,,\n")
+    assert (found.subjects[0].group, found.subjects[0].columns["age"]) == ("DCM", "61")
+    assert found.is_empty
+
+
+def test_columns_that_differ_in_case_only_are_one(read):
+    found = read("Subject,Group,Age\np01_ED,HCM,62\n")
+    assert found.subjects[0].group == "HCM"
+    assert found.subjects[0].columns == {"age": "62"}
+
+
+@pytest.mark.parametrize("separator", [";", "\t", ","])
+def test_any_separator_will_do(read, separator):
+    text = "name,sex\np01_ED,F\n".replace(",", separator)
+    assert read(text, "table.tsv").added == {"sex": 1}
+
+
+def test_a_workbook_is_read_with_its_numbers(tmp_path):
+    book = openpyxl.Workbook()
+    for row in (["ID", "age", "dose"], ["p01", 62, 0.5], [None, None, None], ["p02", 48.0, 1]):
+        book.active.append(row)
+    book.save(tmp_path / "table.xlsx")
+    found = with_table(SUBJECTS, tmp_path / "table.xlsx")
+    assert [one.columns.get("age") for one in found.subjects] == ["62", "48", None]
+    assert found.subjects[0].columns["dose"] == "0.5"
+
+
+def test_a_file_that_is_no_workbook_is_refused_by_name(tmp_path):
+    (tmp_path / "table.xlsx").write_text("name,sex\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"table\.xlsx"):
+        with_table(SUBJECTS, tmp_path / "table.xlsx")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("name,sex\nx,F\n", "names none"),
+        ("name,sex\np01,F\np01_ED,M\n", "several rows of p01_ED"),
+        ("name,sex\n", "no rows"),
+    ],
+)
+def test_tables_that_can_not_be_used_say_why(read, text, words):
+    with pytest.raises(InputError, match=words):
+        read(text)
