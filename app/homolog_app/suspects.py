@@ -8,10 +8,9 @@ import numpy as np
 
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
-from homolog.files.meshes import read_mesh
 from homolog.files.project import Project
 from homolog.files.records import IMPORTED
-from homolog.files.results import Result, read_result, surface_file
+from homolog.files.results import Result, read_result, read_surface
 from homolog.files.tables import write_table
 from homolog.inspection import Inspection, Suspect, find_places, inspect, judge
 from homolog.progress import Tick, no_tick, part_of
@@ -37,7 +36,7 @@ def inspect_project(project: Project, tick: Tick = no_tick) -> tuple[Result, Ins
     """
     result, record = read_result(project), project.read().result
     assert record is not None, "a result was read"
-    meshes = [read_mesh(surface_file(project, one.file)) for one in record.subjects]
+    meshes = [read_surface(project, one) for one in record.subjects]
     if record.ended == IMPORTED:
         _check_surfaces(result.names, meshes)
     return result, inspect(result.local, meshes, result.alignments, names=result.names, tick=tick)

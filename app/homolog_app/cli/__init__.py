@@ -20,7 +20,21 @@ __all__ = ["CANCELLED", "INPUT_ERROR", "OK", "PROGRAM_ERROR", "main"]
 OK, PROGRAM_ERROR, INPUT_ERROR, CANCELLED = 0, 1, 2, 130
 """Exit codes; 130 is the shell's own for a command ended by Ctrl-C."""
 
-_COMMANDS = ("run", "info", "demo", "beans", "analyze", "check", "report", "import", "export", "geodesics")
+_COMMANDS = (
+    "run",
+    "labels",
+    "batch",
+    "info",
+    "table",
+    "demo",
+    "beans",
+    "analyze",
+    "check",
+    "report",
+    "import",
+    "export",
+    "geodesics",
+)
 
 _MODULES = {"import": "import_model"}  # a command that is no name in Python
 

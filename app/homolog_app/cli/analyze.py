@@ -36,13 +36,28 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     )
     parser.add_argument("--pairs", metavar="COLUMN", help="column that names the pairs; needs --between A B")
     parser.add_argument(
-        "--covariates", nargs="+", metavar="COLUMN", default=[], help="columns to allow for; size is one"
+        "--covariates",
+        nargs="+",
+        metavar="COLUMN",
+        default=[],
+        help="columns to adjust for; size (of the shapes) is one; COLUMN:c takes numbers as categories",
+    )
+    parser.add_argument(
+        "--complete-cases",
+        action="store_true",
+        help="leave out subjects without a value in a column that is used (default: refuse)",
+    )
+    parser.add_argument(
+        "--alignment",
+        choices=["as-it-lies", "rigid", "similarity"],
+        nargs="+",
+        help="how shapes are aligned before they are compared: rigid keeps size (form), similarity removes "
+        "it (shape), as-it-lies keeps pose and size (default: rigid and similarity)",
     )
     parser.add_argument(
         "--size",
         choices=["both", "with", "without"],
-        default="both",
-        help="analyze shapes with their size, with size removed, or both ways (default)",
+        help="with: --alignment rigid; without: --alignment similarity; both: both",
     )
     parser.add_argument("--modes", type=int, help="number of modes (default: parallel analysis)")
     parser.add_argument("--permutations", type=int, default=10_000, help="default 10000")
@@ -50,6 +65,14 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         "--null", type=int, default=1000, help="repeats of the null simulation (default 1000)"
     )
     parser.add_argument("--seed", type=int, default=0, help="same seed, same result (default 0)")
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        default=1,
+        metavar="N",
+        help="place the particles again with other seeds, N in all, and report how far the answers spread; "
+        "the runs are kept in PROJECT/seeds",
+    )
     add_progress_option(parser)
 
 
@@ -59,35 +82,60 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog.progress import part_of
     from homolog_app.report.findings import cautions, findings, outlier_words
     from homolog_app.report.keep import keep_study
+    from homolog_app.report.seeds import answer_by_seed, spread_words, write_spread
     from homolog_app.report.study import run_study
     from homolog_app.report.surface_maps import SurfaceCarrier
 
     project = Project(arguments.project)
-    scalings = {"both": (False, True), "with": (False,), "without": (True,)}[arguments.size]
-    lines = []
+    if arguments.seeds < 1:
+        raise InputError(f"--seeds {arguments.seeds}: give 1 or more")
+    alignments = _alignments(arguments)
+    lines, folders = [], []
+    if arguments.size == "with":
+        lines.append(
+            "Note: --size with aligns shapes rigidly (earlier versions compared them as they lie: "
+            "--alignment as-it-lies)."
+        )
     with project.locked(new=False), show_progress(arguments.progress) as progress:
         result = read_result(project)
         carrier = SurfaceCarrier.of(result)
-        for index, scaling in enumerate(scalings):
-            tick = part_of(progress.tick, index / len(scalings), (index + 1) / len(scalings))
-            request = _request(arguments, result, scaling)
+        requests = [_request(arguments, result, one, len(alignments)) for one in alignments]
+        for index, request in enumerate(requests):
+            own = part_of(progress.tick, 0.0, 1.0 / arguments.seeds)
+            tick = part_of(own, index / len(requests), (index + 1) / len(requests))
             study = run_study(result, request, tick)
             folder = keep_study(project, study, result, carrier)
             lines += [request.title, *(f"  {one.verdict} {one.numbers}" for one in findings(study))]
             lines += [f"  Caution: {words}" for words in cautions(study)]
             lines.append(f"  tables: {folder}")
+            folders.append(folder)
+        if arguments.seeds > 1:
+            rest = part_of(progress.tick, 1.0 / arguments.seeds, 1.0)
+            answers = answer_by_seed(project, result, requests, arguments.seeds, rest)
+            for request, folder, found in zip(requests, folders, answers, strict=True):
+                write_spread(folder, found)
+                lines += [request.title, *(f"  {words}" for words in spread_words(found))]
     lines = [*(f"Caution: {words}" for words in outlier_words(result)), *lines]
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
     stream.write("\n".join(lines) + "\n")
     return 0
 
 
-def _request(arguments: argparse.Namespace, result: "Result", scaling: bool) -> "StudyRequest":
+def _alignments(arguments: argparse.Namespace) -> list[str]:
+    if arguments.size and arguments.alignment:
+        raise InputError("--size and --alignment say the same in two ways; give one of them")
+    by_size = {"with": ["rigid"], "without": ["similarity"]}.get(arguments.size, ["rigid", "similarity"])
+    return list(dict.fromkeys(arguments.alignment or by_size))
+
+
+def _request(arguments: argparse.Namespace, result: "Result", alignment: str, answers: int) -> "StudyRequest":
     from pydantic import ValidationError
 
     from homolog_app.report.request import StudyRequest
     from homolog_app.report.study import column_of, levels
 
+    if arguments.pairs and arguments.regress:
+        raise InputError("--pairs compares two groups and can't be combined with --regress; give one of them")
     kind = "pairs" if arguments.pairs else "regression" if arguments.regress else "groups"
     column = arguments.regress or arguments.group
     between = arguments.between or []
@@ -102,7 +150,9 @@ def _request(arguments: argparse.Namespace, result: "Result", scaling: bool) -> 
             between=tuple(between),
             pairs=arguments.pairs,
             covariates=tuple(arguments.covariates),
-            scaling=scaling,
+            alignment=alignment,
+            complete_cases=arguments.complete_cases,
+            answers=answers,
             modes=arguments.modes,
             permutations=arguments.permutations,
             null_repeats=arguments.null,

@@ -32,15 +32,14 @@ def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the table; returns the exit code."""
-    from homolog.files.meshes import read_mesh
-    from homolog.files.results import read_result, surface_file
+    from homolog.files.results import read_result, read_surface
     from homolog_app.exports.measures import measure_meshes, write_measures
 
     project = Project(arguments.project)
     with exporting(arguments) as tick:
         result, record = read_result(project), project.read().result
         assert record is not None, "a result that was read has a record"
-        meshes = [read_mesh(surface_file(project, one.file)) for one in record.subjects]
+        meshes = [read_surface(project, one) for one in record.subjects]
         write_measures(arguments.out, result, measure_meshes(meshes, tick), *arguments.particles)
     sys.stderr.write(f"{arguments.out}\n")
     return 0

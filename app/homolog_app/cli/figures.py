@@ -28,11 +28,13 @@ def draw_figures(project: Project, tick: Tick = no_tick) -> None:
         If there is no result, or a picture can't be written.
     """
     tick(0.0, "pictures")
-    result = read_result(project)
+    result, record = read_result(project), project.read().result
+    assert record is not None, "a result was read"
+    aside = f" ({record.mirrored_words})" if record.mirrored_words else ""
     _write(
         project,
         "mean.png",
-        draw_particles(result.mean_surface, result.world.mean(axis=0), title="Mean shape"),
+        draw_particles(result.mean_surface, result.world.mean(axis=0), title=f"Mean shape{aside}"),
     )
     tick(0.2, "pictures of the modes")
     moves = read_modes(project, result.mean_surface)
@@ -42,11 +44,12 @@ def draw_figures(project: Project, tick: Tick = no_tick) -> None:
         _write(
             project,
             "modes.png",
-            draw_modes({"": modes}, modes=range(min(_MODES, len(moves))), title="Modes of variation"),
+            draw_modes({"": modes}, modes=range(min(_MODES, len(moves))), title=f"Modes of variation{aside}"),
         )
     surfaces = read_surfaces(project)
     tick(0.4, "pictures of the subjects")
-    for page, figure in enumerate(draw_subjects(result.names, surfaces, result.world), start=1):
+    names = [f"{one.name}, mirrored" if one.is_mirrored else one.name for one in record.subjects]
+    for page, figure in enumerate(draw_subjects(names, surfaces, result.world), start=1):
         _write(project, f"subjects_{page:02d}.png", figure)
         tick(0.4 + 0.6 * min(12 * page / len(surfaces), 1.0), "pictures of the subjects")
 

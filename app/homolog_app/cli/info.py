@@ -82,6 +82,7 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
         *([("source", result.source)] if result.source else []),
         ("ended", how_it_ended(result)),
         ("surface", result.surface_words),
+        *([("mirrored", _mirrored(result))] if result.mirrored_words else []),
         ("settings", json.dumps(changed) if changed else "defaults"),
         ("device", result.device),
         *([("time", _times(result))] if result.seconds else []),
@@ -89,6 +90,11 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
         ("fingerprint", result.fingerprint),
     ]
     return facts + [("note", f"{one.name}: {note}") for one in result.subjects for note in one.notes]
+
+
+def _mirrored(result: ResultRecord) -> str:
+    names = ", ".join(one.name for one in result.subjects if one.is_mirrored)
+    return f"{result.mirrored_words}: {names}"
 
 
 def _times(result: ResultRecord) -> str:

@@ -1,23 +1,30 @@
 """Command-line options made from settings models, so that each setting is described once."""
 
 import argparse
+from collections.abc import Sequence
 from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from homolog.errors import InputError
 from homolog.parameters import Parameter, parameters
+from homolog.settings import GroomSettings, RunSettings
 
-__all__ = ["add_options", "options_of", "with_options"]
+__all__ = ["add_options", "options_of", "with_all_options", "with_options"]
 
 _Model = TypeVar("_Model", bound=BaseModel)
 _AUTO = "auto"
+_OR_NAME = "; or a structure's name, as with --segment (homolog labels FOLDER lists them)"
 
 
-def add_options(parser: argparse.ArgumentParser, model: type[BaseModel]) -> None:
+def add_options(
+    parser: argparse.ArgumentParser, model: type[BaseModel], leaving_out: Sequence[str] = ()
+) -> None:
     """Declare an option for each setting of the model; an option that isn't given leaves no trace."""
     group = parser.add_argument_group(_title(model))
     for one in parameters(model):
+        if one.name in leaving_out:
+            continue
         if one.kind is bool:
             group.add_argument(
                 _option(one),
@@ -30,7 +37,7 @@ def add_options(parser: argparse.ArgumentParser, model: type[BaseModel]) -> None
                 _option(one),
                 default=argparse.SUPPRESS,
                 metavar="{" + ",".join(one.choices) + "}" if one.choices else one.kind.__name__.upper(),
-                help=_help(one),
+                help=_help(one) + (_OR_NAME if model is GroomSettings and one.name == "label" else ""),
             )
 
 
@@ -54,6 +61,23 @@ def with_options(settings: _Model, arguments: argparse.Namespace) -> _Model:
             f"--{str(one['loc'][0]).replace('_', '-')} {one['input']}: {one['msg']}" for one in error.errors()
         ]
         raise InputError("\n".join(dict.fromkeys(lines))) from error
+
+
+def with_all_options(settings: RunSettings, arguments: argparse.Namespace) -> RunSettings:
+    """Return a run's settings with those that the command line names; ``--label`` takes a name, too.
+
+    Raises
+    ------
+    InputError
+        As `with_options` does.
+    """
+    structure = getattr(arguments, "label", None)
+    if structure is not None:  # names the structure anew: what was chosen before is no more
+        named = structure != _AUTO and not structure.strip().lstrip("+-").isdecimal()
+        words = {"label": _AUTO, "segment": structure} if named else {"segment": _AUTO} | vars(arguments)
+        arguments = argparse.Namespace(**(vars(arguments) | words))
+    groom, optimize = with_options(settings.groom, arguments), with_options(settings.optimize, arguments)
+    return with_options(settings, arguments).model_copy(update={"groom": groom, "optimize": optimize})
 
 
 def options_of(settings: BaseModel) -> list[str]:

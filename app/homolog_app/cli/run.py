@@ -10,19 +10,29 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from homolog.cohort import IMAGE_SUFFIXES, MESH_SUFFIXES, Cohort, Subject, landmarks_beside, read_cohort
+from homolog.cohort import (
+    IMAGE_SUFFIXES,
+    MESH_SUFFIXES,
+    TABLE_SUFFIXES,
+    Cohort,
+    Subject,
+    landmarks_beside,
+    mask_files,
+    read_cohort,
+    with_values_of,
+)
 from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog_app.cli.info import how_it_ended
-from homolog_app.cli.options import add_options, with_options
+from homolog_app.cli.options import add_options, with_all_options
 from homolog_app.cli.progress import add_progress_option, show_progress
 from homolog_app.signals import handling
 
 if TYPE_CHECKING:
     from homolog.run import Run
 
-__all__ = ["add_parser", "run"]
+__all__ = ["add_parser", "interrupt_cancels", "run"]
 
 
 def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
@@ -32,7 +42,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         help="place corresponding particles on a cohort and make a shape model",
         description="Place corresponding particles on a cohort's surfaces and make a shape model of them. "
         "Ctrl-C stops at once; --resume goes on from there. A project whose result has fewer particles than "
-        "asked for is added to.",
+        "asked for is added to; one that has this result already takes over groups and columns.",
     )
     parser.add_argument("cohort", type=Path, help="folder of segmentations or meshes, cohort.csv, or project")
     parser.add_argument("--out", type=Path, help="project folder to make; COHORT itself if that is a project")
@@ -55,6 +65,8 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 def run(arguments: argparse.Namespace) -> int:
     """Run the pipeline; returns the exit code."""
     project, cohort, settings = _what_to_run(arguments)
+    if _is_there(arguments, project, cohort, settings):
+        return _use(arguments, project, cohort)
     from_result = bool(arguments.fit) or _adds_particles(arguments, project, cohort, settings)
     from homolog.run import FinishReason, Run
     from homolog_app.cli import CANCELLED, OK
@@ -67,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         from_result=from_result,
         skip_bad=arguments.skip_bad,
     )
-    with show_progress(arguments.progress) as progress, _interrupt_cancels(job.cancel):
+    with show_progress(arguments.progress) as progress, interrupt_cancels(job.cancel):
         reason = job.execute(
             lambda status: progress.show(status.fraction, status.message, status.eta_s, status.phase)
         )
@@ -90,10 +102,44 @@ def run(arguments: argparse.Namespace) -> int:
     return OK if done else CANCELLED
 
 
+def _is_there(arguments: argparse.Namespace, project: Project, cohort: Cohort, settings: RunSettings) -> bool:
+    """Whether the project has the very result already that is asked for with a folder or table."""
+    asked_anew = arguments.anew or arguments.resume or arguments.fit or project.folder == arguments.cohort
+    if asked_anew or not project.exists:
+        return False
+    from homolog.run import is_result_of
+
+    with show_progress(arguments.progress) as progress:
+        return is_result_of(project, cohort, settings, progress.tick)
+
+
+def _use(arguments: argparse.Namespace, project: Project, cohort: Cohort) -> int:
+    """Take the cohort's groups and columns into the project that has its result; returns the exit code."""
+    from homolog.files.project_table import update_table
+
+    with project.locked(new=False):
+        changes = with_values_of(project.cohort().subjects, cohort.subjects)
+        if not changes.is_empty:
+            update_table(project, changes.subjects)
+    sys.stderr.write(
+        "homolog: the finished result of the same files and settings is used; --anew places all particles "
+        "anew\n"
+    )
+    for line in () if changes.is_empty else changes.words[1:]:
+        sys.stderr.write(f"homolog: table: {line}\n")
+    if arguments.progress == "json":
+        sys.stdout.write(json.dumps({"reason": "completed", "project": str(project.folder)}) + "\n")
+    else:
+        sys.stdout.write(f"{_summary(project)}\nresults in {project.folder}\n")
+    return 0
+
+
 def _say_what_was_found(project: Project) -> None:
     """Say what grooming found in the files and changed, also where nobody looks into the report."""
     result = project.read().result
-    for remark in result.remarks if result is not None else ():
+    if result is None:
+        return
+    for remark in [*filter(None, [result.mirrored_words]), *result.remarks]:
         sys.stderr.write(f"homolog: note: {remark}\n")
 
 
@@ -133,26 +179,21 @@ def _what_to_run(arguments: argparse.Namespace) -> tuple[Project, Cohort, RunSet
     else:
         project, cohort, settings = Project(arguments.out), read_cohort(arguments.cohort), RunSettings()
     project.check_is_free()
-    settings = with_options(settings, arguments).model_copy(
-        update={
-            "groom": with_options(settings.groom, arguments),
-            "optimize": with_options(settings.optimize, arguments),
-        }
-    )
+    settings = with_all_options(settings, arguments)
     if arguments.fit:
         if arguments.resume or project.folder != source.folder:
             raise InputError("--fit adds to the project itself; leave out --out and --resume")
-        cohort = _with_new(cohort, arguments.fit)
+        cohort = _with_new(cohort, arguments.fit, settings.groom.segment)
     return project, cohort, settings
 
 
-def _with_new(cohort: Cohort, paths: Sequence[Path]) -> Cohort:
+def _with_new(cohort: Cohort, paths: Sequence[Path], segment: str | None) -> Cohort:
     """Return the cohort with the subjects of further files, folders or tables at its end.
 
     Those that it has already, from a fit that was refused or broken off, are not added twice.
     """
     there = {(one.name, one.path.resolve()) for one in cohort.subjects}
-    given = [one for path in paths for one in _subjects_of(path)]
+    given = [one for path in paths for one in _subjects_of(path, segment)]
     new = [one for one in given if (one.name, one.path.resolve()) not in there]
     names = Counter(one.name for one in (*cohort.subjects, *new))
     repeated = [name for name, count in names.items() if count > 1]
@@ -161,8 +202,13 @@ def _with_new(cohort: Cohort, paths: Sequence[Path]) -> Cohort:
     return Cohort((*cohort.subjects, *new), cohort.folder)
 
 
-def _subjects_of(path: Path) -> tuple[Subject, ...]:
-    if path.is_dir() or path.suffix.lower() == ".csv":
+def _subjects_of(path: Path, segment: str | None) -> tuple[Subject, ...]:
+    if path.is_dir() and segment:
+        from homolog.grooming.names import matching
+
+        if found := matching(mask_files(path).items(), segment):  # one subject with a file for each structure
+            return (Subject(path.name, found[0].parent.resolve()),)
+    if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
         return read_cohort(path).subjects
     suffixes = [one for one in (*IMAGE_SUFFIXES, *MESH_SUFFIXES) if path.name.lower().endswith(one)]
     if not path.is_file() or not suffixes:
@@ -199,7 +245,7 @@ def _adds_particles(
 
 
 @contextmanager
-def _interrupt_cancels(cancel: Callable[[], None]) -> Iterator[None]:
+def interrupt_cancels(cancel: Callable[[], None]) -> Iterator[None]:
     """Let the first Ctrl-C cancel in order and a second one break off."""
 
     def handle(number: int, frame: object) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import KDTree
 
+from homolog.analysis.procrustes import Alignment
 from homolog.analysis.shape_model import fit_shape_model
 from homolog.arrays import Array
 from homolog.files.meshes import write_mesh
@@ -16,6 +17,7 @@ from homolog.files.results import Result, read_result, read_surfaces
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mirroring import mirrors
 from homolog_app.exports.glb import write_glb
 from homolog_app.exports.groups import compare
 from homolog_app.exports.settings import MeshFormat, MeshSettings
@@ -104,7 +106,10 @@ def _group_surfaces(
 ) -> list[_Named]:
     """Return both means with the difference of the second from the first and its significance."""
     motion = group_motion(result, *groups)
-    study = compare(result, groups, settings.permutations, settings.seed, tick)
+    # The means lie as the run left them, and so does what is tested.
+    study = compare(
+        result, groups, settings.permutations, settings.seed, tick, alignment=Alignment.AS_IT_LIES
+    )
     local = study.overall.local
     nearest = KDTree(result.world.mean(axis=0)).query(result.mean_surface.vertices)[1]
     tests = {"p": local.p[nearest], "p_family": local.p_family[nearest], "q": local.q[nearest]}
@@ -124,13 +129,19 @@ def _subject_surfaces(project: Project, result: Result) -> list[_Named]:
     """Return the subjects' own surfaces with the displacement of the nearest particle from the mean."""
     away = result.world - result.world.mean(axis=0)
     surfaces = []
-    for name, mesh, particles, moved in zip(
-        result.names, read_surfaces(project), result.world, away, strict=True
+    mirrored = mirrors(result.alignments).tolist()
+    for name, mesh, particles, moved, odd in zip(
+        result.names, read_surfaces(project), result.world, away, mirrored, strict=True
     ):
         nearest = KDTree(particles).query(mesh.vertices)[1]
         values = {"displacement_mm": outward_displacement(mesh, moved[nearest])}
         surfaces.append(
-            _Named(f"subject_{name}", f"subject {name}; displacement from the mean", mesh, values)
+            _Named(
+                f"subject_{name}",
+                f"subject {name}{', mirrored' if odd else ''}; displacement from the mean",
+                mesh,
+                values,
+            )
         )
     return surfaces
 

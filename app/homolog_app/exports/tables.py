@@ -7,14 +7,14 @@ import numpy as np
 from homolog.analysis.outliers import outlying
 from homolog.analysis.parallel import parallel_analysis
 from homolog.analysis.shape_model import ShapeModel, fit_shape_model
-from homolog.files.meshes import read_mesh
+from homolog.files.names import file_stems
 from homolog.files.project import Project
-from homolog.files.results import Result, read_result, surface_file
+from homolog.files.results import Result, read_result, read_surface
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog_app.exports.groups import compare
 from homolog_app.exports.settings import TableSettings
-from homolog_app.report.request import read_requests
+from homolog_app.report.request import Answered, read_requests
 from homolog_app.report.study import run_study
 from homolog_app.report.surface_maps import SurfaceCarrier
 from homolog_app.report.tables import write_study_tables
@@ -66,9 +66,10 @@ def write_tables(
             for index, one in enumerate(requests)
         ]
     carrier = SurfaceCarrier.of(result) if studies else None
-    for study in studies:
+    stems = file_stems([one.request.name for one in studies])
+    for study, stem in zip(studies, stems, strict=True):
         assert carrier is not None
-        write_study_tables(folder / study.request.name, study, result, carrier)
+        write_study_tables(folder / stem, study, result, carrier, Answered.now(project))
 
 
 def _columns(result: Result) -> list[str]:
@@ -107,7 +108,7 @@ def _write_subjects(path: Path, project: Project, result: Result, model: ShapeMo
     rows = []
     for index, one in enumerate(record.subjects):
         tick(index / len(record.subjects), f"measuring {one.name}")
-        mesh = read_mesh(surface_file(project, one.file))
+        mesh = read_surface(project, one)
         measures = [mesh.volume, mesh.area, float(model.sizes[index]), float(apart[index]), int(index in far)]
         rows.append([one.name, one.group, *(one.columns.get(name) for name in own), *measures])
     measured = ["volume_mm3", "area_mm2", "size_mm", "distance_from_mean_mm", "outlier"]

@@ -71,13 +71,14 @@ def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> lis
     chosen = np.array(modes) - 1
     moves = _carried(result, (model.modes * model.standard_deviations[:, None, None])[chosen])
     return [
-        Motion(result.mean_surface, move, -deviations, deviations, _mode_words(model, mode))
+        Motion(result.mean_surface, move, -deviations, deviations, _mode_words(model, mode, result))
         for mode, move in zip(chosen.tolist(), moves, strict=True)
     ]
 
 
-def _mode_words(model: ShapeModel, mode: int) -> Callable[[float], str]:
-    title = f"Mode {mode + 1} ({100.0 * model.explained[mode]:.1f} % of variance)"
+def _mode_words(model: ShapeModel, mode: int, result: Result) -> Callable[[float], str]:
+    aside = f", {result.mirrored} mirrored" if result.mirrored else ""
+    title = f"Mode {mode + 1} ({100.0 * model.explained[mode]:.1f} % of variance{aside})"
     return lambda amount: f"{title}   {_signed(amount)} SD"
 
 
@@ -103,11 +104,12 @@ def group_motion(result: Result, column: str, first: str, second: str) -> Motion
     """Return the surface that goes from one group's mean to another's; raises as `group_means` does."""
     start, end = group_means(result, column, [first, second])
     mean = result.world.mean(axis=0)
+    aside = f" ({result.mirrored} mirrored)" if result.mirrored else ""
     to_start, move = _carried(result, np.stack([start - mean, end - start]))
 
     def words(amount: float) -> str:
         percent = f"{100.0 * amount:.0f}".rjust(3, "\u2007")  # as wide as a digit: the line stands still
-        return f"{column}: {first} → {second}   {percent} %"
+        return f"{column}: {first} → {second}{aside}   {percent} %"
 
     mesh = result.mean_surface
     return Motion(TriangleMesh(mesh.vertices + to_start, mesh.faces), move, 0.0, 1.0, words)
@@ -116,7 +118,8 @@ def group_motion(result: Result, column: str, first: str, second: str) -> Motion
 def standing(result: Result) -> Motion:
     """Return the mean surface at rest."""
     surface = result.mean_surface
-    return Motion(surface, np.zeros_like(surface.vertices), 0.0, 0.0, lambda _: "Mean shape")
+    words = f"Mean shape ({result.mirrored} mirrored)" if result.mirrored else "Mean shape"
+    return Motion(surface, np.zeros_like(surface.vertices), 0.0, 0.0, lambda _: words)
 
 
 def _carried(result: Result, displacements: FloatArray) -> FloatArray:

@@ -25,7 +25,7 @@ from homolog_app.report.surface_maps import SurfaceCarrier
 
 __all__ = [
     "ReportFigure", "discriminant_figure", "energies_figure", "map_figure", "model_figures", "quality_figure",
-    "scores_figure", "scree_figure", "study_figures",
+    "quality_rows", "scores_figure", "scree_figure", "study_figures",
 ]  # fmt: skip
 
 _SPECIFICITY_AT = (1, 2, 3, 5, 8, 13, 21)
@@ -47,7 +47,8 @@ def model_figures(
     project: Project, result: Result, model: ShapeModel, carrier: SurfaceCarrier, tick: Tick
 ) -> Iterator[ReportFigure]:
     """Yield the figures of the shape model."""
-    parallel = parallel_analysis(result.world)
+    parallel, record = parallel_analysis(result.world), project.read().result
+    mirrored = f" {record.mirrored_words}." if record is not None and record.mirrored_words else ""
     yield ReportFigure("scree", scree_figure(parallel), _scree_caption(parallel))
     if len(model.variances) > 1:
         yield ReportFigure(
@@ -62,7 +63,7 @@ def model_figures(
     yield ReportFigure(
         "modes",
         draw_modes({"": ModeSurfaces(carrier.mesh, moves, model.explained[:shown])}, modes=range(shown)),
-        "The first modes at ±2 standard deviations. Blue is outward of the mean, yellow inward.",
+        f"The first modes at ±2 standard deviations. Blue is outward of the mean, yellow inward.{mirrored}",
     )
     if len(result.world) > 2:
         tick(0.4, "model quality")
@@ -116,9 +117,27 @@ def scores_figure(
 
 def quality_figure(result: Result, model: ShapeModel, theme: Theme = LIGHT) -> Figure:
     """Draw compactness, generalization and specificity of a model of three or more subjects."""
+    rows = quality_rows(result, model)
+    at = [k for k, _, _, drawn in rows if drawn is not None]
+    measured = np.array([drawn for _, _, _, drawn in rows if drawn is not None])
+    left_out = np.array([one for _, _, one, _ in rows if one is not None])
+    return plot_quality(compactness(model), left_out, (at, measured), theme=theme)
+
+
+def quality_rows(result: Result, model: ShapeModel) -> list[tuple[int, float, float | None, float | None]]:
+    """Return modes, compactness (share), generalization and specificity [mm] of a model, for 1, 2 … modes.
+
+    Specificity is computed for some numbers of modes only; nothing is with fewer than three subjects.
+    """
+    if len(result.world) < 3:
+        return []
     at = [one for one in _SPECIFICITY_AT if one <= len(model.variances)]
-    measured = specificity(model, result.world, at, draws=_DRAWS)
-    return plot_quality(compactness(model), generalization(result.world), (at, measured), theme=theme)
+    drawn = dict(zip(at, specificity(model, result.world, at, draws=_DRAWS).tolist(), strict=True))
+    left_out = dict(enumerate(generalization(result.world).tolist(), start=1))
+    return [
+        (k, share, left_out.get(k), drawn.get(k))
+        for k, share in enumerate(compactness(model).tolist(), start=1)
+    ]
 
 
 def energies_figure(project: Project, theme: Theme = LIGHT) -> Figure:
@@ -152,10 +171,15 @@ def map_figure(one: Comparison, carrier: SurfaceCarrier, theme: Theme = LIGHT) -
 
 
 def _map_caption(study: Study, one: Comparison) -> str:
-    what = {"groups": "Difference of the means", "regression": "Change per unit", "pairs": "Mean difference"}
+    what = {
+        "groups": "Difference of the means",
+        "regression": "Change per unit of the variable",
+        "pairs": "Mean difference",
+    }
     words = (
         f"{what[study.request.kind]}, {one.title}, on the mean shape: blue is expansion (outward), yellow "
-        f"contraction. Second row: only where significant (family-wise p ≤ {LEVEL:g})."
+        f"contraction. Second row: only where significant (family-wise p ≤ {LEVEL:g}, corrected for pairs of "
+        "groups and answers)."
     )
     if one.discriminant is not None:
         words += (

@@ -1,8 +1,12 @@
-"""What was found, in plain language with its numbers."""
+"""What was found, in plain language with its numbers: effects with intervals, then p-values."""
 
 from dataclasses import dataclass
+from math import ceil, log10
+
+import numpy as np
 
 from homolog.analysis.comparison import Comparison
+from homolog.analysis.effects import Effect
 from homolog.analysis.null_simulation import WHOLE_SHAPE_F, WHOLE_SHAPE_PERMUTATION
 from homolog.analysis.outliers import outlying
 from homolog.files.results import Result
@@ -12,10 +16,15 @@ __all__ = [
     "LEVEL",
     "Finding",
     "cautions",
+    "correction_words",
     "effect_words",
     "findings",
+    "interval_words",
     "outlier_words",
+    "outliers_by_group",
     "p_words",
+    "percent_words",
+    "region_words",
 ]
 
 LEVEL = 0.05
@@ -23,25 +32,80 @@ LEVEL = 0.05
 
 _LOOSE = 0.02
 """Excess of false alarms that is worth a warning."""
+_FAR = 3.0
+"""Scaled median absolute deviations from which a subject is an outlier of its group."""
+_UNLIKE = 1.5
+"""Ratio of two groups' dispersions, or sizes, from which they are called different."""
 
 
-def p_words(p: float) -> str:
-    """Return a p-value with two digits, such as ``"p = 0.034"``."""
-    return f"p = {p:.2g}" if p >= 0.95e-4 else f"p = {p:.1e}"
+def p_words(p: float, permutations: int | None = None) -> str:
+    """Return a p-value as papers print it, such as ``"p = 0.034"`` or ``"p < 0.001"``.
+
+    Parameters
+    ----------
+    p : float
+        The p-value.
+    permutations : int, optional
+        Relabellings that it was counted over: no more digits are given than these can tell.
+    """
+    if p < 0.001:
+        return "p < 0.001"
+    digits = 3 if p < 0.0995 else 2
+    if permutations is not None:
+        digits = min(digits, max(1, ceil(log10(permutations + 1))))
+    if round(p, digits) >= 1.0:
+        return f"p > {1.0 - 10.0**-digits:.{digits}f}"
+    if round(p, digits) == 0.0:
+        return f"p < {10.0**-digits:.{digits}f}"
+    return f"p = {p:.{digits}f}"
+
+
+def interval_words(effect: Effect, digits: int = 2) -> str:
+    """Return an estimate with its interval, such as ``"1.27 (95 % CI 0.41 to 2.02)"``."""
+    value, low, high = (f"{one:.{digits}f}" for one in (effect.value, effect.low, effect.high))
+    return f"{value} (95 % CI {low} to {high})"
+
+
+def percent_words(effect: Effect) -> str:
+    """Return a share in per cent with its interval, such as ``"83 % (95 % CI 63 to 92 %)"``."""
+    value, low, high = (f"{100.0 * one:.0f}" for one in (effect.value, effect.low, effect.high))
+    return f"{value} % (95 % CI {low} to {high} %)"
 
 
 def effect_words(comparison: Comparison) -> str:
-    """Return the test of the whole shape with its statistic, degrees of freedom and p-values."""
+    """Return the tests of the whole shape with their statistics, degrees of freedom and p-values."""
     test = comparison.test
     if not test.modes:
-        return "No mode above chance, p = 1"
+        return "No mode has more variance than chance gives; nothing was tested"
     noun = "mode" if test.modes == 1 else "modes"
     name = f"Wilks' lambda = {test.wilks:.3f}"
     if test.t_squared is not None:
         name = f"Hotelling's T² = {test.t_squared:.1f}"
+    how = f"all {test.permutations + 1}" if test.exact else f"{test.permutations}"
     return (
-        f"{name} in {test.modes} {noun}, F({test.dof[0]:g}, {test.dof[1]:.4g}) = {test.f:.2f}, "
-        f"{p_words(test.p)}; permutation {p_words(test.p_permutation)}"
+        f"Permutation test in {test.modes} {noun}: studentized statistic {test.studentized:.2f}, "
+        f"{p_words(test.p_permutation, test.permutations)} ({how} permutations, not corrected); "
+        f"{name}, F({test.dof[0]:g}, {test.dof[1]:.4g}) = {test.f:.2f}, {p_words(test.p)}"
+    )
+
+
+def correction_words(study: Study, *, size: bool = False) -> str:
+    """Return what p-values are corrected for, such as ``"corrected for 2 answers"``, or nothing."""
+    parts = [f"{len(study.pairwise)} pairs of groups (Holm)"] if study.pairwise else []
+    if study.request.answers > 1 and not size:
+        parts.append(f"{study.request.answers} answers (Bonferroni)")
+    return f"corrected for {' and '.join(parts)}" if parts else ""
+
+
+def region_words(study: Study, one: Comparison) -> str:
+    """Return where the effect is significant: particles, area and its share of the surface."""
+    found = one.p_family <= LEVEL
+    if not found.any():
+        return f"none of {len(found)} particles"
+    area, whole = float(study.areas[found].sum()), float(study.areas.sum())
+    return (
+        f"{np.count_nonzero(found)} of {len(found)} particles, {area:.0f} mm² or "
+        f"{100.0 * area / max(whole, np.finfo(float).tiny):.1f} % of the surface"
     )
 
 
@@ -56,7 +120,7 @@ class Finding:
 def findings(study: Study) -> list[Finding]:
     """Return what each comparison of a study shows.
 
-    Significant is called what the permutation test, adjusted for the number of pairs of groups, calls so.
+    Significant is called what the permutation test, corrected for pairs of groups and answers, calls so.
     """
     return [Finding(_verdict(study, one), _numbers(study, one)) for one in study.comparisons]
 
@@ -69,21 +133,69 @@ def outlier_words(result: Result) -> list[str]:
     verb = "lies" if len(far) == 1 else "lie"
     return [
         f"{', '.join(far)}: {verb} far from all other shapes. Look at segmentation and particles before "
-        "trusting "
-        "any test; F distributions are wrong with such subjects."
+        "trusting any test; F distributions are wrong with such subjects."
     ]
+
+
+def outliers_by_group(study: Study, one: Comparison) -> list[str]:
+    """Return the subjects that lie far from their own group's centroid, or from their fitted shape."""
+    found = one.dispersion
+    if found is None:
+        return []
+    labels = np.array([study.labels[subject] for subject in one.subjects])
+    far = []
+    for members in [labels == name for name in found.by_group] or [np.full(len(labels), True)]:
+        own = found.distances[members]
+        above = own - np.median(own)
+        limit = _FAR * 1.4826 * np.median(np.abs(above))
+        far += one.subjects[members][(above > limit) & (limit > 0.0)].tolist()
+    return [study.names[subject] for subject in far]
 
 
 def cautions(study: Study) -> list[str]:
     """Return what a reader should be careful about."""
     thin = [f"{one.title}: {warning}" for one in study.comparisons for warning in one.test.warnings]
+    unlike = [words for one in study.comparisons if (words := _dispersion_words(one))]
     loose = [
         f"{one.title}: the F distribution raises false alarms in {100 * excess:.1f} % more of the "
         "relabellings than the permutation test; trust the latter."
         for one in study.comparisons
         if (excess := _excess(one)) > _LOOSE
     ]
-    return thin + loose
+    notes = [f"{one.title}: {words}." for one in study.comparisons for words in one.notes]
+    return [*thin, *unlike, *loose, *notes, *study.notes]
+
+
+def _dispersion_words(one: Comparison) -> str:
+    found = one.dispersion
+    if found is None:
+        return ""
+    counts = [one.counts[name] for name in found.by_group]
+    uneven = bool(counts) and max(counts) >= _UNLIKE * min(counts)
+    if found.p > LEVEL and not (uneven and found.ratio >= _UNLIKE):
+        return ""
+    p = p_words(found.p, found.permutations)
+    if not counts:
+        return (
+            f"{one.title}: how far subjects scatter changes with the variable (test of dispersion {p}). The "
+            "permutation tests allow for that only approximately, T² and F not at all."
+        )
+    mean = ", ".join(f"{name} {value:.2f} mm" for name, value in found.by_group.items())
+    words = f"{one.title}: the groups differ in dispersion (mean distance to the centroid: {mean}; {p})"
+    if uneven:
+        words += " and in size"
+    several = (
+        " Of three or more groups the test of particles can find something in 15 % of cohorts without "
+        "an effect when one group scatters twice as much; rely on the pairs of groups."
+        if len(counts) > 2
+        else ""
+    )
+    return (
+        f"{words}. Hotelling's T², Wilks' lambda, F and the interval of D assume equal dispersion: do not "
+        "rely on them. The permutation tests are studentized and hold approximately; with few subjects or "
+        "skewed shapes their type I error rate may still differ from the nominal one."
+        f"{several}"
+    )
 
 
 def _excess(one: Comparison) -> float:
@@ -109,29 +221,47 @@ def _verdict(study: Study, one: Comparison) -> str:
 
 
 def _numbers(study: Study, one: Comparison) -> str:
-    words = [f"{effect_words(one)}{_adjusted(study, one)}."]
-    if one.test.mahalanobis is not None and study.request.kind == "groups":
-        words.append(f"The groups' means are {one.test.mahalanobis:.1f} standard deviations apart.")
-    share = float((one.local.p_family <= LEVEL).mean())
-    place = f"on {100 * share:.0f} % of the particles" if share else "at no single particle"
-    words.append(f"Locally the effect is significant {place}, corrected over the surface.")
+    kind = study.request.kind
+    words = []
+    if one.distance is not None and one.test.modes:
+        means = {
+            "groups": "Mahalanobis distance of the group means, corrected for bias: D = {} SD.",
+            "pairs": "Mean difference of the pairs, corrected for bias: D = {} SD of the differences.",
+            "regression": "Change per unit of {column}, corrected for bias: {} SD.",
+        }[kind]
+        digits = 3 if kind == "regression" else 2
+        words.append(means.format(interval_words(one.distance, digits), column=study.request.column))
+    correction = correction_words(study)
+    if one.test.modes and correction and (one is not study.overall or not study.pairwise):
+        words.append(f"Whole shape: {p_words(one.p_adjusted, one.test.permutations)}, {correction}.")
+    elif one.test.modes and study.request.answers > 1:
+        p = p_words(one.p_adjusted, one.test.permutations)
+        words.append(f"Whole shape: {p}, corrected for {study.request.answers} answers (Bonferroni).")
+    words.append(f"{effect_words(one)}.")
+    words.append(f"Locally significant: {region_words(study, one)} (family-wise error, {LEVEL:g}).")
     if one.discriminant is not None:
+        found = one.discriminant
         words.append(
-            f"A discriminant tells the groups apart in {100 * one.discriminant.accuracy:.0f} % of left-out "
-            f"subjects (AUC {one.discriminant.auc:.2f})."
+            f"Cross-validated linear discriminant: balanced accuracy {percent_words(found.accuracy)}"
+            f"{_tested(found.accuracy)}, AUC {interval_words(found.auc)}{_tested(found.auc)}."
         )
-    words.append(_size_words(one, study.request.kind))
+    words += _size_words(study, one)
     return " ".join(words)
 
 
-def _adjusted(study: Study, one: Comparison) -> str:
-    if one in study.pairwise:
-        return f", after Holm's correction for {len(study.pairwise)} pairs {p_words(one.p_adjusted)}"
-    return ""
+def _tested(effect: Effect) -> str:
+    return f", permutation {p_words(effect.p, effect.permutations)}" if effect.p is not None else ""
 
 
-def _size_words(one: Comparison, kind: str) -> str:
-    if len(one.size_effect) > 1:
-        return f"Size alone: {p_words(one.size_p)}."
-    unit = " mm per unit" if kind == "regression" else " mm"
-    return f"Size alone: {one.size_effect[0]:+.2g}{unit}, {p_words(one.size_p)}."
+def _size_words(study: Study, one: Comparison) -> list[str]:
+    size, p = one.size, one.size_p_adjusted
+    if size is None or p is None:
+        return []
+    words = p_words(p, size.permutations)
+    if one in study.pairwise and study.pairwise:
+        words += f", {correction_words(study, size=True)}"
+    if np.isnan(size.value):
+        return [f"Size alone: {words}."]
+    unit = f"mm per unit of {study.request.column}" if study.request.kind == "regression" else "mm"
+    value, low, high = (f"{bound:+.3g}" for bound in (size.value, size.low, size.high))
+    return [f"Size alone: {value} {unit} (95 % CI {low} to {high}), {words}."]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from homolog.files.project import Project
 from homolog.files.results import Result
-from homolog_app.report.request import study_folder, write_request
+from homolog_app.report.request import Answered, study_folder, write_request
 from homolog_app.report.study import Study
 from homolog_app.report.surface_maps import SurfaceCarrier
 from homolog_app.report.tables import write_study_tables
@@ -30,6 +30,7 @@ def keep_study(project: Project, study: Study, result: Result, carrier: SurfaceC
         If the project can't be written to.
     """
     folder = study_folder(project, study.request)
-    write_study_tables(folder, study, result, carrier or SurfaceCarrier.of(result))
-    write_request(project, study.request)
+    answered = Answered.now(project)
+    write_study_tables(folder, study, result, carrier or SurfaceCarrier.of(result), answered)
+    write_request(study.request, folder, answered)
     return folder

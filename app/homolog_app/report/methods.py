@@ -1,21 +1,105 @@
 """Methods text and settings: what a reader needs to repeat the analysis."""
 
+from homolog.analysis.comparison import Comparison
+from homolog.analysis.procrustes import Alignment
 from homolog.files.records import ResultRecord
+from homolog_app.report.findings import LEVEL, correction_words
 from homolog_app.report.study import Study
 
-__all__ = ["methods", "settings_rows"]
+__all__ = ["methods", "references", "settings_rows"]
 
 
 _MODEL = (
-    "The shape model is a principal component analysis of the aligned particle positions. The number of "
-    "modes was chosen by Horn's parallel analysis: modes were kept up to the first whose variance did not "
-    "exceed the 95th percentile of 200 data sets in which each coordinate was permuted among subjects."
+    "The shape model is a principal component analysis of the aligned particle positions (variances with the "
+    "divisor n - 1)."
 )
+_REFERENCES = {
+    "program": "Homolog, version {}; a program for statistical shape analysis by particle correspondence.",
+    "geodesic": (
+        "Datar M, Gur Y, Paniagua B, Styner M, Whitaker R. Geometric correspondence for ensembles of "
+        "nonregular shapes. MICCAI 2011, LNCS 6892: 368-375."
+    ),
+    "particles": (
+        "Cates J, Fletcher PT, Styner M, Shenton M, Whitaker R. Shape modeling and analysis with "
+        "entropy-based particle systems. IPMI 2007, LNCS 4584: 333-345."
+    ),
+    "procrustes": "Gower JC. Generalized Procrustes analysis. Psychometrika 1975; 40: 33-51.",
+    "parallel": "Horn JL. A rationale and test for the number of factors. Psychometrika 1965; 30: 179-185.",
+    "studentized": (
+        "Brown MB, Forsythe AB. The small sample behavior of some statistics which test the equality of "
+        "several means. Technometrics 1974; 16: 129-132. Chung E, Romano JP. Exact and asymptotically robust "
+        "permutation tests. Ann Stat 2013; 41: 484-507. Alekseyenko AV. Multivariate Welch t-test on "
+        "distances. Bioinformatics 2016; 32: 3552-3558."
+    ),
+    "hc2": (
+        "MacKinnon JG, White H. Some heteroskedasticity-consistent covariance matrix estimators. J Econom "
+        "1985; 29: 305-325."
+    ),
+    "dispersion": (
+        "Anderson MJ. Distance-based tests for homogeneity of multivariate dispersions. Biometrics 2006; 62: "
+        "245-253."
+    ),
+    "local": (
+        "Westfall PH, Young SS. Resampling-based multiple testing. Wiley, 1993. Benjamini Y, Hochberg Y. "
+        "Controlling the false discovery rate. J R Stat Soc B 1995; 57: 289-300."
+    ),
+    "freedman": (
+        "Freedman D, Lane D. A nonstochastic interpretation of reported significance levels. J Bus Econ Stat "
+        "1983; 1: 292-298."
+    ),
+    "holm": "Holm S. A simple sequentially rejective multiple test procedure. Scand J Stat 1979; 6: 65-70.",
+    "distance": (
+        "Reiser B. Confidence intervals for the Mahalanobis distance. Commun Stat Simul Comput "
+        "2001; 30: 37-45."
+    ),
+    "discriminant": (
+        "Ledoit O, Wolf M. A well-conditioned estimator for large-dimensional covariance matrices. J "
+        "Multivar Anal 2004; 88: 365-411. DeLong ER, DeLong DM, Clarke-Pearson DL. Comparing the areas under "
+        "two or more correlated receiver operating characteristic curves. Biometrics 1988; 44: 837-845."
+    ),
+}
 
 
 def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
-    """Return paragraphs for the methods section of a paper."""
-    return [_placed(record), _MODEL, *([_statistics(studies)] if studies else [])]
+    """Return paragraphs for the methods section of a paper: the model, then what each study did."""
+    return [_placed(record), _groomed(record), _MODEL, *(_statistics(study) for study in studies)]
+
+
+def references(record: ResultRecord, studies: list[Study]) -> list[str]:
+    """Return the references of what was done, the program's first."""
+    named = ["program"]
+    if not record.source:
+        named += ["geodesic", "particles"]
+    comparisons = [one for study in studies for one in study.comparisons]
+    requests = [study.request for study in studies]
+    if any(one.alignment is not Alignment.AS_IT_LIES for one in requests):
+        named.append("procrustes")
+    if any(one.modes is None for one in requests):
+        named.append("parallel")
+    named += ["studentized", "local"] if comparisons else []
+    if any(one.covariates or one.kind == "regression" for one in requests):
+        named.append("hc2")
+    if any(one.covariates for one in requests):
+        named.append("freedman")
+    if any(one.dispersion is not None for one in comparisons):
+        named.append("dispersion")
+    if any(study.pairwise for study in studies):
+        named.append("holm")
+    if any(one.distance is not None for one in comparisons):
+        named.append("distance")
+    if any(one.discriminant is not None for one in comparisons):
+        named.append("discriminant")
+    return [_REFERENCES[one].format(record.versions.get("homolog", "")) for one in named]
+
+
+def _groomed(record: ResultRecord) -> str:
+    if record.source:
+        return "Surfaces and their alignment are those of that program."
+    groom = record.settings.groom.model_dump(mode="json")
+    told = ", ".join(
+        f"{name.replace('_', ' ')} {'automatic' if value is None else value}" for name, value in groom.items()
+    )
+    return f"Segmentations were groomed with these settings: {told}."
 
 
 def _placed(record: ResultRecord) -> str:
@@ -28,50 +112,102 @@ def _placed(record: ResultRecord) -> str:
         )
     method = record.settings.optimize.method
     ended = "converged" if record.ended == "converged" else "was stopped before convergence"
+    mirrored = f" Before that, {record.mirrored_words}." if record.mirrored_words else ""
     marked = ", first points on landmarks" if record.settings.optimize.landmarks else ""
     return (
         f"Corresponding points were placed with {program} on {count} by entropy-based particle optimization "
         f"with {record.metric} distances between particles on a shape (method {method}, seed "
         f"{record.settings.optimize.seed}{marked}). The optimizer {ended} after {record.iterations} "
-        "iterations."
+        f"iterations.{mirrored}"
     )
 
 
-def _statistics(studies: list[Study]) -> str:
-    request = studies[0].request
+def _statistics(study: Study) -> str:
+    request, first = study.request, study.overall
+    aligned = {
+        Alignment.AS_IT_LIES: "Shapes were compared as the correspondence left them, not aligned further.",
+        Alignment.RIGID: (
+            "Shapes were aligned by generalized Procrustes analysis without scaling, so that size and shape "
+            "(form) were compared."
+        ),
+        Alignment.SIMILARITY: (
+            "Shapes were aligned by generalized Procrustes analysis with scaling to the cohort's mean size, "
+            "so that shape without size was compared."
+        ),
+    }[request.alignment]
+    modes = (
+        f"the first {request.modes} modes (chosen beforehand)"
+        if request.modes is not None
+        else "the modes that Horn's parallel analysis kept (variance above the 95th percentile of "
+        f"{first.test.parallel.repeats} data sets without correlation)"
+    )
+    what = {
+        "groups": f"Groups of {request.column} ({', '.join(request.between)}) were compared",
+        "regression": f"The linear effect of {request.column} was tested",
+        "pairs": f"{' and '.join(request.between)} were compared in pairs by {request.pairs}, with random "
+        "signs of the differences under the null",
+    }[request.kind]
     words = [
-        "Whole shapes were compared in the kept modes by Hotelling's T² (Wilks' lambda for more than two "
-        "groups), "
-        f"with the parametric F distribution and with {request.permutations} permutations. At every "
-        "particle, "
-        "positions were compared by Hotelling's T²; p-values were corrected over the surface by the "
-        "permutation "
-        "distribution of the largest statistic (family-wise), and false discovery rates were computed by the "
-        "method of Benjamini and Hochberg. The linear discriminant was computed in the kept modes with the "
-        "covariance shrunk after Ledoit and Wolf; accuracy and area under the curve come from repeated "
-        "stratified "
-        "cross-validation, bounds of its map from a bootstrap within groups."
+        f"{request.title}. {what} in {modes}, by permutation of a studentized statistic: the tested sum of "
+        "squares in standardized modes divided by its expectation without an effect, estimated from each "
+        "group's own variance (Brown and Forsythe; Welch for two groups; HC2 with covariates or a continuous "
+        f"variable). {_permutations(first)}; seed {request.seed}. Hotelling's T² or Wilks' lambda with the F "
+        "distribution are given beside it and assume equal covariances.",
+        aligned,
+        "At every particle the position was tested by the same statistic; p-values were corrected over the "
+        "surface by the permutation distribution of the largest statistic (family-wise error, Westfall and "
+        "Young), and false discovery rates of the permutation p-values were computed by the method of "
+        f"Benjamini and Hochberg. The level was alpha = {LEVEL:g}, two-sided.",
+        "Size is the root mean square distance of a shape's particles from their centroid.",
     ]
-    if any(study.request.covariates for study in studies):
+    if request.covariates:
         words.append(
-            "Covariates were allowed for by a linear model of each coordinate; permutations were those of "
-            "Freedman and Lane (residuals), with modes chosen anew in each."
+            f"Shapes were adjusted for {', '.join(request.covariates)} by a linear model of each coordinate; "
+            "residuals were permuted (Freedman and Lane)"
+            + ("." if request.modes is not None else ", with modes chosen anew in each permutation.")
         )
-    if any(study.request.scaling for study in studies):
+    if request.complete_cases:
+        words.append("Subjects with missing values were left out (complete cases).")
+    if correction := correction_words(study):
+        size = correction_words(study, size=True)
         words.append(
-            "Where size was removed, shapes were scaled to the cohort's mean size by generalized Procrustes "
-            "analysis; size is the root mean square distance of a shape's particles from their centroid."
+            f"P-values of the whole shape and of particles were {correction}; p-values of size were "
+            f"{size or 'not corrected'}."
         )
-    if any(study.pairwise for study in studies):
-        words.append("P-values of pairs of groups were adjusted by Holm's method.")
-    if any(study.request.kind == "pairs" for study in studies):
-        words.append("Paired subjects were compared by their differences, with random signs under the null.")
-    if any(one.false_alarms for study in studies for one in study.comparisons):
+    else:
+        words.append("P-values were not corrected for other questions.")
+    if first.dispersion is not None:
         words.append(
-            f"Each test's false-alarm rate was estimated on this cohort from {request.null_repeats} "
-            "relabellings."
+            "Equality of dispersion was tested by the distances of subjects to their group's centroid (or "
+            "fitted shape) in these modes, by permutation."
+        )
+    if any(one.distance is not None for one in study.comparisons):
+        words.append(
+            "Mahalanobis distances were corrected for bias; their intervals come from the noncentral F "
+            "distribution."
+        )
+    lines = [one.discriminant for one in study.comparisons if one.discriminant is not None]
+    if lines:
+        folds = " to ".join(str(one) for one in sorted({line.folds for line in lines}))
+        words.append(
+            "The linear discriminant was computed in the kept modes with the covariance shrunk after Ledoit "
+            f"and Wolf. Balanced accuracy and area under the curve (AUC) come from {folds}-fold stratified "
+            f"cross-validation, repeated {lines[0].repeats} times, with modes, covariates' effects and "
+            "direction fitted without the left-out subjects; their intervals are those of Wilson and of "
+            f"DeLong, their p-values come from {lines[0].auc.permutations} permutations. Bounds of the "
+            f"discriminant's map come from {len(lines[0].bootstrap)} bootstrap cohorts drawn within groups."
+        )
+    if first.false_alarms:
+        words.append(
+            f"Labels were exchanged {request.null_repeats} times to count false alarms on this cohort."
         )
     return " ".join(words)
+
+
+def _permutations(one: Comparison) -> str:
+    if one.test.exact:
+        return f"All {one.test.permutations + 1} permutations were taken (exact test)"
+    return f"{one.test.permutations} random permutations"
 
 
 def settings_rows(record: ResultRecord, studies: list[Study]) -> list[tuple[str, str, str]]:

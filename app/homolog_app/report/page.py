@@ -3,15 +3,34 @@
 import base64
 import io
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
+from urllib.parse import quote
 
 from homolog_app.fonts import complete_texts
 from homolog_app.report.figures import ReportFigure
 
-__all__ = ["Page"]
+__all__ = ["Link", "Page", "Picture"]
 
 _DPI = 150
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """Words that lead to a file, by its path from the page."""
+
+    words: str
+    target: str
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture beside the page, by its path from there, its caption, and the file that it leads to."""
+
+    source: str
+    caption: str
+    target: str
 
 
 class Page:
@@ -41,14 +60,14 @@ class Page:
     def table(
         self,
         columns: Sequence[str],
-        rows: Iterable[Sequence[str]],
+        rows: Iterable[Sequence[str | Link]],
         *,
         words: bool = False,
         summary: str = "",
     ) -> None:
         """Add a table; of words its cells are set to the left, with a summary it is folded away."""
         head = "".join(f"<th>{escape(one)}</th>" for one in columns)
-        body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+        body = "".join("<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in rows)
         kind = ' class="words"' if words else ""
         table = f'<div class="scroll"><table{kind}><tr>{head}</tr>{body}</table></div>'
         if summary:
@@ -59,6 +78,15 @@ class Page:
         """Add figures, beside each other where they fit."""
         inner = "".join(_figure(one) for one in figures)
         self._parts.append(f'<div class="row">{inner}</div>' if len(figures) > 1 else inner)
+
+    def pictures(self, pictures: Sequence[Picture]) -> None:
+        """Add small pictures that lie beside the page, as many in a row as fit."""
+        inner = "".join(
+            f'<figure><a href="{_address(one.target)}"><img src="{_address(one.source)}" width="240" '
+            f'alt="{escape(one.caption)}"></a><figcaption>{escape(one.caption)}</figcaption></figure>'
+            for one in pictures
+        )
+        self._parts.append(f'<div class="tiles">{inner}</div>' if inner else "")
 
     def links(self, targets: Iterable[str], summary: str) -> None:
         """Add a list of files, by their paths from the page, folded away."""
@@ -76,6 +104,16 @@ class Page:
             + "\n".join(self._parts)
             + "\n</body></html>\n"
         )
+
+
+def _cell(cell: str | Link) -> str:
+    if isinstance(cell, Link):
+        return f'<a href="{_address(cell.target)}">{escape(cell.words)}</a>'
+    return escape(cell)
+
+
+def _address(path: str) -> str:
+    return escape(quote(path))
 
 
 def _text(words: str) -> str:

@@ -1,18 +1,29 @@
 """What a study asks: kept in the project, so that a report can be made again from it."""
 
+import json
 import re
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from homolog.analysis.procrustes import Alignment
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
-from homolog.files.project import Project
+from homolog.files.project import OUT_OF_DATE, Project
 
-__all__ = ["StudyRequest", "read_requests", "study_folder", "write_request"]
+__all__ = ["Answered", "StudyRequest", "category_of", "read_requests", "study_folder", "write_request"]
 
 _RECORD = "study.json"
+_LONGEST = 90
+_CATEGORY = ":c"
+SIZE_WORDS = {
+    Alignment.AS_IT_LIES: "as the shapes lie",
+    Alignment.RIGID: "form (size and shape)",
+    Alignment.SIMILARITY: "shape (size removed)",
+}
 
 
 class StudyRequest(BaseModel):
@@ -30,13 +41,18 @@ class StudyRequest(BaseModel):
     pairs : str or None
         The column that names the pairs.
     covariates : tuple of str
-        Columns allowed for; ``size`` is the size of the shapes.
-    scaling : bool
-        Whether size is taken out of the shapes.
+        Columns adjusted for; ``COLUMN:c`` takes numbers as codes of categories, ``shape-size`` is the size of
+        the shapes (``size`` too, if the cohort has no column of that name).
+    alignment : Alignment
+        How shapes are aligned before they are compared.
+    complete_cases : bool
+        Whether subjects without a value in a column that is used are left out.
     modes : int or None
         Number of modes; by parallel analysis if not given.
-    permutations, null_repeats, seed : int
+    permutations, null_repeats, seed, answers : int
         See `homolog.analysis.comparison.Options`.
+    earlier : bool
+        Whether an earlier version kept the question, which did not align shapes rigidly.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -46,11 +62,24 @@ class StudyRequest(BaseModel):
     between: tuple[str, ...] = ()
     pairs: str | None = None
     covariates: tuple[str, ...] = ()
-    scaling: bool = False
+    alignment: Alignment = Alignment.RIGID
+    complete_cases: bool = False
     modes: Annotated[int, Field(ge=1)] | None = None
     permutations: Annotated[int, Field(ge=99, le=1_000_000)] = 10_000
     null_repeats: Annotated[int, Field(ge=0, le=100_000)] = 1000
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 0
+    answers: Annotated[int, Field(ge=1, le=3)] = 1
+    earlier: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_earlier(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the file holds
+        """Take the alignment from `scaling`, which said in earlier versions whether size was removed."""
+        if isinstance(values, dict) and "scaling" in values:
+            values = dict(values)
+            alignment = Alignment.SIMILARITY if values.pop("scaling") is True else Alignment.RIGID
+            values = {"alignment": alignment, "earlier": alignment is Alignment.RIGID} | values
+        return values
 
     @property
     def title(self) -> str:
@@ -60,8 +89,8 @@ class StudyRequest(BaseModel):
             "regression": f"effect of {self.column}",
             "pairs": f"{self.column}: {' and '.join(self.between)}, paired by {self.pairs}",
         }[self.kind]
-        allowed = f", allowing for {', '.join(self.covariates)}" if self.covariates else ""
-        return what + allowed + (", size removed" if self.scaling else "")
+        allowed = f", adjusted for {', '.join(self.covariates)}" if self.covariates else ""
+        return f"{what}{allowed}; {SIZE_WORDS[self.alignment]}"
 
     @property
     def words(self) -> list[str]:
@@ -70,32 +99,91 @@ class StudyRequest(BaseModel):
         words += ["--between", *self.between] if self.between else []
         words += ["--pairs", self.pairs] if self.pairs else []
         words += ["--covariates", *self.covariates] if self.covariates else []
-        return [*words, "--size", "without" if self.scaling else "with"]
+        words += ["--complete-cases"] if self.complete_cases else []
+        return [*words, "--alignment", self.alignment.value]
 
     @property
     def name(self) -> str:
-        """A file name for the question."""
-        words = [
-            self.kind,
-            self.column,
-            *self.between,
-            *(["for", *self.covariates] if self.covariates else []),
-        ]
-        if self.modes is not None:
-            words.append(f"{self.modes}_modes")
-        if self.scaling:
-            words.append("without_size")
-        return re.sub(r"[^\w.-]+", "_", "_".join(words))[:120].strip(".")
+        """A file name for the question; `study_folder` keeps apart those that are cut to the same."""
+        words = [self.kind, self.column, *self.between]
+        words += ["paired_by", self.pairs] if self.pairs else []
+        words += ["for", *self.covariates] if self.covariates else []
+        tail = ["complete_cases"] if self.complete_cases else []
+        tail += [f"{self.modes}_modes"] if self.modes is not None else []
+        tail += [f"seed_{self.seed}"] if self.seed else []
+        tail += {Alignment.AS_IT_LIES: ["as_it_lies"], Alignment.SIMILARITY: ["without_size"]}.get(
+            self.alignment, []
+        )
+        stem, end = (re.sub(r"[^\w.-]+", "_", "_".join(part)) for part in (words, tail))
+        return "_".join(part for part in (stem[:_LONGEST].strip("._"), end) if part)
+
+    @property
+    def question(self) -> str:
+        """What makes two questions different; how precisely they were answered does not."""
+        return self.model_dump_json(exclude={"permutations", "null_repeats", "answers", "earlier"})
+
+
+class Answered(BaseModel):
+    """Of what, when and by which version a question was answered."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    fingerprint: str = ""
+    result_finished: str = ""
+    homolog: str = ""
+    date: str = ""
+
+    @classmethod
+    def now(cls, project: Project) -> "Answered":
+        """Describe an answer about a project's present result."""
+        record = project.read().result
+        try:
+            number = version("homolog")
+        except PackageNotFoundError:
+            number = ""
+        return cls(
+            fingerprint=record.fingerprint if record else "",
+            result_finished=record.finished if record else "",
+            homolog=number,
+            date=datetime.now(UTC).isoformat(timespec="seconds"),
+        )
+
+
+def category_of(column: str, known: "set[str]") -> tuple[str, bool]:
+    """Return a covariate's column, and whether its numbers are declared codes of categories (``site:c``)."""
+    if column not in known and column.endswith(_CATEGORY):
+        return column.removesuffix(_CATEGORY), True
+    return column, False
 
 
 def study_folder(project: Project, request: StudyRequest) -> Path:
-    """Return the folder of a study's tables."""
-    return project.folder / "analysis" / request.name
+    """Return the folder of a study's tables: the one that holds this question, or a free one."""
+    return _folder_in(project.folder / "analysis", request)
 
 
-def write_request(project: Project, request: StudyRequest) -> None:
-    """Keep a question; raises InputError if the project can't be written to."""
-    write_text(study_folder(project, request) / _RECORD, request.model_dump_json(indent=2) + "\n")
+def _folder_in(root: Path, request: StudyRequest) -> Path:
+    there = {one.name.casefold(): one for one in root.iterdir()} if root.is_dir() else {}
+    number = 1
+    while True:
+        name = request.name if number == 1 else f"{request.name}_{number}"
+        taken = there.get(name.casefold())
+        record = taken / _RECORD if taken else None
+        if record is None or not record.is_file():
+            return taken or root / name
+        kept = _read(record)[0]
+        if kept.question == request.question:
+            return record.parent
+        number += 1
+
+
+def write_request(request: StudyRequest, folder: Path, answered: Answered) -> None:
+    """Keep a question with what it was answered about; raises InputError if it can't be written."""
+    content = {
+        "question": request.model_dump(mode="json", exclude={"earlier"}),
+        "answered": answered.model_dump(mode="json"),
+    }
+    write_text(folder / _RECORD, json.dumps(content, indent=2) + "\n")
+    (folder / OUT_OF_DATE).unlink(missing_ok=True)
 
 
 def read_requests(project: Project) -> list[StudyRequest]:
@@ -106,10 +194,19 @@ def read_requests(project: Project) -> list[StudyRequest]:
     InputError
         If one of them is damaged.
     """
-    requests = []
-    for path in sorted((project.folder / "analysis").glob(f"*/{_RECORD}")):
-        try:
-            requests.append(StudyRequest.model_validate_json(path.read_bytes()))
-        except (OSError, ValidationError) as error:
-            raise InputError(f"{path}: is damaged; delete its folder and analyze again") from error
-    return requests
+    return [_read(path)[0] for path in sorted((project.folder / "analysis").glob(f"*/{_RECORD}"))]
+
+
+def _read(path: Path) -> tuple[StudyRequest, Answered]:
+    try:
+        content = json.loads(path.read_bytes())
+        if not isinstance(content, dict):
+            raise ValueError("holds no question")
+        if "question" in content:
+            return (
+                StudyRequest.model_validate(content["question"]),
+                Answered.model_validate(content.get("answered", {})),
+            )
+        return StudyRequest.model_validate(content), Answered()
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is damaged; delete its folder and analyze again") from error

@@ -1,23 +1,26 @@
 """A question answered: the statistics of `homolog.analysis` on a project's result."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from homolog.analysis.comparison import Comparison, Options
-from homolog.analysis.covariates import covariate_columns, numbers
-from homolog.analysis.procrustes import sizes
+from homolog.analysis.covariates import covariate_columns, is_missing, lookalikes, numbers
+from homolog.analysis.procrustes import Alignment, sizes
 from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, regress
-from homolog.arrays import FloatArray, IntArray
+from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.errors import InputError
 from homolog.files.results import Result
 from homolog.progress import Tick, no_tick
-from homolog_app.report.request import StudyRequest
+from homolog_app.report.request import StudyRequest, category_of
 
-__all__ = ["Study", "column_of", "levels", "run_study"]
+__all__ = ["SHAPE_SIZE", "Study", "column_of", "compared_shapes", "levels", "run_study", "study_options"]
 
 SIZE = "size"
+SHAPE_SIZE = "shape-size"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,12 +37,28 @@ class Study:
         Each two of three or more groups.
     labels : tuple of str
         Value of the request's column for each subject of the result.
+    left_out : dict
+        Subjects of the result that take no part, and why.
+    areas : (N,) array
+        Area of the mean surface that each particle stands for [mm²].
+    names : tuple of str
+        The subjects of the result.
+    notes : tuple of str
+        What a reader should know of the data, in sentences.
     """
 
     request: StudyRequest
     overall: Comparison
     pairwise: tuple[Comparison, ...]
     labels: tuple[str, ...]
+    left_out: Mapping[str, str]
+    areas: FloatArray
+    names: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "areas", frozen(self.areas, np.float64))
 
     @property
     def comparisons(self) -> tuple[Comparison, ...]:
@@ -48,27 +67,59 @@ class Study:
 
 
 def levels(values: Sequence[str]) -> list[str]:
-    """Return the different values in the order in which they appear, empty ones left out."""
-    return [value for value in dict.fromkeys(values) if value]
+    """Return the different values in the order in which they appear, missing ones left out."""
+    return [value for value in dict.fromkeys(values) if not is_missing(value)]
 
 
 def column_of(result: Result, column: str) -> list[str]:
-    """Return a column of the cohort's table for each subject; ``group`` and ``size`` are always there.
+    """Return a column of the cohort's table for each subject, missing values as empty text.
+
+    ``group`` and ``shape-size`` are always there; so is ``size``, unless the table has such a column.
 
     Raises
     ------
     InputError
         If there is no such column.
     """
+    known = _columns_of(result)
     if column == "group":
-        return [one or "" for one in result.groups]
-    if column == SIZE:
-        return [repr(float(one)) for one in sizes(result.world)]
-    known = sorted({name for columns in result.columns for name in columns})
-    if column not in known:
-        there = ", ".join(["group", SIZE, *known])
+        values = [one or "" for one in result.groups]
+    elif column == SHAPE_SIZE or (column == SIZE and SIZE not in known):
+        return [repr(float(one)) for one in sizes(_at_own_size(result))]
+    elif column in known:
+        values = [columns.get(column, "") for columns in result.columns]
+    else:
+        there = ", ".join(["group", SHAPE_SIZE, *sorted(known)])
         raise InputError(f"there is no column {column!r}; the cohort has: {there}")
-    return [columns.get(column, "") for columns in result.columns]
+    return ["" if is_missing(value) else value for value in values]
+
+
+def compared_shapes(result: Result, alignment: Alignment) -> FloatArray:
+    """Return the particles (M, N, 3) that are compared [mm], before they are aligned.
+
+    For every alignment but "as it lies" each shape has its own size, also if the run brought all to one.
+    """
+    return result.world if alignment is Alignment.AS_IT_LIES else _at_own_size(result)
+
+
+def _at_own_size(result: Result) -> FloatArray:
+    scale = np.cbrt(np.abs(np.linalg.det(result.alignments[:, :3, :3])))
+    if np.allclose(scale, 1.0, rtol=1e-9):
+        return result.world
+    centre = result.world.mean(axis=1, keepdims=True)
+    return np.asarray(centre + (result.world - centre) / scale[:, None, None], np.float64)
+
+
+def study_options(request: StudyRequest) -> Options:
+    """Return how a question is to be computed."""
+    return Options(
+        alignment=request.alignment,
+        modes=request.modes,
+        permutations=request.permutations,
+        null_repeats=request.null_repeats,
+        seed=request.seed,
+        answers=request.answers,
+    )
 
 
 def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> Study:
@@ -88,90 +139,183 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
     InputError
         If a column or group is not there, values are missing, or subjects are too few; says which.
     """
+    _check(result, request)
     labels = column_of(result, request.column)
-    run = {"groups": _groups, "regression": _regression, "pairs": _pairs}[request.kind]
-    options = Options(
-        scaling=request.scaling,
-        modes=request.modes,
-        permutations=request.permutations,
-        null_repeats=request.null_repeats,
-        seed=request.seed,
+    left_out = _left_out(result, request, labels)
+    taking = np.array([name not in left_out for name in result.names])
+    question = _Question(
+        result,
+        request,
+        compared_shapes(result, request.alignment),
+        [label if takes else "" for label, takes in zip(labels, taking, strict=True)],
+        study_options(request),
+        tick,
     )
-    overall, pairwise = run(result, request, labels, options, tick)
-    return Study(request, overall, pairwise, tuple(labels))
+    run = {"groups": _groups, "regression": _regression, "pairs": _pairs}[request.kind]
+    overall, pairwise = run(question)
+    taken = set(overall.subjects.tolist())
+    if request.kind == "pairs":
+        taken |= {index for index, label in enumerate(question.labels) if label in request.between}
+    for index, name in enumerate(result.names):
+        if index not in taken and name not in left_out:
+            left_out[name] = f"{request.column} is {labels[index]!r}" if labels[index] else "no group"
+    return Study(
+        request,
+        overall,
+        pairwise,
+        tuple(labels),
+        left_out,
+        _areas(result),
+        tuple(result.names),
+        _notes(result, request),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Question:
+    """A request with the shapes and labels of its subjects; labels of those left out are empty."""
+
+    result: Result
+    request: StudyRequest
+    shapes: FloatArray
+    labels: list[str]
+    options: Options
+    tick: Tick
 
 
 _Answer = tuple[Comparison, tuple[Comparison, ...]]
 
 
-def _groups(
-    result: Result, request: StudyRequest, labels: Sequence[str], options: Options, tick: Tick
-) -> _Answer:
+def _columns_of(result: Result) -> set[str]:
+    return {name for columns in result.columns for name in columns}
+
+
+def _check(result: Result, request: StudyRequest) -> None:
+    """Refuse what can't be asked, before anything is computed."""
+    known = _columns_of(result)
+    named = [category_of(one, known)[0] for one in request.covariates]
+    twice = [one for one, count in Counter(named).items() if count > 1]
+    if twice:
+        raise InputError(f"the covariate {twice[0]!r} is named twice; name it once")
+    if request.kind == "pairs" and (len(request.between) != 2 or request.covariates):
+        raise InputError("a paired comparison is between two values of a column and takes no covariates")
+    labels = column_of(result, request.column)
+    there = levels(labels)
     for group in request.between:
-        if group not in labels:
-            there = ", ".join(levels(labels))
-            raise InputError(f"column {request.column!r}: no subject is in {group!r}; there are: {there}")
-    members = np.flatnonzero(np.isin(labels, request.between))
-    extra = _covariates(result, request, members)
+        if group not in there:
+            raise InputError(
+                f"column {request.column!r}: no subject is in {group!r}; there are: {', '.join(there)}"
+            )
+    if request.kind == "groups" and len(request.between) < 2:
+        raise InputError(f"column {request.column!r}: has one group only; a comparison needs two")
+    if request.column in named:
+        raise InputError(f"{request.column!r} is what is tested; leave it out of the covariates")
+
+
+def _left_out(result: Result, request: StudyRequest, labels: Sequence[str]) -> dict[str, str]:
+    """Return the subjects that lack a value, by choice, and why; nobody if that was not chosen."""
+    if not request.complete_cases:
+        return {}
+    known = _columns_of(result)
+    used = [category_of(one, known)[0] for one in request.covariates]
+    used += [request.column] if request.kind == "regression" else []
+    used += [request.pairs] if request.pairs else []
+    gone: dict[str, str] = {}
+    for column in used:
+        for index, value in enumerate(column_of(result, column)):
+            compared = request.kind == "regression" or labels[index] in request.between
+            if compared and not value:
+                gone.setdefault(result.names[index], f"no value of {column}")
+    if request.kind == "pairs":
+        gone |= _partners(result, request, labels, gone)
+    return gone
+
+
+def _partners(
+    result: Result, request: StudyRequest, labels: Sequence[str], gone: Mapping[str, str]
+) -> dict[str, str]:
+    """Return the subjects whose partner is not there."""
+    found: dict[str, list[int]] = {}
+    for index, pair in enumerate(column_of(result, request.pairs or "")):
+        if labels[index] in request.between and pair and result.names[index] not in gone:
+            found.setdefault(pair, []).append(index)
+    alone = [members[0] for members in found.values() if len(members) == 1]
+    return {result.names[index]: "the other one of the pair is missing" for index in alone}
+
+
+def _groups(asked: _Question) -> _Answer:
+    request, names = asked.request, asked.result.names
+    members = np.flatnonzero(np.isin(asked.labels, request.between))
+    extra = _covariates(asked, members)
+    options, tick = asked.options, asked.tick
     if len(request.between) > 2:
         return compare_groups(
-            result.world,
-            labels,
+            asked.shapes,
+            asked.labels,
             request.between,
             covariates=extra,
             options=options,
-            names=result.names,
+            names=names,
             tick=tick,
         )
-    if len(request.between) < 2:
-        raise InputError(f"column {request.column!r}: has one group only; a comparison needs two")
     two = request.between[0], request.between[1]
-    found = compare_two_groups(
-        result.world, labels, two, covariates=extra, options=options, names=result.names, tick=tick
-    )
-    return found, ()
+    return compare_two_groups(
+        asked.shapes, asked.labels, two, covariates=extra, options=options, names=names, tick=tick
+    ), ()
 
 
-def _regression(
-    result: Result, request: StudyRequest, labels: Sequence[str], options: Options, tick: Tick
-) -> _Answer:
-    covariate_columns({request.column: labels}, result.names)  # names what is missing or constant
-    values = numbers(labels)
+def _regression(asked: _Question) -> _Answer:
+    request, names = asked.request, asked.result.names
+    members = np.flatnonzero([bool(label) for label in asked.labels])
+    if not request.complete_cases:
+        members = np.arange(len(names))
+    cells = [asked.labels[index] for index in members]
+    covariate_columns({request.column: cells}, [names[index] for index in members])  # names what is amiss
+    values = numbers(cells)
     if values is None:
         raise InputError(
             f"column {request.column!r} holds words; compare its groups in place of a regression"
         )
-    extra = _covariates(result, request, np.arange(len(labels)))
+    extra = _covariates(asked, members)
     found = regress(
-        result.world,
+        asked.shapes[members],
         values,
         request.column,
-        covariates=extra,
-        options=options,
-        names=result.names,
-        tick=tick,
+        covariates=None if extra is None else extra[members],
+        options=asked.options,
+        names=[names[index] for index in members],
+        tick=asked.tick,
     )
-    return found, ()
+    return _renumbered(found, members), ()
 
 
-def _pairs(
-    result: Result, request: StudyRequest, labels: Sequence[str], options: Options, tick: Tick
-) -> _Answer:
-    if len(request.between) != 2 or request.covariates:
-        raise InputError("a paired comparison is between two values of a column and takes no covariates")
+def _renumbered(found: Comparison, members: IntArray) -> Comparison:
+    return replace(found, subjects=members[found.subjects])
+
+
+def _pairs(asked: _Question) -> _Answer:
+    request, names = asked.request, asked.result.names
     found: dict[str, dict[str, int]] = {}
-    for index, (pair, label) in enumerate(zip(column_of(result, request.pairs or ""), labels, strict=True)):
+    pairs = column_of(asked.result, request.pairs or "")
+    for index, (pair, label) in enumerate(zip(pairs, asked.labels, strict=True)):
         if label in request.between and pair:
             if label in found.setdefault(pair, {}):
-                raise InputError(f"{result.names[index]}: pair {pair!r} has two subjects that are {label!r}")
+                raise InputError(f"{names[index]}: pair {pair!r} has two subjects that are {label!r}")
             found[pair][label] = index
     alone = [pair for pair, both in found.items() if len(both) < 2]
     if alone:
-        raise InputError(f"pair {alone[0]!r} has one subject only; leave it out or add the other one")
+        raise InputError(
+            f"pair {alone[0]!r} has one subject only; add the other one, or leave such pairs out "
+            "(--complete-cases)"
+        )
+    if len(found) < 2:
+        raise InputError(
+            f"a paired comparison needs at least two pairs; column {request.pairs!r} names {len(found)}"
+        )
     first, second = (_indices(found, label) for label in request.between)
     title = f"{request.between[1]} - {request.between[0]}"
     comparison = compare_pairs(
-        result.world, first, second, title, options=options, names=result.names, tick=tick
+        asked.shapes, first, second, title, options=asked.options, names=names, tick=asked.tick
     )
     return comparison, ()
 
@@ -180,15 +324,51 @@ def _indices(pairs: Mapping[str, Mapping[str, int]], label: str) -> IntArray:
     return np.array([both[label] for both in pairs.values()], dtype=np.int64)
 
 
-def _covariates(result: Result, request: StudyRequest, members: IntArray) -> FloatArray | None:
+def _covariates(asked: _Question, members: IntArray) -> FloatArray | None:
     """Covariates of the members in the rows of all subjects; rows of others are zero and not used."""
-    if not request.covariates:
+    if not asked.request.covariates:
         return None
-    table = {}
-    for column in request.covariates:
-        values = column_of(result, column)
+    known, names = _columns_of(asked.result), asked.result.names
+    table: dict[str, list[str]] = {}
+    categories = set()
+    for covariate in asked.request.covariates:
+        column, is_category = category_of(covariate, known)
+        values = column_of(asked.result, column)
         table[column] = [values[index] for index in members]
-    columns = covariate_columns(table, [result.names[index] for index in members])
-    spread = np.zeros((len(result.names), columns.shape[1]))
+        if is_category:
+            categories.add(column)
+    columns = covariate_columns(table, [names[index] for index in members], categories=categories)
+    spread = np.zeros((len(names), columns.shape[1]))
     spread[members] = columns
     return spread
+
+
+def _areas(result: Result) -> FloatArray:
+    """Return the area of the mean surface nearest to each particle [mm²]."""
+    mesh = result.mean_surface
+    corners = mesh.vertices[mesh.faces]
+    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    face_area = np.linalg.norm(sides, axis=1) / 2.0
+    nearest = KDTree(result.world.mean(axis=0)).query(corners.mean(axis=1))[1]
+    found = np.bincount(np.asarray(nearest, np.int64), face_area, result.world.shape[1])
+    return np.asarray(found, np.float64)
+
+
+def _notes(result: Result, request: StudyRequest) -> tuple[str, ...]:
+    known = _columns_of(result)
+    columns = [category_of(one, known)[0] for one in request.covariates]
+    notes = []
+    for column in dict.fromkeys([*([] if request.kind == "regression" else [request.column]), *columns]):
+        for alike in lookalikes(column_of(result, column)):
+            if column in columns and numbers(column_of(result, column)) is not None:
+                continue
+            spelled = " and ".join(repr(one) for one in alike)
+            notes.append(f"Column {column!r} holds {spelled}, which were taken as different values.")
+    if SIZE in known and SIZE in (request.column, *columns):
+        notes.append(f"'size' is the column of the cohort's table; the size of the shapes is {SHAPE_SIZE!r}.")
+    if request.earlier:
+        notes.append(
+            "An earlier version kept this question and compared shapes as they lie. They are now aligned "
+            "rigidly first; --alignment as-it-lies gives the earlier answer."
+        )
+    return tuple(notes)

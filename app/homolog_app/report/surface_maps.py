@@ -56,8 +56,8 @@ class SurfaceCarrier:
         return vertices
 
     def significant(self, comparison: Comparison, level: float) -> BoolArray:
-        """Return whether the effect is significant at each vertex, corrected over the surface, (V,)."""
-        found: BoolArray = comparison.local.p_family[self.nearest] <= level
+        """Return whether the effect is significant at each vertex, corrected for all that is tested, (V,)."""
+        found: BoolArray = comparison.p_family[self.nearest] <= level
         return found
 
     def discriminant_is_firm(self, comparison: Comparison) -> BoolArray:
@@ -70,7 +70,12 @@ class SurfaceCarrier:
 
     def outward_at_particles(self, comparison: Comparison, displacement: FloatArray) -> FloatArray:
         """Return the outward part of displacements of the particles (..., N, 3) [mm], shape (..., N)."""
+        outward: FloatArray = (displacement * self.normals_at_particles(comparison)).sum(axis=-1)
+        return outward
+
+    def normals_at_particles(self, comparison: Comparison) -> FloatArray:
+        """Return the outward unit normals of the comparison's mean surface at the particles, (N, 3)."""
         mesh = self.mean_of(comparison)
         vertex = np.asarray(KDTree(mesh.vertices).query(comparison.mean)[1], dtype=np.int64)
-        outward: FloatArray = (displacement * mesh.vertex_normals[vertex]).sum(axis=-1)
-        return outward
+        normals: FloatArray = mesh.vertex_normals[vertex]
+        return normals

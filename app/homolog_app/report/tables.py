@@ -1,25 +1,35 @@
-"""A study as CSV tables: tests, particles, subjects."""
+"""A study as tidy CSV tables, one fact a column, with a dictionary of the columns."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.comparison import Comparison, Options, prepared
+from homolog.analysis.comparison import Comparison, prepared
+from homolog.analysis.covariates import numbers
+from homolog.analysis.effects import Effect
 from homolog.analysis.welch_map import WelchMap, welch_map
 from homolog.files.names import file_stems
 from homolog.files.results import Result
 from homolog.files.tables import write_table
-from homolog_app.report.study import Study
+from homolog_app.report.dictionary import MEANINGS
+from homolog_app.report.findings import LEVEL
+from homolog_app.report.request import Answered, StudyRequest, category_of
+from homolog_app.report.study import SHAPE_SIZE, Study, column_of, compared_shapes, study_options
 from homolog_app.report.surface_maps import SurfaceCarrier
 
-__all__ = ["write_study_tables"]
+__all__ = ["SampleRow", "sample_rows", "write_study_tables"]
 
 _Cell = str | float | int | None
+SampleRow = tuple[str, str, str, int, float | None, float | None]
+"""Group, variable, category, number of subjects, mean and standard deviation."""
 
 
-def write_study_tables(folder: Path, study: Study, result: Result, carrier: SurfaceCarrier) -> None:
-    """Write ``tests.csv``, ``null_simulation.csv``, ``subjects.csv`` and a table of particles a comparison.
+def write_study_tables(
+    folder: Path, study: Study, result: Result, carrier: SurfaceCarrier, answered: Answered
+) -> None:
+    """Write the tables of a study; ``columns.csv`` says what each column holds.
 
     Parameters
     ----------
@@ -31,15 +41,24 @@ def write_study_tables(folder: Path, study: Study, result: Result, carrier: Surf
         That it was computed from.
     carrier : SurfaceCarrier
         Of that result.
+    answered : Answered
+        Of what result, when and by which version.
 
     Raises
     ------
     InputError
         If the folder can't be written to.
     """
-    write_table(folder / "tests.csv", _TEST_COLUMNS, (_test_row(one) for one in study.comparisons))
-    write_table(
-        folder / "null_simulation.csv",
+    rows = [_test_row(study, one) | _provenance(study.request, answered) for one in study.comparisons]
+    write_table(folder / "tests.csv", list(rows[0]), (list(row.values()) for row in rows))
+    written = {"tests.csv": list(rows[0])}
+
+    def write(name: str, columns: Sequence[str], lines: Iterator[Sequence[_Cell]]) -> None:
+        write_table(folder / name, columns, lines)
+        written[name] = list(columns)
+
+    write(
+        "null_simulation.csv",
         ["comparison", "test", "false_alarms", "repeats", "rate", "low_95", "high_95"],
         (
             [one.title, test.test, test.alarms, test.repeats, test.rate, test.low, test.high]
@@ -47,61 +66,154 @@ def write_study_tables(folder: Path, study: Study, result: Result, carrier: Surf
             for test in one.false_alarms
         ),
     )
+    write(
+        "dispersion.csv",
+        ["comparison", "group", "n", "mean_distance_mm"],
+        (
+            [one.title, group, one.counts[group], distance]
+            for one in study.comparisons
+            if one.dispersion is not None
+            for group, distance in one.dispersion.by_group.items()
+        ),
+    )
+    write(
+        "sample.csv",
+        ["group", "variable", "category", "n", "mean", "standard_deviation"],
+        (list(row) for row in sample_rows(study, result)),
+    )
     stems = file_stems([one.title for one in study.comparisons])
     for one, stem in zip(study.comparisons, stems, strict=True):
-        columns, rows = _particles(study, one, result, carrier)
-        write_table(folder / f"particles_{stem}.csv", columns, rows)
-    _write_subjects(folder / "subjects.csv", study, result)
+        columns, lines = _particles(study, one, result, carrier)
+        write(f"particles_{stem}.csv", columns, lines)
+    columns, lines = _subjects(study, result)
+    write("subjects.csv", columns, lines)
+    write_table(
+        folder / "columns.csv",
+        ["file", "column", "meaning"],
+        ([name, column, _meaning(column)] for name, columns in written.items() for column in columns),
+    )
 
 
-_TEST_COLUMNS = [
-    "comparison", "subjects", "modes", "wilks", "pillai", "t_squared", "mahalanobis", "f", "dof_1", "dof_2",
-    "p", "p_permutation", "p_holm", "permutations", "particles_p_family_05", "particles_q_05",
-    "size_difference_mm", "size_p", "accuracy", "auc",
-]  # fmt: skip
+def sample_rows(study: Study, result: Result) -> list[SampleRow]:
+    """Describe those who take part: numbers, size of the shapes, covariates, by group."""
+    request = study.request
+    taking = [index for index, name in enumerate(result.names) if name not in study.left_out]
+    groups: dict[str, list[int]] = {"all": taking}
+    if request.kind != "regression":
+        groups = {one: [index for index in taking if study.labels[index] == one] for one in request.between}
+    known = {name for columns in result.columns for name in columns}
+    variables = [SHAPE_SIZE, *([request.column] if request.kind == "regression" else [])]
+    variables += [one for one in request.covariates if category_of(one, known)[0] not in variables]
+    found: list[SampleRow] = []
+    for group, members in groups.items():
+        found.append((group, "subjects", "", len(members), None, None))
+        for variable in variables:
+            column, is_category = category_of(variable, known)
+            cells = column_of(result, column)
+            values = None if is_category else numbers([cells[index] for index in taking])
+            if values is None:
+                for level in sorted({cells[index] for index in taking}):
+                    count = sum(cells[index] == level for index in members)
+                    found.append((group, column, level, count, None, None))
+                continue
+            own = values[[taking.index(index) for index in members]]
+            found.append((group, column, "", len(own), float(own.mean()), float(own.std(ddof=1))))
+    return found
 
 
-def _test_row(one: Comparison) -> list[_Cell]:
-    test, local, line = one.test, one.local, one.discriminant
-    return [
-        one.title,
-        "; ".join(f"{name} {count}" for name, count in one.counts.items()),
-        test.modes,
-        test.wilks,
-        test.pillai,
-        test.t_squared,
-        test.mahalanobis,
-        test.f,
-        *test.dof,
-        test.p,
-        test.p_permutation,
-        one.p_adjusted,
-        test.permutations,
-        int(np.count_nonzero(local.p_family <= 0.05)),
-        int(np.count_nonzero(local.q <= 0.05)),
-        float(one.size_effect[0]) if len(one.size_effect) == 1 else None,
-        one.size_p,
-        None if line is None else line.accuracy,
-        None if line is None else line.auc,
-    ]
+def _provenance(request: StudyRequest, answered: Answered) -> dict[str, _Cell]:
+    return {
+        "question": request.title,
+        "alignment": request.alignment.value,
+        "covariates": "; ".join(request.covariates),
+        "complete_cases": int(request.complete_cases),
+        "seed": request.seed,
+        "answers": request.answers,
+        "result_fingerprint": answered.fingerprint,
+        "result_finished": answered.result_finished,
+        "homolog_version": answered.homolog,
+        "date": answered.date,
+    }
+
+
+def _test_row(study: Study, one: Comparison) -> dict[str, _Cell]:
+    test, local, found, spread = one.test, one.local, one.discriminant, one.dispersion
+    significant = one.p_family <= LEVEL
+    area = float(study.areas[significant].sum())
+    regression = study.request.kind == "regression"
+    return {
+        "comparison": one.title,
+        "n": sum(one.counts.values()),
+        "n_by_group": "; ".join(f"{name} {count}" for name, count in one.counts.items()),
+        "unit": f"per unit of {study.request.column}" if regression else "difference",
+        "modes": test.modes,
+        "modes_chosen_by": "option" if study.request.modes is not None else "parallel analysis",
+        **_effect("mahalanobis_d_corrected", one.distance),
+        "mahalanobis_d_plain": test.mahalanobis,
+        "studentized_statistic": test.studentized,
+        "p_permutation": test.p_permutation,
+        "p_permutation_corrected": one.p_adjusted,
+        "pairs_corrected_for": len(study.pairwise) if one in study.pairwise else 1,
+        "permutations": test.permutations,
+        "permutations_exhaustive": int(test.exact),
+        "t_squared": test.t_squared,
+        "wilks_lambda": test.wilks,
+        "pillai_trace": test.pillai,
+        "f": test.f,
+        "f_dof_numerator": test.dof[0],
+        "f_dof_denominator": test.dof[1],
+        "p_f": test.p,
+        "dispersion_ratio": None if spread is None else spread.ratio,
+        "dispersion_f": None if spread is None else spread.f,
+        "dispersion_p": None if spread is None else spread.p,
+        "particles": len(one.p_family),
+        "particles_p_family_corrected_05": int(np.count_nonzero(significant)),
+        "area_p_family_corrected_05_mm2": area,
+        "area_p_family_corrected_05_percent": 100.0 * area / max(float(study.areas.sum()), 1e-300),
+        "particles_q_05": int(np.count_nonzero(local.q <= LEVEL)),
+        **_effect("size_effect_mm", one.size),
+        "size_p_permutation": None if one.size is None else one.size.p,
+        "size_p_permutation_corrected": one.size_p_adjusted,
+        **_effect("balanced_accuracy", None if found is None else found.accuracy),
+        "balanced_accuracy_p_permutation": None if found is None else found.accuracy.p,
+        **_effect("auc", None if found is None else found.auc),
+        "auc_p_permutation": None if found is None else found.auc.p,
+    }
+
+
+def _effect(name: str, effect: Effect | None) -> dict[str, _Cell]:
+    there = effect is not None and np.isfinite(effect.value)
+    return {
+        name: effect.value if effect is not None and there else None,
+        f"{name}_low_95": effect.low if effect is not None and there else None,
+        f"{name}_high_95": effect.high if effect is not None and there else None,
+    }
 
 
 def _particles(
     study: Study, one: Comparison, result: Result, carrier: SurfaceCarrier
 ) -> tuple[list[str], Iterator[list[_Cell]]]:
-    """Columns and rows of a comparison's particles: mean position, effects, p and q."""
-    columns = ["particle", "mean_x_mm", "mean_y_mm", "mean_z_mm"]
-    values = [one.mean]
+    """Columns and rows of a comparison's particles: mean position, effects with intervals, p and q."""
+    per = "_per_unit" if study.request.kind == "regression" else ""
+    columns = ["particle", "area_mm2", "mean_x_mm", "mean_y_mm", "mean_z_mm"]
+    values = [study.areas[:, None], one.mean]
     for index, effect in enumerate(one.local.effect, start=1):
         suffix = f"_{index}" if len(one.local.effect) > 1 else ""
-        columns += [f"effect_{axis}{suffix}_mm" for axis in "xyz"] + [f"outward{suffix}_mm"]
+        columns += [f"effect_{axis}{suffix}_mm{per}" for axis in "xyz"] + [f"outward{suffix}_mm{per}"]
         values += [effect, carrier.outward_at_particles(one, effect)[:, None]]
+    if len(one.local.effect) == 1:
+        columns += [f"outward_low_95_mm{per}", f"outward_high_95_mm{per}"]
+        values += [np.column_stack(one.local.bounds(carrier.normals_at_particles(one)))]
     if one.discriminant is not None:
         columns += ["discriminant_outward_mm"]
         values += [carrier.outward_at_particles(one, one.discriminant.displacement)[:, None]]
-    columns += ["explained", "p", "p_family", "q"]
+    columns += ["explained", "p_f", "studentized_statistic", "p", "p_family", "p_family_corrected", "q"]
     local = one.local
-    values += [np.column_stack([local.explained, local.p, local.p_family, local.q])]
+    values += [
+        np.column_stack(
+            [local.explained, local.p_f, local.studentized, local.p, local.p_family, one.p_family, local.q]
+        )
+    ]
     if one.discriminant is not None and not study.request.covariates:
         welch = _outward_test(study, one, result, carrier)
         columns += ["outward_t_welch", "outward_p_welch", "outward_p_family", "outward_q"]
@@ -113,26 +225,51 @@ def _particles(
 def _outward_test(study: Study, one: Comparison, result: Result, carrier: SurfaceCarrier) -> WelchMap:
     """Test two groups for outward displacement alone, with its sign and for unequal variances."""
     request = study.request
-    shapes = prepared(result.world[one.subjects], Options(scaling=request.scaling))
+    shapes = prepared(compared_shapes(result, request.alignment)[one.subjects], study_options(request))
     second = np.array([study.labels[subject] for subject in one.subjects]) == list(one.counts)[1]
     outward = carrier.outward_at_particles(one, shapes - one.mean)
     return welch_map(outward, second, permutations=request.permutations, seed=request.seed)
 
 
-def _write_subjects(path: Path, study: Study, result: Result) -> None:
-    """Write each subject's label, and its place along each discriminant as a root mean square [mm]."""
+def _subjects(study: Study, result: Result) -> tuple[list[str], Iterator[list[_Cell]]]:
+    """Columns and rows of the subjects: label, part, and place along each discriminant."""
     lines = [one for one in study.comparisons if one.discriminant is not None]
     places: list[dict[int, float]] = []
     for one in lines:
         assert one.discriminant is not None
         rms = one.discriminant.scores / np.sqrt(len(one.mean))
         places.append(dict(zip(one.subjects.tolist(), rms.tolist(), strict=True)))
-    taking_part = set(study.overall.subjects.tolist())
-    write_table(
-        path,
-        ["name", study.request.column, "takes_part", *(f"discriminant_{one.title}_mm" for one in lines)],
-        (
-            [name, label, int(index in taking_part), *(one.get(index) for one in places)]
-            for index, (name, label) in enumerate(zip(result.names, study.labels, strict=True))
-        ),
+    size = [float(cell) for cell in column_of(result, SHAPE_SIZE)]
+    columns = ["name", study.request.column, "takes_part", "left_out_because", "shape_size_mm"]
+    columns += [f"discriminant_{one.title}_mm" for one in lines]
+    return columns, (
+        [
+            name,
+            study.labels[index],
+            int(name not in study.left_out),
+            study.left_out.get(name, ""),
+            size[index],
+            *(one.get(index) for one in places),
+        ]
+        for index, name in enumerate(result.names)
     )
+
+
+def _meaning(column: str) -> str:
+    """Return what a column holds: of `MEANINGS`, or what its ending says."""
+    plain = column.removesuffix("_per_unit")
+    unit = ", per unit of the variable" if plain != column else ""
+    for end, words in (
+        ("_low_95", "lower"),
+        ("_high_95", "upper"),
+        ("_low_95_mm", "lower"),
+        ("_high_95_mm", "upper"),
+    ):
+        if plain.endswith(end) and len(plain) > len(end):
+            return f"{words} bound of the 95 % confidence interval of {plain.removesuffix(end)}{unit}"
+    if plain.startswith("discriminant_") and plain != "discriminant_outward_mm":
+        return "place of the subject along the discriminant, root mean square over the particles"
+    several = re.fullmatch(r"(effect_[xyz]|outward)_(\d+)_mm", plain)
+    if several:
+        return f"{MEANINGS[f'{several[1]}_mm']}, group {int(several[2]) + 1} minus group 1"
+    return MEANINGS.get(plain, "the column that was asked about") + unit

@@ -1,6 +1,7 @@
 """Writing the report of a project: the page, its figures as vector graphics, and the studies' tables."""
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 
 from homolog.analysis.comparison import Comparison
@@ -10,17 +11,31 @@ from homolog.files.atomic import replacing, write_text
 from homolog.files.project import Project
 from homolog.files.records import ResultRecord
 from homolog.files.results import Result, read_result
+from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog_app.pictures import write_picture
-from homolog_app.report.figures import ReportFigure, model_figures, study_figures
-from homolog_app.report.findings import LEVEL, cautions, findings, outlier_words, p_words
+from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
+from homolog_app.report.findings import (
+    LEVEL,
+    cautions,
+    correction_words,
+    findings,
+    interval_words,
+    outlier_words,
+    outliers_by_group,
+    p_words,
+    percent_words,
+    region_words,
+)
+from homolog_app.report.keep import keep_study
 from homolog_app.report.landmarks import write_landmarks
-from homolog_app.report.methods import methods, settings_rows
+from homolog_app.report.methods import methods, references, settings_rows
 from homolog_app.report.page import Page
 from homolog_app.report.request import read_requests, study_folder
-from homolog_app.report.study import Study, run_study
+from homolog_app.report.seeds import read_spread, spread_words
+from homolog_app.report.study import SHAPE_SIZE, Study, run_study
 from homolog_app.report.surface_maps import SurfaceCarrier
-from homolog_app.report.tables import write_study_tables
+from homolog_app.report.tables import sample_rows
 
 __all__ = ["write_report"]
 
@@ -63,12 +78,12 @@ def write_report(project: Project, tick: Tick = no_tick) -> Path:
     figures = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.6)))
     page = Page(f"Shape analysis of {project.folder.resolve().name}", f"{NOTICE} {_made(record)}")
     _summary(page, record, result, studies)
-    _model_section(page, model, figures)
+    _model_section(page, folder, result, model, figures)
     for index, study in enumerate(studies):
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
-        write_study_tables(study_folder(project, study.request), study, result, carrier)
+        keep_study(project, study, result, carrier)
         own = list(study_figures(study, carrier, part))
-        _study_section(page, study, own)
+        _study_section(page, study, result, own, (study_folder(project, study.request), record.fingerprint))
         figures += own
     tick(0.9, "writing the report")
     write_landmarks(page, project)
@@ -86,12 +101,17 @@ def _made(record: ResultRecord) -> str:
 
 
 def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence[Study]) -> None:
-    groups = [one.group for one in record.subjects]
+    groups = list(result.groups)
     counts = ", ".join(f"{groups.count(one)} {one or 'no group'}" for one in dict.fromkeys(groups))
     page.paragraph(
         f"{len(groups)} subjects{f' ({counts})' if any(groups) else ''} with {record.particles} "
         f"corresponding particles each; {record.metric} distances; surface: {record.surface_words}."
     )
+    if record.mirrored_words:
+        names = ", ".join(one.name for one in record.subjects if one.is_mirrored)
+        page.paragraph(
+            f"{record.mirrored_words}: {names}. Means, modes and differences are shown in the common frame."
+        )
     page.heading("Findings")
     for words in outlier_words(result):
         page.caution(words)
@@ -104,13 +124,32 @@ def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence
             page.caution(words)
 
 
-def _model_section(page: Page, model: ShapeModel, figures: Sequence[ReportFigure]) -> None:
+def _mm(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3f}"
+
+
+def _model_section(
+    page: Page, folder: Path, result: Result, model: ShapeModel, figures: Sequence[ReportFigure]
+) -> None:
     page.heading("Shape model")
     small = [one for one in figures if one.name in ("scree", "scores")]
     page.figures(small)
     for one in figures:
         if one not in small:
             page.figures([one])
+    rows = quality_rows(result, model)
+    if rows:
+        write_table(
+            folder / "quality.csv", ["modes", "compactness", "generalization_mm", "specificity_mm"], rows
+        )
+        page.table(
+            ["modes", "compactness (%)", "generalization (mm)", "specificity (mm)"],
+            (
+                (str(k), f"{100 * share:.1f}", _mm(left_out), _mm(drawn))
+                for k, share, left_out, drawn in rows
+                if drawn is not None
+            ),
+        )
     deviations = model.standard_deviations / len(model.mean) ** 0.5
     shares = zip(deviations, model.explained, model.explained.cumsum(), strict=True)
     page.table(
@@ -123,9 +162,44 @@ def _model_section(page: Page, model: ShapeModel, figures: Sequence[ReportFigure
     )
 
 
-def _study_section(page: Page, study: Study, figures: Sequence[ReportFigure]) -> None:
+def _study_section(
+    page: Page,
+    study: Study,
+    result: Result,
+    figures: Sequence[ReportFigure],
+    kept: tuple[Path, str],
+) -> None:
+    folder, fingerprint = kept
     page.heading(f"Study: {study.request.title}")
-    page.table(_COLUMNS, (_row(one) for one in study.comparisons))
+    _sample(page, study, result)
+    page.heading("Results", 3)
+    correction = correction_words(study)
+    page.paragraph(
+        "Effects come with 95 % confidence intervals. "
+        + (
+            f"P-values of the whole shape and of particles in the table are {correction}; those of size are "
+            + (f"{correction_words(study, size=True)}. " if study.pairwise else "not. ")
+            if correction
+            else "P-values are not corrected for other questions. "
+        )
+        + "p (F) assumes normal data and equal covariances and is not corrected."
+    )
+    page.table(_COLUMNS, (_row(study, one) for one in study.comparisons))
+    spread = spread_words(read_spread(folder, fingerprint))
+    page.paragraph(
+        "The seed of the correspondence is part of the uncertainty. "
+        + (" ".join(spread) or "Its share was not computed: homolog analyze --seeds 5 does.")
+    )
+    checks = [_check_row(study, one) for one in study.comparisons if one.dispersion is not None]
+    if checks:
+        page.heading("Assumptions", 3)
+        page.paragraph(
+            "Permutation tests assume that without an effect subjects are exchangeable between the groups "
+            "(with covariates: their residuals). Equal dispersion is tested by the permuted distance to the "
+            "group centroid (PERMDISP). Outliers are subjects whose distance is above the median of their "
+            "group by more than three scaled median absolute deviations."
+        )
+        page.table(["comparison", "dispersion (mm)", "F", "p", "outliers"], checks, words=True)
     for one in figures:
         if one.heading:
             page.heading(one.heading, 3)
@@ -139,37 +213,77 @@ def _study_section(page: Page, study: Study, figures: Sequence[ReportFigure]) ->
         page.heading("False alarms on this cohort", 3)
         page.paragraph(
             f"The labels were exchanged {study.request.null_repeats} times, so that there is nothing to "
-            "find. A "
-            f"test that keeps its word calls {100 * LEVEL:g} % of these significant; without correction "
-            "over the "
-            "surface, some particle nearly always is."
+            "find. Permutation tests then have a type I error rate of 5 % by construction: their rows show "
+            "that the computation is right, not that the groups can be compared. The rows of F show whether "
+            "normal distributions may be assumed. The table can't show what differences in dispersion do; "
+            "see Assumptions."
         )
         page.table(["comparison", "test", "false alarms (%)", "95 % bounds"], alarms, words=True)
 
 
 _COLUMNS = (
-    "comparison", "modes", "T² or lambda", "p (F)", "p (permutation)", "p (Holm)", "distance (SD)",
-    f"particles p ≤ {LEVEL:g}, corrected (%)", f"particles q ≤ {LEVEL:g} (%)", "accuracy (%)", "AUC",
-    "size p",
+    "comparison", "modes", "D, corrected for bias (95 % CI)", "p (permutation)", "p (corrected)",
+    "T² or lambda", "p (F)", f"particles p ≤ {LEVEL:g}, corrected", "balanced accuracy (95 % CI)",
+    "AUC (95 % CI)", "size (95 % CI)", "size p",
 )  # fmt: skip
 
 
-def _row(one: Comparison) -> tuple[str, ...]:
-    test, local, line = one.test, one.local, one.discriminant
+def _row(study: Study, one: Comparison) -> tuple[str, ...]:
+    test, line, size = one.test, one.discriminant, one.size
+    unit = f"mm per unit of {study.request.column}" if study.request.kind == "regression" else "mm"
+    digits = 3 if study.request.kind == "regression" else 2
     return (
         one.title,
         str(test.modes),
+        interval_words(one.distance, digits) if one.distance is not None else "–",
+        _p(test.p_permutation, test.permutations),
+        _p(one.p_adjusted, test.permutations),
         f"T² {test.t_squared:.1f}" if test.t_squared is not None else f"Λ {test.wilks:.3f}",
-        p_words(test.p)[4:],
-        p_words(test.p_permutation)[4:],
-        p_words(one.p_adjusted)[4:],
-        f"{test.mahalanobis:.2f}" if test.mahalanobis is not None else "–",
-        f"{100 * (local.p_family <= LEVEL).mean():.1f}",
-        f"{100 * (local.q <= LEVEL).mean():.1f}",
-        f"{100 * line.accuracy:.0f}" if line is not None else "–",
-        f"{line.auc:.2f}" if line is not None else "–",
-        p_words(one.size_p)[4:],
+        _p(test.p),
+        region_words(study, one),
+        percent_words(line.accuracy) if line is not None else "–",
+        interval_words(line.auc) if line is not None else "–",
+        f"{interval_words(size)} {unit}" if size is not None and isfinite(size.value) else "–",
+        _p(one.size_p_adjusted, size.permutations)
+        if size is not None and one.size_p_adjusted is not None
+        else "–",
     )
+
+
+def _p(p: float, permutations: int | None = None) -> str:
+    return p_words(p, permutations).removeprefix("p ").removeprefix("= ")
+
+
+def _check_row(study: Study, one: Comparison) -> tuple[str, ...]:
+    found = one.dispersion
+    assert found is not None
+    mean = ", ".join(f"{name} {value:.2f}" for name, value in found.by_group.items()) or "along the variable"
+    return (
+        one.title,
+        mean,
+        f"{found.f:.2f}",
+        _p(found.p, found.permutations),
+        ", ".join(outliers_by_group(study, one)) or "none",
+    )
+
+
+def _sample(page: Page, study: Study, result: Result) -> None:
+    page.heading("Sample", 3)
+    page.table(
+        ["group", "variable", "n", "mean ± SD"],
+        (
+            (
+                group,
+                f"{variable} {category}".strip() + (" (mm)" if variable == SHAPE_SIZE else ""),
+                str(count),
+                "–" if mean is None or spread is None else f"{mean:.4g} ± {spread:.3g}",
+            )
+            for group, variable, category, count, mean, spread in sample_rows(study, result)
+        ),
+        words=True,
+    )
+    gone = [f"{name} ({why})" for name, why in study.left_out.items()]
+    page.paragraph(f"Not compared: {len(gone)} of {len(result.names)} subjects. {', '.join(gone)}".strip())
 
 
 def _closing(
@@ -181,6 +295,9 @@ def _closing(
 ) -> None:
     page.heading("Methods")
     for words in methods(record, studies):
+        page.paragraph(words)
+    page.heading("References", 3)
+    for words in references(record, studies):
         page.paragraph(words)
     page.table(
         ["part", "setting", "value"], settings_rows(record, studies), words=True, summary="All settings"
@@ -199,5 +316,6 @@ def _closing(
         for study in studies
         for path in sorted(study_folder(project, study.request).glob("*.csv"))
     ]
-    tables = ["../model/scores.csv", "../model/eigenvalues.csv", *tables]
+    own = ["quality.csv"] if (project.folder / "report" / "quality.csv").is_file() else []
+    tables = [*own, "../model/scores.csv", "../model/eigenvalues.csv", *tables]
     page.links(tables, f"Tables with the subjects' names ({len(tables)} files)")

@@ -58,7 +58,7 @@ COMMANDS = (
     Command("file.save", "Save", "Save the project.", "File", "Ctrl+S", "save", "unsaved"),
     Command("file.save_as", "Save as…", "Save the project to another folder.",
             "File", "Ctrl+Shift+S", "save", "study", ends_section=True),
-    Command("file.import", "Import table…", "Read groups and covariates from a CSV file.",
+    Command("file.import", "Import table…", "Add or replace groups and covariates from a table.",
             "File", "", "import", "study"),
     Command("file.import_model", "Import model…",
             "Make a project of a ShapeWorks project or a folder of particles.", "File", "", "import", "idle"),

@@ -3,6 +3,7 @@
 from PySide6.QtCore import Qt, Signal
 
 from homolog.settings import GroomSettings
+from homolog.surfaces.mirroring import mirrors
 from homolog_app.window.actions import Actions
 from homolog_app.window.form import SettingsPair
 from homolog_app.window.progress import Progress
@@ -14,7 +15,7 @@ from homolog_app.window.widgets import Panel, button, label, rule, set_primary
 
 __all__ = ["GroomPanel"]
 
-_MAIN = ("label", "smoothing", "alignment")
+_MAIN = ("label", "smoothing", "alignment", "pieces")
 
 
 class GroomPanel(Panel):
@@ -30,9 +31,11 @@ class GroomPanel(Panel):
         self.report = label("", "Hint", wrap=True)
         self.report.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.subject = label("", "SectionTitle", wrap=True)
+        self.mirrored = label("", "Hint", wrap=True)
         self.again = button("Groom this one again")
         self.again.clicked.connect(actions["run.regroom"].trigger)
         self.body.addWidget(self.form)
+        self.body.addWidget(self.mirrored)
         self.body.addWidget(rule())
         for one in (self.subject, self.report, self.again):
             self.body.addWidget(one)
@@ -63,6 +66,9 @@ class GroomPanel(Panel):
         self.go.setEnabled(count > 0)
         set_primary(self.go, not session.is_groomed)
         self.proceed.setVisible(idle and session.is_groomed)
+        turned = [one for one, found in session.groomed.items() if mirrors(found.alignment)]
+        self.mirrored.setText(f"Mirrored to the other side: {', '.join(turned)}")
+        self.mirrored.setVisible(bool(turned))
         name = session.selection[0] if session.selection else ""
         groomed = session.groomed.get(name)
         for widget in (self.subject, self.report, self.again):

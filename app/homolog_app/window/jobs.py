@@ -103,7 +103,7 @@ def groom(
 ) -> "tuple[list[GroomedSubject], FloatArray]":
     """Groom and align a cohort; what was groomed before comes from the project."""
     from homolog.device import cores
-    from homolog.grooming import align, groom_cohort
+    from homolog.grooming import align_cohort, groom_cohort
     from homolog.workers import worker_processes
 
     with worker_processes(settings.workers or cores()) as executor:
@@ -111,14 +111,14 @@ def groom(
             cohort, settings.groom, executor=executor, cache=project.groomed, tick=part_of(tick, 0.0, 0.9)
         )
     tick(0.9, "aligning")
-    return groomed, align(groomed, settings.groom)
+    return align_cohort(cohort, groomed, settings.groom, part_of(tick, 0.9, 1.0))
 
 
 def groomed_before(
     cohort: Cohort, settings: RunSettings, project: Project, tick: Tick
 ) -> "tuple[list[GroomedSubject], FloatArray] | None":
     """Return what a project keeps of its grooming, aligned; None unless each subject is kept as it is now."""
-    from homolog.grooming import align
+    from homolog.grooming import align_cohort
     from homolog.grooming.cache import content_key, load_groomed
     from homolog.grooming.subject import read_source
 
@@ -135,7 +135,7 @@ def groomed_before(
         if kept is None:
             return None
         found.append(kept)
-    return (found, align(found, settings.groom, tick)) if found else None
+    return align_cohort(cohort, found, settings.groom, tick) if found else None
 
 
 class RunJob:

@@ -1,10 +1,11 @@
 """Which label of the files is the structure to study."""
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QSize
+from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QIcon
-from PySide6.QtWidgets import QComboBox, QFrame, QVBoxLayout
+from PySide6.QtWidgets import QComboBox, QCompleter, QFrame, QVBoxLayout
 
 from homolog.arrays import Array
 from homolog_app.window.cohort_model import thumbnail
@@ -13,13 +14,21 @@ from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID, label
 
+if TYPE_CHECKING:
+    from homolog.grooming.structures import Structure
+
 __all__ = ["LabelPicker"]
 
 _PICTURE = 40
+_VISIBLE = 14
+_QUESTION = "The files hold several structures. Choose one, or type a part of its name."
 
 
 class LabelPicker(QFrame):
-    """Shown where a file holds several labels: a list of them, each with name, picture and mean volume."""
+    """Shown where a subject has several structures: a list with name, picture, volume and how many have it.
+
+    What is typed is looked for anywhere in the names.
+    """
 
     def __init__(self, session: Session, theme: Theme) -> None:
         super().__init__()
@@ -29,10 +38,20 @@ class LabelPicker(QFrame):
         self.choice = QComboBox()
         self.choice.setAccessibleName("Label to study")
         self.choice.setIconSize(QSize(_PICTURE, _PICTURE))
+        self.choice.setEditable(True)
+        self.choice.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
+        self.choice.setMaxVisibleItems(_VISIBLE)
+        completer = QCompleter(self.choice.model(), self.choice)
+        completer.setCompletionMode(QCompleter.CompletionMode.PopupCompletion)
+        completer.setCaseSensitivity(Qt.CaseSensitivity.CaseInsensitive)
+        completer.setFilterMode(Qt.MatchFlag.MatchContains)
+        self.choice.setCompleter(completer)
         self.choice.activated.connect(self._choose)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(2 * GRID, GRID, 2 * GRID, 2 * GRID)
-        layout.addWidget(label("The files hold several labels. Which one is the structure?", wrap=True))
+        layout.addWidget(
+            label("The files hold several structures. Choose one, or type a part of its name.", wrap=True)
+        )
         layout.addWidget(self.choice)
         session.facts_changed.connect(self._fill)
         session.study_changed.connect(self._fill)
@@ -40,26 +59,47 @@ class LabelPicker(QFrame):
         self.hide()
 
     def _fill(self) -> None:
-        found: dict[int | str, list[tuple[float, Array]]] = {}
-        for survey in self._session.surveys.values():
-            for one in survey.labels:
-                found.setdefault(one.name or one.value, []).append((one.volume_ml, one.thumbnail))
-        self.setVisible(len(found) > 1)
+        surveys = self._session.surveys
+        if not any(survey.labels for survey in surveys.values()):
+            self.hide()
+            return
+        from homolog.grooming.names import same_name
+        from homolog.grooming.structures import Found, joined  # slow to import, and there once files are read
+
         groom = self._session.study.settings.groom
-        chosen = groom.segment if groom.segment in found else groom.label
         count = len(self._session.study.members)
-        state = (self._theme.colours, chosen, {value: len(seen) for value, seen in found.items()})
-        if len(found) < 2 or state == self._shown:
+        found = {
+            name: [Found(one.name, one.value, one.volume_ml or 0.0, one.at_border) for one in survey.labels]
+            for name, survey in surveys.items()
+        }
+        structures = joined(found)
+        self.setVisible(len(structures) > 1)
+        texts = [_text(one, count) for one in structures]
+        state = (self._theme.colours, groom.label, groom.segment, texts)
+        if len(structures) < 2 or state == self._shown:
             return
         self._shown = state
+        pictures = {
+            one.name or one.value: one.thumbnail
+            for survey in reversed(surveys.values())
+            for one in survey.labels
+            if one.thumbnail is not None
+        }
         self.choice.clear()
         self.choice.addItem("All labels together", None)
-        for value, seen in sorted(found.items(), key=lambda one: (isinstance(one[0], int), one[0])):
-            mean = sum(volume for volume, _ in seen) / len(seen)
-            name = f"Label {value}" if isinstance(value, int) else value
-            text = f"{name} · {millilitres(mean)} · in {len(seen)} of {count} subjects"
-            self.choice.addItem(QIcon(thumbnail(seen[0][1], self._theme.colours.bone, _PICTURE)), text, value)
-        self.choice.setCurrentIndex(max(0, self.choice.findData(chosen)))
+        chosen = 0
+        for index, (one, text) in enumerate(zip(structures, texts, strict=True), start=1):
+            data = one.name or one.values[0]
+            picture = pictures.get(data)
+            icon = QIcon() if picture is None else self._icon(picture)
+            self.choice.addItem(icon, text, data)
+            named = groom.segment is not None and same_name(one.name, groom.segment)
+            if named or (groom.segment is None and groom.label is not None and groom.label in one.values):
+                chosen = index
+        self.choice.setCurrentIndex(chosen)
+
+    def _icon(self, picture: Array) -> QIcon:
+        return QIcon(thumbnail(picture, self._theme.colours.bone, _PICTURE))
 
     def _choose(self) -> None:
         settings = self._session.study.settings
@@ -73,3 +113,13 @@ class LabelPicker(QFrame):
         self._session.edit(
             "Label", replace(self._session.study, settings=settings.model_copy(update={"groom": groom}))
         )
+
+
+def _text(structure: "Structure", subjects: int) -> str:
+    """Return what the list says of a structure."""
+    median = structure.volumes[1]
+    parts = [structure.title, *([millilitres(median)] if median else [])]
+    parts.append(f"in {len(structure.found)} of {subjects} subjects")
+    if structure.at_border:
+        parts.append(f"at the border in {len(structure.at_border)}")
+    return " · ".join(parts)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["Library", "dropped_paths"]
 
 _FILES = "Segmentations and surfaces (*.nrrd *.nhdr *.nii *.nii.gz *.mha *.mhd *.vtp *.vtk *.ply *.stl *.obj)"
-_TABLES = "Tables (*.csv)"
+_TABLES, _READ = "Tables (*.csv)", "Tables (*.csv *.tsv *.txt *.xlsx)"
 _MODELS = "ShapeWorks projects, particles (*.swproj *.xlsx *.particles *.pts)"
 
 
@@ -225,16 +225,19 @@ class Library(Part):
 
     @reported
     def _import(self) -> None:
-        path, _ = QFileDialog.getOpenFileName(self._window, "Import groups and covariates", "", _TABLES)
+        path, _ = QFileDialog.getOpenFileName(self._window, "Import groups and covariates", "", _READ)
         if path:
             self.import_table(Path(path))
 
     @reported
     def import_table(self, path: Path) -> None:
-        """Read groups and covariates."""
-        study, used = with_table(self._desk.session.study, path)
+        """Read groups and covariates, once the user has seen what changes."""
+        study, changes = with_table(self._desk.session.study, path)
+        answers = ("Close",) if changes.is_empty else ("Import", "Cancel")
+        if ask(self._window, f"Import {path.name}?", "\n".join(changes.words), answers) != "Import":
+            return
         self._desk.session.edit("Import table", study)
-        self._window.status.say(f"Rows for {used} subjects read from {path.name}")
+        self._window.status.say(f"Rows for {len(changes.matched)} subjects read from {path.name}")
 
     @reported
     def _import_model(self) -> None:

@@ -10,7 +10,7 @@ from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.project import Project
 from homolog.files.records import ResultRecord
-from homolog.files.results import Result, read_result
+from homolog.files.results import Result, read_result, read_surface
 from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -103,7 +103,6 @@ def load_result(project: Project) -> Loaded:
     InputError
         If there is none, or a file is missing or damaged.
     """
-    from homolog.files.meshes import read_mesh
     from homolog.grooming.subject import COARSE_VERTICES
     from homolog.surfaces.simplify import simplified
 
@@ -113,7 +112,7 @@ def load_result(project: Project) -> Loaded:
         raise InputError(f"{project.folder}: has no result")
     surfaces = {}
     for one in record.subjects:
-        mesh = read_mesh(project.groomed / f"{one.file}.vtp")
+        mesh = read_surface(project, one)
         surfaces[one.name] = (mesh, simplified(mesh, COARSE_VERTICES))
     summary = f"{record.particles} particles on {len(record.subjects)} shapes, " + (
         f"imported from {record.source}{_remarks(record)}"
@@ -121,6 +120,7 @@ def load_result(project: Project) -> Loaded:
         else f"{record.metric} distances, {record.iterations} iterations in "
         f"{sum(record.seconds.values()):.0f} s on {record.device}"
     )
+    summary += f"; {record.mirrored_words}" if record.mirrored_words else ""
     return Loaded(result, surfaces, _energies(project), _frames(project), summary, record)
 
 

@@ -4,10 +4,19 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from homolog.cohort import IMAGE_SUFFIXES, MESH_SUFFIXES, Cohort, Subject, landmarks_beside, read_cohort
+from homolog.cohort import (
+    IMAGE_SUFFIXES,
+    MESH_SUFFIXES,
+    TABLE_SUFFIXES,
+    Cohort,
+    Subject,
+    TableChanges,
+    landmarks_beside,
+    read_cohort,
+    table,
+)
 from homolog.errors import InputError
 from homolog.settings import RunSettings
-from homolog.spreadsheets import read_rows
 
 __all__ = ["Member", "Study", "found_subjects", "with_table"]
 
@@ -107,7 +116,7 @@ def found_subjects(paths: Iterable[Path]) -> list[Subject]:
         suffix = next(
             (one for one in IMAGE_SUFFIXES + MESH_SUFFIXES if path.name.lower().endswith(one)), None
         )
-        if path.is_dir() or path.suffix.lower() == ".csv":
+        if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
             found += read_cohort(path).subjects
         elif suffix is None:
             raise InputError(
@@ -119,42 +128,17 @@ def found_subjects(paths: Iterable[Path]) -> list[Subject]:
     return found
 
 
-def with_table(study: Study, path: Path) -> tuple[Study, int]:
-    """Read groups and covariates from a CSV file; return the study with them and the number of its rows used.
-
-    The first column, or the one called ``name`` or ``id``, names the subject: exactly, or by the beginning of
-    its name up to a sign that is no letter or digit (``acdc004`` means ``acdc004_ED_myo``).
+def with_table(study: Study, path: Path) -> tuple[Study, TableChanges]:
+    """Read groups and covariates from a table; return the study with them, and what changes.
 
     Raises
     ------
     InputError
         If the file can't be read or names no subject of the study.
     """
-    columns, rows = read_rows(path)
-    named = [one for one in columns if one]
-    if not rows or not named:
-        raise InputError(f"{path}: holds no rows")
-    key = next((one for one in named if one.lower() in ("name", "id")), named[0])
-    changed: dict[str, Member] = {}
-    for _, row in rows:
-        member = _named(study, row[key])
-        if member is not None:
-            values = {name: value for name, value in row.items() if name != key}
-            group = values.pop("group", "") or member.subject.group
-            values.pop("path", None)
-            subject = replace(member.subject, group=group, columns={**member.subject.columns, **values})
-            changed[member.name] = replace(member, subject=subject)
-    if not changed:
-        raise InputError(
-            f"{path}: its column {key!r} names none of the subjects, such as {study.members[0].name}"
-        )
-    return study.with_members(changed), len(changed)
-
-
-def _named(study: Study, name: str) -> Member | None:
-    exact = [one for one in study.members if one.name == name]
-    starting = [
-        one for one in study.members if one.name.startswith(name) and not one.name[len(name) :][:1].isalnum()
-    ]
-    found = exact or (starting if name else [])
-    return found[0] if len(found) == 1 else None
+    changes = table.with_table([one.subject for one in study.members], path)
+    changed = {
+        one.name: replace(one, subject=subject)
+        for one, subject in zip(study.members, changes.subjects, strict=True)
+    }
+    return study.with_members(changed), changes

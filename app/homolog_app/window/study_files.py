@@ -10,6 +10,7 @@ from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
 from homolog.files.project import Project
+from homolog.files.project_table import update_table
 from homolog.files.records import ProjectRecord, SubjectRecord
 from homolog.settings import RunSettings
 from homolog_app.window.study import Member, Study
@@ -91,6 +92,7 @@ def save_project(project: Project, study: Study, view: ViewRecord) -> None:
     project.write(
         before.model_copy(update={"subjects": project.describe(study.cohort), "settings": study.settings})
     )
+    update_table(project, study.whole.subjects)
     write_text(project.folder / _FILE, record_of(study, project, view).model_dump_json(indent=2) + "\n")
 
 

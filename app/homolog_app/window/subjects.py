@@ -9,6 +9,7 @@ import numpy as np
 from homolog.arrays import Array, FloatArray
 from homolog.cohort import Subject
 from homolog.settings import GroomSettings
+from homolog.surfaces.mirroring import mirrors
 from homolog_app.window.loaded import Loaded
 from homolog_app.window.scene.colours import colours_by_place
 from homolog_app.window.scene.content import Content
@@ -67,7 +68,7 @@ def subject_contents(
             alignment = np.eye(4)
             if raw is not None:
                 alignment[:3, 3] = -raw.vertices.mean(axis=0)
-        notes = [subject.group or ""]
+        notes = [subject.group or "", "mirrored" if mirrors(alignment) else ""]
         if fine is None and survey is not None and survey.every > 1:
             notes.append(f"every {survey.every}. voxel")
         note = " · ".join(one for one in notes if one)

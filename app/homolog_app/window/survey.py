@@ -1,6 +1,8 @@
 """A first look at a subject's file: its labels, volume, a small picture and its surface as it is."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -8,6 +10,7 @@ from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.grooming.images import Segmentation, Volume, read_volume
+from homolog.grooming.structures import mask_of, masks_of, structures_of
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["LabelFound", "Survey", "survey_subject"]
@@ -15,18 +18,37 @@ __all__ = ["LabelFound", "Survey", "survey_subject"]
 THUMBNAIL = 64
 _MARGIN = 6
 _MOST_VOXELS = 128**3
-_MOST_LABELS = 12
+_MOST_DRAWN = 2**30
+"""Voxels that are gone through for the pictures of a file's labels, at most."""
+_MOST_MEASURED = 2**31
+"""Bytes of a subject's files that are read for the volumes of all structures, at most."""
+_GZIP_END = 4
 _LIGHT = np.array([-0.4, -0.8, 0.45])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelFound:
-    """One structure of a file: value, volume [ml], a (64, 64) uint8 picture, 0 where nothing is, and name."""
+    """One structure of a subject's files.
 
-    value: int
-    volume_ml: float
-    thumbnail: Array
+    Attributes
+    ----------
+    value : int or None
+        Its label; None if it has a file of its own.
+    volume_ml : float or None
+        None if measuring all of the subject's files would take long.
+    thumbnail : (64, 64) uint8 array or None
+        0 where nothing is; None if there are many.
+    name : str
+        Empty if nothing names it.
+    at_border : bool
+        Whether it touches the border of its image.
+    """
+
+    value: int | None
+    volume_ml: float | None
+    thumbnail: Array | None
     name: str = ""
+    at_border: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +67,7 @@ class Survey:
     thumbnail : (64, 64) uint8 array or None
         Seen from the front, 0 where nothing is.
     labels : tuple of LabelFound
-        What the file holds, at most a dozen; empty for surfaces.
+        What the files hold; empty for surfaces.
     voxels : Segmentation or None
         The voxels around the structure; None for surfaces.
     surface : TriangleMesh or None
@@ -78,26 +100,35 @@ def survey_subject(subject: Subject, label: int | None, segment: str | None = No
     """
     survey = Survey(subject, label, segment=segment)
     try:
+        if masks := masks_of(subject):
+            survey = replace(survey, labels=_of_masks(subject, masks))
+            return _with_mask(survey, mask_of(subject, masks, label, segment))
         if subject.is_mesh:
-            return _with_mesh(survey)
-        volume = read_volume(subject.path)
+            return _with_mesh(survey, subject.path)
+        volume = read_volume(subject.path).with_names()
         survey = replace(survey, labels=_labels(volume))
-        return _with_voxels(survey, volume)
+        return _with_voxels(survey, volume.segmentation(label, segment))
     except InputError as error:
         message = str(error).removeprefix(f"{subject.path}: ")
         return replace(survey, problem=message[:1].upper() + message[1:])
 
 
-def _with_mesh(survey: Survey) -> Survey:
+def _with_mask(survey: Survey, path: Path) -> Survey:
+    """Return the survey with the file of the chosen structure."""
+    if Subject(survey.subject.name, path).is_mesh:
+        return _with_mesh(survey, path)
+    return _with_voxels(survey, read_volume(path).segmentation(None))
+
+
+def _with_mesh(survey: Survey, path: Path) -> Survey:
     from homolog.files.meshes import read_mesh
 
-    mesh = read_mesh(survey.subject.path)
+    mesh = read_mesh(path)
     return replace(survey, volume_ml=abs(mesh.volume) / 1000.0, thumbnail=_mesh_thumbnail(mesh), surface=mesh)
 
 
-def _with_voxels(survey: Survey, volume: Volume) -> Survey:
-    chosen = volume.segmentation(survey.label, survey.segment)
-    voxels = _cropped(chosen)
+def _with_voxels(survey: Survey, chosen: Segmentation) -> Survey:
+    voxels = _framed(chosen)
     surface, every = _surface(voxels)
     return replace(
         survey, volume_ml=chosen.volume / 1000.0, thumbnail=_thumbnail(voxels), voxels=voxels,
@@ -106,27 +137,45 @@ def _with_voxels(survey: Survey, volume: Volume) -> Survey:
 
 
 def _labels(volume: Volume) -> tuple[LabelFound, ...]:
-    found = []
-    for one in volume.segments()[:_MOST_LABELS]:
-        part = volume.placed(one)
-        found.append(LabelFound(one.value, part.volume / 1000.0, _thumbnail(_cropped(part)), one.name))
-    return tuple(found)
-
-
-def _cropped(whole: Segmentation) -> Segmentation:
-    """Return the voxels around the structure, with a margin where there is one."""
-    box = []
-    for axis in range(3):
-        others = tuple(other for other in range(3) if other != axis)
-        where = np.flatnonzero(whole.mask.any(axis=others))
-        box.append(slice(max(0, where[0] - _MARGIN), where[-1] + 1 + _MARGIN))
-    start = np.array([one.start for one in box])
-    return Segmentation(
-        whole.mask[tuple(box)].copy(),
-        whole.rotation,
-        whole.spacing,
-        whole.origin + whole.rotation @ (start * whole.spacing),
+    """Return the structures of a file, with pictures if it does not take long to draw them."""
+    extents = volume.extents()
+    drawn = len(extents) * volume.layers[0].size < _MOST_DRAWN
+    return tuple(
+        LabelFound(
+            one.segment.value,
+            one.volume / 1000.0,
+            _thumbnail(_framed(part)) if drawn and (part := volume.placed(one.segment)) else None,
+            one.segment.name,
+            one.at_border,
+        )
+        for one in extents
     )
+
+
+def _of_masks(subject: Subject, masks: Mapping[str, Path]) -> tuple[LabelFound, ...]:
+    """Return the structures of a subject that has a file for each; measured if it does not take long."""
+    if sum(map(_unpacked_bytes, masks.values())) > _MOST_MEASURED:
+        return tuple(LabelFound(None, None, None, name) for name in masks)
+    return tuple(
+        LabelFound(one.value, one.volume, None, one.name, one.at_border) for one in structures_of(subject)
+    )
+
+
+def _unpacked_bytes(path: Path) -> int:
+    """Return how large a file is when it is unpacked; gzip keeps that at its end."""
+    size = path.stat().st_size
+    if not path.name.endswith(".gz") or size < _GZIP_END:
+        return size
+    with path.open("rb") as stream:
+        stream.seek(size - _GZIP_END)
+        return int.from_bytes(stream.read(), "little")
+
+
+def _framed(found: Segmentation) -> Segmentation:
+    """Return the voxels of a structure with some more around them, for slices to show."""
+    mask = np.pad(found.mask, _MARGIN)
+    origin = found.origin - found.rotation @ (_MARGIN * found.spacing)
+    return Segmentation(mask, found.rotation, found.spacing, origin)
 
 
 def _surface(voxels: Segmentation) -> tuple[TriangleMesh, int]:

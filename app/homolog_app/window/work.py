@@ -298,6 +298,16 @@ class Work(QObject):
             for one in arrived
             if one.subject.name in members and members[one.subject.name].subject.path == one.subject.path
         ]
+        before = self._session.surveys
+        back = {  # left out for the lack of a structure, and another one was chosen
+            one.subject.name: replace(members[one.subject.name], included=True)
+            for one in current
+            if not one.problem
+            and not members[one.subject.name].included
+            and (last := before.get(one.subject.name)) is not None
+            and last.problem
+            and not last.awaits_choice
+        }
         self._session.surveys |= {one.subject.name: one for one in current}
         result = self._session.result
         seen = result.result.names if result is not None else ()  # a result is shown also without its files
@@ -312,8 +322,8 @@ class Work(QObject):
         for one in current:
             if one.problem:
                 _log.warning("%s: %s", one.subject.name, one.problem)
-        if bad:
-            self._session.put(self._session.study.with_members(bad))
+        if bad or back:
+            self._session.put(self._session.study.with_members(bad | back))
         self._session.facts_changed.emit()
 
     def _read_ended(self, ended: Ended) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray
+from homolog.surfaces.mirroring import scale_of
 from homolog_app.window.scene.colour_scale import ColourScale
 from homolog_app.window.scene.content import Content, Shown
 
@@ -171,7 +172,7 @@ def _circles(inspection: "Inspection", m: int, points: FloatArray, normals: Floa
     from homolog.inspection.neighbourhood import plane_of
 
     places = inspection.places
-    spacing = places.spacing[m] * float(np.cbrt(np.linalg.det(places.alignments[m, :3, :3])))
+    spacing = places.spacing[m] * float(scale_of(places.alignments[m]))
     angles = np.linspace(0.0, 2.0 * np.pi, _SIDES + 1)
     circle = _RING * spacing * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     rings = (points + _LIFT * spacing * normals)[:, None] + circle @ plane_of(normals)

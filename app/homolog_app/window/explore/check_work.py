@@ -8,6 +8,7 @@ from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.progress import Tick
+from homolog.surfaces.mirroring import scale_of
 from homolog_app.window.explore.check_shown import Distances
 
 if TYPE_CHECKING:
@@ -56,8 +57,8 @@ def textures_of(
     for m, name in enumerate(names):
         tick(m / len(names), f"texture on {name}")
         carried = carried_places(inspection.places, inspection.usual, m)
-        matrix = inspection.places.alignments[m, :3, :3]
-        blur = inspection.places.meshes[m].mean_edge * float(np.cbrt(np.linalg.det(matrix)))
+        matrix = inspection.places.alignments[m]
+        blur = inspection.places.meshes[m].mean_edge * float(scale_of(matrix))
         found["checkerboard"][name] = checkerboard(carried, inspection.usual.shape, blur)
         found["stripes"][name] = stripes(carried, inspection.usual.shape, blur)
     return found

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from homolog.analysis.comparison import Comparison, Options, prepared
+from homolog.analysis.comparison import Comparison, prepared
 from homolog.arrays import BoolArray, Float32Array, FloatArray
 from homolog.files.results import Result
 from homolog.progress import Tick, part_of
 from homolog_app.pictures import common_limit
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.request import StudyRequest
-from homolog_app.report.study import Study, run_study
+from homolog_app.report.study import Study, compared_shapes, run_study, study_options
 from homolog_app.window.explore.model_shape import ModelShape
 from homolog_app.window.quantities import short
 
@@ -128,7 +128,7 @@ def answer_groups(shape: ModelShape, result: Result, request: StudyRequest, tick
     normals = shape.normals(shape.mean.vertices.astype(np.float32) + middle)
     nearest = KDTree(shape.model.mean).query(shape.mean.vertices)[1]
     outward = np.einsum("...vi,vi->...v", carried[1:], normals)
-    difference = GroupMap(ways, outward[0], pair.local.p_family[nearest] <= LEVEL)
+    difference = GroupMap(ways, outward[0], pair.p_family[nearest] <= LEVEL)
     discriminant = places = None
     if found is not None and len(found.modes):
         low, high = found.bounds(outward[1:])
@@ -172,6 +172,7 @@ def _slope(study: Study, pair: Comparison) -> _Way:
 
 def _along(result: Result, request: StudyRequest, pair: Comparison, effect: FloatArray) -> FloatArray:
     """Return how far each subject lies along an effect (N, 3), as RMS over the particles [mm]."""
-    shapes = prepared(result.world, Options(scaling=request.scaling))[pair.subjects] - pair.mean
+    own = compared_shapes(result, request.alignment)[pair.subjects]
+    shapes = prepared(own, study_options(request)) - pair.mean
     length = max(float(np.linalg.norm(effect)), np.finfo(float).tiny)
     return np.asarray(np.einsum("mni,ni->m", shapes, effect) / length / np.sqrt(len(effect)))

@@ -4,8 +4,9 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction, QStandardItemModel
 from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QMenu, QWidget
 
+from homolog.analysis.procrustes import Alignment
 from homolog_app.report.request import StudyRequest
-from homolog_app.window.explore.questions import SIZE, covariates_of, numbers_of, values_of
+from homolog_app.window.explore.questions import SIZE, covariates_of, numbers_of, size_name, values_of
 from homolog_app.window.session import Session
 from homolog_app.window.widgets import GRID, button, choice, label
 
@@ -13,6 +14,11 @@ __all__ = ["GroupForm"]
 
 _MOST_VALUES = 12
 _LONG = 48
+_ALIGNMENTS = {
+    "Form: size and shape (rigid alignment)": Alignment.RIGID,
+    "Shape: size removed (similarity)": Alignment.SIMILARITY,
+    "As the shapes lie (not aligned)": Alignment.AS_IT_LIES,
+}
 _NUMBER, _AS_NUMBER = "number", " (as a number)"
 
 
@@ -27,12 +33,21 @@ class GroupForm(QWidget):
         self.column = choice("Column of the comparison")
         self.first, self.second = choice("From"), choice("To")
         self.every = QCheckBox("Test all groups of the column (Holm's correction)")
-        self.every.setToolTip("Test for any difference, then each two groups, corrected for their number")
-        self.scaling = QCheckBox("Take size out of the shapes")
-        self.scaling.setToolTip("Bring all shapes to one size first; size is tested apart in any case")
+        self.every.setToolTip(
+            "Test for any difference, then each two groups; p-values of the whole shape, of particles and of "
+            "size are corrected for their number"
+        )
+        self.alignment = choice("Alignment", _ALIGNMENTS)
+        self.alignment.setToolTip(
+            "How shapes are aligned before they are compared; size is tested apart in any case"
+        )
+        self.complete = QCheckBox("Leave out subjects with missing values")
+        self.complete.setToolTip(
+            "Complete cases: subjects without a value in a column that is used take no part"
+        )
         self.slope = label("Does shape change with this number? (linear regression)", "Hint", wrap=True)
         self.allow = button("")
-        self.allow.setAccessibleName("Covariates allowed for")
+        self.allow.setAccessibleName("Covariates adjusted for")
         self.allow.setToolTip("Columns whose effect on shape is taken out before the test")
         self._covariates = QMenu(self.allow)
         self._covariates.setToolTipsVisible(True)
@@ -41,7 +56,9 @@ class GroupForm(QWidget):
         self.column.activated.connect(lambda _: self._offer_values())
         for box in (self.column, self.first, self.second):
             box.activated.connect(lambda _: self.edited.emit())
-        for tick in (self.every, self.scaling):
+        self.alignment.activated.connect(lambda _: self.edited.emit())
+        self.complete.toggled.connect(self.offer)
+        for tick in (self.every, self.complete):
             tick.toggled.connect(self.edited)
         session.study_changed.connect(self.offer)
         self.offer()
@@ -58,7 +75,9 @@ class GroupForm(QWidget):
             name.setBuddy(box)
             grid.addWidget(name, row, at)
             grid.addWidget(box, row, at + 1, 1, span)
-        for row, widget in enumerate((self.slope, self.allow, self.every, self.scaling), start=2):
+        for row, widget in enumerate(
+            (self.slope, self.allow, self.complete, self.every, self.alignment), start=2
+        ):
             grid.addWidget(widget, row, 0, 1, 4)
         for column in (1, 3):
             grid.setColumnStretch(column, 1)
@@ -82,7 +101,8 @@ class GroupForm(QWidget):
         return StudyRequest(
             kind="regression" if self.is_regression else "groups", column=column,
             between=() if self.is_regression else self.between,
-            covariates=self.covariates, scaling=self.scaling.isChecked(),
+            covariates=self.covariates, alignment=self.alignment.currentData(),
+            complete_cases=self.complete.isChecked(),
         )  # fmt: skip
 
     @property
@@ -106,7 +126,10 @@ class GroupForm(QWidget):
             for column in ("group", *study.columns)
             if 1 < len(values_of(study, column)) <= _MOST_VALUES
         }
-        problems = {f"{column}{_AS_NUMBER}": words for column, words in numbers_of(study).items()}
+        problems = {
+            f"{column}{_AS_NUMBER}": words
+            for column, words in numbers_of(study, complete=self.complete.isChecked()).items()
+        }
         slopes = {words: (words.removesuffix(_AS_NUMBER), _NUMBER) for words in problems}
         offered = groups | slopes
         held = {self.column.itemText(at): self.column.itemData(at) for at in range(self.column.count())}
@@ -142,8 +165,11 @@ class GroupForm(QWidget):
         """Offer the other columns, and size; those that can't be used say why."""
         kept = self.covariates
         self._covariates.clear()
-        for name, problem in covariates_of(self._session.study, column).items():
-            one = QAction(name.replace("&", "&&"), self._covariates, checkable=True)
+        for name, problem in covariates_of(
+            self._session.study, column, complete=self.complete.isChecked()
+        ).items():
+            words = name.removesuffix(":c") + " (as categories)" * name.endswith(":c")
+            one = QAction(words.replace("&", "&&"), self._covariates, checkable=True)
             one.setData(name)
             one.setEnabled(not problem)
             one.setToolTip(problem or f"Take the effect of {name} out of the shapes before the test")
@@ -157,8 +183,9 @@ class GroupForm(QWidget):
         self.edited.emit()
 
     def _name_covariates(self) -> None:
-        chosen = [f"{one} of the shape" if one == SIZE else one for one in self.covariates]
-        words = f"Allow for {', '.join(chosen)}" if chosen else "Allow for covariates…"
+        own = size_name(self._session.study)
+        chosen = [f"{SIZE} of the shape" if one == own else one for one in self.covariates]
+        words = f"Adjust for {', '.join(chosen)}" if chosen else "Adjust for covariates…"
         self.allow.setText(
-            (words if len(words) < _LONG else f"Allow for {len(chosen)} covariates").replace("&", "&&")
+            (words if len(words) < _LONG else f"Adjust for {len(chosen)} covariates").replace("&", "&&")
         )

@@ -4,8 +4,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from homolog_app.report.findings import LEVEL, p_words
-from homolog_app.window.explore.questions import SIZE
+from homolog_app.report.findings import (
+    LEVEL,
+    correction_words,
+    interval_words,
+    p_words,
+    percent_words,
+    region_words,
+)
 from homolog_app.window.quantities import short, signed
 
 if TYPE_CHECKING:
@@ -24,46 +30,51 @@ def number_rows(answers: "list[GroupAnswer]") -> list[tuple[str, ...]]:
 def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     from homolog.analysis.null_simulation import WHOLE_SHAPE_F
 
-    pair, test = answer.pair, answer.pair.test
-    slope = answer.values is not None
+    pair, test, study = answer.pair, answer.pair.test, answer.study
+    slope, kind = answer.values is not None, answer.study.request.kind
     counts = ", ".join(f"{count}{'' if slope else f' {name}'}" for name, count in pair.counts.items())
-    rows = [
-        ("Subjects", counts),
-        ("Modes above chance", str(test.modes)),
-    ]
+    rows = [("Subjects", counts)]
+    if study.left_out and study.request.complete_cases:
+        gone = sum(why.startswith("no value") for why in study.left_out.values())
+        rows.append(("Left out", f"{gone} with missing values"))
+    rows.append(("Modes above chance", str(test.modes)))
+    if pair.distance is not None and test.modes:
+        words = interval_words(pair.distance, 3 if slope else 2)
+        rows.append(("Change per unit" if slope else "Mahalanobis D", f"{words} SD"))
+    if test.modes:
+        how = (
+            f"All {test.permutations + 1} permutations" if test.exact else f"{test.permutations} permutations"
+        )
+        rows.append((how, p_words(test.p_permutation, test.permutations)))
+        if correction := correction_words(study):
+            rows.append(("Corrected", f"{p_words(pair.p_adjusted, test.permutations)}, {correction}"))
     if test.t_squared is not None and test.modes:
         rows += [
             ("Hotelling's T²", f"{test.t_squared:.1f}"),
             (f"F({test.dof[0]:g}, {test.dof[1]:.4g})", f"{test.f:.2f}, {p_words(test.p)}"),
         ]
-    rows.append((f"{test.permutations} permutations", p_words(test.p_permutation)))
-    if len(answer.study.pairwise) > 1:
-        rows.append(
-            ("Holm's correction", f"{p_words(pair.p_adjusted)} for {len(answer.study.pairwise)} pairs")
-        )
-    if test.mahalanobis is not None and test.modes and not slope:
-        rows.append(("Effect", f"{test.mahalanobis:.1f} SD apart"))
-    share = 100.0 * float((pair.local.p_family <= LEVEL).mean())
-    rows.append((f"Local, corrected p ≤ {LEVEL:g}", f"{share:.0f} % of particles"))
+    if pair.dispersion is not None:
+        mean = ", ".join(f"{name} {value:.2f} mm" for name, value in pair.dispersion.by_group.items())
+        p = p_words(pair.dispersion.p, pair.dispersion.permutations)
+        rows.append(("Dispersion", f"{mean}, {p}" if mean else p))
+    rows.append((f"Local, corrected p ≤ {LEVEL:g}", region_words(study, pair)))
     if slope:
         most = float(np.linalg.norm(answer.difference.ways, axis=1).max())
         rows.append(("Change", f"up to {short(most)} mm from {answer.first} to {answer.second}"))
-    if answer.study.request.covariates:
-        rows.append(("Allowed for", ", ".join(answer.study.request.covariates)))
+    if study.request.covariates:
+        rows.append(("Adjusted for", ", ".join(study.request.covariates)))
     if pair.discriminant is not None:
         found = pair.discriminant
-        rows.append(("Left-out subjects", f"{100 * found.accuracy:.0f} % right, AUC {found.auc:.2f}"))
-    if SIZE not in answer.study.request.covariates and answer.study.request.column != SIZE:
-        rows.append(_size_row(answer))
-    for one in pair.false_alarms[:2]:
+        p = "" if found.accuracy.p is None else f", {p_words(found.accuracy.p, found.accuracy.permutations)}"
+        rows.append(("Balanced accuracy", f"{percent_words(found.accuracy)}{p}"))
+        rows.append(("AUC", interval_words(found.auc)))
+    if pair.size is not None and np.isfinite(pair.size.value) and pair.size_p_adjusted is not None:
+        unit = f"mm per unit of {study.request.column}" if kind == "regression" else "mm"
+        low, high = signed(pair.size.low), signed(pair.size.high)
+        p = p_words(pair.size_p_adjusted, pair.size.permutations)
+        rows.append(("Size", f"{signed(pair.size.value)} {unit} (95 % CI {low} to {high}), {p}"))
+    for one in pair.false_alarms[:1]:
+        assert one.test == WHOLE_SHAPE_F
         bounds = f"{short(100 * one.low)}–{short(100 * one.high)}"
-        kind = "F" if one.test == WHOLE_SHAPE_F else "permutations"
-        rows.append((f"False alarms of {kind}", f"{100 * one.rate:.1f} % ({bounds})"))
+        rows.append(("False alarms of F", f"{100 * one.rate:.1f} % ({bounds})"))
     return rows
-
-
-def _size_row(answer: "GroupAnswer") -> tuple[str, str]:
-    """Return the difference in size, or what the whole range of a number changes."""
-    pair, values = answer.pair, answer.values
-    whole = 1.0 if values is None else float(np.ptp(values))
-    return ("Size", f"{signed(whole * float(pair.size_effect[0]))} mm, {p_words(pair.size_p)}")

@@ -34,6 +34,7 @@ __all__ = ["GroupsPage"]
 _MAPS = {"Mean difference": "difference", "Discriminant": "discriminant"}
 _LAYOUTS = {"The map": 1, "Ends and maps": 4}
 _WHOLE = 100
+_SEEDS = 5
 
 
 class GroupsPage(ExplorePage):
@@ -67,6 +68,11 @@ class GroupsPage(ExplorePage):
         self.progress = Progress(actions)
         self.go = button("Compare groups", "primary")
         self.keep = button("Keep for the report")
+        self.seeds = button(f"Repeat with {_SEEDS} seeds")
+        self.seeds.setToolTip(
+            "Place the particles again with other seeds, keep the runs in the project, and say how far the "
+            "answer spreads; takes as long as that many runs"
+        )
         self.plots = self.chart = GroupPlot(desk.theme)
         self._lay_out()
         self._connect(actions)
@@ -98,6 +104,7 @@ class GroupsPage(ExplorePage):
         self.body.addStretch()
         self.footer.setSpacing(GRID)
         self.footer.addWidget(self.progress)
+        self.footer.addWidget(self.seeds)
         self.footer.addWidget(self.keep)
         self.footer.addWidget(self.go)
 
@@ -105,6 +112,7 @@ class GroupsPage(ExplorePage):
         session = self.desk.session
         self.go.clicked.connect(actions["explore.test"].trigger)
         self.keep.clicked.connect(actions["explore.keep"].trigger)
+        self.seeds.clicked.connect(self.repeat)
         self.form.edited.connect(self._show)
         session.study_changed.connect(self._show)
         session.selection_changed.connect(lambda: self.chart.show_selection(session.selection))
@@ -173,6 +181,26 @@ class GroupsPage(ExplorePage):
 
         self.desk.work.compute("study", write, "keeping the answer", take)
 
+    def repeat(self) -> None:
+        """Answer the question with other seeds of the correspondence too, as ``--seeds`` does; keep it."""
+        if not self.answers:
+            return
+        answer, project = self.answers[0], self.desk.project
+        result = with_present_table(answer.shape.result, self.desk.session.study)
+
+        def spread(tick: Tick) -> list[str]:
+            from homolog_app.report.keep import keep_study
+            from homolog_app.report.seeds import answer_by_seed, spread_words, write_spread
+
+            (found,) = answer_by_seed(project, result, [answer.study.request], _SEEDS, tick)
+            write_spread(keep_study(project, answer.study, result), found)
+            return spread_words(found)
+
+        def take(words: list[str]) -> None:
+            self.kept.setText("\n".join(words))
+
+        self.desk.work.compute("seeds", spread, f"answers of {_SEEDS} seeds", take)
+
     def shown(self, subjects: Sequence[Content]) -> Shown:
         """Return the map of the answer; the mean shape before there is one."""
         view = self.chosen
@@ -221,8 +249,9 @@ class GroupsPage(ExplorePage):
 
     def _tell_work(self) -> None:
         work = self.desk.work
-        own = work.kind in ("groups", "model", "compare", "study")
-        self.keep.setEnabled(not work.is_busy)
+        own = work.kind in ("groups", "model", "compare", "study", "seeds")
+        for one in (self.keep, self.seeds):
+            one.setEnabled(not work.is_busy)
         self.progress.show_status(work.status if own else None)
         self.go.setVisible(not (own and work.status is not None))
         self.go.setText("Test the effect" if self.form.is_regression else "Compare groups")
@@ -236,7 +265,8 @@ class GroupsPage(ExplorePage):
             self.map.setCurrentIndex(0)
             self.map.setEnabled(False)
         self.numbers.setVisible(bool(answers))
-        self.keep.setVisible(bool(answers))
+        for footer in (self.keep, self.seeds):
+            footer.setVisible(bool(answers))
         if answers:
             line = ["homolog", "analyze", str(self.desk.project.folder), *answers[0].study.request.words]
             self.keep.setToolTip(f"Write its tables into the project, like: {shlex.join(line)}")

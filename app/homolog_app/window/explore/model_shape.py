@@ -20,6 +20,7 @@ from homolog.files.results import Result, read_result
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mirroring import scale_of
 from homolog_app.pictures.displacement import common_limit
 
 __all__ = ["ModelShape", "facing", "fit_model_shape", "placement", "read_model_shape"]
@@ -81,7 +82,8 @@ class ModelShape:
     def title(self) -> str:
         """The project with its method, for captions."""
         words = {Method.GEODESIC_NORMALS: "proposed", Method.EUCLIDEAN: "original"}
-        return f"{self.name} ({words.get(self.method, self.method.value)})"
+        aside = f", {self.result.mirrored} mirrored" if self.result.mirrored else ""
+        return f"{self.name} ({words.get(self.method, self.method.value)}{aside})"
 
     def moved(self, deviations: FloatArray) -> Float32Array:
         """Return displacements from the mean (V, 3) [mm] at multiples (k,) of the modes' deviations."""
@@ -190,7 +192,7 @@ def placement(of: ModelShape, beside: ModelShape) -> FloatArray:
         if name in beside.result.names:
             there = beside.result.alignments[beside.result.names.index(name)]
             motion = there @ np.linalg.inv(of.result.alignments[index])
-            motion[:3, :3] /= np.cbrt(np.linalg.det(motion[:3, :3]))
+            motion[:3, :3] /= scale_of(motion)
             return np.asarray(motion)
     return np.eye(4)
 

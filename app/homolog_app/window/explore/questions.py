@@ -1,16 +1,22 @@
 """Which columns of a cohort's table a question can be about. Knows no Qt."""
 
-from homolog.analysis.covariates import numbers
+from homolog.analysis.covariates import is_missing, numbers
 from homolog.errors import InputError
+from homolog_app.report.study import SHAPE_SIZE
 from homolog_app.window.study import Study
 
-__all__ = ["SIZE", "covariates_of", "numbers_of", "values_of"]
+__all__ = ["SIZE", "covariates_of", "numbers_of", "size_name", "values_of"]
 
 SIZE = "size"
-"""The shapes' own size, which is always there."""
-
+_CATEGORIES = ":c"
 _LEAST = 2
 _FEWEST_NUMBERS = 3
+_MOST_CATEGORIES = 12
+
+
+def size_name(study: Study) -> str:
+    """Return what the shapes' own size is called: ``size``, unless the table has a column of that name."""
+    return SHAPE_SIZE if SIZE in study.columns else SIZE
 
 
 def values_of(study: Study, column: str) -> list[str]:
@@ -19,12 +25,13 @@ def values_of(study: Study, column: str) -> list[str]:
     return sorted({cell for cell in cells if cell and cells.count(cell) >= _LEAST})
 
 
-def numbers_of(study: Study) -> dict[str, str]:
+def numbers_of(study: Study, *, complete: bool = False) -> dict[str, str]:
     """Return the columns that hold numbers, not all alike, and what speaks against each, or nothing.
 
-    Size is among them; those that can't be used come last.
+    Size is among them; those that can't be used come last. With `complete`, missing values are no fault.
     """
-    found = {SIZE: ""}
+    own = size_name(study)
+    found = {own: ""}
     for column in study.columns:
         try:
             values = numbers([cell for cell in _cells(study, column) if cell])
@@ -32,23 +39,38 @@ def numbers_of(study: Study) -> dict[str, str]:
             found[column] = str(error)
             continue
         if values is not None and len(set(values.tolist())) >= _FEWEST_NUMBERS:
-            found[column] = _missing(study, column)
-    return dict(sorted(found.items(), key=lambda one: (bool(one[1]), one[0] == SIZE)))
+            found[column] = "" if complete else _missing(study, column)
+    return dict(sorted(found.items(), key=lambda one: (bool(one[1]), one[0] == own)))
 
 
-def covariates_of(study: Study, column: str) -> dict[str, str]:
-    """Return the columns that can be allowed for beside one, and what speaks against each, or nothing."""
+def covariates_of(study: Study, column: str, *, complete: bool = False) -> dict[str, str]:
+    """Return the columns that can be adjusted for beside one, and what speaks against each, or nothing.
+
+    Numbers with few values are offered as codes of categories too (``site:c``).
+    """
     found = {}
-    for name in ("group", *study.columns, SIZE):
+    own = size_name(study)
+    for name in ("group", *study.columns, own):
         if name == column:
             continue
         cells = _cells(study, name)
-        if name == SIZE:
+        if name == own:
             found[name] = ""
         elif any(cells):
-            alike = len(set(cells)) == 1
-            found[name] = _missing(study, name) or ("The same for all subjects" if alike else "")
+            alike = len({cell for cell in cells if cell}) == 1
+            missing = "" if complete else _missing(study, name)
+            found[name] = missing or ("The same for all subjects" if alike else "")
+            if _are_codes(cells):
+                found[f"{name}{_CATEGORIES}"] = found[name]
     return found
+
+
+def _are_codes(cells: list[str]) -> bool:
+    try:
+        values = numbers([cell for cell in cells if cell])
+    except InputError:
+        return False
+    return values is not None and 2 < len(set(values.tolist())) <= min(_MOST_CATEGORIES, len(cells) // 2)
 
 
 def _missing(study: Study, column: str) -> str:
@@ -59,4 +81,6 @@ def _missing(study: Study, column: str) -> str:
 
 
 def _cells(study: Study, column: str) -> list[str]:
-    return [one.group or "" if column == "group" else one.columns.get(column, "") for one in study.included]
+    """Return a column of the included subjects, missing values as empty text."""
+    cells = [one.group or "" if column == "group" else one.columns.get(column, "") for one in study.included]
+    return ["" if is_missing(cell) else cell for cell in cells]

@@ -11,6 +11,7 @@ from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLPointGaussianMapper
 
 from homolog.arrays import Array, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mirroring import mirrors
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.surface import (
     PLAIN,
@@ -91,13 +92,14 @@ class Cell:
 
     def _take_meshes(self, content: Content, before: Content | None) -> dict[str, Any]:
         taken = {}
+        turned = before is not None and bool(mirrors(before.alignment) != mirrors(content.alignment))
         for name in ("raw", "groomed", "coarse"):
             mesh: TriangleMesh | None = getattr(content, name)
             earlier: TriangleMesh | None = getattr(before, name, None)
             normals = content.normals if name == "groomed" else None
             if mesh is None:
                 continue
-            if before is None or earlier is None or not _same_faces(earlier, mesh):
+            if before is None or earlier is None or not _same_faces(earlier, mesh) or turned:
                 taken[name] = surface_data(mesh, content.alignment, normals)
                 continue
             taken[name] = self._meshes[name]

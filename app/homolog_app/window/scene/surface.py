@@ -12,6 +12,7 @@ from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
 from homolog.arrays import Array, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mirroring import mirrors, scale_of
 from homolog_app.window.scene.content import Arrows
 
 __all__ = [
@@ -57,7 +58,11 @@ def light_surface(actor: Vtk, parts: tuple[float, float, float]) -> None:
 
 
 def surface_data(mesh: TriangleMesh, alignment: FloatArray, normals: Array | None) -> Vtk:
-    """Return a mesh for VTK, moved by a (4, 4) alignment; normals (V, 3) are computed if not given."""
+    """Return a mesh for VTK, moved by a (4, 4) alignment; normals (V, 3) are computed if not given.
+
+    Where the alignment is a reflection the faces are turned over, so that they still face outward.
+    """
+    mesh = TriangleMesh(mesh.vertices, mesh.faces[:, ::-1]) if mirrors(alignment) else mesh
     faces = np.column_stack([np.full(len(mesh.faces), 3), mesh.faces]).astype(np.int64).ravel()
     cells = vtkCellArray()
     cells.ImportLegacyFormat(numpy_to_vtkIdTypeArray(faces, deep=True))
@@ -69,14 +74,14 @@ def surface_data(mesh: TriangleMesh, alignment: FloatArray, normals: Array | Non
 
 
 def move_surface(data: Vtk, mesh: TriangleMesh, alignment: FloatArray, normals: Array | None) -> None:
-    """Give VTK's surface the vertices of a mesh with the same faces."""
+    """Give VTK's surface the vertices of a mesh with the same faces; reflections stay reflections."""
     placed = mesh.vertices @ alignment[:3, :3].T + alignment[:3, 3]
     data.GetPoints().SetData(_array(placed))
     data.GetPoints().Modified()
     if normals is None:
         data.GetPointData().SetNormals(_normals(data))
     else:
-        turned = normals @ alignment[:3, :3].T / np.cbrt(np.linalg.det(alignment[:3, :3]))
+        turned = normals @ alignment[:3, :3].T / scale_of(alignment)
         data.GetPointData().SetNormals(_array(turned))
     data.Modified()
 

@@ -1,0 +1,130 @@
+"""``homolog batch``: a project for each structure of a cohort, and one page that lists them."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from homolog.errors import InputError, NumericalError
+from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+from homolog_app.cli.labels import cohort_of
+from homolog_app.cli.options import add_options, with_all_options
+from homolog_app.cli.progress import Progress, add_progress_option, show_progress
+from homolog_app.cli.run import interrupt_cancels
+
+if TYPE_CHECKING:
+    from homolog.run.batch import BatchItem
+    from homolog.run.events import RunStatus
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "batch",
+        help="make a shape model of each structure of a cohort",
+        description="Make a shape model of each structure in a cohort's label maps: a project for each, and "
+        "index.html that lists them. Subjects without a structure are left out of its model with a note; a "
+        "structure that fails does not end the others. Ctrl-C stops; the same command again keeps what is "
+        "finished and goes on.",
+    )
+    parser.add_argument("cohort", type=Path, help="folder of label maps, cohort.csv, or project")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the projects and the index")
+    parser.add_argument(
+        "--labels",
+        default="all",
+        metavar="NAME,NAME",
+        help="names or numbers of structures, separated by commas (homolog labels COHORT lists them), or all "
+        "(default)",
+    )
+    parser.add_argument(
+        "--min-subjects",
+        type=int,
+        default=3,
+        metavar="N",
+        help="pass over structures that fewer subjects have (2 or more, default 3)",
+    )
+    parser.add_argument("--anew", action="store_true", help="run also structures that are finished")
+    parser.add_argument("--no-figures", dest="figures", action="store_false", help="write no pictures")
+    add_progress_option(parser)
+    for model in (OptimizeSettings, GroomSettings, RunSettings):
+        add_options(parser, model, leaving_out=("label", "segment"))
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the batch; returns the exit code."""
+    from homolog.grooming.structures import chosen_structures, list_structures
+    from homolog.progress import patiently
+    from homolog.run.batch import Batch, ItemState
+    from homolog.run.events import FinishReason
+    from homolog_app.cli import CANCELLED, OK, PROGRAM_ERROR
+    from homolog_app.report.batch import write_index
+
+    wanted = [one.strip() for one in arguments.labels.split(",") if one.strip()]
+    settings = with_all_options(RunSettings(), arguments)
+    cohort = cohort_of(arguments.cohort)
+    with show_progress(arguments.progress) as progress:
+        found = patiently(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
+    for message in found.problems.values():
+        sys.stderr.write(f"homolog: left out: {message}\n")
+    if not found.structures:
+        raise InputError(
+            f"{arguments.cohort}: its files hold no labelled structure; homolog run takes surfaces"
+        )
+    structures = chosen_structures(found.structures, wanted)
+    batch = Batch(
+        cohort.without(set(found.problems)),
+        structures,
+        arguments.out,
+        settings,
+        fewest=arguments.min_subjects,
+        anew=arguments.anew,
+    )
+    with show_progress(arguments.progress) as progress, interrupt_cancels(batch.cancel):
+
+        def observe(item: "BatchItem", fraction: float, status: "RunStatus") -> None:
+            progress.show(fraction, f"{item.structure.title}: {status.message}")
+
+        def ended(item: "BatchItem") -> None:
+            progress.close()
+            if arguments.figures and item.state is ItemState.FINISHED and not item.was_there:
+                _draw(item, progress)
+            _say(item, arguments.progress)
+            write_index(batch, cohort, found.problems)
+
+        reason = batch.execute(observe, ended)
+    failed = [one for one in batch.items if one.state is ItemState.FAILED]
+    if reason is FinishReason.CANCELLED:
+        sys.stderr.write("cancelled; the same command again goes on\n")
+        return CANCELLED
+    if arguments.progress != "json":
+        sys.stdout.write(f"{arguments.out / 'index.html'}\n")
+    return PROGRAM_ERROR if failed else OK
+
+
+def _draw(item: "BatchItem", progress: Progress) -> None:
+    from homolog_app.cli.figures import draw_figures
+
+    try:
+        draw_figures(item.project, progress.tick)
+    except (InputError, NumericalError) as error:
+        sys.stderr.write(f"homolog: {item.structure.title}: no pictures: {error}\n")
+
+
+def _say(item: "BatchItem", mode: str) -> None:
+    """Print a line for a structure, and for each subject that was left out of it."""
+    counts = f"{len(item.structure.found)} subjects" + (
+        f", absent in {len(item.absent)}" if item.absent else ""
+    )
+    kept = " before" if item.was_there else ""
+    why = f": {item.message}" if item.message else ""
+    if mode == "json":
+        record = {"structure": item.structure.title, "state": item.state, "message": item.message}
+        sys.stdout.write(json.dumps(record) + "\n")
+    else:
+        sys.stdout.write(f"{item.structure.title}: {item.state}{kept}{why} ({counts})\n")
+        sys.stdout.flush()
+    for line in item.left_out:
+        sys.stderr.write(f"homolog: {item.structure.title}: left out: {line}\n")

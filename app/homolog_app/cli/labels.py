@@ -1,0 +1,92 @@
+"""``homolog labels``: the structures in a cohort's files."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from homolog.cohort import Cohort, read_cohort
+from homolog.files.project import Project
+from homolog_app.cli.progress import add_progress_option, show_progress
+
+if TYPE_CHECKING:
+    from homolog.grooming.structures import Structure, Structures
+
+__all__ = ["add_parser", "cohort_of", "run"]
+
+_HEADS = ("name", "number", "subjects", "volume (ml): min", "median", "max", "at border")
+
+
+def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "labels",
+        help="list the structures in a cohort's label maps",
+        description="List the structures in a cohort's files: names, numbers, how many subjects have them, "
+        "volumes, and in how many images they touch the border, where they may be cut off. Each "
+        "can be studied by its name (homolog run COHORT --label NAME), or all of them (homolog batch).",
+    )
+    parser.add_argument("cohort", type=Path, help="folder of label maps, cohort.csv, or project")
+    parser.add_argument("--json", action="store_true", help="print all volumes as JSON")
+    add_progress_option(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """List what there is; returns the exit code."""
+    from homolog.grooming.structures import list_structures
+    from homolog.progress import patiently
+
+    cohort = cohort_of(arguments.cohort)
+    with show_progress(arguments.progress) as progress:
+        found = patiently(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
+    if arguments.json:
+        sys.stdout.write(json.dumps(_record(found), indent=2) + "\n")
+    else:
+        _print(found, len(cohort.subjects))
+    for message in found.problems.values():
+        sys.stderr.write(f"homolog: {message}\n")
+    return 0
+
+
+def cohort_of(path: Path) -> Cohort:
+    """Return the cohort of a folder, table or project."""
+    project = Project(path)
+    return project.cohort() if project.exists else read_cohort(path)
+
+
+def _print(found: "Structures", subjects: int) -> None:
+    if not found.structures:
+        sys.stdout.write("the files hold no labelled structure\n")
+        return
+    rows = [_HEADS, *(_row(one, subjects) for one in found.structures)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = [
+            row[0].ljust(widths[0]),
+            *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:], strict=True)),
+        ]
+        sys.stdout.write("  ".join(cells) + "\n")
+
+
+def _row(one: "Structure", subjects: int) -> tuple[str, ...]:
+    return (
+        one.name or "-",
+        "/".join(map(str, one.values)) or "-",
+        f"{len(one.found)}/{subjects}",
+        *(f"{volume:.4g}" for volume in one.volumes),
+        str(len(one.at_border) or "-"),
+    )
+
+
+def _record(found: "Structures") -> dict[str, object]:
+    structures = [
+        {
+            "name": one.name,
+            "numbers": one.values,
+            "volumes_ml": {subject: round(there.volume, 6) for subject, there in one.found.items()},
+            "at_border": one.at_border,
+        }
+        for one in found.structures
+    ]
+    return {"structures": structures, "problems": dict(found.problems)}

@@ -1,0 +1,42 @@
+"""``homolog table``: groups and covariates of a project from a table, without touching its particles."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from homolog.cohort import with_table
+from homolog.files.project import Project
+
+__all__ = ["add_parser", "run"]
+
+
+def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "table",
+        help="add or replace groups and covariates of a project",
+        description="Add or replace groups and covariates of a project from a table (CSV with commas, "
+        "semicolons or tabs, or XLSX). Its column name, subject or id, else the first one, names the "
+        "subjects, as the project does or as their files are called. Empty cells leave what is there. "
+        "Particles stay.",
+    )
+    parser.add_argument("project", type=Path, help="project folder")
+    parser.add_argument("table", type=Path, help="table to read")
+    parser.add_argument("--dry-run", action="store_true", help="only say what would change")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Say what changes and write it; returns the exit code."""
+    from homolog.files.project_table import update_table
+
+    project = Project(arguments.project)
+    with project.locked(new=False):
+        changes = with_table(project.cohort().subjects, arguments.table)
+        sys.stdout.write("".join(f"{line}\n" for line in changes.words))
+        if arguments.dry_run:
+            sys.stdout.write("nothing was written (--dry-run)\n")
+        elif not changes.is_empty:
+            update_table(project, changes.subjects)
+            sys.stdout.write(f"written to {project.folder}\n")
+    return 0
