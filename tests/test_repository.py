@@ -1,12 +1,17 @@
 """The repository as a whole: boundaries, types, style, what the wheel holds, what an import loads."""
 
+import importlib
 import os
+import re
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
+
+from homolog import __version__
 
 ROOT = Path(__file__).parents[1]
 PATHS = ":".join(str(ROOT / folder) for folder in ("core", "app", "resources"))
@@ -58,10 +63,13 @@ def test_help_answers_without_the_heavy_libraries():
 
 
 @pytest.mark.timeout(300)
-def test_the_wheel_holds_the_three_packages_and_nothing_else(tmp_path):
+def test_the_wheel_holds_the_three_packages_and_a_desktop_entry_and_nothing_else(tmp_path):
     run("-m", "build", "--wheel", "--no-isolation", "--outdir", str(tmp_path), str(ROOT))
     (wheel,) = tmp_path.glob("*.whl")
-    names = zipfile.ZipFile(wheel).namelist()
+    everything = zipfile.ZipFile(wheel).namelist()
+    shared = {name.split(".data/data/")[1] for name in everything if ".data/data/" in name}
+    assert shared == {"share/applications/homolog.desktop", "share/icons/hicolor/scalable/apps/homolog.svg"}
+    names = [name for name in everything if ".data/" not in name]
     tops = {name.split("/")[0] for name in names if ".dist-info/" not in name}
     assert tops == {"homolog", "homolog_app", "homolog_resources"}
     sources = {
@@ -71,6 +79,38 @@ def test_the_wheel_holds_the_three_packages_and_nothing_else(tmp_path):
         if path.is_file() and "__pycache__" not in path.parts
     }
     assert {name for name in names if ".dist-info/" not in name} == sources
+
+
+def test_citation_and_changelog_name_the_present_version():
+    citation = (ROOT / "CITATION.cff").read_text("utf-8")
+    assert re.findall(r"(?m)^version: (.+)$", citation) == [__version__]
+    released = re.findall(r"(?m)^## \[?(\d[\d.]*)", (ROOT / "CHANGELOG.md").read_text("utf-8"))
+    assert released[0] == __version__
+
+
+def test_the_desktop_entry_starts_a_script_that_is_installed():
+    entry = (ROOT / "resources/homolog_resources/homolog.desktop").read_text("utf-8")
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["gui-scripts"]
+    (command,) = re.findall(r"(?m)^Exec=(\S+)", entry)
+    module, _, function = scripts[command].partition(":")
+    assert callable(getattr(importlib.import_module(module), function))
+
+
+@pytest.mark.parametrize(
+    "page", sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")], key=str), ids=lambda page: page.name
+)
+def test_links_between_pages_lead_somewhere(page):
+    text = re.sub(r"```.*?```", "", page.read_text("utf-8"), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        name, _, anchor = target.partition("#")
+        if "://" in target:
+            continue
+        other = (page.parent / name) if name else page
+        assert other.exists(), target
+        if anchor:
+            headings = re.findall(r"(?m)^#+ (.+)$", other.read_text("utf-8"))
+            anchors = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+            assert anchor in anchors, target
 
 
 def test_source_files_stay_small():

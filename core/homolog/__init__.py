@@ -1,3 +1,3 @@
 """Homolog: geometric correspondence for ensembles of nonregular shapes, headless core."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

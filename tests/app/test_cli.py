@@ -33,7 +33,7 @@ def test_without_a_display_the_window_is_refused_with_a_hint(monkeypatch, capsys
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM"):
         monkeypatch.delenv(name, raising=False)
     assert main([]) == 2
-    assert "homolog --help lists what needs none" in capsys.readouterr().err
+    assert "homolog --help" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", [["nothing"], ["info"], ["run", "--particles"]])

@@ -15,7 +15,7 @@ from types import ModuleType
 from homolog import __version__
 from homolog.errors import Cancelled, InputError, NumericalError, words_for
 
-__all__ = ["CANCELLED", "INPUT_ERROR", "OK", "PROGRAM_ERROR", "main"]
+__all__ = ["CANCELLED", "INPUT_ERROR", "OK", "PROGRAM_ERROR", "main", "open_window"]
 
 OK, PROGRAM_ERROR, INPUT_ERROR, CANCELLED = 0, 1, 2, 130
 """Exit codes; 130 is the shell's own for a command ended by Ctrl-C."""
@@ -36,7 +36,7 @@ _COMMANDS = (
     "geodesics",
 )
 
-_MODULES = {"import": "import_model"}  # a command that is no name in Python
+_MODULES = {"import": "import_model"}  # a keyword of Python
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 
@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     try:
         if arguments.command is None:
-            return _open_window()
+            return open_window([])
         return int(modules[arguments.command].run(arguments))
     except (InputError, NumericalError, OSError) as error:
         words = words_for(error)
@@ -66,20 +66,27 @@ def main(argv: Sequence[str] | None = None) -> int:
         return CANCELLED
 
 
-def _open_window() -> int:
-    if sys.platform.startswith("linux") and not any(map(os.environ.get, _DISPLAYS)):
-        sys.stderr.write("homolog: there is no display for a window; homolog --help lists what needs none\n")
-        return INPUT_ERROR
-    from homolog_app.window import main as open_window
+def open_window(paths: Sequence[str] | None = None) -> int:
+    """Open the window and return its exit code once it is closed.
 
-    return open_window()
+    Parameters
+    ----------
+    paths : sequence of str, optional
+        A project, folder or files to open; the arguments of the process by default.
+    """
+    if sys.platform.startswith("linux") and not any(map(os.environ.get, _DISPLAYS)):
+        sys.stderr.write("homolog: no display found; homolog --help lists the commands that need none\n")
+        return INPUT_ERROR
+    from homolog_app.window import main as start_window
+
+    return start_window(sys.argv[1:] if paths is None else paths)
 
 
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, ModuleType]]:
     parser = argparse.ArgumentParser(
         prog="homolog",
-        description="Corresponding points on ensembles of shapes, and their statistics. "
-        "Without a command the window opens.",
+        description="Statistical shape analysis: corresponding points on a cohort of shapes, shape models "
+        "and group tests. Without a command the window opens.",
     )
     parser.add_argument("--version", action="version", version=f"homolog {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
