@@ -69,6 +69,12 @@ def finished_run(ellipsoids, short_settings):
     return project
 
 
+def pytest_configure(config):
+    """Hide GPUs, as most tests compare to the last digit, which the CPU alone repeats: not with -m cuda."""
+    if "cuda" not in config.option.markexpr:
+        os.environ.setdefault("CUDA_VISIBLE_DEVICES", "")
+
+
 def pytest_runtest_setup(item):
     """Skip tests of Qt where it can't be loaded, and of windows where none can open; a fault in CI."""
     reason = ""

@@ -7,11 +7,11 @@ class HomologError(Exception):
     """Base of every error that Homolog raises on purpose."""
 
 
-class InputError(HomologError):
+class InputError(HomologError, ValueError):
     """The user can mend it: the message names the subject or file, what is wrong and the remedy."""
 
 
-class NumericalError(HomologError):
+class NumericalError(HomologError, ArithmeticError):
     """A computation failed: the message names the subject and the step."""
 
 

@@ -13,7 +13,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from homolog.analysis.shape_model import fit_shape_model
+from homolog.analysis.shape_model import ShapeModel
 from homolog.files.meshes import read_mesh, write_mesh
 from homolog.files.particles import read_particles, write_particles
 from homolog.files.project import Project
@@ -199,9 +199,9 @@ def test_values_at_vertices_are_those_of_the_statistics(export, project):
 
 def test_a_mode_goes_through_where_its_particles_go(export, project):
     _, folder, _ = export("meshes", "meshes", "--modes", "1", "--deviations", "3", "--progress", "none")
-    model = fit_shape_model(read_result(project).world)
+    model = ShapeModel.fit(read_result(project).world)
     mesh = read_mesh(folder / "mode_01_plus_3sd.vtp")
-    np.testing.assert_allclose(mesh.vertices[::5], model.shape([3.0]), atol=1e-6)
+    np.testing.assert_allclose(mesh.vertices[::5], model.instance([3.0]), atol=1e-6)
 
 
 def test_glb_files_stand_upright_in_metres(export, project):

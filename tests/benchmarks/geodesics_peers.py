@@ -15,7 +15,7 @@ import scipy.sparse
 from meshlib import mrmeshnumpy, mrmeshpy
 from scipy.sparse.csgraph import dijkstra
 
-from homolog.geodesics import local_distances, solve_tables
+from homolog.geodesics import geodesic_distances, solve_tables
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import edges
 
@@ -26,7 +26,7 @@ WHOLE = 7000  # 20 000 vertices would take gdist a quarter of an hour and 7 GB
 def homolog(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
     """Whole CSR matrix by the public call."""
     begin = time.process_time()
-    matrix = local_distances(mesh.vertices, mesh.faces, d_max, device="cpu")
+    matrix = geodesic_distances(mesh.vertices, mesh.faces, d_max, device="cpu")
     return matrix[sources].toarray(), time.process_time() - begin
 
 

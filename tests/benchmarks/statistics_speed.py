@@ -19,7 +19,7 @@ from homolog.analysis.local_map import local_map
 from homolog.analysis.mode_test import mode_test
 from homolog.analysis.null_simulation import null_simulation
 from homolog.analysis.parallel import parallel_analysis
-from homolog.analysis.shape_model import fit_shape_model
+from homolog.analysis.shape_model import ShapeModel
 
 
 def timed(name: str, work: Callable[[], object]) -> None:
@@ -42,7 +42,7 @@ def main() -> None:
     two, allowed = group_design(groups, ["a", "b"]), group_design(groups, ["a", "b"], age)
     three = group_design(np.resize(["a", "b", "c"], 34).tolist(), ["a", "b", "c"])
     print("| 34 subjects x 1024 particles, 10 000 permutations | wall (s) | processor (s) |\n|---|---|---|")
-    timed("shape model", lambda: fit_shape_model(shapes))
+    timed("shape model", lambda: ShapeModel.fit(shapes))
     timed("parallel analysis, 200 data sets", lambda: parallel_analysis(shapes))
     timed("whole shape, two groups (with parallel analysis)", lambda: mode_test(shapes, two))
     timed("local map with largest statistic, two groups", lambda: local_map(shapes, two))
@@ -57,7 +57,7 @@ def main() -> None:
     timed("null simulation, 1000 relabellings", lambda: null_simulation(shapes, two, modes=4))
     if arguments.large:
         large = generator.normal(size=(5000, 1024, 3))
-        timed("shape model of 5000 subjects", lambda: fit_shape_model(large))
+        timed("shape model of 5000 subjects", lambda: ShapeModel.fit(large))
 
 
 if __name__ == "__main__":

@@ -108,7 +108,7 @@ def _run_method(
 
 
 def _draw(out: Path, projects: dict[str, "Project"], tick: Tick) -> None:
-    from homolog.analysis.shape_model import fit_shape_model
+    from homolog.analysis.shape_model import ShapeModel
     from homolog.files.atomic import replacing
     from homolog.files.results import read_modes, read_result
     from homolog_app.cli.figures import draw_figures
@@ -119,13 +119,13 @@ def _draw(out: Path, projects: dict[str, "Project"], tick: Tick) -> None:
     for index, (name, project) in enumerate(projects.items()):
         draw_figures(project, part_of(tick, 0.4 * index, 0.4 * (index + 1)))
         result = read_result(project)
-        model = fit_shape_model(result.world)
+        model = ShapeModel.fit(result.world)
         moves = read_modes(project, result.mean_surface)[:_MODES]
         scores = model.scores[:, :_MODES]
         reference = scores if reference is None else reference
         signs = np.where((scores * reference).sum(axis=0) < 0.0, -1.0, 1.0)  # a mode's sign is arbitrary
         models[f"{name} method"] = ModeSurfaces(
-            result.mean_surface, signs[:, None, None] * moves, model.explained
+            result.mean_surface, signs[:, None, None] * moves, model.explained_variance_ratio
         )
     tick(0.8, "drawing the comparison")
     with replacing(out / "comparison.png") as part:

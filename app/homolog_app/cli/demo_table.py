@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from homolog.analysis.evaluation import generalization, specificity
-from homolog.analysis.shape_model import fit_shape_model
+from homolog.analysis.shape_model import ShapeModel
 from homolog.beans.evaluate import BeanFigures, evaluate
 from homolog.beans.generate import Bean
 from homolog.files.project import Project
@@ -110,7 +110,7 @@ def _figures_of(project: Project, beans: Sequence[Bean], tick: Tick) -> dict[str
     tick(0.4, "judging the shape model")
     shares = figures.mode_shares
     named = {name: getattr(figures, name) for name in figures.__dataclass_fields__ if name != "mode_shares"}
-    model = fit_shape_model(result.world)
+    model = ShapeModel.fit(result.world)
     return named | {
         "mode_1": shares[0],
         "mode_2": shares[1],

@@ -2,7 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from homolog.analysis.shape_model import fit_shape_model
+from homolog.analysis.shape_model import ShapeModel
 from homolog.files.atomic import replacing
 from homolog.files.project import Project
 from homolog.files.results import read_modes, read_result, read_surfaces
@@ -38,7 +38,7 @@ def draw_figures(project: Project, tick: Tick = no_tick) -> None:
     )
     tick(0.2, "pictures of the modes")
     moves = read_modes(project, result.mean_surface)
-    shares = fit_shape_model(result.world).explained[: len(moves)]
+    shares = ShapeModel.fit(result.world).explained_variance_ratio[: len(moves)]
     if len(moves):  # identical shapes have no modes
         modes = ModeSurfaces(result.mean_surface, moves, shares)
         _write(

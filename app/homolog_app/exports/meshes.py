@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from homolog.analysis.procrustes import Alignment
-from homolog.analysis.shape_model import fit_shape_model
+from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import Array
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
@@ -92,7 +92,7 @@ def write_meshes(
 
 def _model_surfaces(result: Result, settings: MeshSettings) -> Iterator[_Named]:
     yield _Named("mean", "mean shape", result.mean_surface, {})
-    count = len(fit_shape_model(result.world, names=result.names).variances)
+    count = len(ShapeModel.fit(result.world, names=result.names).explained_variance)
     modes = range(1, min(settings.modes, count) + 1)
     motions = mode_motions(result, modes, settings.deviations) if modes else []
     for number, motion in enumerate(motions, start=1):

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from homolog.analysis.parallel import parallel_analysis
-from homolog.analysis.shape_model import fit_shape_model
+from homolog.analysis.shape_model import ShapeModel
 from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.files.results import Result, read_result
@@ -72,9 +72,9 @@ def draw_plot(
         return scree_figure(parallel_analysis(result.world), theme)
     if settings.kind is Plot.MODES:
         return _modes(result, settings.modes, theme)
-    model = fit_shape_model(result.world, names=result.names)
+    model = ShapeModel.fit(result.world, names=result.names)
     if settings.kind is Plot.SCORES:
-        _check_modes(settings, len(model.variances))
+        _check_modes(settings, len(model.explained_variance))
         axes = settings.horizontal - 1, settings.vertical - 1
         return scores_figure(model, column_of(result, colour_by), axes, theme)
     if len(result.names) < 3:
@@ -89,10 +89,10 @@ def _check_modes(settings: PlotSettings, count: int) -> None:
 
 
 def _modes(result: Result, most: int, theme: Theme) -> Figure:
-    model = fit_shape_model(result.world, names=result.names)
-    shown = range(min(most, len(model.variances)))
+    model = ShapeModel.fit(result.world, names=result.names)
+    shown = range(min(most, len(model.explained_variance)))
     moves = [one.displacement for one in mode_motions(result, [mode + 1 for mode in shown], 1.0)]
-    surfaces = ModeSurfaces(result.mean_surface, np.stack(moves), model.explained)
+    surfaces = ModeSurfaces(result.mean_surface, np.stack(moves), model.explained_variance_ratio)
     return draw_modes({"": surfaces}, modes=shown, theme=theme)
 
 

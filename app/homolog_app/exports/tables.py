@@ -6,7 +6,7 @@ import numpy as np
 
 from homolog.analysis.outliers import outlying
 from homolog.analysis.parallel import parallel_analysis
-from homolog.analysis.shape_model import ShapeModel, fit_shape_model
+from homolog.analysis.shape_model import ShapeModel
 from homolog.files.names import file_stems
 from homolog.files.project import Project
 from homolog.files.results import Result, read_result, read_surface
@@ -51,7 +51,7 @@ def write_tables(
     """
     tick(0.0, "reading the result")
     result = read_result(project)
-    model = fit_shape_model(result.world, names=result.names)
+    model = ShapeModel.fit(result.world, names=result.names)
     _write_scores(folder / "scores.csv", result, model)
     tick(0.05, "parallel analysis")
     _write_modes(folder / "modes.csv", result, model)
@@ -77,7 +77,7 @@ def _columns(result: Result) -> list[str]:
 
 
 def _write_scores(path: Path, result: Result, model: ShapeModel) -> None:
-    modes = [f"mode_{number}_mm" for number in range(1, len(model.variances) + 1)]
+    modes = [f"mode_{number}_mm" for number in range(1, len(model.explained_variance) + 1)]
     rows = zip(result.names, result.groups, model.scores.tolist(), strict=True)
     write_table(path, ["name", "group", *modes], ([name, group, *scores] for name, group, scores in rows))
 
@@ -88,9 +88,9 @@ def _write_modes(path: Path, result: Result, model: ShapeModel) -> None:
         "mode", "variance_mm2", "standard_deviation_mm", "share", "cumulative_share", "chance_mm2",
         "above_chance",
     ]  # fmt: skip
-    shares = model.explained
+    shares = model.explained_variance_ratio
     rows = zip(
-        model.variances.tolist(), model.standard_deviations.tolist(), shares.tolist(),
+        model.explained_variance.tolist(), model.standard_deviations.tolist(), shares.tolist(),
         np.cumsum(shares).tolist(), parallel.threshold.tolist(), strict=False,
     )  # fmt: skip
     write_table(

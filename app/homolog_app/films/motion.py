@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.analysis.reconstruction import carried
-from homolog.analysis.shape_model import ShapeModel, fit_shape_model
+from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.files.results import Result
@@ -63,13 +63,13 @@ def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> lis
     InputError
         If there is no such mode.
     """
-    model = fit_shape_model(result.world, names=result.names)
-    count = len(model.variances)
+    model = ShapeModel.fit(result.world, names=result.names)
+    count = len(model.explained_variance)
     for mode in modes:
         if not 1 <= mode <= count:
             raise InputError(f"mode {mode}: the result has {count} modes; choose one from 1 to {count}")
     chosen = np.array(modes) - 1
-    moves = _carried(result, (model.modes * model.standard_deviations[:, None, None])[chosen])
+    moves = _carried(result, (model.components * model.standard_deviations[:, None, None])[chosen])
     return [
         Motion(result.mean_surface, move, -deviations, deviations, _mode_words(model, mode, result))
         for mode, move in zip(chosen.tolist(), moves, strict=True)
@@ -78,7 +78,7 @@ def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> lis
 
 def _mode_words(model: ShapeModel, mode: int, result: Result) -> Callable[[float], str]:
     aside = f", {result.mirrored} mirrored" if result.mirrored else ""
-    title = f"Mode {mode + 1} ({100.0 * model.explained[mode]:.1f} % of variance{aside})"
+    title = f"Mode {mode + 1} ({100.0 * model.explained_variance_ratio[mode]:.1f} % of variance{aside})"
     return lambda amount: f"{title}   {_signed(amount)} SD"
 
 

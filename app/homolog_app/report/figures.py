@@ -50,7 +50,7 @@ def model_figures(
     parallel, record = parallel_analysis(result.world), project.read().result
     mirrored = f" {record.mirrored_words}." if record is not None and record.mirrored_words else ""
     yield ReportFigure("scree", scree_figure(parallel), _scree_caption(parallel))
-    if len(model.variances) > 1:
+    if len(model.explained_variance) > 1:
         yield ReportFigure(
             "scores",
             scores_figure(model, [one or "" for one in result.groups]),
@@ -58,11 +58,15 @@ def model_figures(
             + ("; large open markers are the groups' means." if any(result.groups) else "."),
         )
     tick(0.2, "pictures of the modes")
-    shown = min(max(parallel.kept, 1), 3, len(model.variances))
-    moves = carrier.moved(model.modes[:shown] * model.standard_deviations[:shown, None, None])
+    shown = min(max(parallel.kept, 1), 3, len(model.explained_variance))
+    shares = model.explained_variance_ratio[:shown]
+    moves = carrier.moved(model.components[:shown] * model.standard_deviations[:shown, None, None])
     yield ReportFigure(
         "modes",
-        draw_modes({"": ModeSurfaces(carrier.mesh, moves, model.explained[:shown])}, modes=range(shown)),
+        draw_modes(
+            {"": ModeSurfaces(carrier.mesh, moves, shares)},
+            modes=range(shown),
+        ),
         f"The first modes at ±2 standard deviations. Blue is outward of the mean, yellow inward.{mirrored}",
     )
     if len(result.world) > 2:
@@ -112,7 +116,7 @@ def scores_figure(
 ) -> Figure:
     """Draw the subjects in the plane of two modes, each with its label's colour and marker."""
     scores = _per_particle(model.scores, model.mean)
-    return plot_scores(scores, model.explained, labels, modes=modes, theme=theme)
+    return plot_scores(scores, model.explained_variance_ratio, labels, modes=modes, theme=theme)
 
 
 def quality_figure(result: Result, model: ShapeModel, theme: Theme = LIGHT) -> Figure:
@@ -131,7 +135,7 @@ def quality_rows(result: Result, model: ShapeModel) -> list[tuple[int, float, fl
     """
     if len(result.world) < 3:
         return []
-    at = [one for one in _SPECIFICITY_AT if one <= len(model.variances)]
+    at = [one for one in _SPECIFICITY_AT if one <= len(model.explained_variance)]
     drawn = dict(zip(at, specificity(model, result.world, at, draws=_DRAWS).tolist(), strict=True))
     left_out = dict(enumerate(generalization(result.world).tolist(), start=1))
     return [

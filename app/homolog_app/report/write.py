@@ -5,7 +5,7 @@ from math import isfinite
 from pathlib import Path
 
 from homolog.analysis.comparison import Comparison
-from homolog.analysis.shape_model import ShapeModel, fit_shape_model
+from homolog.analysis.shape_model import ShapeModel
 from homolog.errors import InputError
 from homolog.files.atomic import replacing, write_text
 from homolog.files.project import Project
@@ -74,7 +74,7 @@ def write_report(project: Project, tick: Tick = no_tick) -> Path:
         share = 0.5 / len(requests)
         studies.append(run_study(result, request, part_of(tick, index * share, (index + 1) * share)))
     carrier = SurfaceCarrier.of(result)
-    model = fit_shape_model(result.world, names=result.names)
+    model = ShapeModel.fit(result.world, names=result.names)
     figures = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.6)))
     page = Page(f"Shape analysis of {project.folder.resolve().name}", f"{NOTICE} {_made(record)}")
     _summary(page, record, result, studies)
@@ -151,7 +151,9 @@ def _model_section(
             ),
         )
     deviations = model.standard_deviations / len(model.mean) ** 0.5
-    shares = zip(deviations, model.explained, model.explained.cumsum(), strict=True)
+    shares = zip(
+        deviations, model.explained_variance_ratio, model.explained_variance_ratio.cumsum(), strict=True
+    )
     page.table(
         ["mode", "standard deviation (mm rms)", "share (%)", "cumulated (%)"],
         (

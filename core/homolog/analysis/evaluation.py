@@ -18,7 +18,7 @@ __all__ = ["compactness", "generalization", "specificity"]
 
 def compactness(model: ShapeModel) -> FloatArray:
     """Return the share of the total variance in the first k modes, for k = 1 … K."""
-    share: FloatArray = np.cumsum(model.explained)
+    share: FloatArray = np.cumsum(model.explained_variance_ratio)
     return share
 
 
@@ -101,14 +101,14 @@ def specificity(
         Mean distance to the nearest real shape [mm].
     """
     generator = np.random.default_rng(seed)
-    deviations = generator.standard_normal((draws, len(model.variances)))
+    deviations = generator.standard_normal((draws, len(model.explained_variance)))
     nearest = np.empty((len(modes), draws))
     for row, k in enumerate(modes):
-        if not 1 <= k <= len(model.variances):
-            raise InputError(f"specificity of {k} modes: the model has {len(model.variances)}")
+        if not 1 <= k <= len(model.explained_variance):
+            raise InputError(f"specificity of {k} modes: the model has {len(model.explained_variance)}")
         for draw in range(draws):
             tick((row + draw / draws) / len(modes), "specificity")
-            apart = particles - model.shape(deviations[draw, :k])
+            apart = particles - model.instance(deviations[draw, :k])
             nearest[row, draw] = np.sqrt(np.square(apart).sum(axis=2)).mean(axis=1).min()
     found: FloatArray = nearest.mean(axis=1)
     return found

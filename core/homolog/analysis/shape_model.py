@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
 
 import numpy as np
 from scipy import linalg
@@ -9,8 +11,10 @@ from scipy import linalg
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.procrustes import align, sizes
 from homolog.arrays import FloatArray, frozen
+from homolog.errors import InputError
+from homolog.files.arrays import read_arrays, write_arrays
 
-__all__ = ["ShapeModel", "fit_shape_model", "principal_components"]
+__all__ = ["ShapeModel", "principal_components"]
 
 NEGLIGIBLE = 1e-9
 """Modes with less than this part of the first one's variance are rounding of the Gram matrix."""
@@ -18,25 +22,48 @@ NEGLIGIBLE = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeModel:
-    """Mean shape and orthonormal modes of variation, the largest first. All arrays are read-only.
+    """Mean shape and orthonormal modes of variation of a cohort: a point distribution model.
+
+    Made by `ShapeModel.fit` or `ShapeModel.load`. Names are those of scikit-learn's `PCA` where both have
+    the same thing. All arrays are read-only.
 
     Attributes
     ----------
     mean : (N, 3) array
-        Mean positions [mm].
-    modes : (K, N, 3) array
-        Unit vectors of shape space, K < M.
-    variances : (K,) array
+        Mean positions of the particles [mm].
+    components : (K, N, 3) array
+        Modes of variation, the largest first: unit vectors of the 3N coordinates, K < M.
+    explained_variance : (K,) array
         Variance along each mode [mm²], with the divisor M - 1.
     scores : (M, K) array
         Coordinates of the M subjects in the modes [mm].
     sizes : (M,) array
         Root mean square distance of a subject's particles from their centroid [mm], before any scaling.
+
+    References
+    ----------
+    T. F. Cootes et al., "Active shape models - their training and application", Computer Vision and Image
+    Understanding 61 (1995) 38-59.
+
+    Examples
+    --------
+    Three spheres of 64 particles, which differ in size only:
+
+    >>> import numpy as np
+    >>> import homolog as hl
+    >>> directions = np.random.default_rng(0).normal(size=(64, 3))
+    >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    >>> model = hl.ShapeModel.fit([9.0 * directions, 10.0 * directions, 11.0 * directions])
+    >>> model.explained_variance_ratio.round(6)
+    array([1.])
+    >>> larger = model.instance([2.0])  # two standard deviations along the first mode
+    >>> abs(np.linalg.norm(larger, axis=1) - 10.0).round(6).max()
+    np.float64(2.0)
     """
 
     mean: FloatArray
-    modes: FloatArray
-    variances: FloatArray
+    components: FloatArray
+    explained_variance: FloatArray
     scores: FloatArray
     sizes: FloatArray
 
@@ -45,19 +72,85 @@ class ShapeModel:
         for name in self.__dataclass_fields__:
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
+    @classmethod
+    def fit(
+        cls, particles: FloatArray, *, scaling: bool = False, names: Sequence[str] | None = None
+    ) -> "ShapeModel":
+        """Fit mean and modes to the corresponding particles of a cohort.
+
+        Parameters
+        ----------
+        particles : (M, N, 3) array_like
+            World positions [mm], already aligned, such as `Correspondence.aligned`.
+        scaling : bool
+            Take size out: all shapes are brought to the mean size and aligned again (generalized Procrustes
+            analysis). By default size is part of the model.
+        names : sequence of str, optional
+            Subject names, for messages.
+
+        Returns
+        -------
+        ShapeModel
+            With at most M - 1 modes.
+
+        Raises
+        ------
+        InputError
+            If there are fewer than two subjects or positions are not finite.
+        """
+        positions = checked_particles(particles, names)
+        shapes = align(positions, scaling=True) if scaling else positions
+        mean = shapes.mean(axis=0)
+        scores, modes, variances = principal_components((shapes - mean).reshape(len(shapes), -1))
+        return cls(mean, modes.reshape(-1, *mean.shape), variances, scores, sizes(positions))
+
     @property
     def standard_deviations(self) -> FloatArray:
         """Standard deviation along each mode [mm], shape (K,)."""
-        deviations: FloatArray = np.sqrt(self.variances)
+        deviations: FloatArray = np.sqrt(self.explained_variance)
         return deviations
 
     @property
-    def explained(self) -> FloatArray:
+    def explained_variance_ratio(self) -> FloatArray:
         """Share of the total variance in each mode, shape (K,)."""
-        shares: FloatArray = self.variances / self.variances.sum()
+        shares: FloatArray = self.explained_variance / self.explained_variance.sum()
         return shares
 
-    def shape(self, deviations: FloatArray) -> FloatArray:
+    def transform(self, particles: FloatArray) -> FloatArray:
+        """Return the scores of aligned particles.
+
+        Parameters
+        ----------
+        particles : (..., N, 3) array_like
+            Positions in the frame of the mean [mm].
+
+        Returns
+        -------
+        (..., K) array
+            Coordinates in the modes [mm].
+        """
+        apart = np.asarray(particles, dtype=np.float64) - self.mean
+        scores: FloatArray = np.einsum("...ni,kni->...k", apart, self.components)
+        return scores
+
+    def inverse_transform(self, scores: FloatArray) -> FloatArray:
+        """Return the shape of given scores.
+
+        Parameters
+        ----------
+        scores : (..., k) array_like
+            Coordinates in the first k modes [mm], k <= K; the others are 0.
+
+        Returns
+        -------
+        (..., N, 3) array
+            Positions [mm].
+        """
+        scores = np.asarray(scores, dtype=np.float64)
+        shape: FloatArray = self.mean + np.tensordot(scores, self.components[: scores.shape[-1]], axes=1)
+        return shape
+
+    def instance(self, deviations: FloatArray) -> FloatArray:
         """Return the shape at given multiples of the modes' standard deviations.
 
         Parameters
@@ -71,55 +164,78 @@ class ShapeModel:
             Positions [mm].
         """
         deviations = np.asarray(deviations, dtype=np.float64)
-        return self.reconstruct(deviations * self.standard_deviations[: deviations.shape[-1]])
+        return self.inverse_transform(deviations * self.standard_deviations[: deviations.shape[-1]])
 
-    def reconstruct(self, scores: FloatArray) -> FloatArray:
-        """Return the shape of given scores.
+    def sample(self, count: int, seed: int | None = None) -> FloatArray:
+        """Draw shapes whose scores are independent and normally distributed.
 
         Parameters
         ----------
-        scores : (..., k) array_like
-            Coordinates in the first k modes [mm].
+        count : int
+            Number of shapes.
+        seed : int, optional
+            Same seed, same shapes; other ones at each call if not given.
 
         Returns
         -------
-        (..., N, 3) array
+        (count, N, 3) array
             Positions [mm].
         """
-        scores = np.asarray(scores, dtype=np.float64)
-        shape: FloatArray = self.mean + np.tensordot(scores, self.modes[: scores.shape[-1]], axes=1)
-        return shape
+        normal = np.random.default_rng(seed).standard_normal((count, len(self.explained_variance)))
+        return self.instance(normal)
 
-    def project(self, particles: FloatArray) -> FloatArray:
-        """Return the scores [mm] of aligned particles, shape (..., K) for particles (..., N, 3)."""
-        scores: FloatArray = np.einsum("...ni,kni->...k", particles - self.mean, self.modes)
-        return scores
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the model to a NumPy archive.
 
+        Parameters
+        ----------
+        path : path
+            A file that ends in ``.npz``; replaced only once everything is written.
 
-def fit_shape_model(
-    particles: FloatArray, *, scaling: bool = False, names: Sequence[str] | None = None
-) -> ShapeModel:
-    """Fit mean and modes to the corresponding particles of a cohort.
+        Raises
+        ------
+        InputError
+            If the name ends otherwise, or the file can't be written.
+        """
+        if Path(path).suffix != ".npz":
+            raise InputError(f"{path}: a shape model is written as .npz; choose such a name")
+        write_arrays(Path(path), {name: getattr(self, name) for name in self.__dataclass_fields__})
 
-    Parameters
-    ----------
-    particles : (M, N, 3) array_like
-        World positions [mm], already aligned.
-    scaling : bool
-        Take size out: all shapes are brought to the mean size and aligned again (generalized Procrustes).
-    names : sequence of str, optional
-        Subject names, for messages.
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> "ShapeModel":
+        """Read a model that `save` wrote.
 
-    Raises
-    ------
-    InputError
-        If there are fewer than two subjects or positions are not finite.
-    """
-    positions = checked_particles(particles, names)
-    shapes = align(positions, scaling=True) if scaling else positions
-    mean = shapes.mean(axis=0)
-    scores, modes, variances = principal_components((shapes - mean).reshape(len(shapes), -1))
-    return ShapeModel(mean, modes.reshape(-1, *mean.shape), variances, scores, sizes(positions))
+        Parameters
+        ----------
+        path : path
+            The file.
+
+        Returns
+        -------
+        ShapeModel
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged, or holds no shape model.
+        """
+        stored = read_arrays(Path(path))
+        try:
+            model = cls(**stored)
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"{path}: holds no shape model; give a file that ShapeModel.save wrote"
+            ) from error
+        modes, *shape = model.components.shape if model.components.ndim == 3 else (0,)
+        if (
+            shape != list(model.mean.shape)
+            or model.explained_variance.shape != (modes,)
+            or model.scores.shape != (*model.sizes.shape, modes)
+        ):
+            raise InputError(
+                f"{path}: holds no shape model: its arrays do not belong together; save it again"
+            )
+        return model
 
 
 def principal_components(

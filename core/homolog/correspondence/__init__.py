@@ -6,9 +6,9 @@ from homolog.correspondence.poses import best_similarity, inverted, transformed
 from homolog.correspondence.repair import fitting_start, repair
 from homolog.correspondence.types import (
     Checkpoint,
-    Correspondence,
     Frame,
     Observe,
+    OptimizedParticles,
     Reason,
     Shape,
     Stage,
@@ -17,9 +17,9 @@ from homolog.correspondence.types import (
 
 __all__ = [
     "Checkpoint",
-    "Correspondence",
     "Frame",
     "Observe",
+    "OptimizedParticles",
     "Reason",
     "Shape",
     "Stage",

@@ -26,8 +26,8 @@ from homolog.correspondence.start import first_particles
 from homolog.correspondence.strays import move_back, put_right
 from homolog.correspondence.types import (
     Checkpoint,
-    Correspondence,
     Observe,
+    OptimizedParticles,
     Reason,
     Shape,
     Stage,
@@ -324,7 +324,7 @@ class Journey:
     def _checkpoint(self, index: int, done: int, particles: Particles | None = None) -> None:
         self.log.save(self.engine, len(self.stages) - 1 - index, done, self.repaired, particles)
 
-    def result(self, reason: Reason) -> Correspondence:
+    def result(self, reason: Reason) -> OptimizedParticles:
         """Return the particles in millimetres."""
         positions = self.engine.host_positions().astype(np.float64)
         local = np.stack([p.invert(one) for p, one in zip(self.domain.placements, positions, strict=True)])
@@ -332,7 +332,7 @@ class Journey:
             local = np.where(self.start.movable[..., None], local, self.start.local)
         alignments = self._alignments(local)
         turns = turns_of(alignments) @ turns_of(self.log.aligned(self.poses)).transpose(0, 2, 1)
-        return Correspondence(
+        return OptimizedParticles(
             world=transformed(alignments, local),
             local=local,
             normals=np.einsum("mij,mnj->mni", turns, self.engine.posed_normals()),

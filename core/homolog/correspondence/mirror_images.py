@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray
-from homolog.correspondence.types import Correspondence, Frame, Observe, Shape, Start
+from homolog.correspondence.types import Frame, Observe, OptimizedParticles, Shape, Start
 from homolog.surfaces.mirroring import MIRROR, mirrors
 
 __all__ = ["MirrorImages", "with_mirror_images"]
@@ -56,7 +56,7 @@ class MirrorImages:
 
         return pass_on
 
-    def result(self, found: Correspondence) -> Correspondence:
+    def result(self, found: OptimizedParticles) -> OptimizedParticles:
         """Return a result in the coordinates of the files."""
         return replace(found, local=self.points(found.local), alignments=self.alignments(found.alignments))
 

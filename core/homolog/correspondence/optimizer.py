@@ -11,7 +11,8 @@ from homolog.correspondence.logbook import Keep
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.schedule import plan_stages
 from homolog.correspondence.surfaces import of_one_size
-from homolog.correspondence.types import Checkpoint, Correspondence, Observe, Shape, Start
+from homolog.correspondence.types import Checkpoint, Observe, OptimizedParticles, Shape, Start
+from homolog.device import choose_device
 from homolog.errors import InputError
 from homolog.geodesics import solve_tables
 from homolog.progress import Tick, no_tick, part_of
@@ -24,14 +25,14 @@ def optimize(
     shapes: Sequence[Shape],
     settings: OptimizeSettings,
     *,
-    device: str = "cpu",
+    device: str = "auto",
     tick: Tick = no_tick,
     observe: Observe | None = None,
     checkpoint: Keep | None = None,
     start: Start | None = None,
     resume: Checkpoint | None = None,
     solve: Solve = solve_tables,
-) -> Correspondence:
+) -> OptimizedParticles:
     """Place corresponding particles on all shapes (the paper's Eq. 5).
 
     Parameters
@@ -42,7 +43,7 @@ def optimize(
     settings : OptimizeSettings
         Method, number of particles, weights and schedule.
     device : str
-        Warp alias of the device.
+        ``"auto"``, ``"cpu"`` or ``"cuda:<n>"``.
     tick : Tick
         Progress and cancelling. When it raises `Cancelled`, a last checkpoint is handed over first.
     observe : callable, optional
@@ -66,6 +67,7 @@ def optimize(
     NumericalError
         If a particle is lost (a position that is no number).
     """
+    device = choose_device(device)
     if len(shapes) < 2:
         raise InputError("correspondence needs at least two shapes")
     if start is not None:

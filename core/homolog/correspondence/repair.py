@@ -22,7 +22,7 @@ from homolog.correspondence.start import (
 )
 from homolog.correspondence.strays import predicted
 from homolog.correspondence.surfaces import Placement, length_unit, of_one_size
-from homolog.correspondence.types import Correspondence, Observe, Shape, Start
+from homolog.correspondence.types import Observe, OptimizedParticles, Shape, Start
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
@@ -43,10 +43,10 @@ def repair(
     movable: BoolArray,
     *,
     misplaced: BoolArray | None = None,
-    device: str = "cpu",
+    device: str = "auto",
     tick: Tick = no_tick,
     observe: Observe | None = None,
-) -> Correspondence:
+) -> OptimizedParticles:
     """Put some particles of a result right; the others stay as they are, to the bit.
 
     Parameters
@@ -62,14 +62,12 @@ def repair(
     misplaced : (M, N) bool array, optional
         Those that are not trusted at all: they begin where the other subjects predict them. By default
         all that are movable.
-    device : str
-        Warp alias of the device.
-    tick, observe
+    device, tick, observe
         As in `optimize`.
 
     Returns
     -------
-    Correspondence
+    OptimizedParticles
         Of all subjects.
 
     Raises

@@ -10,7 +10,7 @@ from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray, frozen
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Checkpoint", "Correspondence", "Frame", "Observe", "Reason", "Shape", "Stage", "Start"]
+__all__ = ["Checkpoint", "Frame", "Observe", "OptimizedParticles", "Reason", "Shape", "Stage", "Start"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +147,7 @@ class Checkpoint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Correspondence:
+class OptimizedParticles:
     """The result: N corresponding particles on M shapes.
 
     Attributes

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from homolog.analysis.reconstruction import MeanSurface
-from homolog.analysis.shape_model import ShapeModel, fit_shape_model
+from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import Array, FloatArray
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError, NumericalError
@@ -116,7 +116,7 @@ def _write(project: Project, model: ForeignModel, tick: Tick) -> list[str]:
     stems = file_stems([one.name for one in model.subjects])
     drawn = surfaces_of(model.subjects, local, world, alignments, part_of(tick, 0.1, 0.6))
     cohort = _cohort(project, model, stems, drawn)
-    shapes = fit_shape_model(np.array(world), names=[one.name for one in model.subjects])
+    shapes = ShapeModel.fit(np.array(world), names=[one.name for one in model.subjects])
     try:
         surface = _mean(shapes, np.array(world), drawn, alignments, part_of(tick, 0.6, 0.7))
     except NumericalError as error:

@@ -45,12 +45,16 @@ def read_particles(path: Path) -> FloatArray:
     """
     path = Path(path)
     stored = read_bytes(path, "list of particles")
+    is_vtk = path.suffix.lower() == ".vtk"
     try:
-        if path.suffix.lower() == ".vtk":
-            return _checked(path, read_legacy_vtk(stored).points)
-        lines = stored.decode("utf-8-sig").splitlines()
+        points = read_legacy_vtk(stored).points if is_vtk else None
+        lines = [] if is_vtk else stored.decode("utf-8-sig").splitlines()
     except ValueError as error:
         raise InputError(f"{path}: can't be read as particles: {error}; choose another file") from error
+    return _checked(path, _of_lines(path, lines) if points is None else points)
+
+
+def _of_lines(path: Path, lines: list[str]) -> FloatArray:
     points = []
     for number, line in enumerate(lines, start=1):
         words = line.split()
@@ -61,7 +65,7 @@ def read_particles(path: Path) -> FloatArray:
         if len(words) != 3 or not all(_is_number(word) for word in words):
             raise InputError(f"{path}, line {number}: is no point; each line must be three numbers")
         points.append([float(word) for word in words])
-    return _checked(path, np.array(points))
+    return np.array(points)
 
 
 def _checked(path: Path, points: FloatArray) -> FloatArray:

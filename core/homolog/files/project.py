@@ -117,6 +117,8 @@ class Project:
                     f"{path}: was written by a newer Homolog (format {newer}); update Homolog to open it"
                 )
             return ProjectRecord.model_validate(content)
+        except InputError:
+            raise
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"])) or "the file"

@@ -19,14 +19,14 @@ from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["local_distances", "solve_plan", "solve_table", "solve_tables"]
+__all__ = ["geodesic_distances", "solve_plan", "solve_table", "solve_tables"]
 
 
 def solve_tables(
     meshes: Sequence[TriangleMesh],
     d_max: float | Sequence[float],
     *,
-    device: str = "cpu",
+    device: str = "auto",
     element: Element = "point",
     memory_limit: int | None = None,
     names: Sequence[str] | None = None,
@@ -71,7 +71,7 @@ def solve_tables(
 def solve_plan(
     plan: TablePlan,
     *,
-    device: str = "cpu",
+    device: str = "auto",
     tick: Tick = no_tick,
     threads: int | None = None,
     cache: Path | None = None,
@@ -96,7 +96,7 @@ def solve_table(
     mesh: TriangleMesh,
     d_max: float,
     *,
-    device: str = "cpu",
+    device: str = "auto",
     element: Element = "point",
     memory_limit: int | None = None,
     name: str = "mesh",
@@ -107,19 +107,19 @@ def solve_table(
     return solve_plan(plan, device=device, tick=tick)[0]
 
 
-def local_distances(vertices: Array, faces: Array, d_max: float, device: str | None = None) -> csr_array:
+def geodesic_distances(vertices: Array, faces: Array, d_max: float, *, device: str = "auto") -> csr_array:
     """Return the geodesic distances between all vertices of a closed triangle mesh up to d_max.
 
     Parameters
     ----------
-    vertices : (V, 3) array
+    vertices : (V, 3) array_like
         Positions, in any unit of length.
-    faces : (F, 3) int array
+    faces : (F, 3) array_like of int
         Vertex indices, consistently oriented.
     d_max : float
-        Longest distance; inf for all.
-    device : str, optional
-        ``"cpu"`` or ``"cuda:<n>"``; the first GPU if there is one, else the CPU, if not given.
+        Longest distance, in the unit of the vertices; inf for all.
+    device : str
+        ``"auto"`` (the first GPU if there is one, else the CPU), ``"cpu"`` or ``"cuda:<n>"``.
 
     Returns
     -------
@@ -130,11 +130,25 @@ def local_distances(vertices: Array, faces: Array, d_max: float, device: str | N
     Raises
     ------
     InputError
-        If the mesh is not one closed, manifold surface, or d_max is not positive.
+        If the mesh is not one closed, manifold surface, d_max is not positive, or the device is not here.
+
+    References
+    ----------
+    Z. Fu et al., "A fast iterative method for solving the eikonal equation on triangulated surfaces", SIAM
+    Journal on Scientific Computing 33 (2011) 2468-2488; docs/geodesics.md says what differs here.
+
+    Examples
+    --------
+    >>> import homolog as hl
+    >>> vertices = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
+    >>> faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+    >>> distances = hl.geodesic_distances(vertices, faces, d_max=2.0)  # an octahedron's neighbours
+    >>> distances.nnz, distances[0, 2].round(3)
+    (30, np.float32(1.414))
     """
     mesh = TriangleMesh(np.asarray(vertices), np.asarray(faces))
     plan = replace(plan_tables([mesh], d_max), dense=False)  # quicker to solve, slower to read
-    return solve_plan(plan, device=device or "auto")[0].to_csr()
+    return solve_plan(plan, device=device)[0].to_csr()
 
 
 def _solve(plan: TablePlan, device: str, tick: Tick, threads: int | None) -> list[GeodesicTable]:

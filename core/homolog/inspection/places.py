@@ -204,7 +204,7 @@ def _distances(
     """Geodesic distances between neighbouring particles over their spacing."""
     reach = REACH * spacing
     light = ordered(simplified(mesh, max(_FEWEST_VERTICES, round(_VERTICES * len(points)))))
-    table = solve_table(light, reach + 2.0 * longest_edge(light), name=name, tick=tick)
+    table = solve_table(light, reach + 2.0 * longest_edge(light), device="cpu", name=name, tick=tick)
     middle = light.vertices.mean(axis=0)
     level = build_level([light], [table], [Placement(np.eye(3), -middle)], "cpu")
     pairs: IntArray = cKDTree(points).query_pairs(reach, output_type="ndarray")  # straight ≤ geodesic

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from homolog.analysis.reconstruction import MeanSurface
-from homolog.analysis.shape_model import ShapeModel, fit_shape_model
+from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import BoolArray, FloatArray
 from homolog.cohort import Cohort, sides_of
-from homolog.correspondence import Correspondence, Shape
+from homolog.correspondence import OptimizedParticles, Shape
 from homolog.device import describe_device
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
@@ -99,7 +99,7 @@ def noted(groomed: GroomedSubject, note: str) -> GroomedSubject:
     return replace(groomed, report=replace(groomed.report, notes=(*groomed.report.notes, note)))
 
 
-def with_repairs(study: Study, found: Correspondence) -> Study:
+def with_repairs(study: Study, found: OptimizedParticles) -> Study:
     """Return the study with a note on every subject whose particles were repaired, if any were."""
     if not found.repaired.any():
         return study
@@ -126,7 +126,7 @@ def model_of(outcome: Outcome, tick: Tick) -> tuple[ShapeModel, MeanSurface]:
         If particles coincide, so that no surface can be carried by them.
     """
     shapes, world = outcome.study.shapes, outcome.world
-    model = fit_shape_model(world, names=[one.name for one in shapes])
+    model = ShapeModel.fit(world, names=[one.name for one in shapes])
     meshes = [one.mesh for one in shapes]
     return model, surface_of_model(model, world, meshes, outcome.alignments, tick)
 

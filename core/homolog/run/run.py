@@ -8,8 +8,8 @@ import numpy as np
 from homolog.cohort import Cohort
 from homolog.correspondence import (
     Checkpoint,
-    Correspondence,
     Frame,
+    OptimizedParticles,
     Shape,
     inverted,
     load_kernels,
@@ -284,7 +284,7 @@ class Run:
         ]
         return noted, shapes if base is None else base.shapes(shapes)
 
-    def _optimized(self, study: Study, base: Base | None) -> Correspondence:
+    def _optimized(self, study: Study, base: Base | None) -> OptimizedParticles:
         geodesic = study.settings.optimize.method.uses_geodesics
         first = Phase.GEODESICS if geodesic else Phase.SPLITTING
         self._control.enter(first, "distances on the surfaces", until=Phase.OPTIMIZING)

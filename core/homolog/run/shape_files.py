@@ -55,7 +55,7 @@ def surface_of_model(
 
 def write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
     """Write a shape model's tables; `new` is what `Project.replacing_result` gave."""
-    modes = [f"mode_{number}" for number in range(1, len(model.variances) + 1)]
+    modes = [f"mode_{number}" for number in range(1, len(model.explained_variance) + 1)]
     write_table(
         new.model / "scores.csv",
         ["name", "group", *modes],
@@ -69,14 +69,14 @@ def write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
         ["mode", "variance_mm2", "standard_deviation_mm", "share", "cumulative_share"],
         zip(
             range(1, len(modes) + 1),
-            model.variances.tolist(),
+            model.explained_variance.tolist(),
             model.standard_deviations.tolist(),
-            model.explained.tolist(),
-            np.cumsum(model.explained).tolist(),
+            model.explained_variance_ratio.tolist(),
+            np.cumsum(model.explained_variance_ratio).tolist(),
             strict=True,
         ),
     )
-    flat = model.modes.reshape(len(modes), -1).T.tolist()
+    flat = model.components.reshape(len(modes), -1).T.tolist()
     write_table(
         new.model / "eigenvectors.csv",
         ["particle", "axis", *modes],
@@ -100,9 +100,11 @@ def write_surfaces(new: Project, model: ShapeModel, surface: MeanSurface, tick: 
 
 def _moves(model: ShapeModel) -> FloatArray:
     """How far the particles move along the modes that are shown, (K, N, 3) [mm]."""
-    enough = int(np.searchsorted(np.cumsum(model.explained), _SHOWN_SHARE)) + 1
+    enough = int(np.searchsorted(np.cumsum(model.explained_variance_ratio), _SHOWN_SHARE)) + 1
     shown = min(max(enough, _LEAST_SHOWN), _MOST_SHOWN)
-    moves: FloatArray = MODE_DEVIATIONS * model.standard_deviations[:shown, None, None] * model.modes[:shown]
+    moves: FloatArray = (
+        MODE_DEVIATIONS * model.standard_deviations[:shown, None, None] * model.components[:shown]
+    )
     return moves
 
 

@@ -47,7 +47,7 @@ def test_clicks_on_the_shape_set_the_two_particles_in_turn(page):
     from homolog_app.window.scene.picking import Pick
 
     page.place.setValue(100)
-    particles = page.fitted.shape.model.shape(np.array([1.0]))
+    particles = page.fitted.shape.model.instance(np.array([1.0]))
     for particle in (5, 9, 12):
         page.take_pick(Pick("x", particles[particle] + 0.1, None))
     assert page.pair == (12, 9)
@@ -64,7 +64,7 @@ def test_curves_along_a_mode_are_those_of_the_shapes_that_are_shown(page, window
     assert np.interp(at, charts.area._x, charts.area._y) == pytest.approx(
         shown.groomed.area / 100.0, rel=1e-3
     )
-    first, second = shape.model.shape(np.array([at]))[list(page.pair)]
+    first, second = shape.model.instance(np.array([at]))[list(page.pair)]
     assert np.interp(at, charts.distance._x, charts.distance._y) == pytest.approx(
         np.linalg.norm(second - first), rel=1e-3
     )

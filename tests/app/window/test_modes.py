@@ -78,7 +78,7 @@ def test_the_surface_follows_the_particles_of_the_model(page):
     model = page.fitted.shape
     for mode in (0, 1):
         deviations = np.eye(2)[mode]
-        particles = model.model.shape(deviations)
+        particles = model.model.instance(deviations)
         vertices = model.mean.vertices + model.moved(deviations)
         gaps, _ = KDTree(vertices).query(particles)
         assert gaps.max() < model.mean.mean_edge

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.geodesics import distances_from, local_distances, plan_tables, solve_table
+from homolog.geodesics import distances_from, geodesic_distances, plan_tables, solve_table
 from homolog.surfaces.mesh import TriangleMesh
 
 
@@ -17,7 +17,7 @@ def test_an_open_mesh_is_refused_by_name(sphere):
     with pytest.raises(InputError, match="femur_07: the mesh is not closed: 3 edges"):
         solve_table(TriangleMesh(mesh.vertices, mesh.faces[1:]), 5.0, name="femur_07")
     with pytest.raises(InputError, match="not closed"):
-        local_distances(mesh.vertices, mesh.faces[1:], 5.0)
+        geodesic_distances(mesh.vertices, mesh.faces[1:], 5.0)
     with pytest.raises(InputError, match="not closed"):
         distances_from(TriangleMesh(mesh.vertices, mesh.faces[1:]), [0])
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from homolog.geodesics import local_distances, measure_accuracy, solve_table, solve_tables
+from homolog.geodesics import geodesic_distances, measure_accuracy, solve_table, solve_tables
 from homolog.surfaces.mesh import TriangleMesh
 
 
@@ -58,7 +58,7 @@ def test_the_result_does_not_depend_on_the_number_of_threads(slotted, storage):
 
 
 def test_distances_on_a_flat_side_are_straight(plate):
-    matrix = local_distances(plate.vertices, plate.faces, 6.0, device="cpu").tocoo()
+    matrix = geodesic_distances(plate.vertices, plate.faces, 6.0, device="cpu").tocoo()
     a, b = plate.vertices[matrix.row], plate.vertices[matrix.col]
     inside = (np.abs(a[:, :2] - 10) < 6).all(axis=1) & (np.abs(b[:, :2] - 10) < 6).all(axis=1)
     same = inside & (a[:, 2] == b[:, 2])
@@ -68,7 +68,7 @@ def test_distances_on_a_flat_side_are_straight(plate):
 
 
 def test_the_other_side_of_a_thin_wall_is_far(plate):
-    table = local_distances(plate.vertices, plate.faces, 15.0, device="cpu")
+    table = geodesic_distances(plate.vertices, plate.faces, 15.0, device="cpu")
     n = len(plate.vertices) // 2
     middle = 21 * 10 + 10
     assert table[middle, middle + n] == 0  # 20.5 mm around the rim, 0.5 mm through the plate

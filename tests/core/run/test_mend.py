@@ -5,7 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
-from homolog.analysis.shape_model import fit_shape_model
+from homolog.analysis.shape_model import ShapeModel
 from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.files.results import read_result
@@ -74,6 +74,6 @@ def test_a_missing_surface_is_named(project):
 def test_the_mean_surface_is_the_one_that_the_run_made(project):
     study, result = read_study(project), read_result(project)
     meshes = [one.mesh for one in study.shapes]
-    mean = surface_of_model(fit_shape_model(result.world), result.world, meshes, result.alignments)
+    mean = surface_of_model(ShapeModel.fit(result.world), result.world, meshes, result.alignments)
     np.testing.assert_allclose(mean.vertices, result.mean_surface.vertices, atol=1e-4)
     np.testing.assert_allclose(mean.smoothing, result.smoothing)

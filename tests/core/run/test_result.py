@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from homolog.correspondence import Correspondence, Reason
+from homolog.correspondence import OptimizedParticles, Reason
 from homolog.run.mend import read_study
 from homolog.run.result import with_repairs
 
@@ -23,7 +23,7 @@ def found(study):
     points = np.zeros((shapes, 8, 3))
     repaired = np.zeros((shapes, 8), np.int32)
     poses = np.stack([np.eye(4)] * shapes)
-    return Correspondence(points, points, points, energies, poses, 60, Reason.CONVERGED, repaired)
+    return OptimizedParticles(points, points, points, energies, poses, 60, Reason.CONVERGED, repaired)
 
 
 def test_subjects_with_repaired_particles_say_so_and_what_became_of_the_objective(study, found):

@@ -92,7 +92,7 @@ class Checked(QObject):
         notes = version.notes | {name: "particles were optimized again where they were suspect"}
 
         def work(tick: Tick) -> _Version:
-            from homolog.analysis.shape_model import fit_shape_model
+            from homolog.analysis.shape_model import ShapeModel
             from homolog.progress import part_of
             from homolog.run.shape_files import surface_of_model
             from homolog.surfaces.mesh import TriangleMesh
@@ -100,7 +100,7 @@ class Checked(QObject):
 
             after = mended(project, inspection, suspect, part_of(tick, 0.0, 0.8))
             places = after.places
-            model, last = fit_shape_model(places.world), part_of(tick, 0.8, 1.0)
+            model, last = ShapeModel.fit(places.world), part_of(tick, 0.8, 1.0)
             surface = surface_of_model(model, places.world, places.meshes, places.alignments, last)
             result = replace(
                 version.loaded.result,

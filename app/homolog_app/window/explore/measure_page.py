@@ -132,7 +132,7 @@ class MeasurePage(ExplorePage):
         """Set the first or the second particle to the nearest one, in turn."""
         view = self.chosen
         if self.fitted.shape is not None and view is not None:
-            particles = self.fitted.shape.model.shape(deviations_of(view))
+            particles = self.fitted.shape.model.instance(deviations_of(view))
             nearest = int(np.square(particles - pick.place).sum(axis=1).argmin())
             self.particles[self._next].setValue(nearest)
             self._next = 1 - self._next
@@ -265,7 +265,8 @@ def _amounts() -> FloatArray:
 
 def _apart(shape: "ModelShape", mode: int, amount: float, pair: tuple[int, int]) -> FloatArray:
     ends = [
-        shape.model.mean[one] + amount * shape.model.standard_deviations[mode] * shape.model.modes[mode, one]
+        shape.model.mean[one]
+        + amount * shape.model.standard_deviations[mode] * shape.model.components[mode, one]
         for one in pair
     ]
     return np.asarray(np.linalg.norm(ends[1] - ends[0]))

@@ -29,7 +29,7 @@ def deviations_of(view: MeasureView) -> FloatArray:
 def measured_scene(view: MeasureView, shape: "ModelShape") -> Shown:
     """Return the shape with both particles marked."""
     deviations = deviations_of(view)
-    local = shape.model.shape(deviations)
+    local = shape.model.instance(deviations)
     words = f"mode {view.mode + 1}: {signed(view.at)} SD"
     content = model_content(shape, shape.title, words, shape.moved(deviations), Look())
     return Shown([_with_pins(content, local[list(view.particles)])], 1, None, {shape.title: local})

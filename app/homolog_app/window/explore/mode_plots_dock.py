@@ -61,5 +61,8 @@ class ModePlots(QWidget):
     def show_scores(self, scores: FloatArray, shape: "ModelShape", groups: Sequence[str]) -> None:
         """Show the subjects' scores (M, K) [SD] in the two modes."""
         x, y = self.axes
-        words = [f"mode {mode + 1} ({100 * shape.model.explained[mode]:.1f} %), SD" for mode in (x, y)]
+        words = [
+            f"mode {mode + 1} ({100 * shape.model.explained_variance_ratio[mode]:.1f} %), SD"
+            for mode in (x, y)
+        ]
         self.scatter.show_scores(scores[:, [x, y]], shape.result.names, groups, (words[0], words[1]))

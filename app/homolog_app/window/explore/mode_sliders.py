@@ -114,7 +114,10 @@ class ModeSliders(QWidget):
         if shape is None:
             return
         for mode in range(len(self._rows), min(count, shape.modes)):
-            variance, share = float(shape.model.variances[mode]), float(shape.model.explained[mode])
+            variance, share = (
+                float(shape.model.explained_variance[mode]),
+                float(shape.model.explained_variance_ratio[mode]),
+            )
             row = _Row(mode, variance, share, above=mode < shape.parallel.kept)
             row.slider.valueChanged.connect(lambda _, mode=mode: self._follow(mode))
             self._choice.addButton(row.name, mode)

@@ -51,7 +51,7 @@ def mode_scene(view: ModesView, models: _Models, subject: Content | None = None)
             one, one.title, words, one.moved(deviations), look, alignment=_placement(one, models)
         )
         contents.append(content)
-        local = one.model.shape(deviations[: one.modes])
+        local = one.model.instance(deviations[: one.modes])
         particles[one.title] = local @ content.alignment[:3, :3].T + content.alignment[:3, 3]
     if subject is not None:
         first = models[0].result
@@ -82,7 +82,7 @@ def _strip(view: ModesView, models: _Models, look: Look, mode: int) -> list[Cont
         for step in _STEPS[view.count]:
             deviations = np.zeros(mode + 1)
             deviations[mode] = amount = step * view.reach
-            share = f"mode {mode + 1}: {100 * float(one.model.explained[mode]):.1f} %"
+            share = f"mode {mode + 1}: {100 * float(one.model.explained_variance_ratio[mode]):.1f} %"
             digits = 0 if amount == round(amount) else 1
             words = f"mode {mode + 1}: {signed(amount, digits)} SD" if step else f"mean ({share})"
             names = (one.title, words) if len(models) > 1 else (words, "")
@@ -100,7 +100,7 @@ def _placement(one: "ModelShape", models: _Models) -> FloatArray:
 def _words(deviations: FloatArray, one: "ModelShape", subject: Content | None) -> str:
     away = [(mode, float(value)) for mode, value in enumerate(deviations) if value]
     if subject is not None:
-        gaps = one.model.shape(deviations) - one.result.world[one.result.names.index(subject.name)]
+        gaps = one.model.instance(deviations) - one.result.world[one.result.names.index(subject.name)]
         gap = float(np.linalg.norm(gaps, axis=1).mean())
         count = len(deviations)
         return f"from {count} mode{'s' * (count != 1)}, {short(gap)} mm from its particles"

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from homolog.analysis.parallel import ParallelAnalysis, parallel_analysis
 from homolog.analysis.reconstruction import carried
-from homolog.analysis.shape_model import ShapeModel, fit_shape_model
+from homolog.analysis.shape_model import ShapeModel
 from homolog.analysis.thin_plate import spread_centres
 from homolog.arrays import Array, Float32Array, FloatArray, IntArray, frozen
 from homolog.errors import InputError
@@ -136,11 +136,11 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
     tick : Tick
         Progress and cancelling.
     """
-    model = fit_shape_model(result.world, names=result.names)
+    model = ShapeModel.fit(result.world, names=result.names)
     parallel = parallel_analysis(result.world, tick=part_of(tick, 0.0, 0.6))
     tick(0.6, "carrying the modes to the mean surface")
     mesh = result.mean_surface
-    moves = _carried(result, model.modes * model.standard_deviations[:, None, None])
+    moves = _carried(result, model.components * model.standard_deviations[:, None, None])
     tick(0.9, "normals of the mean surface")
     corners = _corners(mesh.faces, len(mesh.vertices))
     faces = np.ascontiguousarray(mesh.faces.T, dtype=np.intp)
@@ -179,7 +179,9 @@ def facing(of: ModelShape, beside: ModelShape) -> ModelShape:
     shared = min(of.modes, beside.modes)
     products = of.model.scores[mine][:, :shared] * beside.model.scores[theirs][:, :shared]
     signs[:shared] = np.where(products.sum(axis=0) < 0.0, -1.0, 1.0)
-    model = replace(of.model, modes=of.model.modes * signs[:, None, None], scores=of.model.scores * signs)
+    model = replace(
+        of.model, components=of.model.components * signs[:, None, None], scores=of.model.scores * signs
+    )
     return replace(of, model=model, moves=frozen(of.moves * signs[:, None], np.float32))
 
 

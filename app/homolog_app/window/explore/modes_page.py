@@ -155,7 +155,7 @@ class ModesPage(ExplorePage):
             return
         kept = shape.parallel.kept
         verb = "mode is" if kept == 1 else "modes are"
-        share = 100.0 * float(shape.model.explained[:kept].sum())
+        share = 100.0 * float(shape.model.explained_variance_ratio[:kept].sum())
         self.state.setText(f"{kept} {verb} above chance: {share:.1f} % of the variance (parallel analysis).")
 
     def _follow_sliders(self) -> None:
