@@ -27,7 +27,7 @@ def test_a_run_that_loses_its_gpu_is_resumed_on_the_cpu(project, run_of, results
 
     with monkeypatch.context() as machine:
         machine.setattr(Engine, "iterate", iterate)
-        machine.setattr("homolog.run.run.device_faults", lambda alias: device_faults("cuda:0"))
+        machine.setattr("homolog.run.steps.device_faults", lambda alias: device_faults("cuda:0"))
         with pytest.raises(InputError, match=r"cuda:0: failed \(Warp CUDA error 719.*on the device cpu"):
             run_of(project).execute()
     assert project.read().unfinished
@@ -40,7 +40,7 @@ def test_a_run_that_loses_its_gpu_is_resumed_on_the_cpu(project, run_of, results
 @pytest.mark.parametrize(
     ("place", "fault", "words"),
     [
-        ("homolog.run.run.load_kernels", LOST, "failed"),
+        ("homolog.run.steps.load_kernels", LOST, "failed"),
         ("homolog.run.tables.load_table", LOST, "failed"),
         ("homolog.run.tables.solve_plan", FULL, "has too little memory"),
         ("homolog.correspondence.domain.field_array", FULL, "has too little memory"),
@@ -56,7 +56,7 @@ def test_a_gpu_that_is_lost_or_full_at_any_other_moment_leaves_the_last_result(
     whole = results(project.folder)
     with monkeypatch.context() as machine:
         machine.setattr(place, fail)
-        machine.setattr("homolog.run.run.device_faults", lambda alias: device_faults("cuda:0"))
+        machine.setattr("homolog.run.steps.device_faults", lambda alias: device_faults("cuda:0"))
         with pytest.raises(InputError, match=rf"cuda:0: {words} .*what was saved is kept.*on the device cpu"):
             run_of(project).execute()
     assert project.read().unfinished

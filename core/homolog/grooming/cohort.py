@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from homolog.errors import InputError, NumericalError
 from homolog.files.markups import read_markups
 from homolog.grooming.cache import content_key, is_outdated, load_groomed, save_groomed
 from homolog.grooming.images import Segmentation
-from homolog.grooming.subject import GroomedSubject, groom, read_source
+from homolog.grooming.subject import GroomedSubject, Source, check_source, groom, read_source
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
 from homolog.workers import worker_processes
@@ -25,6 +25,7 @@ _log = logging.getLogger(__name__)
 
 _PATIENCE = 0.1  # s between looks at the tick while workers are busy
 
+NO_SOURCES: Mapping[str, Source] = {}
 _Work = Future[tuple[str, GroomedSubject]]
 
 
@@ -36,18 +37,37 @@ class Problem:
     message: str
 
 
-def check_cohort(cohort: Cohort, settings: GroomSettings, tick: Tick = no_tick) -> list[Problem]:
+def check_cohort(
+    cohort: Cohort,
+    settings: GroomSettings,
+    tick: Tick = no_tick,
+    *,
+    sources: Mapping[str, Source] = NO_SOURCES,
+) -> list[Problem]:
     """Read every file and return what is wrong with the bad ones, in the cohort's order.
 
     Nothing is computed or written. Faults that only grooming can find are few: a grid that would not fit
     into memory, a mesh too small for the edges asked for, or nothing left after smoothing.
+
+    Parameters
+    ----------
+    cohort : Cohort
+    settings : GroomSettings
+    tick : Tick
+        Called once per subject.
+    sources : mapping of str to Segmentation or TriangleMesh, optional
+        Shapes in memory, by subject, in place of their files.
+
+    Returns
+    -------
+    list of Problem
     """
     problems = []
     called: dict[str, str] = {}
     for index, subject in enumerate(cohort.subjects):
         tick(index / len(cohort.subjects), f"checking {subject.name}")
         try:
-            source = read_source(subject, settings)
+            source = _source(subject, settings, sources.get(subject.name))
             if isinstance(source, Segmentation) and source.name and settings.segment is None:
                 called[subject.name] = source.name.strip()
             if subject.landmarks is not None:
@@ -82,6 +102,8 @@ def groom_cohort(
     cache: Path | None = None,
     tick: Tick = no_tick,
     left_out: list[Problem] | None = None,
+    sources: Mapping[str, Source] = NO_SOURCES,
+    keys: dict[str, str] | None = None,
 ) -> list[GroomedSubject]:
     """Groom every subject.
 
@@ -100,6 +122,10 @@ def groom_cohort(
         Called at least every 0.1 s.
     left_out : list of Problem, optional
         Subjects that fail are added to it and left out of the result; without it the first one is raised.
+    sources : mapping of str to Segmentation or TriangleMesh, optional
+        Shapes in memory, by subject, in place of their files; not for a cache.
+    keys : dict, optional
+        What was groomed is added to it as `content_key` says it, by subject, for `save_groomed`.
 
     Returns
     -------
@@ -113,11 +139,14 @@ def groom_cohort(
     Cancelled
         From the tick; processes of our own end at once, those of a given executor finish what they began.
     """
-    found, keys = _from_cache(cohort, settings, cache, part_of(tick, 0.0, 0.1))
+    found, cached = _from_cache(cohort, settings, cache, part_of(tick, 0.0, 0.1))
     missing = [subject for subject in cohort.subjects if subject.name not in found]
     if missing:
         with nullcontext(executor) if executor else worker_processes(min(len(missing), cores())) as used:
-            futures = {used.submit(_groomed, subject, settings): subject for subject in missing}
+            futures = {
+                used.submit(_groomed, subject, settings, sources.get(subject.name)): subject
+                for subject in missing
+            }
             for subject, future in _as_they_finish(futures, part_of(tick, 0.1, 1.0)):
                 try:
                     key, done = future.result()
@@ -126,11 +155,13 @@ def groom_cohort(
                         raise
                     left_out.append(Problem(subject.name, str(error)))
                     continue
-                if cache and key != keys[subject.name]:
+                if cache and key != cached[subject.name]:
                     raise InputError(
                         f"{subject.path}: was changed while it was read; run again when it is whole"
                     )
                 found[subject.name] = _noted(cache, done, key) if cache else done
+                if keys is not None:
+                    keys[subject.name] = key
                 if cache:
                     save_groomed(cache, done, key)
     return [found[subject.name] for subject in cohort.subjects if subject.name in found]
@@ -151,9 +182,14 @@ def _from_cache(
     return found, keys
 
 
-def _groomed(subject: Subject, settings: GroomSettings) -> tuple[str, GroomedSubject]:
+def _source(subject: Subject, settings: GroomSettings, source: Source | None) -> Source:
+    """Return the checked shape of a subject: the one in memory, or its file's."""
+    return read_source(subject, settings) if source is None else check_source(source, settings, subject.name)
+
+
+def _groomed(subject: Subject, settings: GroomSettings, source: Source | None) -> tuple[str, GroomedSubject]:
     """Groom a subject, in a worker, and tell what its file held."""
-    source = read_source(subject, settings)
+    source = read_source(subject, settings) if source is None else source
     return content_key(source, settings), groom(subject.name, source, settings)
 
 

@@ -17,9 +17,21 @@ from homolog.surfaces.isosurface import coarse_isosurface, isosurface
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh, euler_number
 
-__all__ = ["COARSE_VERTICES", "GroomReport", "GroomedSubject", "groom", "groom_subject", "read_source"]
+__all__ = [
+    "COARSE_VERTICES",
+    "GroomReport",
+    "GroomedSubject",
+    "Source",
+    "check_source",
+    "groom",
+    "groom_subject",
+    "read_source",
+]
 
 COARSE_VERTICES = 1500
+
+Source = Segmentation | TriangleMesh
+"""What is groomed."""
 
 _FEWEST_VOXELS = 8
 _MUCH_LOST = 0.75
@@ -105,7 +117,7 @@ def groom_subject(subject: Subject, settings: GroomSettings) -> GroomedSubject:
     return groom(subject.name, read_source(subject, settings), settings)
 
 
-def read_source(subject: Subject, settings: GroomSettings) -> Segmentation | TriangleMesh:
+def read_source(subject: Subject, settings: GroomSettings) -> Source:
     """Read a subject's file, with all checks that need no computation.
 
     Raises
@@ -119,27 +131,46 @@ def read_source(subject: Subject, settings: GroomSettings) -> Segmentation | Tri
             subject = replace(subject, path=path)
             settings = settings.model_copy(update={"label": None, "segment": None})  # all of that file
         if not subject.is_mesh:
-            found = read_segmentation(subject.path, settings.label, settings.segment)
-            if (count := int(found.mask.sum())) < _FEWEST_VOXELS:
-                raise InputError(
-                    f"{subject.path}: has only {count} voxel(s) of the structure, which make no shape; "
-                    "segment it or leave the subject out"
-                )
-            return found
-        mesh = read_mesh(subject.path)
+            source: Source = read_segmentation(subject.path, settings.label, settings.segment)
+        else:
+            source = read_mesh(subject.path)
     except OSError as error:
         reason = error.strerror or error
         raise InputError(
             f"{subject.path}: can't be read: {reason}; check its permissions and disk"
         ) from error
-    try:
-        check_triangles(mesh, settings)
-    except InputError as error:
-        raise InputError(f"{subject.path}: {error}") from error
-    return mesh
+    return check_source(source, settings, subject.path)
 
 
-def groom(name: str, source: Segmentation | TriangleMesh, settings: GroomSettings) -> GroomedSubject:
+def check_source(source: Source, settings: GroomSettings, what: object) -> Source:
+    """Return a shape if it may be one, as far as a look without computation tells.
+
+    Parameters
+    ----------
+    source : Segmentation or TriangleMesh
+    settings : GroomSettings
+    what : object
+        File or subject, for the message.
+
+    Raises
+    ------
+    InputError
+        Naming it, what is wrong and the remedy.
+    """
+    if isinstance(source, TriangleMesh):
+        try:
+            check_triangles(source, settings)
+        except InputError as error:
+            raise InputError(f"{what}: {error}") from error
+    elif (count := int(source.mask.sum())) < _FEWEST_VOXELS:
+        raise InputError(
+            f"{what}: has only {count} voxel(s) of the structure, which make no shape; segment it or leave "
+            "the subject out"
+        )
+    return source
+
+
+def groom(name: str, source: Source, settings: GroomSettings) -> GroomedSubject:
     """Do what `groom_subject` does after reading; `name` is the subject's."""
     try:
         return _groomed(name, source, settings)
@@ -147,7 +178,7 @@ def groom(name: str, source: Segmentation | TriangleMesh, settings: GroomSetting
         raise type(error)(f"{name}: {error}") from error
 
 
-def _groomed(name: str, source: Segmentation | TriangleMesh, settings: GroomSettings) -> GroomedSubject:
+def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubject:
     notes: list[str] = []
     surface = None
     if isinstance(source, Segmentation):

@@ -1,42 +1,24 @@
 """The pipeline, from files to a shape model, as a state machine that can be watched, paused and cancelled."""
 
 import shutil
-from collections.abc import Sequence
 
 import numpy as np
 
 from homolog.cohort import Cohort
-from homolog.correspondence import (
-    Checkpoint,
-    Frame,
-    OptimizedParticles,
-    Shape,
-    inverted,
-    load_kernels,
-    optimize,
-    transformed,
-)
+from homolog.correspondence import Checkpoint, Frame, inverted, transformed
 from homolog.device import choose_device, cores, device_faults
 from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import writing
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord
-from homolog.grooming import (
-    GroomedSubject,
-    Problem,
-    align_cohort,
-    check_cohort,
-    check_sides,
-    groom_cohort,
-)
+from homolog.grooming import GroomedSubject, Problem, check_cohort, check_sides, groom_cohort
 from homolog.progress import no_tick, patiently
 from homolog.run.base import Base, read_base
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.control import Control
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
-from homolog.run.identity import fingerprint_of
-from homolog.run.landmarks import with_landmarks
-from homolog.run.result import CANCELLED, Outcome, Study, model_of, with_repairs, write_result
+from homolog.run.result import CANCELLED, Outcome, Study, model_of, write_result
+from homolog.run.steps import optimized, prepared
 from homolog.run.tables import KeptTables
 from homolog.settings import RunSettings
 from homolog.workers import worker_processes
@@ -185,17 +167,10 @@ class Run:
             base = self._base(cohort)
             self._claim(cohort)
             cohort, groomed = self._groomed(cohort)
-            groomed, shapes = self._aligned(cohort, groomed, base)
-            if self._settings.optimize.landmarks and base is None:  # it gives the first particles
-                shapes = with_landmarks(shapes, cohort)
-            fingerprint = fingerprint_of(self._settings.placing, shapes, self._control.tick)
-            self._study = Study(cohort, self._settings, groomed, shapes, fingerprint, device)
-            found = self._optimized(self._study, base)
+            self._control.enter(Phase.ALIGNING, "aligning")
+            self._study = prepared(cohort, groomed, self._settings, device, self._control.tick, base=base)
+            outcome = self._optimized(self._study, base)
             self._control.enter(Phase.MODELING, "principal components")
-            outcome = Outcome(
-                with_repairs(self._study, found), found.world, found.local, found.alignments, found.energies,
-                found.iterations, found.reason.value, self._control.seconds,
-            )  # fmt: skip
             model, surface = patiently(
                 lambda tick: model_of(outcome, tick), self._control.tick, "principal components"
             )
@@ -267,49 +242,22 @@ class Run:
             self._claim(cohort)
         return cohort, groomed
 
-    def _aligned(
-        self, cohort: Cohort, groomed: Sequence[GroomedSubject], base: Base | None
-    ) -> tuple[list[GroomedSubject], list[Shape]]:
-        self._control.enter(Phase.ALIGNING, "aligning")
-        known = None if base is None else base.alignments
-        noted, alignments = patiently(
-            lambda tick: align_cohort(cohort, groomed, self._settings.groom, tick, known=known),
-            self._control.tick,
-            "aligning",
-        )
-        self._control.tick(1.0, "aligned")
-        shapes = [
-            Shape(one.name, one.field, one.mesh, one.coarse_mesh, alignment)
-            for one, alignment in zip(groomed, alignments, strict=True)
-        ]
-        return noted, shapes if base is None else base.shapes(shapes)
-
-    def _optimized(self, study: Study, base: Base | None) -> OptimizedParticles:
-        geodesic = study.settings.optimize.method.uses_geodesics
-        first = Phase.GEODESICS if geodesic else Phase.SPLITTING
-        self._control.enter(first, "distances on the surfaces", until=Phase.OPTIMIZING)
+    def _optimized(self, study: Study, base: Base | None) -> Outcome:
         path = self.project.checkpoint
 
         def observe(frame: Frame) -> None:
             self._frame = frame
-            if (phase := Phase(frame.stage.value)) is not self.status.phase:
-                self._control.move_to(phase)
 
         def save(checkpoint: Checkpoint) -> None:
             self._energies = checkpoint.energies
             write_checkpoint(path, checkpoint, study.fingerprint)
 
-        with device_faults(study.device):
-            patiently(lambda _: load_kernels(study.device), self._control.tick, "preparing compute kernels")
-            start = None if base is None else base.start(study.shapes, self._control.tick)
-            return optimize(
-                study.shapes,
-                study.settings.placing,
-                device=study.device,
-                tick=self._control.tick,
-                observe=observe,
-                checkpoint=save,
-                start=start,
-                resume=read_checkpoint(path, study.fingerprint) if self._resume else None,
-                solve=KeptTables(self.project.geodesics).solve,
-            )
+        return optimized(
+            study,
+            self._control,
+            observe=observe,
+            checkpoint=save,
+            base=base,
+            resume=read_checkpoint(path, study.fingerprint) if self._resume else None,
+            solve=KeptTables(self.project.geodesics).solve,
+        )

@@ -235,7 +235,7 @@ def test_a_failed_computation_is_told_first_and_then_raised(start, monkeypatch, 
     def fail(*_, **__):
         raise NumericalError("b: lost a particle")
 
-    monkeypatch.setattr("homolog.run.run.optimize", fail)
+    monkeypatch.setattr("homolog.run.steps.optimize", fail)
     heard = []
     with pytest.raises(NumericalError, match="lost a particle"):
         start().execute(heard.append)
