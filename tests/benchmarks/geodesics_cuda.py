@@ -18,15 +18,15 @@ import warp as wp
 from homolog.correspondence import Shape
 from homolog.device import describe_device
 from homolog.geodesics import plan, solve_tables
-from homolog.geodesics.cuda import solve_on_cuda
+from homolog.geodesics.cuda.solver import solve_on_cuda
 from homolog.geodesics.plan import plan_tables
 from homolog.progress import no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
 PHASES = {
-    "advance_front": "solve", "lay_patches": "patches", "measure_patches": "patches",
-    "order_front": "order", "bearings": "bearings",
-    "settle_front": "settle", "store_front": "store", "mark_reached": "store",
+    "advance_front": "solve", "build_patches": "patches", "count_patch_vertices": "patches",
+    "sort_reached": "sort", "find_arrivals": "arrivals",
+    "relax_corrections": "corrections", "store_front": "store", "mark_reached": "store",
     "symmetrize": "symmetrize", "corners": "fans", "memset": "fill", "memtile": "fill", "memcpy": "copy",
 }  # fmt: skip
 

@@ -18,7 +18,7 @@ from geodesics import GENERATED, diagonal, real_surfaces
 from geodesics_peers import exact_rows
 
 from homolog.geodesics import GeodesicTable, solve_table
-from homolog.geodesics.lookup import MISSING, TableData, geodesic, surface_point
+from homolog.geodesics.kernels.lookup import MISSING, TableData, geodesic, surface_point
 from homolog.surfaces.mesh import TriangleMesh
 
 BINS = (0.25, 0.5, 1.0, 2.0, 5.0, np.inf)  # mean edges

@@ -15,7 +15,7 @@ from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.sampling import LIST_LIFE, REACH, Sampling
 from homolog.correspondence.schedule import Weights
 from homolog.correspondence.surfaces import Level, nearest_faces
-from homolog.geodesics.lookup import SurfacePoint
+from homolog.geodesics.kernels.lookup import SurfacePoint
 
 __all__ = ["Engine", "Particles", "turns_of"]
 

@@ -12,7 +12,7 @@ from homolog.correspondence.functions import (
     field_curvature,
     field_point,
 )
-from homolog.geodesics.lookup import SurfacePoint, TableData, surface_point
+from homolog.geodesics.kernels.lookup import SurfacePoint, TableData, surface_point
 
 wp.set_module_options({"enable_backward": False, "fast_math": False})
 

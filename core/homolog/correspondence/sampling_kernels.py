@@ -4,7 +4,7 @@ import warp as wp
 
 from homolog.correspondence.functions import tangent
 from homolog.correspondence.kernels import Layout, Surface
-from homolog.geodesics.lookup import SurfacePoint, geodesic
+from homolog.geodesics.kernels.lookup import SurfacePoint, geodesic
 
 wp.set_module_options({"enable_backward": False})
 

@@ -11,7 +11,7 @@ from homolog.arrays import Array, DeviceArray
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays
 from homolog.files.atomic import replacing
-from homolog.geodesics.lookup import LANES, MISSING
+from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.geodesics.plan import TablePlan, Task
 from homolog.geodesics.table import GeodesicTable
 
@@ -27,7 +27,7 @@ def table_path(folder: Path, plan: TablePlan, task: Task) -> Path:
     digest = hashlib.sha256()
     for part in (task.mesh.vertices, task.mesh.faces):
         digest.update(part.tobytes())
-    digest.update(repr((VERSION, task.d_max, task.reach, plan.element, plan.dense)).encode())
+    digest.update(repr((VERSION, task.d_max, task.max_distance, plan.element, plan.dense)).encode())
     return Path(folder) / f"{digest.hexdigest()[:32]}.npz"
 
 

@@ -9,11 +9,12 @@ from scipy.spatial import KDTree
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.arrays import Float32Array
 from homolog.errors import InputError
-from homolog.geodesics import crew_kernels, kernels
-from homolog.geodesics.fans import build_fans
-from homolog.geodesics.front import advance, amend, clear, make_amendments, make_front
-from homolog.geodesics.intrinsic import triangulate
-from homolog.geodesics.plan import POINT, Task
+from homolog.geodesics.cuda.front import advance, clear, correct, make_corrections, make_front
+from homolog.geodesics.cuda.kernels import block as block_kernels
+from homolog.geodesics.kernels import local_solver
+from homolog.geodesics.mesh.fans import build_fans
+from homolog.geodesics.mesh.intrinsic import triangulate
+from homolog.geodesics.plan import POINT_ELEMENT, Task
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh
@@ -57,34 +58,36 @@ def distances_from(
     """
     check_mesh(mesh, name)
     n = len(mesh.vertices)
-    where = np.asarray(sources, int)
-    if len(where) == 0 or where.min() < 0 or where.max() >= n:
+    indices = np.asarray(sources, int)
+    if len(indices) == 0 or indices.min() < 0 or indices.max() >= n:
         raise InputError(f"{name}: sources have to be vertices of the mesh, 0 … {n - 1}")
-    reach = Task(name, mesh, np.inf, 1.0, mesh.mean_edge).kernel_reach()
-    reach.stored = reach.limit = float(kernels.FAR)
+    limits = Task(name, mesh, np.inf, 1.0, mesh.mean_edge).kernel_limits()
+    limits.max_encoded = limits.propagation_limit = float(local_solver.UNREACHED)
     fans = build_fans([mesh], triangulate([mesh]), "cpu")
     with wp.ScopedDevice("cpu"):
         front = make_front(1, n, n, lanes=1)
         clear(front)
         values = front.u.numpy()[0, :, 0]
-        np.minimum.at(values, where, 0.0 if start is None else np.asarray(start, np.float32))
-        nearest, _ = KDTree(mesh.vertices[where]).query(mesh.vertices)
+        np.minimum.at(values, indices, 0.0 if start is None else np.asarray(start, np.float32))
+        nearest, _ = KDTree(mesh.vertices[indices]).query(mesh.vertices)
         front.patch.numpy()[0] = np.argsort(nearest)
         front.size.fill_(n)
-        front.dirty.numpy()[0, mesh.faces[np.isin(mesh.faces, where).any(axis=1)]] = int(crew_kernels.ALL)
-        clusters = crew_kernels.Sources()
+        front.pending.numpy()[0, mesh.faces[np.isin(mesh.faces, indices).any(axis=1)]] = int(
+            block_kernels.ALL_TRIANGLES
+        )
+        clusters = block_kernels.Sources()
         clusters.shape = wp.zeros(1, dtype=wp.int32)
         clusters.first = wp.zeros(1, dtype=wp.int32)
-        clusters.reaches = wp.array([reach], dtype=kernels.Reach)
+        clusters.limits = wp.array([limits], dtype=local_solver.DistanceLimits)
         clusters.fan = fans.start
         clusters.corners = fans.corners
-        clusters.tells = fans.tells
-        clusters.shortest = fans.shortest
+        clusters.bounds = fans.bounds
+        clusters.shortest_side = fans.shortest_side
         tick(0.0, f"geodesic distances of {name}")
-        advance(front, clusters, range(1), POINT)
-        reach.stored = float(values.max())
-        clusters.reaches = wp.array([reach], dtype=kernels.Reach)
+        advance(front, clusters, range(1), POINT_ELEMENT)
+        limits.max_encoded = float(values.max())
+        clusters.limits = wp.array([limits], dtype=local_solver.DistanceLimits)
         tick(0.5, f"geodesic distances of {name}")
-        amend(front, make_amendments(1, n, n, lanes=1), clusters, fans.turns, range(1))
+        correct(front, make_corrections(1, n, n, lanes=1), clusters, fans.angles, range(1))
     distances: Float32Array = values.copy()
     return distances

@@ -1,4 +1,4 @@
-"""What tables will take, before they are solved: reach, storage and memory."""
+"""Plan tables before they are solved: longest distance, storage and memory."""
 
 import math
 from collections.abc import Sequence
@@ -12,8 +12,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from homolog.device import cores
 from homolog.errors import InputError
-from homolog.geodesics import kernels
-from homolog.geodesics.lookup import LANES, MISSING
+from homolog.geodesics.kernels import local_solver
+from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh, edges
@@ -21,16 +21,16 @@ from homolog.surfaces.topology import check_mesh, edges
 __all__ = ["Element", "TablePlan", "Task", "block_rows", "plan_tables"]
 
 Element = Literal["point", "linear"]
-"""Local solver: fronts from a point, or the paper's planar fronts, which are some percent too long."""
+"""Local solver: fronts from a point source, or the paper's planar fronts, which err by some percent."""
 
-POINT = 0
+POINT_ELEMENT = 0
 """Number of the point element in kernels."""
 DENSE_BUDGET = 1_500_000_000
-"""Tables of a cohort are dense, which is faster to read, while all take no more than this [bytes] …"""
-DENSE_SHAPE = 250_000_000
-"""… and each no more than this (11 180 vertices)."""
-DEFAULT_LIMIT = 8_000_000_000
-"""Ceiling for the tables of a cohort [bytes] where the caller names none."""
+"""Limit [bytes] up to which a cohort's tables are dense, which is faster to read than blocks."""
+DENSE_TABLE_LIMIT = 250_000_000
+"""Limit [bytes] for each dense table (11 180 vertices)."""
+DEFAULT_MEMORY_LIMIT = 8_000_000_000
+"""Default limit for the tables of a cohort [bytes]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,26 +45,26 @@ class Task:
         A surface that passed `check_mesh`.
     d_max : float
         Longest distance [mm] that the table keeps.
-    reach : float
-        Longest distance [mm] that codes have to hold: d_max, or what the mesh allows.
-    edge : float
-        Mean edge [mm].
+    max_distance : float
+        Longest distance [mm] to encode: d_max, or an upper bound of all distances on the mesh.
+    mean_edge : float
+        Mean edge length [mm].
     """
 
     name: str
     mesh: TriangleMesh
     d_max: float
-    reach: float
-    edge: float
+    max_distance: float
+    mean_edge: float
 
-    def kernel_reach(self) -> Any:  # noqa: ANN401 - a wp.struct has no type
-        """Return what kernels need to know of the reach."""
-        reach = kernels.Reach()
-        reach.unit = self.reach / int(kernels.LAST)
-        reach.stored = (MISSING - 1) * reach.unit
-        reach.limit = max(reach.stored, self.reach + self.edge)
-        reach.edge = self.edge
-        return reach
+    def kernel_limits(self) -> Any:  # noqa: ANN401 - a wp.struct has no type
+        """Return range and resolution for kernels."""
+        limits = local_solver.DistanceLimits()
+        limits.unit = self.max_distance / int(local_solver.D_MAX_CODE)
+        limits.max_encoded = (MISSING - 1) * limits.unit
+        limits.propagation_limit = max(limits.max_encoded, self.max_distance + self.mean_edge)
+        limits.mean_edge = self.mean_edge
+        return limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ class TablePlan:
     @property
     def element_code(self) -> int:
         """The element's number in kernels."""
-        return POINT if self.element == "point" else 1
+        return POINT_ELEMENT if self.element == "point" else 1
 
 
 def plan_tables(
@@ -119,8 +119,8 @@ def plan_tables(
             tasks.append(task)
     squares = [2 * len(mesh.vertices) ** 2 for mesh in meshes]
     dense, blocks = sum(squares), sum(_block_bytes(task) for task in tasks)
-    ceiling = DEFAULT_LIMIT if memory_limit is None else memory_limit
-    small = dense <= DENSE_BUDGET and max(squares, default=0) <= DENSE_SHAPE
+    ceiling = DEFAULT_MEMORY_LIMIT if memory_limit is None else memory_limit
+    small = dense <= DENSE_BUDGET and max(squares, default=0) <= DENSE_TABLE_LIMIT
     if dense <= ceiling and (small or dense <= blocks):
         return TablePlan(tuple(tasks), element, dense=True, nbytes=dense)
     if blocks > ceiling:
@@ -154,7 +154,7 @@ def block_rows(task: Task) -> int:
     Curved surfaces mostly need less.
     """
     n = len(task.mesh.vertices)
-    radius = task.reach + 3.0 * task.edge  # of a cluster: about 2.5 edges
+    radius = task.max_distance + 3.0 * task.mean_edge  # of a cluster: about 2.5 edges
     return int(1.05 * n / LANES * min(n, n * math.pi * radius**2 / task.mesh.area))
 
 

@@ -12,8 +12,8 @@ from homolog.arrays import Array
 from homolog.device import choose_device, cores
 from homolog.errors import InputError
 from homolog.geodesics.cache import load_table, save_table, table_path
-from homolog.geodesics.cpu import solve_on_cpu
-from homolog.geodesics.cuda import solve_on_cuda
+from homolog.geodesics.cpu.solver import solve_on_cpu
+from homolog.geodesics.cuda.solver import solve_on_cuda
 from homolog.geodesics.plan import Element, TablePlan, plan_tables
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick, no_tick, part_of

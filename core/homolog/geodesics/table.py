@@ -7,9 +7,9 @@ import numpy as np
 import warp as wp
 from scipy.sparse import csr_array
 
-from homolog.geodesics.csr_kernels import count_blocks, count_dense, fill_blocks, fill_dense
-from homolog.geodesics.lookup import LANES, TableData
-from homolog.geodesics.patch_kernels import Codes
+from homolog.geodesics.cpu.kernels.csr import count_blocks, count_dense, fill_blocks, fill_dense
+from homolog.geodesics.cpu.kernels.patch import LaneCodes
+from homolog.geodesics.kernels.lookup import LANES, TableData
 
 __all__ = ["GeodesicTable"]
 
@@ -29,7 +29,7 @@ class GeodesicTable:
     codes : (V, V) or (R, 16) uint16 wp.array
         Dense codes; or, of each cluster, the codes from the vertices in reach to its 16 sources.
     row, start, slot : wp.array or None
-        Index of the blocks (see `homolog.geodesics.lookup.TableData`), None for a dense table.
+        Index of the blocks (see `homolog.geodesics.kernels.lookup.TableData`), None for a dense table.
     """
 
     n_vertices: int
@@ -79,14 +79,14 @@ class GeodesicTable:
             row, start = self.row.to("cpu"), self.start.to("cpu")
             vertex = np.full((len(start), LANES), -1, np.int32)
             vertex.ravel()[self.slot.numpy()] = np.arange(self.n_vertices)
-            lanes = wp.array(codes.numpy(), dtype=Codes, device="cpu", copy=False)
+            lanes = wp.array(codes.numpy(), dtype=LaneCodes, device="cpu", copy=False)
             count, fill, rows, inputs = count_blocks, fill_blocks, len(start), [lanes, row, start, vertex]
-        reached = [] if self.row is None else [np.empty(self.n_vertices, np.int32)]
+        row_vertices = [] if self.row is None else [np.empty(self.n_vertices, np.int32)]
         ends = np.zeros(self.n_vertices + 1, np.int64)
         wp.launch(count, rows, inputs=[*inputs, ends[1:]], device="cpu")
         np.cumsum(ends, out=ends)
         columns, distances = np.empty(ends[-1] + 1, np.int32), np.empty(ends[-1] + 1, np.float32)
-        outputs = [ends[:-1].copy(), columns, distances, *reached]
+        outputs = [ends[:-1].copy(), columns, distances, *row_vertices]
         wp.launch(fill, rows, inputs=[*inputs, self.unit, *outputs], device="cpu")
         index = np.int32 if ends[-1] < 2**31 else np.int64
         columns, distances = columns[:-1], distances[:-1]

@@ -3,7 +3,7 @@
 import warp as wp
 
 from homolog.correspondence.kernels import Surface
-from homolog.geodesics.lookup import SurfacePoint, geodesic
+from homolog.geodesics.kernels.lookup import SurfacePoint, geodesic
 
 wp.set_module_options({"enable_backward": False})
 

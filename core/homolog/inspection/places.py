@@ -15,7 +15,7 @@ from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.surfaces import Placement, build_level, nearest_faces, ordered
 from homolog.errors import InputError
 from homolog.geodesics import distances_from, solve_table
-from homolog.geodesics.lookup import SurfacePoint
+from homolog.geodesics.kernels.lookup import SurfacePoint
 from homolog.inspection import kernels
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh

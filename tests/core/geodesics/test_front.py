@@ -1,29 +1,30 @@
-"""The form for CUDA, run on the CPU: the same kernels, a crew of one."""
+"""The CUDA solver, run on the CPU: the same kernels, with blocks of one thread."""
 
 import numpy as np
 import pytest
 
-from homolog.geodesics import cuda, plan_tables, solve_tables
 from homolog.geodesics import plan as planning
-from homolog.geodesics.cuda import solve_on_cuda
+from homolog.geodesics import plan_tables, solve_tables
+from homolog.geodesics.cuda import solver as cuda_solver
+from homolog.geodesics.cuda.solver import solve_on_cuda
 from homolog.progress import no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
 
-def differences(one, other, names=np.s_[:]):
-    """Differences in codes of all pairs; a pair at the very rim may be beyond it in one of the two.
+def differences(table, other, numbers=np.s_[:]):
+    """Differences in codes of all pairs; a pair close to d_max may be missing in one table.
 
-    The other table may name the vertices otherwise.
+    The vertices of the other table may be renumbered.
     """
-    codes = [np.asarray(table.to_csr().todense()) / table.unit for table in (one, other)]
-    codes[1] = codes[1][names][:, names]
+    codes = [np.asarray(table.to_csr().todense()) / table.unit for table in (table, other)]
+    codes[1] = codes[1][numbers][:, numbers]
     both = (codes[0] > 0) & (codes[1] > 0)
     only = np.maximum(*codes)[(codes[0] > 0) != (codes[1] > 0)]
     assert (only > 64235).all()
     return np.abs(codes[0] - codes[1])[both]
 
 
-def test_both_forms_agree_within_two_codes_to_first_order(slotted, storage):
+def test_both_solvers_agree_within_two_codes_to_first_order(slotted, storage):
     plan = plan_tables([slotted], 8.0, element="linear")
     front = solve_on_cuda(plan, "cpu", 10**9, no_tick)[0]
     sweep = solve_tables([slotted], 8.0, element="linear")[0]
@@ -31,15 +32,15 @@ def test_both_forms_agree_within_two_codes_to_first_order(slotted, storage):
     assert differences(front, sweep).max() <= 2
 
 
-def test_both_forms_agree_within_two_codes(slotted, storage):
+def test_both_solvers_agree_within_two_codes(slotted, storage):
     front = solve_on_cuda(plan_tables([slotted], 8.0), "cpu", 10**9, no_tick)[0]
     sweep = solve_tables([slotted], 8.0)[0]
     assert front.storage == sweep.storage == storage
     assert differences(front, sweep).max() <= 2
 
 
-def crowded(mesh, near):
-    """Cut some triangles in three, at a point so near (of their size) to one of their corners."""
+def with_coincident_vertices(mesh, near):
+    """Split some triangles in three at a point close to one corner (`near`, as a fraction of their size)."""
     some = mesh.faces[::23]
     weights = np.array([1.0 - 2.0 * near, near, near])
     added = np.einsum("k,fkx->fx", weights, mesh.vertices[some])
@@ -50,15 +51,15 @@ def crowded(mesh, near):
 
 
 def renumbered(mesh, seed):
-    """Number the vertices in another order; return the mesh and the new number of each vertex."""
+    """Renumber the vertices at random; return the mesh and the new index of each vertex."""
     names = np.random.default_rng(seed).permutation(len(mesh.vertices))
     number = np.argsort(names)
     return TriangleMesh(mesh.vertices[names], number[mesh.faces].astype(mesh.faces.dtype)), number
 
 
 @pytest.mark.parametrize("near", [3e-2, 1e-2, 1e-3])
-def test_both_forms_agree_where_vertices_all_but_coincide_in_whatever_order_they_come(slotted, near):
-    mesh = crowded(slotted, near)
+def test_both_solvers_agree_on_nearly_coincident_vertices_in_any_order(slotted, near):
+    mesh = with_coincident_vertices(slotted, near)
     sweep = solve_tables([mesh], 8.0)[0]
     assert differences(solve_on_cuda(plan_tables([mesh], 8.0), "cpu", 10**9, no_tick)[0], sweep).max() <= 2
     for seed in range(3):
@@ -68,21 +69,21 @@ def test_both_forms_agree_where_vertices_all_but_coincide_in_whatever_order_they
 
 
 def test_a_cohort_in_small_batches_gives_the_tables_of_its_shapes(sphere, slotted, storage):
-    meshes, reaches = [sphere(400), slotted, sphere(700)], [12.0, 6.0, 9.0]
-    plan = plan_tables(meshes, reaches)
+    meshes, limits = [sphere(400), slotted, sphere(700)], [12.0, 6.0, 9.0]
+    plan = plan_tables(meshes, limits)
     together = solve_on_cuda(plan, "cpu", 2_500_000, no_tick)
-    for table, mesh, reach in zip(together, meshes, reaches, strict=True):
-        alone = solve_on_cuda(plan_tables([mesh], reach), "cpu", 10**9, no_tick)[0]
+    for table, mesh, limit in zip(together, meshes, limits, strict=True):
+        alone = solve_on_cuda(plan_tables([mesh], limit), "cpu", 10**9, no_tick)[0]
         assert table.n_vertices == len(mesh.vertices)
         assert (table.to_csr() != alone.to_csr()).nnz == 0
         assert table.nbytes == alone.nbytes
 
 
-def test_blocks_grow_where_more_is_in_reach_than_foreseen(slotted, monkeypatch):
+def test_blocks_grow_where_the_estimate_was_too_low(slotted, monkeypatch):
     monkeypatch.setattr(planning, "DENSE_BUDGET", 0)
     plan = plan_tables([slotted], 6.0)
     enough = solve_on_cuda(plan, "cpu", 10**9, no_tick)[0]
-    monkeypatch.setattr(cuda, "block_rows", lambda task: 10)
+    monkeypatch.setattr(cuda_solver, "block_rows", lambda task: 10)
     grown = solve_on_cuda(plan, "cpu", 2_500_000, no_tick)[0]
     assert (grown.to_csr() != enough.to_csr()).nnz == 0
     assert grown.nbytes == enough.nbytes

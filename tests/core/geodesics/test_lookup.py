@@ -3,7 +3,7 @@ import pytest
 import warp as wp
 
 from homolog.geodesics import solve_table
-from homolog.geodesics.lookup import TableData, geodesic, surface_point, table_distance
+from homolog.geodesics.kernels.lookup import TableData, geodesic, surface_point, table_distance
 
 SQUARED, PLAIN = 0, 1
 
@@ -89,10 +89,10 @@ def test_the_squared_form_is_the_arc_between_any_points(pairs, storage):
 
 def test_the_derivative_points_away_from_the_other_point(pairs):
     mesh, table, faces, points, arc, away = pairs
-    slope = between(mesh, table, faces, points)[:, :3]
+    edge_slope = between(mesh, table, faces, points)[:, :3]
     far = arc > mesh.mean_edge
-    assert np.linalg.norm(slope[far], axis=1) == pytest.approx(1.0, abs=0.02)
-    assert np.einsum("ij,ij->i", slope, away)[far].min() > np.cos(np.radians(5))
+    assert np.linalg.norm(edge_slope[far], axis=1) == pytest.approx(1.0, abs=0.02)
+    assert np.einsum("ij,ij->i", edge_slope, away)[far].min() > np.cos(np.radians(5))
 
 
 def test_the_derivative_is_that_of_the_distance(pairs):
@@ -105,12 +105,12 @@ def test_the_derivative_is_that_of_the_distance(pairs):
     back = points.copy()
     back[:, 0] -= step
     for form in (SQUARED, PLAIN):
-        slope = between(mesh, table, faces, points, form)[:, :3]
+        edge_slope = between(mesh, table, faces, points, form)[:, :3]
         measured = (
             between(mesh, table, faces, moved, form)[:, 3] - between(mesh, table, faces, back, form)[:, 3]
         )
         far = arc > mesh.mean_edge
-        predicted = np.einsum("ij,ij->i", slope, 2 * step)
+        predicted = np.einsum("ij,ij->i", edge_slope, 2 * step)
         assert np.abs(measured - predicted)[far].max() < 1e-4 * mesh.mean_edge
 
 

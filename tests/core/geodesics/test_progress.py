@@ -4,8 +4,8 @@ import pytest
 
 from homolog.errors import Cancelled
 from homolog.geodesics import plan_tables, solve_tables
-from homolog.geodesics.cpu import deal
-from homolog.geodesics.cuda import solve_on_cuda
+from homolog.geodesics.cpu.solver import parallel_for
+from homolog.geodesics.cuda.solver import solve_on_cuda
 
 
 def test_progress_rises_and_names_the_subjects(sphere, storage):
@@ -34,7 +34,7 @@ def test_cancelling_ends_the_work_and_its_threads(sphere, at):
     assert threading.active_count() == before
 
 
-def test_cancelling_ends_the_form_for_cuda(sphere):
+def test_cancelling_stops_the_cuda_solver(sphere):
     calls = []
 
     def tick(fraction, _):
@@ -55,4 +55,4 @@ def test_a_failure_in_a_thread_reaches_the_caller():
         return work
 
     with pytest.raises(ValueError, match="item"):
-        deal(worker, 10, 2, lambda done: None)
+        parallel_for(worker, 10, 2, lambda done: None)

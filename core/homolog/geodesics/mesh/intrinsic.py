@@ -3,7 +3,7 @@
 The distance within a surface of flat triangles does not depend on how it is cut into triangles. Edges are
 flipped within the surface, straight lines over former edges included, until the angles that face each edge
 sum to at most 180 degrees (Bobenko and Springborn 2007; Fisher et al. 2007). The fast iterative method is
-then both quicker and more exact: slivers are what it has to go over again, and where it errs.
+then faster and more accurate, because slivers need repeated updates and cause its largest errors.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ import warp as wp
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.device import cores
-from homolog.geodesics.intrinsic_kernels import Sides, flip_to_delaunay, lay_angles, pair_sides
+from homolog.geodesics.kernels.intrinsic import Sides, assign_angles, flip_to_delaunay, pair_sides
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Triangulation", "triangulate"]
@@ -27,9 +27,9 @@ SIDES = {
     "length": wp.float64,
     "angle": wp.float64,
     "rank": wp.int32,
-    "turn": wp.float64,
+    "angle_sum": wp.float64,
 }
-"""What a triangulation holds beside the first vertices, and the types of it in kernels."""
+"""Arrays of a triangulation, and their types in kernels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,11 +60,11 @@ class Triangulation:
     length: FloatArray
     angle: FloatArray
     rank: IntArray
-    turn: FloatArray
+    angle_sum: FloatArray
 
     def starts(self) -> IntArray:
         """Return the first entry of each vertex, (N + 1,), in a list of the sides that leave it."""
-        return _starts(self.tail, len(self.turn))
+        return _starts(self.tail, len(self.angle_sum))
 
     def on_device(self, device: str) -> Any:  # noqa: ANN401 - a wp.struct has no type
         """Return the `Sides` for kernels."""
@@ -77,12 +77,12 @@ class Triangulation:
 def triangulate(meshes: Sequence[TriangleMesh]) -> Triangulation:
     """Return the intrinsic Delaunay triangulations of checked meshes.
 
-    Vertices stay where they are. Two of them may come to be joined by several edges, or one to itself.
+    Vertices are unchanged. Several edges may join the same two vertices, and an edge may be a loop.
     """
     wp.load_module(flip_to_delaunay.module, device="cpu")  # before the threads, which would each load it
     with ThreadPoolExecutor(min(cores(), len(meshes))) as pool:
         parts = list(pool.map(_triangulate, meshes))
-    first = np.concatenate([[0], np.cumsum([len(part.turn) for part in parts])])
+    first = np.concatenate([[0], np.cumsum([len(part.angle_sum) for part in parts])])
     sides = np.concatenate([[0], np.cumsum([len(part.tail) for part in parts])])
     return Triangulation(
         first,
@@ -91,24 +91,24 @@ def triangulate(meshes: Sequence[TriangleMesh]) -> Triangulation:
         np.concatenate([part.length for part in parts]),
         np.concatenate([part.angle for part in parts]),
         np.concatenate([part.rank for part in parts]),
-        np.concatenate([part.turn for part in parts]),
+        np.concatenate([part.angle_sum for part in parts]),
     )
 
 
 def _triangulate(mesh: TriangleMesh) -> Triangulation:
     n = len(mesh.vertices)
     tail = np.array(mesh.faces.ravel())
-    twin, waiting, stack = np.zeros((3, len(tail)), np.int32)
+    twin, queued, stack = np.zeros((3, len(tail)), np.int32)
     start = _starts(tail, n)
-    listed = np.argsort(tail, kind="stable").astype(np.int32)
-    wp.launch(pair_sides, len(tail), inputs=[tail, start, listed, twin], device="cpu")
-    angle, rank, turn = np.zeros(len(tail)), np.zeros(len(tail), np.int32), np.zeros(n)
+    leaving_sides = np.argsort(tail, kind="stable").astype(np.int32)
+    wp.launch(pair_sides, len(tail), inputs=[tail, start, leaving_sides, twin], device="cpu")
+    angle, rank, angle_sum = np.zeros(len(tail)), np.zeros(len(tail), np.int32), np.zeros(n)
     first = np.array([0, n])
-    sides = Triangulation(first, tail, twin, _lengths(mesh), angle, rank, turn).on_device("cpu")
-    wp.launch(flip_to_delaunay, 1, inputs=[sides, waiting, stack], device="cpu")
+    sides = Triangulation(first, tail, twin, _lengths(mesh), angle, rank, angle_sum).on_device("cpu")
+    wp.launch(flip_to_delaunay, 1, inputs=[sides, queued, stack], device="cpu")
     leaving = np.zeros(n, np.int32)
     leaving[sides.tail.numpy()] = np.arange(len(tail))
-    wp.launch(lay_angles, n, inputs=[sides, leaving], device="cpu")
+    wp.launch(assign_angles, n, inputs=[sides, leaving], device="cpu")
     return Triangulation(first, *(getattr(sides, name).numpy() for name in SIDES))
 
 

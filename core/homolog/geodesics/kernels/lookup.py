@@ -15,7 +15,7 @@ LANES = 16
 """Sources in a cluster: neighbouring vertices that are solved, and stored, side by side."""
 MISSING = 65535
 """Code of a pair that is farther apart than the table reaches."""
-Codes = wp.types.matrix(shape=(3, 3), dtype=wp.int32)
+CornerCodes = wp.types.matrix(shape=(3, 3), dtype=wp.int32)
 
 
 @wp.struct
@@ -64,12 +64,12 @@ def table_distance(table: TableData, i: int, j: int) -> float:
 
 
 @wp.func
-def corner_codes(table: TableData, a: wp.vec3i, b: wp.vec3i) -> Codes:
+def corner_codes(table: TableData, a: wp.vec3i, b: wp.vec3i) -> CornerCodes:
     """Return the codes of the corners a of one triangle and b of another; all count only if none is MISSING.
 
     Corners of a triangle mostly share a cluster: what leads to its block is read once then.
     """
-    codes = Codes()
+    codes = CornerCodes()
     if table.is_dense != 0:
         for i in range(3):
             for j in range(3):
@@ -145,11 +145,11 @@ def geodesic(table: TableData, x: SurfacePoint, y: SurfacePoint, form: int) -> w
     """
     if form == 0 and x.corners == y.corners:
         # straight, where rounded codes would be a hundredth of an edge off
-        apart = x.position - y.position
-        away = wp.normalize(apart)
-        return wp.vec4(away[0], away[1], away[2], wp.length(apart))
+        difference = x.position - y.position
+        direction = wp.normalize(difference)
+        return wp.vec4(direction[0], direction[1], direction[2], wp.length(difference))
     codes = corner_codes(table, x.corners, y.corners)
-    toward = wp.vec3(0.0, 0.0, 0.0)  # y's interpolation at each corner of x
+    interpolated = wp.vec3(0.0, 0.0, 0.0)  # y's interpolation at each corner of x
     for i in range(3):
         total = float(0.0)
         for j in range(3):
@@ -158,15 +158,15 @@ def geodesic(table: TableData, x: SurfacePoint, y: SurfacePoint, form: int) -> w
                 return wp.vec4(0.0, 0.0, 0.0, -1.0)
             d = float(code) * table.unit
             total += y.weights[j] * wp.where(form == 0, d * d, d)
-        toward[i] = total
-    value = wp.dot(x.weights, toward)
+        interpolated[i] = total
+    value = wp.dot(x.weights, interpolated)
     if form != 0:
-        plain = wp.transpose(x.gradients) * toward
-        return wp.vec4(plain[0], plain[1], plain[2], value)
+        gradient = wp.transpose(x.gradients) * interpolated
+        return wp.vec4(gradient[0], gradient[1], gradient[2], value)
     squared = value - x.variance - y.variance
     if squared <= 1.0e-12 * (x.variance + y.variance):
         return wp.vec4(0.0, 0.0, 0.0, 0.0)
     distance = wp.sqrt(squared)
     # the derivative of x's variance is Σ ∇aᵢ |vᵢ - x|²: the rest cancels, since Σ aᵢ (vᵢ - x) = 0
-    slope = wp.transpose(x.gradients) * (toward - x.spread) / (2.0 * distance)
+    slope = wp.transpose(x.gradients) * (interpolated - x.spread) / (2.0 * distance)
     return wp.vec4(slope[0], slope[1], slope[2], distance)

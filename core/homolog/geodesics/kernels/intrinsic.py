@@ -24,7 +24,7 @@ class Sides:
     length: wp.array(dtype=wp.float64)  # (3F,)
     angle: wp.array(dtype=wp.float64)  # (3F,) direction of the side at its tail
     rank: wp.array(dtype=wp.int32)  # (3F,) number of the side among those that leave its tail
-    turn: wp.array(dtype=wp.float64)  # (N,) sum of the angles around each vertex
+    angle_sum: wp.array(dtype=wp.float64)  # (N,) sum of the angles around each vertex
 
 
 @wp.func
@@ -47,15 +47,15 @@ def apex(sides: Sides, side: int) -> wp.vec2d:
 def pair_sides(
     tail: wp.array(dtype=wp.int32),
     start: wp.array(dtype=wp.int32),
-    listed: wp.array(dtype=wp.int32),
+    leaving: wp.array(dtype=wp.int32),
     twin: wp.array(dtype=wp.int32),
 ):
     """Find each side's opposite among those that leave its head."""
     side = wp.tid()
     head = tail[next_side(side)]
     for k in range(start[head], start[head + 1]):
-        if tail[next_side(listed[k])] == tail[side]:
-            twin[side] = listed[k]
+        if tail[next_side(leaving[k])] == tail[side]:
+            twin[side] = leaving[k]
 
 
 @wp.func
@@ -67,7 +67,7 @@ def opposite_cotangent(sides: Sides, side: int) -> wp.float64:
 
 
 @wp.func
-def put(sides: Sides, side: int, tail: int, twin: int, length: wp.float64):
+def set_side(sides: Sides, side: int, tail: int, twin: int, length: wp.float64):
     """Set a side, and its twin's twin."""
     sides.tail[side] = tail
     sides.length[side] = length
@@ -76,7 +76,7 @@ def put(sides: Sides, side: int, tail: int, twin: int, length: wp.float64):
 
 
 @wp.func
-def renumbered(side: int, h1: int, h2: int, t1: int, t2: int) -> int:
+def side_after_flip(side: int, h1: int, h2: int, t1: int, t2: int) -> int:
     """Return where a flip puts a side."""
     return wp.where(
         side == t2, h1, wp.where(side == h1, h2, wp.where(side == h2, t1, wp.where(side == t1, t2, side)))
@@ -100,68 +100,68 @@ def flip(sides: Sides, h: int):
     b = sides.tail[t]
     tail_c = sides.tail[h2]
     tail_d = sides.tail[t2]
-    twin_bc = renumbered(sides.twin[h1], h1, h2, t1, t2)
-    twin_ca = renumbered(sides.twin[h2], h1, h2, t1, t2)
-    twin_ad = renumbered(sides.twin[t1], h1, h2, t1, t2)
-    twin_db = renumbered(sides.twin[t2], h1, h2, t1, t2)
+    twin_bc = side_after_flip(sides.twin[h1], h1, h2, t1, t2)
+    twin_ca = side_after_flip(sides.twin[h2], h1, h2, t1, t2)
+    twin_ad = side_after_flip(sides.twin[t1], h1, h2, t1, t2)
+    twin_db = side_after_flip(sides.twin[t2], h1, h2, t1, t2)
     bc = sides.length[h1]
     ca = sides.length[h2]
     ad = sides.length[t1]
     db = sides.length[t2]
-    put(sides, h, tail_c, t, diagonal)
-    put(sides, t, tail_d, h, diagonal)
-    put(sides, h1, tail_d, twin_db, db)
-    put(sides, h2, b, twin_bc, bc)
-    put(sides, t1, tail_c, twin_ca, ca)
-    put(sides, t2, a, twin_ad, ad)
+    set_side(sides, h, tail_c, t, diagonal)
+    set_side(sides, t, tail_d, h, diagonal)
+    set_side(sides, h1, tail_d, twin_db, db)
+    set_side(sides, h2, b, twin_bc, bc)
+    set_side(sides, t1, tail_c, twin_ca, ca)
+    set_side(sides, t2, a, twin_ad, ad)
 
 
 @wp.func
-def await_turn(
-    sides: Sides, side: int, waiting: wp.array(dtype=wp.int32), stack: wp.array(dtype=wp.int32), n: int
+def push_edge(
+    sides: Sides, side: int, queued: wp.array(dtype=wp.int32), stack: wp.array(dtype=wp.int32), n: int
 ) -> int:
     """List a side's edge once; return the length of the list."""
     edge = wp.min(side, sides.twin[side])
-    if waiting[edge] != 0:
+    if queued[edge] != 0:
         return n
-    waiting[edge] = 1
+    queued[edge] = 1
     stack[n] = edge
     return n + 1
 
 
 @wp.kernel
-def flip_to_delaunay(sides: Sides, waiting: wp.array(dtype=wp.int32), stack: wp.array(dtype=wp.int32)):
+def flip_to_delaunay(sides: Sides, queued: wp.array(dtype=wp.int32), stack: wp.array(dtype=wp.int32)):
     """Flip edges until the angles that face each of them sum to at most 180 degrees."""
     n = int(0)
     for side in range(sides.tail.shape[0]):
-        n = await_turn(sides, side, waiting, stack, n)
-    left = MOST_FLIPS * n
-    while n > 0 and left > 0:
+        n = push_edge(sides, side, queued, stack, n)
+    flips_left = MOST_FLIPS * n
+    while n > 0 and flips_left > 0:
         n -= 1
         h = stack[n]
-        waiting[h] = 0
+        queued[h] = 0
         t = sides.twin[h]
         if h // 3 != t // 3 and opposite_cotangent(sides, h) + opposite_cotangent(sides, t) < FLAT:
             flip(sides, h)
-            left -= 1
-            n = await_turn(sides, next_side(h), waiting, stack, n)
-            n = await_turn(sides, next_side(next_side(h)), waiting, stack, n)
-            n = await_turn(sides, next_side(t), waiting, stack, n)
-            n = await_turn(sides, next_side(next_side(t)), waiting, stack, n)
+            flips_left -= 1
+            n = push_edge(sides, next_side(h), queued, stack, n)
+            n = push_edge(sides, next_side(next_side(h)), queued, stack, n)
+            n = push_edge(sides, next_side(t), queued, stack, n)
+            n = push_edge(sides, next_side(next_side(t)), queued, stack, n)
 
 
 @wp.kernel
-def lay_angles(sides: Sides, leaving: wp.array(dtype=wp.int32)):
+def assign_angles(sides: Sides, leaving_side: wp.array(dtype=wp.int32)):
     """Give each side its rank and angle at its tail, counterclockwise from one of the sides there."""
     v = wp.tid()
-    side = leaving[v]
+    side = leaving_side[v]
     total = wp.float64(0.0)
     rank = int(0)
-    while side != leaving[v] or rank == 0:
+    while side != leaving_side[v] or rank == 0:
         sides.angle[side] = total
         sides.rank[side] = rank
         c = apex(sides, side)
         total += wp.atan2(c[1], c[0])
         side = sides.twin[next_side(next_side(side))]
         rank += 1
-    sides.turn[v] = total
+    sides.angle_sum[v] = total

@@ -1,18 +1,17 @@
-"""Kernels that lay out the triangles around every vertex and group neighbouring vertices."""
+"""Kernels that build the fan of triangles around every vertex and cluster neighbouring vertices."""
 
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
-from homolog.geodesics.bearing_kernels import Turns
-from homolog.geodesics.crew_kernels import LAST_BIT
-from homolog.geodesics.intrinsic_kernels import Sides, apex, next_side
-from homolog.geodesics.kernels import Corner, Tell
-from homolog.geodesics.lookup import LANES
+from homolog.geodesics.kernels.intrinsic import Sides, apex, next_side
+from homolog.geodesics.kernels.local_solver import LAST_TRIANGLE_BIT, Corner, PropagationBound
+from homolog.geodesics.kernels.lookup import LANES
+from homolog.geodesics.kernels.second_order import CornerAngles
 
 wp.set_module_options({"enable_backward": False})
 
-UNSEEN = wp.constant(-1)
-IN_FRONT = wp.constant(-2)
+UNVISITED = wp.constant(-1)
+IN_QUEUE = wp.constant(-2)
 
 
 @wp.kernel
@@ -21,11 +20,11 @@ def fill_corners(
     first: wp.array(dtype=wp.int32),
     start: wp.array(dtype=wp.int32),
     corners: wp.array(dtype=Corner),
-    turns: wp.array(dtype=Turns),
-    tells: wp.array(dtype=Tell),
-    shortest: wp.array(dtype=float),
+    angles: wp.array(dtype=CornerAngles),
+    bounds: wp.array(dtype=PropagationBound),
+    shortest_side: wp.array(dtype=float),
 ):
-    """Lay each triangle's corner next to the others of its vertex, counterclockwise."""
+    """Write the corners of every vertex contiguously and counterclockwise; thread (side of a triangle)."""
     side = wp.tid()
     base = next_side(side)
     after = next_side(base)
@@ -44,35 +43,35 @@ def fill_corners(
     corner.y = float(c[1])
     corner.ac = float(sides.length[side])
     corner.bc = float(sides.length[after])
-    wp.atomic_min(shortest, sides.tail[side], corner.ac)
-    at = start[sides.tail[side]] + sides.rank[side]
-    corners[at] = corner
+    wp.atomic_min(shortest_side, sides.tail[side], corner.ac)
+    index = start[sides.tail[side]] + sides.rank[side]
+    corners[index] = corner
     twice_area = corner.length * corner.y
-    tell = Tell()
-    tell.to_a = twice_area / corner.bc - 0.5 * corner.bc
-    tell.to_b = twice_area / corner.ac - 0.5 * corner.ac
-    tell.bc = corner.bc
-    place_a = wp.min(sides.rank[base], LAST_BIT)
-    place_b = wp.min(sides.rank[after], LAST_BIT)
-    tell.places = place_a + 256 * place_b
-    tells[at] = tell
-    turn = Turns()
-    turn.at_a = float(sides.angle[base])
-    turn.around_a = float(sides.turn[a])
-    turn.at_b = float(sides.angle[twin])
-    turn.around_b = float(sides.turn[b])
-    turn.around_c = float(sides.turn[sides.tail[side]])
-    turn.at_c = float(sides.angle[side])
-    turns[at] = turn
+    bound = PropagationBound()
+    bound.offset_a = twice_area / corner.bc - 0.5 * corner.bc
+    bound.offset_b = twice_area / corner.ac - 0.5 * corner.ac
+    bound.bc = corner.bc
+    rank_a = wp.min(sides.rank[base], LAST_TRIANGLE_BIT)
+    rank_b = wp.min(sides.rank[after], LAST_TRIANGLE_BIT)
+    bound.ranks = rank_a + 256 * rank_b
+    bounds[index] = bound
+    corner_angles = CornerAngles()
+    corner_angles.angle_a = float(sides.angle[base])
+    corner_angles.cone_angle_a = float(sides.angle_sum[a])
+    corner_angles.angle_b = float(sides.angle[twin])
+    corner_angles.cone_angle_b = float(sides.angle_sum[b])
+    corner_angles.cone_angle_c = float(sides.angle_sum[sides.tail[side]])
+    corner_angles.angle_c = float(sides.angle[side])
+    angles[index] = corner_angles
 
 
 @wp.kernel
 def find_margins(
     fan: wp.array(dtype=wp.int32), corners: wp.array(dtype=Corner), margin: wp.array(dtype=float)
 ):
-    """Find by how much each corner's b may be nearer than its vertex v and follow from it still.
+    """Find how much closer than v each corner's b may be and still depend on v.
 
-    That is |vw| - y in the triangles (v, w, b) on both sides of vb, with y the height of b over vw.
+    The margin is |vw| - y in the triangles (v, w, b) on both sides of vb; y is the height of b over vw.
     """
     v = wp.tid()
     begin = fan[v]
@@ -86,7 +85,7 @@ def find_margins(
 
 
 @wp.func
-def gather(
+def grow_cluster(
     seed: int,
     visits: int,
     cluster: int,
@@ -97,30 +96,30 @@ def gather(
     queue: wp.array(dtype=wp.int32),
     members: wp.array2d(dtype=wp.int32),
 ) -> wp.vec2i:
-    """Walk over the mesh from a seed; list the first LANES vertices without a cluster among those visited.
+    """Grow a cluster from a seed by breadth-first search: the first LANES unassigned vertices.
 
-    Returns how many there are and how many vertices the queue holds.
+    Returns the number of its members and of the vertices in the queue.
     """
     stamp = seen[0] + 1
     seen[0] = stamp
     queue[0] = seed
     seen[seed + 1] = stamp
     tail = int(1)
-    found = int(0)
+    n_members = int(0)
     head = int(0)
-    while head < tail and head < visits and found < LANES:
+    while head < tail and head < visits and n_members < LANES:
         v = queue[head]
         head += 1
         if slot[v] < 0:
-            members[cluster, found] = v
-            found += 1
+            members[cluster, n_members] = v
+            n_members += 1
         for k in range(fan[v], fan[v + 1]):
             y = neighbour[k]
             if seen[y + 1] != stamp:
                 seen[y + 1] = stamp
                 queue[tail] = y
                 tail += 1
-    return wp.vec2i(found, tail)
+    return wp.vec2i(n_members, tail)
 
 
 @wp.kernel
@@ -136,32 +135,32 @@ def grow_clusters(
     members: wp.array2d(dtype=wp.int32),
     size: wp.array(dtype=wp.int32),
 ):
-    """Group vertices along an advancing front; then group what was left over, from farther around."""
+    """Cluster vertices along an advancing front; then cluster the remaining ones in wider searches."""
     n_clusters = int(0)
     front[0] = 0
-    slot[0] = IN_FRONT
+    slot[0] = IN_QUEUE
     head = int(0)
     tail = int(1)
     while head < tail:
         seed = front[head]
         head += 1
         if slot[seed] < 0:
-            got = gather(seed, near, n_clusters, fan, neighbour, slot, seen, queue, members)
-            if got[0] == LANES:
+            grown = grow_cluster(seed, near, n_clusters, fan, neighbour, slot, seen, queue, members)
+            if grown[0] == LANES:
                 for lane in range(LANES):
                     slot[members[n_clusters, lane]] = n_clusters * LANES + lane
                 n_clusters += 1
-            for k in range(got[1]):
+            for k in range(grown[1]):
                 v = queue[k]
-                if slot[v] == UNSEEN:
-                    slot[v] = IN_FRONT
+                if slot[v] == UNVISITED:
+                    slot[v] = IN_QUEUE
                     front[tail] = v
                     tail += 1
     for v in range(slot.shape[0]):
         if slot[v] < 0:
-            got = gather(v, far, n_clusters, fan, neighbour, slot, seen, queue, members)
+            grown = grow_cluster(v, far, n_clusters, fan, neighbour, slot, seen, queue, members)
             for lane in range(LANES):
-                if lane < got[0]:
+                if lane < grown[0]:
                     slot[members[n_clusters, lane]] = n_clusters * LANES + lane
                 else:
                     members[n_clusters, lane] = -1

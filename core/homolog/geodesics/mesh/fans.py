@@ -1,4 +1,4 @@
-"""Meshes made ready for the solver: the triangles around every vertex, and clusters of sources."""
+"""The fan of triangles around every vertex, and clusters of source vertices."""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -10,19 +10,19 @@ import warp as wp
 
 from homolog.arrays import IntArray, frozen
 from homolog.device import cores
-from homolog.geodesics.bearing_kernels import Turns
-from homolog.geodesics.fan_kernels import UNSEEN, fill_corners, grow_clusters
-from homolog.geodesics.intrinsic import Triangulation
-from homolog.geodesics.kernels import FAR, Corner, Tell
-from homolog.geodesics.lookup import LANES
+from homolog.geodesics.kernels.fans import UNVISITED, fill_corners, grow_clusters
+from homolog.geodesics.kernels.local_solver import UNREACHED, Corner, PropagationBound
+from homolog.geodesics.kernels.lookup import LANES
+from homolog.geodesics.kernels.second_order import CornerAngles
+from homolog.geodesics.mesh.intrinsic import Triangulation
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Clusters", "Fans", "build_fans", "find_clusters"]
 
-NEAR_VISITS = 40
-"""Vertices looked at for a full cluster: about three rings."""
-FAR_VISITS = 120
-"""Vertices looked at to group what was left over: one wide cluster would make all others wait."""
+MAX_VISITS = 40
+"""Vertices visited to grow a full cluster: about three rings."""
+MAX_VISITS_FOR_REST = 120
+"""Vertices visited to group the remaining ones; wider clusters would have larger patches."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,22 +38,22 @@ class Fans:
     start : (N + 1,) int32 wp.array
         First corner of each vertex.
     corners : (K,) Corner wp.array
-        Triangles as seen from each vertex; they count vertices within their shape.
-    turns : (K,) Turns wp.array
-        How each triangle's sides are turned at their ends.
-    tells : (K,) Tell wp.array
-        What each triangle's vertices tell each other of.
-    shortest : (N,) float32 wp.array
-        Shortest side at each vertex [mm].
+        Triangles as seen from each vertex; vertex indices are local to their shape.
+    angles : (K,) CornerAngles wp.array
+        Directions of each triangle's edges at their ends.
+    bounds : (K,) PropagationBound wp.array
+        Bounds that decide which neighbours a decrease can affect.
+    shortest_side : (N,) float32 wp.array
+        Shortest edge at each vertex [mm].
     """
 
     first: IntArray
     position: Any
     start: Any
     corners: Any
-    turns: Any
-    tells: Any
-    shortest: Any
+    angles: Any
+    bounds: Any
+    shortest_side: Any
 
 
 def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: str) -> Fans:
@@ -65,14 +65,14 @@ def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: 
     with wp.ScopedDevice(device):
         start = wp.array(delaunay.starts(), dtype=wp.int32)
         corners = wp.empty(len(delaunay.tail), dtype=Corner)
-        turns = wp.empty(len(delaunay.tail), dtype=Turns)
+        angles = wp.empty(len(delaunay.tail), dtype=CornerAngles)
         faces_first = wp.array(face_first.astype(np.int32), dtype=wp.int32)
-        tells = wp.empty(len(delaunay.tail), dtype=Tell)
-        shortest = wp.full(len(centred), float(FAR), dtype=float)
-        inputs = [sides, faces_first, start, corners, turns, tells, shortest]
+        bounds = wp.empty(len(delaunay.tail), dtype=PropagationBound)
+        shortest_side = wp.full(len(centred), float(UNREACHED), dtype=float)
+        inputs = [sides, faces_first, start, corners, angles, bounds, shortest_side]
         wp.launch(fill_corners, len(delaunay.tail), inputs=inputs)
         position = wp.array(centred.astype(np.float32), dtype=wp.vec3)
-    return Fans(first, position, start, corners, turns, tells, shortest)
+    return Fans(first, position, start, corners, angles, bounds, shortest_side)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,9 +95,9 @@ class Clusters:
 
 
 def find_clusters(delaunay: Triangulation) -> Clusters:
-    """Return clusters of at most LANES vertices each, grown over edges, on the host.
+    """Return clusters of at most LANES vertices each, grown along edges, on the host.
 
-    In space the two walls of a thin shape would fall into one cluster; over edges they don't.
+    Clusters in space would join the two walls of a thin shape; clusters along edges do not.
     """
     wp.load_module(grow_clusters.module, device="cpu")  # before the threads, which would each load it
     starts = delaunay.starts()
@@ -123,9 +123,9 @@ def find_clusters(delaunay: Triangulation) -> Clusters:
 def _clusters_of(start: IntArray, neighbour: IntArray) -> tuple[IntArray, IntArray]:
     """Return the members of one shape's clusters, and the slot of every vertex."""
     n = len(start) - 1
-    members, slot = np.empty((n, LANES), np.int32), np.full(n, UNSEEN, np.int32)
+    members, slot = np.empty((n, LANES), np.int32), np.full(n, UNVISITED, np.int32)
     size, seen = np.zeros(1, np.int32), np.zeros(n + 1, np.int32)
     queue, front = np.empty((2, n), np.int32)
-    inputs = [NEAR_VISITS, FAR_VISITS, start, neighbour, slot, seen, queue, front, members, size]
+    inputs = [MAX_VISITS, MAX_VISITS_FOR_REST, start, neighbour, slot, seen, queue, front, members, size]
     wp.launch(grow_clusters, 1, inputs=inputs, device="cpu")
     return members[: size[0]], slot

@@ -1,4 +1,4 @@
-"""Second order: what bearings and amendments are."""
+"""Second order: arrival directions and corrections."""
 
 import numpy as np
 import pytest
@@ -6,33 +6,33 @@ import warp as wp
 from scipy.spatial import ConvexHull
 
 from homolog.geodesics import distances_from, measure_accuracy, solve_table
-from homolog.geodesics.bearing_kernels import slope, turn_from_side
-from homolog.geodesics.intrinsic import triangulate
+from homolog.geodesics.kernels.second_order import angle_from_edge, edge_slope
+from homolog.geodesics.mesh.intrinsic import triangulate
 from homolog.surfaces.mesh import TriangleMesh
 
 
 @wp.kernel
 def evaluate(
     directions: wp.array(dtype=wp.float32),
-    bearings: wp.array(dtype=wp.float32),
-    around: float,
+    arrivals: wp.array(dtype=wp.float32),
+    cone_angle: float,
     slopes: wp.array(dtype=wp.float32),
-    turns: wp.array(dtype=wp.float32),
+    angles: wp.array(dtype=wp.float32),
 ):
     k = wp.tid()
-    slopes[k] = slope(directions[k], bearings[k], around)
-    turns[k] = turn_from_side(wp.abs(wp.sin(bearings[k])), wp.cos(bearings[k]))
+    slopes[k] = edge_slope(directions[k], arrivals[k], cone_angle)
+    angles[k] = angle_from_edge(wp.abs(wp.sin(arrivals[k])), wp.cos(arrivals[k]))
 
 
-@pytest.mark.parametrize("around", [5.0, 2 * np.pi, 8.0])
-def test_a_slope_is_the_cosine_of_the_angle_on_the_nearer_side(around):
-    directions, bearings = np.random.default_rng(0).uniform(0, around, (2, 500)).astype(np.float32)
-    slopes, turns = np.empty((2, 500), np.float32)
-    wp.launch(evaluate, 500, inputs=[directions, bearings, around, slopes, turns], device="cpu")
-    apart = np.abs(directions - bearings)
-    nearer = np.minimum(np.minimum(apart, around - apart), np.pi)
+@pytest.mark.parametrize("cone_angle", [5.0, 2 * np.pi, 8.0])
+def test_a_slope_is_the_cosine_of_the_angle_on_the_nearer_side(cone_angle):
+    directions, arrivals = np.random.default_rng(0).uniform(0, cone_angle, (2, 500)).astype(np.float32)
+    slopes, angles = np.empty((2, 500), np.float32)
+    wp.launch(evaluate, 500, inputs=[directions, arrivals, cone_angle, slopes, angles], device="cpu")
+    apart = np.abs(directions - arrivals)
+    nearer = np.minimum(np.minimum(apart, cone_angle - apart), np.pi)
     assert np.allclose(slopes, np.cos(nearer), atol=1e-5)
-    assert np.allclose(turns, np.arccos(np.cos(bearings)), atol=1e-3)
+    assert np.allclose(angles, np.arccos(np.cos(arrivals)), atol=1e-3)
 
 
 def test_directions_at_a_vertex_go_round_it_once(slotted):
@@ -43,13 +43,13 @@ def test_directions_at_a_vertex_go_round_it_once(slotted):
         assert delaunay.rank[in_order].tolist() == list(range(len(sides)))
         assert delaunay.angle[in_order[0]] == 0
         assert (np.diff(delaunay.angle[in_order]) > 0).all()
-        assert delaunay.angle[in_order[-1]] < delaunay.turn[v]
+        assert delaunay.angle[in_order[-1]] < delaunay.angle_sum[v]
 
 
 def test_second_order_is_several_times_as_exact_as_first(slotted, monkeypatch):
     pytest.importorskip("gdist", reason="the exact solver (tvb-gdist) is in the bench extra")
     second = measure_accuracy(slotted, solve_table(slotted, 6.5), 24)
-    monkeypatch.setattr("homolog.geodesics.cpu.POINT", -1)  # as if the element knew no bearings
+    monkeypatch.setattr("homolog.geodesics.cpu.solver.POINT_ELEMENT", -1)  # no second order
     first = measure_accuracy(slotted, solve_table(slotted, 6.5), 24)
     assert second.mean < first.mean / 2
     assert second.p99 < first.p99 / 2
@@ -80,7 +80,7 @@ def test_a_vertex_of_eighty_triangles_is_no_obstacle_from_any_side(globe):
             assert row[near] == pytest.approx(across[near], rel=3e-3)
 
 
-def test_a_field_is_amended_as_a_table_is(slotted):
+def test_a_field_is_corrected_as_a_table_is(slotted):
     table = solve_table(slotted, 6.5).to_csr()
     field = distances_from(slotted, [42])
     row = table[[42]].toarray()[0]

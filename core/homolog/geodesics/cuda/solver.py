@@ -1,4 +1,4 @@
-"""Solve on a GPU: the clusters of a whole cohort advance together, in batches that fit its memory."""
+"""Solve a cohort's tables on a GPU: clusters of all meshes in batches that fit its memory."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,43 +7,46 @@ import numpy as np
 import warp as wp
 
 from homolog.errors import InputError
-from homolog.geodesics import crew_kernels, front_store_kernels, kernels
-from homolog.geodesics.fans import Clusters, Fans, build_fans, find_clusters
-from homolog.geodesics.front import (
+from homolog.geodesics.cuda.front import (
     advance,
-    amend,
     clear,
+    correct,
     largest_batch,
     largest_patch,
-    make_amendments,
+    make_corrections,
     make_front,
     start,
 )
-from homolog.geodesics.intrinsic import triangulate
-from homolog.geodesics.lookup import LANES, MISSING
-from homolog.geodesics.plan import POINT, TablePlan, Task, block_rows
+from homolog.geodesics.cuda.kernels import block as block_kernels
+from homolog.geodesics.cuda.kernels import store as store_kernels
+from homolog.geodesics.kernels import local_solver
+from homolog.geodesics.kernels.lookup import LANES, MISSING
+from homolog.geodesics.mesh.fans import Clusters, Fans, build_fans, find_clusters
+from homolog.geodesics.mesh.intrinsic import triangulate
+from homolog.geodesics.plan import POINT_ELEMENT, TablePlan, Task, block_rows
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
 
 __all__ = ["solve_on_cuda"]
 
-_AT_ONCE = 900_000
-"""Vertices times clusters, a multiprocessor, that are solved between two chances to cancel: about 0.1 s."""
+_WORK_PER_LAUNCH = 900_000
+"""Vertices times clusters per multiprocessor in one launch: about 0.1 s, the interval at which users can
+cancel."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cohort:
-    """Meshes, clusters and reaches on the device."""
+class DeviceCohort:
+    """Meshes, clusters and distance limits on the device."""
 
     fans: Fans
     clusters: Clusters
     sources: Any
-    reaches: list[Any]
-    skin: float
+    limits: list[Any]
+    halo: float
     element: int
 
     @property
-    def largest(self) -> int:
+    def max_vertices(self) -> int:
         """Vertices of the largest mesh."""
         return int(np.diff(self.fans.first).max())
 
@@ -59,13 +62,15 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
     cohort = _upload(plan, device)
     ends = np.searchsorted(cohort.clusters.shape, np.arange(len(plan.tasks) + 1)).tolist()
     n_clusters = len(cohort.clusters.shape)
-    n = cohort.largest
+    n = cohort.max_vertices
     tables = []
     with wp.ScopedDevice(device):
-        at_once = max(1, wp.get_device().sm_count)
-        capacity = largest_patch(cohort.sources, n_clusters, cohort.skin)
-        batch = min(largest_batch(n, capacity, scratch), max(1, _AT_ONCE * at_once // n), n_clusters)
-        front, amends = make_front(batch, n, capacity), make_amendments(batch, n, capacity)
+        n_multiprocessors = max(1, wp.get_device().sm_count)
+        capacity = largest_patch(cohort.sources, n_clusters, cohort.halo)
+        batch = min(
+            largest_batch(n, capacity, scratch), max(1, _WORK_PER_LAUNCH * n_multiprocessors // n), n_clusters
+        )
+        front, corrections = make_front(batch, n, capacity), make_corrections(batch, n, capacity)
         store = _DenseStore if plan.dense else _BlockStore
         stores = [store(cohort, task, k, ends[k], ends[k + 1]) for k, task in enumerate(plan.tasks)]
         for begin in range(0, n_clusters, batch):
@@ -73,75 +78,75 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
             shapes = range(int(cohort.clusters.shape[begin]), int(cohort.clusters.shape[end - 1]) + 1)
             message = f"geodesic distances of {plan.tasks[shapes[0]].name}"
             tick(begin / n_clusters, message)
-            _solve((front, amends), cohort, range(begin, end), plan.dense)
+            _solve((front, corrections), cohort, range(begin, end), plan.dense)
             for k in shapes:
                 low, high = max(begin, ends[k]), min(end, ends[k + 1])
                 stores[k].add(front, slice(low - begin, high - begin), low - ends[k])
                 if high == ends[k + 1]:
-                    task, unit = plan.tasks[k], float(cohort.reaches[k].unit)
+                    task, unit = plan.tasks[k], float(cohort.limits[k].unit)
                     arrays = stores[k].finish()
                     tables.append(GeodesicTable(len(task.mesh.vertices), task.d_max, unit, *arrays))
         tick(1.0, "geodesic distances")
     return tables
 
 
-def _upload(plan: TablePlan, device: str) -> Cohort:
-    """Put meshes on the device. Edges are flipped and clusters grown on the host, one after another."""
+def _upload(plan: TablePlan, device: str) -> DeviceCohort:
+    """Triangulate and cluster the meshes on the host; copy the result to the device."""
     meshes = [task.mesh for task in plan.tasks]
     delaunay = triangulate(meshes)
     fans, clusters = build_fans(meshes, delaunay, device), find_clusters(delaunay)
-    reaches = [task.kernel_reach() for task in plan.tasks]
-    sources = crew_kernels.Sources()
+    limits = [task.kernel_limits() for task in plan.tasks]
+    sources = block_kernels.Sources()
     with wp.ScopedDevice(device):
         sources.members = wp.array(clusters.members, dtype=wp.int32, ndim=2)
         sources.shape = wp.array(clusters.shape, dtype=wp.int32)
         sources.first = wp.array(fans.first.astype(np.int32), dtype=wp.int32)
-        sources.reaches = wp.array(reaches, dtype=kernels.Reach)
+        sources.limits = wp.array(limits, dtype=local_solver.DistanceLimits)
         sources.position = fans.position
         sources.fan = fans.start
         sources.corners = fans.corners
-        sources.tells = fans.tells
-        sources.shortest = fans.shortest
-    return Cohort(fans, clusters, sources, reaches, float(delaunay.length.max()), plan.element_code)
+        sources.bounds = fans.bounds
+        sources.shortest_side = fans.shortest_side
+    return DeviceCohort(fans, clusters, sources, limits, float(delaunay.length.max()), plan.element_code)
 
 
-def _solve(state: Any, cohort: Cohort, clusters: range, dense: bool) -> None:  # noqa: ANN401
-    """Solve some clusters into the front's u."""
-    front, amends = state
+def _solve(state: Any, cohort: DeviceCohort, clusters: range, dense: bool) -> None:  # noqa: ANN401
+    """Solve some clusters; their distances are in the front's u."""
+    front, corrections = state
     if dense:
         clear(front)  # all distances are read
-    start(front, cohort.sources, clusters, cohort.skin)
+    start(front, cohort.sources, clusters, cohort.halo)
     advance(front, cohort.sources, clusters, cohort.element)
-    if cohort.element == POINT:  # planar fronts know no bearings
-        amend(front, amends, cohort.sources, cohort.fans.turns, clusters)
+    if cohort.element == POINT_ELEMENT:  # planar fronts have no second order
+        correct(front, corrections, cohort.sources, cohort.fans.angles, clusters)
 
 
 class _DenseStore:
-    """Takes the solved distances of one shape, batch after batch, into a dense table."""
+    """Encodes the distances of one mesh, batch by batch, into a dense table."""
 
-    def __init__(self, cohort: Cohort, task: Task, shape: int, begin: int, end: int) -> None:
+    def __init__(self, cohort: DeviceCohort, task: Task, shape: int, begin: int, end: int) -> None:
         n = int(np.diff(cohort.fans.first)[shape])
-        self._reach = cohort.reaches[shape]
+        self._limits = cohort.limits[shape]
         self._members = cohort.sources.members[begin:end]
         self._codes = wp.empty((n, n), dtype=wp.uint16)
 
     def add(self, front: Any, which: slice, at: int) -> None:  # noqa: ANN401
         u, n = front.u[which], self._codes.shape[0]
-        inputs = [u, self._members[at : at + u.shape[0]], self._reach, self._codes]
-        wp.launch(front_store_kernels.store_front_dense, (u.shape[0], LANES, n), inputs=inputs)
+        inputs = [u, self._members[at : at + u.shape[0]], self._limits, self._codes]
+        wp.launch(store_kernels.store_front_dense, (u.shape[0], LANES, n), inputs=inputs)
 
     def finish(self) -> tuple[Any, ...]:
         tiles = -(-self._codes.shape[0] // 16)
-        wp.launch(front_store_kernels.symmetrize_dense, (tiles, tiles, 256), inputs=[self._codes])
+        wp.launch(store_kernels.symmetrize_dense, (tiles, tiles, 256), inputs=[self._codes])
         return (self._codes,)
 
 
 class _BlockStore:
-    """Takes the solved distances of one shape, batch after batch, into blocks."""
+    """Encodes the distances of one mesh, batch by batch, into blocks."""
 
-    def __init__(self, cohort: Cohort, task: Task, shape: int, begin: int, end: int) -> None:
+    def __init__(self, cohort: DeviceCohort, task: Task, shape: int, begin: int, end: int) -> None:
         n = int(np.diff(cohort.fans.first)[shape])
-        self._reach = cohort.reaches[shape]
+        self._limits = cohort.limits[shape]
         self._members = cohort.sources.members[begin:end]
         slot = cohort.clusters.slot[cohort.fans.first[shape] : cohort.fans.first[shape + 1]] - LANES * begin
         self._slot = wp.array(slot, dtype=wp.int32)
@@ -155,18 +160,18 @@ class _BlockStore:
         u, patch = front.u[which], front.patch[which]
         n_clusters, capacity = patch.shape
         reached = wp.empty((n_clusters, capacity), dtype=wp.int32)
-        inputs = [u, patch, front.size[which], self._reach, reached]
-        wp.launch(front_store_kernels.mark_reached, reached.shape, inputs=inputs)
+        inputs = [u, patch, front.size[which], self._limits, reached]
+        wp.launch(store_kernels.mark_reached, reached.shape, inputs=inputs)
         wp.utils.array_scan(reached.flatten(), reached.flatten(), inclusive=True)
         first = self._rows
         self._rows += int(reached[n_clusters - 1, capacity - 1 : capacity].numpy()[0])
-        self._make_room(first)
+        self._grow(first)
         start, row = self._start[at : at + n_clusters], self._row[at : at + n_clusters]
         row.fill_(MISSING)
-        inputs = [u, patch, self._reach, reached, first, start, row, self._blocks[first : self._rows]]
-        wp.launch(front_store_kernels.store_front_blocks, reached.shape, inputs=inputs)
+        inputs = [u, patch, self._limits, reached, first, start, row, self._blocks[first : self._rows]]
+        wp.launch(store_kernels.store_front_blocks, reached.shape, inputs=inputs)
 
-    def _make_room(self, used: int) -> None:
+    def _grow(self, used: int) -> None:
         """Grow if the estimate was too low."""
         if self._rows > self._blocks.shape[0]:
             larger = wp.empty((int(1.3 * self._rows), LANES), dtype=wp.uint16)
@@ -183,5 +188,5 @@ class _BlockStore:
         blocks = self._blocks[: self._rows]
         dim = (len(sizes), len(sizes), LANES)
         inputs = [self._members, self._start, self._row, blocks]
-        wp.launch(front_store_kernels.symmetrize_blocks, dim, inputs=inputs)
+        wp.launch(store_kernels.symmetrize_blocks, dim, inputs=inputs)
         return blocks, self._row, self._start, self._slot

@@ -1,0 +1,301 @@
+"""Solve a mesh's table on the CPU: clusters of sources in parallel, one thread per core."""
+
+import itertools
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from homolog.errors import InputError
+from homolog.geodesics.cpu.kernels import correction as correction_kernels
+from homolog.geodesics.cpu.kernels import patch as patch_kernels
+from homolog.geodesics.cpu.kernels import store as store_kernels
+from homolog.geodesics.cpu.kernels import sweep as sweep_kernels
+from homolog.geodesics.cpu.row_arena import RowArena
+from homolog.geodesics.kernels import fans as fan_kernels
+from homolog.geodesics.kernels import local_solver
+from homolog.geodesics.kernels.lookup import LANES, MISSING
+from homolog.geodesics.mesh.fans import Clusters, Fans, build_fans, find_clusters
+from homolog.geodesics.mesh.intrinsic import Triangulation, triangulate
+from homolog.geodesics.plan import POINT_ELEMENT, TablePlan, Task
+from homolog.geodesics.table import GeodesicTable
+from homolog.progress import Tick
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["parallel_for", "solve_on_cpu"]
+
+CLUSTERS_PER_LAUNCH = 8
+"""Clusters that are symmetrized in one launch."""
+Report = Callable[[float], None]
+"""Takes the fraction done; may raise to cancel."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedMesh:
+    """One mesh ready to be solved."""
+
+    task: Task
+    fans: Fans  # vertices renumbered by slot: neighbours on the surface are then neighbours in memory
+    clusters: Clusters  # vertices numbered as in the mesh
+    mesh_vertex: Any  # (V,) vertex of the mesh for each vertex of the fans
+    groups: Any
+    margin: Any  # (K,) see `fan_kernels.find_margins`
+    limits: Any
+    element: int
+
+    @property
+    def n_vertices(self) -> int:
+        return len(self.clusters.slot)
+
+    def solver(self) -> tuple[Any, Callable[[int], None]]:
+        """Allocate one thread's scratch; return it and a function that solves a cluster into it."""
+        n = self.n_vertices
+        scratch = patch_kernels.Scratch()
+        scratch.u = wp.full(
+            n, patch_kernels.Lanes(float(local_solver.UNREACHED)), dtype=patch_kernels.Lanes, device="cpu"
+        )
+        flags = n + 2 * patch_kernels.FLAGS_PER_WORD
+        scratch.active = wp.zeros(flags, dtype=wp.uint8, device="cpu")
+        scratch.patch_index = wp.full(n, flags - 1, dtype=wp.int32, device="cpu")
+        for name in ("patch", "by_cluster", "bucket_index"):
+            setattr(scratch, name, wp.zeros(n, dtype=wp.int32, device="cpu"))
+        scratch.bucket = wp.zeros(int(patch_kernels.N_BUCKETS) + 1, dtype=wp.int32, device="cpu")
+        scratch.size = wp.zeros(1, dtype=wp.int32, device="cpu")
+        fans = self.fans
+        inputs = [scratch, fans.position, fans.start, fans.corners, self.margin, self.limits, self.groups]
+        sweep = _recorded(sweep_kernels.sweep_cluster, 1, [*inputs, self.element, 0])
+        if self.element != POINT_ELEMENT:  # planar fronts have no second order
+            return scratch, lambda cluster: _launch(sweep, cluster)
+        inputs = [scratch, self._corrections(), fans.start, fans.corners, fans.angles, self.limits]
+        correct = _recorded(correction_kernels.correct_cluster, 1, inputs)
+
+        def solve(cluster: int) -> None:
+            _launch(sweep, cluster)
+            correct.launch()
+
+        return scratch, solve
+
+    def _corrections(self) -> Any:  # noqa: ANN401
+        corrections = correction_kernels.Corrections()
+        n_stencils = len(self.fans.corners)
+        for size, kind, names in (
+            (self.n_vertices, patch_kernels.Lanes, ("arrival", "confidence", "correction")),
+            (
+                self.n_vertices,
+                wp.int32,
+                ("unsorted", "order", "candidates", "changed_at", "updated_at", "stencil_end"),
+            ),
+            (n_stencils, wp.int32, ("a", "b")),
+            (n_stencils, patch_kernels.Lanes, ("weight_b", "offset")),
+        ):
+            for name in names:
+                setattr(corrections, name, wp.zeros(size, dtype=kind, device="cpu"))
+        corrections.shortest_side = self.fans.shortest_side
+        return corrections
+
+
+def _prepare(task: Task, delaunay: Triangulation, clusters: Clusters, element: int) -> PreparedMesh:
+    """Renumber the vertices by slot and compute what the kernels need."""
+    mesh_vertex = np.argsort(clusters.slot).astype(np.int32)
+    number = np.empty_like(mesh_vertex)
+    number[mesh_vertex] = np.arange(len(mesh_vertex), dtype=np.int32)
+    mesh = TriangleMesh(task.mesh.vertices[mesh_vertex], number[task.mesh.faces])
+    fans = build_fans(
+        [mesh],
+        replace(delaunay, tail=number[delaunay.tail], angle_sum=delaunay.angle_sum[mesh_vertex]),
+        "cpu",
+    )
+    is_member = clusters.members >= 0
+    members = np.where(is_member, number[clusters.members], -1)
+    positions = fans.position.numpy()[members]
+    centres = np.sum(positions, axis=1, where=is_member[..., None]) / is_member.sum(axis=1, keepdims=True)
+    distances = np.linalg.norm(positions - centres[:, None], axis=2)
+    groups = patch_kernels.Groups()
+    groups.members = wp.array(members, dtype=wp.int32, device="cpu")
+    groups.centre = wp.array(centres, dtype=wp.vec3, device="cpu")
+    groups.radius = wp.array(
+        np.max(distances, axis=1, where=is_member, initial=0.0), dtype=wp.float32, device="cpu"
+    )
+    mesh_vertex_array = wp.array(mesh_vertex, dtype=wp.int32, device="cpu")
+    margin = wp.empty(len(fans.corners), dtype=wp.float32, device="cpu")
+    inputs = [fans.start, fans.corners, margin]
+    wp.launch(fan_kernels.find_margins, len(mesh_vertex), inputs=inputs, device="cpu")
+    return PreparedMesh(
+        task, fans, clusters, mesh_vertex_array, groups, margin, task.kernel_limits(), element
+    )
+
+
+def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> GeodesicTable:
+    """Return the table of one of a plan's meshes; bit-identical for any number of threads."""
+    task = plan.tasks[which]
+
+    def report(done: float) -> None:
+        tick(done, f"geodesic distances of {task.name}")
+
+    report(0.0)
+    # before the threads, which would each load them
+    for module in (local_solver, sweep_kernels, correction_kernels, store_kernels):
+        wp.load_module(module, device="cpu")
+    delaunay = triangulate([task.mesh])
+    clusters = find_clusters(delaunay)
+    prepared = _prepare(task, delaunay, clusters, plan.element_code)
+    arrays = (_solve_dense if plan.dense else _solve_blocks)(prepared, threads, report)
+    return GeodesicTable(len(task.mesh.vertices), task.d_max, float(prepared.limits.unit), *arrays)
+
+
+def _solve_dense(prepared: PreparedMesh, threads: int, report: Report) -> tuple[Any, ...]:
+    n = prepared.n_vertices
+    codes = _missing(n, n)
+    members = wp.array(prepared.clusters.members, dtype=wp.int32, ndim=2, device="cpu")
+
+    def worker() -> Callable[[int], None]:
+        scratch, solve = prepared.solver()
+        inputs = [scratch, prepared.limits, prepared.mesh_vertex, *_rows(n), members, codes, 0]
+        store = _recorded(store_kernels.store_dense, 1, inputs)
+
+        def solve_cluster(cluster: int) -> None:
+            solve(cluster)
+            _launch(store, cluster)
+
+        return solve_cluster
+
+    parallel_for(worker, len(prepared.clusters.members), threads, lambda done: report(0.95 * done))
+    strips = -(-n // store_kernels.TILE)
+
+    def symmetrize(strip: int) -> None:
+        wp.launch(store_kernels.symmetrize_strip, 1, inputs=[codes, strip], device="cpu")
+
+    parallel_for(lambda: symmetrize, strips, threads, lambda done: report(0.95 + 0.05 * done))
+    return (codes,)
+
+
+def _missing(n_rows: int, n_columns: int) -> Any:  # noqa: ANN401
+    """Return a table of MISSING; numpy fills it in a fifth of Warp's time."""
+    return wp.array(np.full((n_rows, n_columns), MISSING, np.uint16), device="cpu", copy=False)
+
+
+def _rows(n_vertices: int) -> tuple[Any, Any]:
+    """Allocate the list of vertices that a cluster reaches, and their codes."""
+    return (
+        wp.empty(n_vertices, dtype=wp.int32, device="cpu"),
+        wp.empty(n_vertices, dtype=patch_kernels.LaneCodes, device="cpu"),
+    )
+
+
+def _solve_blocks(prepared: PreparedMesh, threads: int, report: Report) -> tuple[Any, ...]:
+    n, n_clusters = prepared.n_vertices, len(prepared.clusters.members)
+    row = _missing(n_clusters, n)
+    is_near = wp.zeros((n_clusters, n_clusters), dtype=wp.uint8, device="cpu")
+    slot = wp.array(prepared.clusters.slot, dtype=wp.int32, device="cpu")
+    blocks: list[Any] = [None] * n_clusters
+
+    def worker() -> Callable[[int], None]:
+        scratch, solve = prepared.solver()
+        reached, block = _rows(n)
+        n_rows = wp.zeros(1, dtype=wp.int32, device="cpu")
+        inputs = [
+            scratch,
+            prepared.limits,
+            prepared.mesh_vertex,
+            reached,
+            block,
+            slot,
+            row,
+            is_near,
+            n_rows,
+            0,
+        ]
+        store = _recorded(store_kernels.store_block, 1, inputs)
+        rows, count, arena = block.numpy(), n_rows.numpy(), RowArena()
+
+        def solve_cluster(cluster: int) -> None:
+            solve(cluster)
+            _launch(store, cluster)
+            if count[0] >= MISSING:
+                raise InputError(
+                    f"{prepared.task.name}: d_max reaches over more than 65534 vertices; choose a shorter one"
+                )
+            blocks[cluster] = arena.copy_in(rows[: count[0]])
+
+        return solve_cluster
+
+    parallel_for(worker, n_clusters, threads, lambda done: report(0.95 * done))
+    starts = np.concatenate([[0], np.cumsum([len(block) for block in blocks])])
+    codes = wp.empty((int(starts[-1]) + 1, LANES), dtype=wp.uint16, device="cpu")
+    joined = codes.numpy()
+    for cluster in range(n_clusters):
+        joined[starts[cluster] : starts[cluster + 1]] = blocks[cluster]
+        blocks[cluster] = None  # frees memory while the copy grows
+    joined[-1] = MISSING
+    start = wp.array(starts[:-1].astype(np.int32), dtype=wp.int32, device="cpu")
+    lanes = wp.array(joined, dtype=patch_kernels.LaneCodes, device="cpu", copy=False)
+
+    members = wp.array(prepared.clusters.members, dtype=wp.int32, ndim=2, device="cpu")
+
+    def symmetrize(strip: int) -> None:
+        first = strip * CLUSTERS_PER_LAUNCH
+        inputs = [members, start, row, is_near, lanes, first]
+        dim = min(CLUSTERS_PER_LAUNCH, n_clusters - first)
+        wp.launch(store_kernels.symmetrize_tiles, dim, inputs=inputs, device="cpu")
+
+    parallel_for(
+        lambda: symmetrize,
+        -(-n_clusters // CLUSTERS_PER_LAUNCH),
+        threads,
+        lambda done: report(0.95 + 0.05 * done),
+    )
+    return codes[:-1], row, start, slot
+
+
+def parallel_for(
+    worker: Callable[[], Callable[[int], None]], n_items: int, threads: int, report: Report
+) -> None:
+    """Process items in parallel from a shared counter; report from the calling thread, which may cancel.
+
+    Parameters
+    ----------
+    worker : callable
+        Called once in each thread: allocates scratch and returns the function that does one item.
+    """
+    items = itertools.count()  # next() on it is atomic
+    stop = threading.Event()
+    done = [0] * threads
+    failures: list[BaseException] = []
+
+    def loop(thread: int) -> None:
+        try:
+            work = worker()
+            while not stop.is_set() and (item := next(items)) < n_items:
+                work(item)
+                done[thread] += 1
+        except BaseException as failure:  # noqa: BLE001 - raised again by the calling thread
+            failures.append(failure)
+            stop.set()
+
+    pool = [threading.Thread(target=loop, args=(k,), daemon=True) for k in range(threads)]
+    for thread in pool:
+        thread.start()
+    try:
+        while alive := [thread for thread in pool if thread.is_alive()]:
+            alive[0].join(0.1)
+            report(sum(done) / max(n_items, 1))
+    finally:
+        stop.set()
+        for thread in pool:
+            thread.join()
+    if failures:
+        raise failures[0]
+    report(1.0)
+
+
+def _recorded(kernel: Any, dim: int, inputs: list[Any]) -> Any:  # noqa: ANN401
+    """Record a launch on the CPU whose last parameter, the cluster, is set before each replay."""
+    return wp.launch(kernel, dim, inputs=inputs, device="cpu", record_cmd=True)
+
+
+def _launch(command: Any, cluster: int) -> None:  # noqa: ANN401
+    command.set_param_by_name("cluster", cluster)
+    command.launch()

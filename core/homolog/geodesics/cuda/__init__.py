@@ -1,0 +1,1 @@
+"""The solver for CUDA: one thread block a cluster of sources."""

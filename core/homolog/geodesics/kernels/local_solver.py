@@ -1,0 +1,153 @@
+"""Parts of the fast iterative method on triangles: local solvers, encoding, symmetrization."""
+
+import warp as wp
+
+import homolog.device  # noqa: F401 - starts Warp
+from homolog.geodesics.kernels.lookup import MISSING
+
+wp.set_module_options({"enable_backward": False})
+
+UNREACHED = wp.constant(1.0e18)
+D_MAX_CODE = wp.constant(64249)
+"""Code of d_max; codes up to 65534 leave a headroom of 2 % until both directions of a pair are averaged."""
+
+LAST_TRIANGLE_BIT = wp.constant(14)
+"""Each triangle around a vertex is one bit; this bit stands for triangle 14 and all after it."""
+
+DECREASE_TOLERANCE = wp.constant(1.0000006)
+"""A distance counts as decreased if it exceeded this times the new one; smaller changes are rounding."""
+
+
+@wp.struct
+class Corner:
+    """A triangle seen from its corner c: side ab laid from (0, 0) to (length, 0), c at (x, y), y > 0."""
+
+    a: int
+    b: int
+    length: float
+    half: float  # 1 / (2 length)
+    x: float
+    y: float
+    ac: float  # |ac|
+    bc: float
+
+
+@wp.struct
+class PropagationBound:
+    """Lower bounds of the distances at a and b that a decrease at c can cause.
+
+    Used by `homolog.geodesics.cuda.kernels.block.affected_triangles`.
+    """
+
+    offset_a: float  # height of a over bc, less half of |bc|
+    offset_b: float  # height of b over ac, less half of |ac|
+    bc: float
+    ranks: int  # of this triangle around a, plus 256 times that around b; at most LAST_TRIANGLE_BIT
+
+
+@wp.struct
+class DistanceLimits:
+    """Range and resolution of one shape's distances [mm]."""
+
+    max_encoded: float  # longest distance that has a code
+    # One mean edge beyond d_max: a value within d_max may depend on one beyond it.
+    propagation_limit: float
+    mean_edge: float
+    unit: float  # length of one code step
+
+
+@wp.struct
+class Ray:
+    """The straight path to a corner's c from the virtual source that explains the distances at a and b."""
+
+    distance: float  # at c
+    crossing: float  # where the path crosses ab, measured from a
+    to_crossing: float  # length of the path up to there
+    source_x: float  # position of the virtual source along ab …
+    source_depth: float  # … and its distance from the line ab
+    via_edge: int  # 0; if no straight path crosses ab, 1 for the path along ac, 2 for that along bc
+
+
+@wp.func
+def trace(corner: Corner, da: float, db: float) -> Ray:
+    """Return the path from the virtual source below ab that explains da and db (Novotni and Klein 2002).
+
+    Exact where the surface is flat, in acute and obtuse triangles; the distance is monotone in da and db.
+    """
+    ray = Ray()
+    via_a = da + corner.ac
+    via_b = db + corner.bc
+    side = wp.min(via_a, via_b)
+    # Factored to limit cancellation in slivers.
+    ray.source_x = ((da - db) * (da + db) + corner.length * corner.length) * corner.half
+    squared = da * da - ray.source_x * ray.source_x
+    ray.source_depth = wp.sqrt(wp.max(squared, 0.0))
+    height = wp.max(ray.source_depth + corner.y, 1.0e-30)
+    crossing = ray.source_x * corner.y + corner.x * ray.source_depth
+    inside = squared >= 0.0 and crossing >= 0.0 and crossing <= corner.length * height
+    inside = inside and wp.min(da, db) > 0.0  # from a source the path follows the edge
+    inverse = 1.0 / height
+    dx = corner.x - ray.source_x
+    straight = wp.where(inside, wp.sqrt(dx * dx + height * height), UNREACHED)
+    # Not "straight < side": rounding would decide it where the path passes an end, and arrivals would jump.
+    ray.via_edge = wp.where(inside, 0, wp.where(via_a <= via_b, 1, 2))
+    ray.distance = wp.min(straight, side)
+    ray.to_crossing = straight * ray.source_depth * inverse
+    ray.crossing = wp.where(inside, crossing * inverse, wp.where(via_a <= via_b, 0.0, corner.length))
+    return ray
+
+
+@wp.func
+def edge_path(corner: Corner, da: float, db: float) -> float:
+    """Return the distance at c along the shorter of the edges ac and bc."""
+    return wp.min(da + corner.ac, db + corner.bc)
+
+
+@wp.func
+def straight_path_squared(corner: Corner, da: float, db: float) -> float:
+    """Return the squared length of the straight path of `trace`; UNREACHED squared if none crosses ab.
+
+    Together with `edge_path` this equals `trace`, at one square root less for each triangle.
+    """
+    source_x = ((da - db) * (da + db) + corner.length * corner.length) * corner.half
+    # NaN, hence not inside, where no virtual source explains both distances.
+    source_depth = wp.sqrt(da * da - source_x * source_x)
+    height = source_depth + corner.y
+    crossing = source_x * corner.y + corner.x * source_depth
+    inside = crossing >= 0.0 and crossing <= corner.length * height
+    dx = corner.x - source_x
+    return wp.where(inside, dx * dx + height * height, UNREACHED * UNREACHED)
+
+
+@wp.func
+def path_lower_bound(corner: Corner, da: float, db: float) -> float:
+    """Return a lower bound of all straight paths through a triangle, valid if |da - db| <= |ab|."""
+    return 0.5 * (da + db - corner.length) + corner.y
+
+
+@wp.func
+def planar_update(corner: Corner, da: float, db: float) -> float:
+    """Return the distance at c from a planar front through da and db, as in the paper (Fu et al. 2011)."""
+    best = wp.min(da + corner.ac, db + corner.bc)
+    slope_x = (db - da) * 2.0 * corner.half
+    squared = 1.0 - slope_x * slope_x
+    slope_y = wp.sqrt(wp.max(squared, 0.0))
+    crossing = corner.x * slope_y - slope_x * corner.y
+    inside = squared > 0.0 and crossing >= 0.0 and crossing <= corner.length * slope_y
+    return wp.where(inside, wp.min(best, da + slope_x * corner.x + slope_y * corner.y), best)
+
+
+@wp.func
+def encode(distance: float, limits: DistanceLimits) -> wp.uint16:
+    """Return the code of a distance, MISSING beyond `max_encoded`."""
+    return wp.uint16(wp.where(distance <= limits.max_encoded, int(distance / limits.unit + 0.5), MISSING))
+
+
+@wp.func
+def mean_code(code: int, reverse_code: int) -> wp.uint16:
+    """Return the mean code of both directions; MISSING if either is missing or the mean exceeds d_max.
+
+    The two differ by less than 1 % of d_max, so that the headroom keeps every pair within d_max two-sided.
+    """
+    mean = (code + reverse_code + 1) // 2
+    return wp.uint16(wp.where(code == MISSING or reverse_code == MISSING or mean > D_MAX_CODE, MISSING, mean))

@@ -1,0 +1,1 @@
+"""Meshes made ready for the solvers: intrinsic triangulation, fans of triangles, clusters of sources."""
