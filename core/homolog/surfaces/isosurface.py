@@ -107,7 +107,6 @@ def _meshed(
     euler = euler_number(source.faces)
     start = simplified(source, count) if (sizes > 0.8 * edge).all() else source
     best: TriangleMesh | None = None
-    spare: TriangleMesh | None = None
     fewest = len(references) + 1
     for _ in range(1 + _REFINEMENTS):
         mesh = remeshed(start, field, _at(tree, sizes))
@@ -116,13 +115,14 @@ def _meshed(
         near = whole and _is_near(mesh, field)
         if near and (n_far := int(np.count_nonzero(far))) < fewest:
             best, fewest = mesh, n_far
-        spare = spare or (mesh if whole else None)
         if (near and not far.any()) or len(mesh.vertices) > _MOST_TIMES * count:
             break
         start = source
         sizes = _graded(sizes, np.where(far, np.maximum(_FINER * sizes, 0.5 * field.spacing), edge), tree)
-    if best is None and len(source.vertices) > _TOO_FINE * count:
-        best = spare or simplified(source, count)
+    while best is None and len(source.vertices) > _TOO_FINE * count:  # where triangles this even can't be made
+        fewer = simplified(source, count)
+        best = fewer if _is_near(fewer, field) else None
+        count *= 2
     return best or source
 
 
