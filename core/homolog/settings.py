@@ -129,6 +129,16 @@ class GroomSettings(_Settings):
             description="Standard deviation of the Gaussian that removes voxel steps.",
         ),
     ] = 1.0
+    tunnels: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            le=10.0,
+            json_schema_extra=_unit("voxels"),
+            description="Tunnels through the shape that are narrower than this are filled: noise of labels, "
+            "which every subject has at another place. 0 keeps all.",
+        ),
+    ] = 3.0
     alignment: Annotated[
         Alignment,
         Field(description="Rigid alignment: none, centre of mass, principal axes, or ICP to a medoid shape."),

@@ -7,6 +7,7 @@ from homolog.arrays import Array, BoolArray, Float32Array
 from homolog.errors import InputError
 from homolog.grooming.antialias import smoothed
 from homolog.grooming.levels import Level
+from homolog.grooming.tunnels import fill_tunnels
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import marching_cubes
 from homolog.surfaces.mesh import TriangleMesh
@@ -17,10 +18,13 @@ __all__ = ["distance_field", "volume_inside"]
 _FINAL = 0.85  # of the smoothing, after the distances are made
 _REACH = 4
 """Nodes: how far from the surface of a large structure distances are those of the eikonal equation."""
+_OF_PATCHES = -0.3  # nodes: the level of nodes that fill a tunnel
 _KEPT = 0.2  # nodes: how far from zero a node on its own side is kept, if the topology would change
 
 
-def distance_field(level: Level, smoothing: float) -> tuple[DistanceField, tuple[str, ...]]:
+def distance_field(
+    level: Level, smoothing: float, tunnels: float = 0.0
+) -> tuple[DistanceField, tuple[str, ...]]:
     """Return the signed distance to the zero level, smooth enough for second derivatives.
 
     Parameters
@@ -29,6 +33,8 @@ def distance_field(level: Level, smoothing: float) -> tuple[DistanceField, tuple
         Of whatever scale away from the surface.
     smoothing : float
         Standard deviation [nodes].
+    tunnels : float
+        Tunnels narrower than this are filled [nodes].
 
     Returns
     -------
@@ -48,6 +54,10 @@ def distance_field(level: Level, smoothing: float) -> tuple[DistanceField, tuple
     notes = level.notes
     if dropped:
         notes = (*notes, f"{dropped} small piece(s) came loose in smoothing and were dropped")
+    inside, filled = fill_tunnels(solid < 0.0, tunnels)
+    if filled:
+        solid = np.where(inside & (solid > 0.0), _OF_PATCHES, solid)
+        notes = (*notes, f"tunnels narrower than {tunnels:g} nodes of the grid were filled: {filled}")
     distances = redistanced(solid, reach=_REACH if level.is_large else None)
     values = _smoothed_alike(distances, _FINAL * smoothing)
     return DistanceField(values * np.float32(level.step), level.index_to_world), notes

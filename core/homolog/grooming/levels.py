@@ -36,6 +36,10 @@ OF_VOXELS = 1.15
 """Of the finest spacing: a large grid is made so coarse, or as the cube root of a voxel, whatever is thin."""
 NODES_ACROSS = 2.5
 """Nodes across the thin parts of a mesh: less and its walls would have holes on the grid …"""
+WALL = 1.8
+"""Nodes across a wall of a mesh: thinner ones are thickened to that …"""
+RIM_SHARE = 0.01
+"""… unless no more than this part of the surface is thinner."""
 THIN_SHARE = 0.05
 """… where this part of the surface is thinner …"""
 THIN_NODES = 2**22
@@ -124,7 +128,9 @@ def level_of_mesh(mesh: TriangleMesh, spacing: float | None) -> Level:
         If the grid would be too large.
     """
     shape, start, step, affine = _grid_around(mesh, spacing)
-    return Level(mesh_level(mesh, start, step, shape), affine, step)
+    thicker, notes = _thickened(mesh, WALL * step)
+    values = mesh_level(thicker, start, step, shape)
+    return Level(values, affine, step, notes, is_large=values.size > MANY_NODES)
 
 
 def level_of_solid(solid: Solid, spacing: float | None) -> Level:
@@ -194,6 +200,25 @@ def _sparing_step(segmentation: Segmentation) -> float:
             return step
         step *= 0.8
     return least
+
+
+def _thickened(mesh: TriangleMesh, least: float) -> tuple[TriangleMesh, tuple[str, ...]]:
+    """Return a mesh whose walls are at least so thick [mm], and a note on what that took.
+
+    A wall thinner than the grid resolves would have holes. Rims are thin on every shape and are left alone.
+    """
+    through = thickness(mesh)
+    if mesh.face_areas[through < least].sum() <= RIM_SHARE * mesh.area:
+        return mesh, ()
+    thinnest = np.full(len(mesh.vertices), np.inf)
+    np.minimum.at(thinnest, mesh.faces.ravel(), np.repeat(through, 3))
+    shift = 0.5 * np.maximum(least - thinnest, 0.0)
+    share = 100.0 * np.mean(shift > 0.0)
+    note = (
+        f"walls thinner than the grid resolves were made {least:.2g} mm thick: {share:.0f} % of the surface "
+        f"moved outward by {shift[shift > 0.0].mean():.2g} mm on average and {shift.max():.2g} mm at most"
+    )
+    return TriangleMesh(mesh.vertices + shift[:, None] * mesh.vertex_normals, mesh.faces), (note,)
 
 
 def _thin_part(mesh: TriangleMesh) -> float:

@@ -198,7 +198,7 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
         dropped, filled, at_border = solid.pieces_dropped, solid.holes_filled, False
         volume, surface = solid.volume, solid.surface
         notes += solid.notes
-        field, further = distance_field(solid.level, settings.smoothing)
+        field, further = distance_field(solid.level, settings.smoothing, settings.tunnels)
     mesh = isosurface(field, settings.mesh_edge, settings.adaptive_mesh)
     if mesh.volume <= 0.0:
         raise NumericalError(
@@ -225,14 +225,14 @@ def _field_of_voxels(
 ) -> tuple[DistanceField, tuple[str, ...]]:
     """Return the field of one piece; on nodes half as far apart as its voxels where much would be lost."""
     level = level_of_voxels(segmentation, settings.spacing, settings.smoothing)
-    field, notes = distance_field(level, settings.smoothing)
+    field, notes = distance_field(level, settings.smoothing, settings.tunnels)
     if 8 * field.values.size > USUAL_NODES:
         return field, notes
     held = volume_inside(field) / segmentation.volume
     if held < _MUCH_LOST and settings.spacing is None:
         level = level_of_voxels(segmentation, 0.5 * level.step, settings.smoothing)
         if (level.values < 0.0).any():  # splines may leave nothing of a thread
-            finer, further = distance_field(level, settings.smoothing)
+            finer, further = distance_field(level, settings.smoothing, settings.tunnels)
             if (more := volume_inside(finer) / segmentation.volume) > held:
                 thin = f"parts are thin: the grid was made finer than the image, {level.step:.3g} mm"
                 field, notes, held = finer, (*further, thin), more

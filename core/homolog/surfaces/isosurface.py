@@ -27,6 +27,7 @@ _THIN = 0.3
 _CHORD = 0.7  # of the longest edge whose chord stays within the tolerance on a circle of that curvature
 _REFINEMENTS = 2
 _FINER = 0.5  # of the edges where a mesh is too far from the surface, in each refinement
+_START = 1.5  # times the expected number of vertices: remeshing starts with so many
 _GRADING = 0.4  # mm of edge length per mm of distance: neighbouring triangles differ little
 _MOST_TIMES = 2.0  # the wanted number of vertices
 _TOO_FINE = (
@@ -105,7 +106,9 @@ def _meshed(
         least *= 1.2
         sizes = _graded(wanted, np.maximum(needed, least), tree)
     euler = euler_number(source.faces)
-    start = simplified(source, count) if (sizes > 0.8 * edge).all() else source
+    expected = count * float(np.mean((edge / sizes) ** 2))
+    is_even = bool((sizes > 0.8 * edge).all())
+    start = simplified(source, count) if is_even else _fewer(source, _START * expected)
     best: TriangleMesh | None = None
     fewest = len(references) + 1
     for _ in range(1 + _REFINEMENTS):
@@ -117,13 +120,18 @@ def _meshed(
             best, fewest = mesh, n_far
         if (near and not far.any()) or len(mesh.vertices) > _MOST_TIMES * count:
             break
-        start = source
+        start = _fewer(source, _START * _MOST_TIMES * count)
         sizes = _graded(sizes, np.where(far, np.maximum(_FINER * sizes, 0.5 * field.spacing), edge), tree)
-    while best is None and len(source.vertices) > _TOO_FINE * count:  # where triangles this even can't be made
+    while best is None and len(source.vertices) > _TOO_FINE * count:  # no even mesh will do
         fewer = simplified(source, count)
         best = fewer if _is_near(fewer, field) else None
         count *= 2
     return best or source
+
+
+def _fewer(source: TriangleMesh, n_vertices: float) -> TriangleMesh:
+    """Return a mesh with fewer vertices, from which remeshing is quicker, if one is had at once."""
+    return simplified(source, round(n_vertices), most=round(n_vertices))
 
 
 def _is_near(mesh: TriangleMesh, field: DistanceField) -> bool:

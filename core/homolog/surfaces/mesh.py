@@ -64,10 +64,10 @@ class TriangleMesh:
 
     @property
     def vertex_normals(self) -> FloatArray:
-        """Unit normals at the vertices, outward, weighted by face area, shape (V, 3)."""
+        """Unit normals at the vertices, outward, weighted by face area, shape (V, 3); 0 without any area."""
         a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
         across = np.cross(b - a, c - a)
         sums = np.zeros_like(self.vertices)
         for corner in range(3):
             np.add.at(sums, self.faces[:, corner], across)
-        return np.asarray(sums / np.linalg.norm(sums, axis=1, keepdims=True))
+        return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300))

@@ -147,9 +147,9 @@ def _collapse(
         target[ends[:, 1]] = ends[:, 0]
         faces = target[faces]
         faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-        used = np.unique(faces)
-        number = np.empty(len(vertices), np.int64)
-        number[used] = np.arange(len(used))
+        used = np.zeros(len(vertices), dtype=bool)
+        used[faces] = True
+        number = np.cumsum(used) - 1
         vertices, faces, size = vertices[used], number[faces], size[used]
     return vertices, faces, size
 

@@ -10,7 +10,7 @@ __all__ = ["simplified"]
 _AGGRESSIVENESS = (7, 5, 3)
 
 
-def simplified(mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
+def simplified(mesh: TriangleMesh, n_vertices: int, *, most: int | None = None) -> TriangleMesh:
     """Return a mesh of the same surface and topology with fewer vertices, by quadric edge collapse.
 
     The quadric decimation checks no topology. Its result is therefore checked, and where it pinches the
@@ -22,6 +22,8 @@ def simplified(mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
         A closed manifold.
     n_vertices : int
         Wanted number of vertices; a mesh that has no more is returned as it is.
+    most : int, optional
+        Largest number of vertices that is tried before the mesh itself is returned.
 
     Returns
     -------
@@ -36,7 +38,7 @@ def simplified(mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
     centre = mesh.vertices.mean(axis=0)  # single precision: keep the numbers small
     points, faces = (mesh.vertices - centre).astype(np.float32), np.array(mesh.faces)
     count = n_vertices
-    while count < len(points):
+    while count < min(len(points), (most or len(points)) + 1):
         target = max(4, 2 * (count - euler))
         for aggressiveness in _AGGRESSIVENESS:
             fewer, simpler = fast_simplification.simplify(

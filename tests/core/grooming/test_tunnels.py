@@ -1,0 +1,78 @@
+import numpy as np
+import pytest
+from scipy import ndimage
+from skimage import measure
+
+from homolog.grooming.tunnels import euler_number, fill_tunnels
+
+
+def block(*size):
+    solid = np.zeros(np.add(size, 4), dtype=bool)
+    solid[tuple(slice(2, -2) for _ in size)] = True
+    return solid
+
+
+def bored(width):
+    """A thick plate with a square hole through it."""
+    solid = block(20, 20, 6)
+    solid[9 : 9 + width, 9 : 9 + width] = False
+    return solid
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_euler_number_is_that_of_scikit_image(seed):
+    solid = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=(20, 24, 18)), 1.2) > 0.0
+    assert euler_number(solid) == measure.euler_number(np.pad(solid, 1), 1)
+
+
+@pytest.mark.parametrize("width", [1, 2])
+def test_a_narrow_tunnel_is_filled_and_nothing_else_is_changed(width):
+    filled, count = fill_tunnels(bored(width), 3.0)
+    assert count == 1
+    assert euler_number(filled) == 1
+    assert not (filled & ~block(20, 20, 6)).any()
+    assert (filled | ~bored(width)).all()
+
+
+def test_a_wide_tunnel_stays():
+    solid = bored(8)
+    filled, count = fill_tunnels(solid, 3.0)
+    assert count == 0
+    assert np.array_equal(filled, solid)
+
+
+def test_a_gap_between_parts_that_makes_no_tunnel_stays():
+    solid = block(20, 20, 6)
+    solid[9:11, :15] = False  # a slot, open at one end
+    filled, count = fill_tunnels(solid, 3.0)
+    assert count == 0
+    assert np.array_equal(filled, solid)
+
+
+def test_a_wall_of_one_voxel_with_holes_becomes_whole():
+    solid = block(24, 24, 1)
+    rng = np.random.default_rng(0)
+    holes = tuple(rng.integers(4, 22, size=(2, 12)))
+    solid[*holes, 2] = False
+    filled, _ = fill_tunnels(solid, 3.0)
+    assert euler_number(filled) == 1
+
+
+def test_noise_of_labels_leaves_few_tunnels_and_one_piece():
+    rng = np.random.default_rng(1)
+    x, y, z = np.mgrid[-20:21, -20:21, -12:13]
+    solid = x**2 / 300 + y**2 / 300 + z**2 / 60 + 0.45 * rng.normal(size=x.shape) < 1.0
+    labels, _ = ndimage.label(solid)
+    solid = ndimage.binary_fill_holes(labels == 1 + np.argmax(np.bincount(labels.ravel())[1:]))
+    filled, count = fill_tunnels(solid, 3.0)
+    assert 1 - euler_number(solid) > 100
+    assert 1 - euler_number(filled) < 0.2 * (1 - euler_number(solid))
+    assert count == euler_number(filled) - euler_number(solid)
+    assert ndimage.label(filled)[1] == 1
+    assert not (solid & ~filled).any()
+
+
+def test_no_width_keeps_all():
+    filled, count = fill_tunnels(bored(1), 0.0)
+    assert count == 0
+    assert np.array_equal(filled, bored(1))
