@@ -196,6 +196,9 @@ def test_form_and_shape_count_as_two_answers_and_pairs_are_corrected(project):
     raw = sorted(float(row["size_p_permutation"]) for row in rows[1:])
     corrected = sorted(float(row["size_p_permutation_corrected"]) for row in rows[1:])
     assert corrected[0] == pytest.approx(min(3 * raw[0], 1.0))
+    raw = sorted(float(row["auc_p_permutation"]) for row in rows[1:])
+    corrected = sorted(float(row["auc_p_permutation_corrected"]) for row in rows[1:])
+    assert corrected[0] == pytest.approx(min(6 * raw[0], 1.0))
 
 
 def test_tables_say_what_they_are_of_and_what_each_column_holds(project):

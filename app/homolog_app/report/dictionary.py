@@ -3,6 +3,7 @@
 __all__ = ["MEANINGS"]
 
 _INTERVAL = "with its 95 % confidence interval"
+_CORRECTED = "the same, corrected for pairs of groups (Holm) and answers (Bonferroni)"
 MEANINGS = {
     "comparison": "second minus first group, all groups, or the variable",
     "question": "what was asked, in words",
@@ -15,7 +16,7 @@ MEANINGS = {
     "mahalanobis_d_plain": "the same without correction, too large for few subjects [SD]",
     "studentized_statistic": "tested sum of squares divided by what it would be without an effect",
     "p_permutation": "p of the studentized statistic, over permutations, not corrected",
-    "p_permutation_corrected": "the same, corrected for pairs of groups (Holm) and answers (Bonferroni)",
+    "p_permutation_corrected": _CORRECTED,
     "pairs_corrected_for": "pairs of groups that p was corrected for",
     "permutations": "number of permutations",
     "permutations_exhaustive": "1 if these are all that there are (exact test)",
@@ -38,9 +39,11 @@ MEANINGS = {
     "size_p_permutation": "permutation p of size, not corrected",
     "size_p_permutation_corrected": "the same, corrected for pairs of groups (Holm)",
     "balanced_accuracy": "cross-validated: mean of the shares of both groups classified rightly",
-    "balanced_accuracy_p_permutation": "permutation p of that, one-sided",
+    "balanced_accuracy_p_permutation": "permutation p of that, one-sided, not corrected",
+    "balanced_accuracy_p_permutation_corrected": _CORRECTED,
     "auc": "cross-validated area under the receiver operating characteristic",
-    "auc_p_permutation": "permutation p of that, one-sided",
+    "auc_p_permutation": "permutation p of that, one-sided, not corrected",
+    "auc_p_permutation_corrected": _CORRECTED,
     "alignment": "as-it-lies, rigid (form) or similarity (shape)",
     "covariates": "columns adjusted for",
     "complete_cases": "1 if subjects with missing values were left out",

@@ -241,16 +241,19 @@ def _numbers(study: Study, one: Comparison) -> str:
     words.append(f"Locally significant: {region_words(study, one)} (family-wise error, {LEVEL:g}).")
     if one.discriminant is not None:
         found = one.discriminant
+        accuracy = _tested(one.accuracy_p_adjusted, found.accuracy.permutations)
+        auc = _tested(one.auc_p_adjusted, found.auc.permutations)
+        corrected = f" (both p {correction})" if correction and accuracy else ""
         words.append(
             f"Cross-validated linear discriminant: balanced accuracy {percent_words(found.accuracy)}"
-            f"{_tested(found.accuracy)}, AUC {interval_words(found.auc)}{_tested(found.auc)}."
+            f"{accuracy}, AUC {interval_words(found.auc)}{auc}{corrected}."
         )
     words += _size_words(study, one)
     return " ".join(words)
 
 
-def _tested(effect: Effect) -> str:
-    return f", permutation {p_words(effect.p, effect.permutations)}" if effect.p is not None else ""
+def _tested(p: float | None, permutations: int) -> str:
+    return f", permutation {p_words(p, permutations)}" if p is not None else ""
 
 
 def _size_words(study: Study, one: Comparison) -> list[str]:

@@ -171,8 +171,8 @@ def _statistics(study: Study) -> str:
     if correction := correction_words(study):
         size = correction_words(study, size=True)
         words.append(
-            f"P-values of the whole shape and of particles were {correction}; p-values of size were "
-            f"{size or 'not corrected'}."
+            f"P-values of the whole shape, of particles and of the discriminant were {correction}; "
+            f"p-values of size were {size or 'not corrected'}."
         )
     else:
         words.append("P-values were not corrected for other questions.")

@@ -176,8 +176,10 @@ def _test_row(study: Study, one: Comparison) -> dict[str, _Cell]:
         "size_p_permutation_corrected": one.size_p_adjusted,
         **_effect("balanced_accuracy", None if found is None else found.accuracy),
         "balanced_accuracy_p_permutation": None if found is None else found.accuracy.p,
+        "balanced_accuracy_p_permutation_corrected": one.accuracy_p_adjusted,
         **_effect("auc", None if found is None else found.auc),
         "auc_p_permutation": None if found is None else found.auc.p,
+        "auc_p_permutation_corrected": one.auc_p_adjusted,
     }
 
 

@@ -179,8 +179,8 @@ def _study_section(
     page.paragraph(
         "Effects come with 95 % confidence intervals. "
         + (
-            f"P-values of the whole shape and of particles in the table are {correction}; those of size are "
-            + (f"{correction_words(study, size=True)}. " if study.pairwise else "not. ")
+            f"P-values of the whole shape, of particles and of the discriminant are {correction}; "
+            "those of size are " + (f"{correction_words(study, size=True)}. " if study.pairwise else "not. ")
             if correction
             else "P-values are not corrected for other questions. "
         )

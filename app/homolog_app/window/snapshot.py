@@ -128,7 +128,9 @@ def _groups(project: Project, loaded: Loaded, wanted: Snapshot, view: GroupsView
     # Whether labels could be exchanged as well is not seen on a picture.
     request = view.request.model_copy(update={"null_repeats": 0})
     ticks = [part_of(tick, 0.5 + 0.4 * n / len(models), 0.9) for n in range(len(models))]
-    answers = [answer_groups(one, one.result, request, t) for one, t in zip(models, ticks, strict=True)]
+    answers = [
+        answer_groups(one, one.result, request, t, view.pair) for one, t in zip(models, ticks, strict=True)
+    ]
     return group_scene(view, models, answers)
 
 

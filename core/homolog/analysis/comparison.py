@@ -39,7 +39,7 @@ class Options:
         Relabellings of the null simulation; 0 leaves it out.
     answers : int
         Answers to the same question that are reported together, such as form and shape: p-values of the whole
-        shape and of particles are corrected for their number (Bonferroni).
+        shape, of particles and of the discriminant are corrected for their number (Bonferroni).
     seed : int
         Same seed, same result.
     """
@@ -91,6 +91,9 @@ class Comparison:
         Permutation p of each particle, corrected over the surface, pairs (Holm) and answers (Bonferroni).
     size_p_adjusted : float or None
         Permutation p of size, corrected for several pairs of groups (Holm).
+    accuracy_p_adjusted, auc_p_adjusted : float or None
+        Permutation p of the discriminant's accuracy and AUC, corrected for pairs of groups (Holm) and answers
+        (Bonferroni).
     false_alarms : tuple of FalseAlarms
         What the same tests find on this cohort when labels mean nothing; empty without a null simulation.
     notes : tuple of str
@@ -112,6 +115,8 @@ class Comparison:
     size_p_adjusted: float | None
     false_alarms: tuple[FalseAlarms, ...]
     notes: tuple[str, ...] = ()
+    accuracy_p_adjusted: float | None = None
+    auc_p_adjusted: float | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""

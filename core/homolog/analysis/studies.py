@@ -66,19 +66,20 @@ def compare_two_groups(
     )
     if done.test.modes == 0:
         return done
-    return replace(
-        done,
-        discriminant=discriminant(
-            prepared(shapes[subjects], options),
-            labels[subjects] == between[1],
-            done.test.modes,
-            covariates=own,
-            bootstraps=options.bootstraps,
-            permutations=min(options.classifications, options.permutations),
-            seed=options.seed,
-            tick=part_of(tick, 0.6, 1.0),
-        ),
+    found = discriminant(
+        prepared(shapes[subjects], options),
+        labels[subjects] == between[1],
+        done.test.modes,
+        covariates=own,
+        bootstraps=options.bootstraps,
+        permutations=min(options.classifications, options.permutations),
+        seed=options.seed,
+        tick=part_of(tick, 0.6, 1.0),
     )
+    accuracy, auc = (
+        None if p is None else min(options.answers * p, 1.0) for p in (found.accuracy.p, found.auc.p)
+    )
+    return replace(done, discriminant=found, accuracy_p_adjusted=accuracy, auc_p_adjusted=auc)
 
 
 def compare_groups(
@@ -100,7 +101,7 @@ def compare_groups(
     Comparison
         Multivariate analysis of variance in the modes; effects are differences from the first group.
     tuple of Comparison
-        Each two groups; `p_adjusted`, `p_family` and `size_p_adjusted` are corrected over these (Holm).
+        Each two groups; their adjusted p-values and `p_family` are corrected over these (Holm).
     """
     shapes = checked_particles(particles, names)
     labels = np.asarray(groups)
@@ -139,19 +140,29 @@ def _varying(covariates: FloatArray | None, members: BoolArray) -> tuple[FloatAr
 
 
 def _corrected(pairs: Sequence[Comparison]) -> tuple[Comparison, ...]:
-    """Correct the p-values of whole shapes, particles and size for the number of pairs (Holm 1979)."""
+    """Correct all p-values of the pairs for their number (Holm 1979)."""
     whole = holm(np.array([one.p_adjusted for one in pairs]))
     surface = _holm_of_families([one.p_family for one in pairs])
-    size = holm(np.array([1.0 if one.size_p_adjusted is None else one.size_p_adjusted for one in pairs]))
+    size = _holm_of_known([one.size_p_adjusted for one in pairs])
+    accuracy = _holm_of_known([one.accuracy_p_adjusted for one in pairs])
+    auc = _holm_of_known([one.auc_p_adjusted for one in pairs])
     return tuple(
         replace(
             one,
             p_adjusted=float(whole[index]),
             p_family=surface[index],
-            size_p_adjusted=None if one.size_p_adjusted is None else float(size[index]),
+            size_p_adjusted=size[index],
+            accuracy_p_adjusted=accuracy[index],
+            auc_p_adjusted=auc[index],
         )
         for index, one in enumerate(pairs)
     )
+
+
+def _holm_of_known(values: Sequence[float | None]) -> list[float | None]:
+    """Correct p-values for their number; pairs without one count, since it was looked for."""
+    adjusted = holm(np.array([1.0 if one is None else one for one in values])).tolist()
+    return [None if one is None else p for one, p in zip(values, adjusted, strict=True)]
 
 
 def _holm_of_families(families: Sequence[FloatArray]) -> list[FloatArray]:

@@ -138,6 +138,69 @@ def test_groups_edited_after_the_run_are_the_ones_compared(compare, bean_project
     assert page.answers[0].pair.counts == {"early": 4, "late": 6}
 
 
+def test_an_answer_whose_question_has_changed_is_dimmed_and_says_so(compare, bean_project, window):
+    page = compare(bean_project, "slim", "wide")
+    scene = window.views.stage.scene
+    assert page.asked.text() == "Form (size and shape)."
+    assert page.is_current
+    assert not page.stale.isVisible()
+    colours = np.ptp(scene.shown[0].colours.astype(int), axis=1).max()
+    box = page.form.alignment
+    box.setCurrentText("Shape: size removed (similarity)")
+    box.activated.emit(box.currentIndex())
+    assert page.stale.isVisible()
+    assert page.answer.graphicsEffect().isEnabled()
+    assert not page.keep.isEnabled()
+    assert page.asked.text() == "Form (size and shape)."  # what the answer is still about
+    assert np.ptp(scene.shown[0].colours.astype(int), axis=1).max() < 0.3 * colours
+    assert "the question has changed" in scene.bar.scale.note
+    box.setCurrentText("Form: size and shape (rigid alignment)")
+    box.activated.emit(box.currentIndex())
+    assert page.is_current
+    assert page.keep.isEnabled()
+    session = window.desk.session
+    session.select([session.study.members[0].name])
+    session.set_group("third")
+    assert page.stale.isVisible()
+    session.undo.undo()
+    assert not page.stale.isVisible()
+
+
+def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_p(
+    explore, bean_project, window, wait
+):
+    page, session = explore(bean_project, "groups"), window.desk.session
+    names = [one.name for one in session.study.members]
+    for group, members in (("a", names[:4]), ("b", names[4:7]), ("c", names[7:])):
+        session.select(members)
+        session.set_group(group)
+    page.form.every.setChecked(True)
+    page.form.alignment.setCurrentText("Both: form and shape (two answers)")
+    window.commands["explore.test"].trigger()
+    wait(lambda: bool(page.answers), seconds=300)
+    form, shape = page.all.own
+    assert [one.request.answers for one in (form, shape)] == [2, 2]
+    titles = [row[0].partition(";")[0] for row in page.results.texts]
+    pairs = ["b − a", "c − a", "c − b"]
+    assert titles == ["Form (size and shape)", *pairs, "Shape (size removed)", *pairs]
+    assert page.others.text() == "p is corrected for 3 pairs of groups (Holm) and 2 answers (Bonferroni)."
+    top = page.results.topLevelItem(1)
+    page.results.setCurrentItem(top.child(2))
+    wait(lambda: page.answers[0].study is shape)
+    assert page.answers[0].pair is shape.pairwise[2]
+    assert page.verdict.text().startswith("c − b (3 b, 3 c)")
+    assert page.asked.text() == "Shape (size removed)."
+    assert (page.first.text(), page.second.text()) == ("b", "c")
+    assert page.chosen.pair == 2
+
+
+def test_other_questions_asked_of_the_same_result_are_counted(compare, bean_project, window):
+    page = compare(bean_project, "slim", "wide")
+    assert page.others.text() == ""
+    page = compare(bean_project, "slim", "wide", "Shape: size removed (similarity)")
+    assert page.others.text() == "p is not corrected for the 1 other question asked in this session."
+
+
 def test_too_few_subjects_are_said_and_nothing_breaks(explore, finished, window, errors, wait):
     page = explore(finished, "groups")
     session = window.desk.session

@@ -60,6 +60,18 @@ def test_three_groups_are_tested_together_and_each_two_with_holms_correction(cor
     assert pairs[0].p_adjusted > 0.05 > pairs[1].p_adjusted
 
 
+def test_p_values_of_the_discriminant_are_corrected_for_pairs_and_answers(correlated):
+    shapes = correlated(subjects=30)
+    shapes[2::3] += 8.0 * np.random.default_rng(0).normal(size=shapes.shape[1:])
+    two = replace(QUICK, answers=2, classifications=199)
+    _, pairs = compare_groups(shapes, ["n", "h", "d"] * 10, ["n", "h", "d"], options=two)
+    for name in ("accuracy", "auc"):
+        raw = [min(2 * getattr(one.discriminant, name).p, 1.0) for one in pairs]
+        adjusted = [getattr(one, f"{name}_p_adjusted") for one in pairs]
+        np.testing.assert_allclose(adjusted, multipletests(raw, method="holm")[1])
+        assert min(adjusted) < 0.05
+
+
 def test_holm_is_that_of_statsmodels():
     p = np.random.default_rng(1).random(12) ** 3
     np.testing.assert_allclose(holm(p), multipletests(p, method="holm")[1])

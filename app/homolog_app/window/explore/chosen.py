@@ -59,6 +59,10 @@ class GroupsView(_View):
     ----------
     request : StudyRequest or None
         The question; the mean shape is shown without one.
+    pair : int
+        Which two of the question's groups, in the order of its pairs.
+    outdated : bool
+        Whether the question was changed since.
     map : str
     count : int
         1 shows the map, 4 what it goes from and to as well.
@@ -70,6 +74,8 @@ class GroupsView(_View):
 
     page: Literal["groups"] = "groups"
     request: StudyRequest | None = None
+    pair: int = 0
+    outdated: bool = False
     map: Literal["difference", "discriminant"] = "difference"
     count: Literal[1, 4] = 1
     way: float = 0.0

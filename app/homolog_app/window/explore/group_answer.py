@@ -7,6 +7,7 @@ from scipy.spatial import KDTree
 
 from homolog.analysis.comparison import Comparison, prepared
 from homolog.arrays import BoolArray, Float32Array, FloatArray
+from homolog.errors import InputError
 from homolog.files.results import Result
 from homolog.progress import Tick, part_of
 from homolog_app.pictures import common_limit
@@ -16,7 +17,7 @@ from homolog_app.report.study import Study, compared_shapes, run_study, study_op
 from homolog_app.window.explore.model_shape import ModelShape
 from homolog_app.window.quantities import short
 
-__all__ = ["GroupAnswer", "GroupMap", "answer_groups"]
+__all__ = ["GroupAnswer", "GroupMap", "answer_groups", "carried_answer"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,8 +99,10 @@ class GroupAnswer:
         return f"{self.study.request.column} {short(low + way * (high - low))}"
 
 
-def answer_groups(shape: ModelShape, result: Result, request: StudyRequest, tick: Tick) -> GroupAnswer:
-    """Answer a question and carry the difference of its first two groups, or the slope, to the surface.
+def answer_groups(
+    shape: ModelShape, result: Result, request: StudyRequest, tick: Tick, pair: int = 0
+) -> GroupAnswer:
+    """Answer a question and carry the difference of two of its groups, or the slope, to the surface.
 
     Parameters
     ----------
@@ -110,6 +113,8 @@ def answer_groups(shape: ModelShape, result: Result, request: StudyRequest, tick
         Of the kind ``"groups"`` or ``"regression"``.
     tick : Tick
         Progress and cancelling.
+    pair : int
+        Which two groups, in the order of the study's pairs.
 
     Raises
     ------
@@ -117,10 +122,24 @@ def answer_groups(shape: ModelShape, result: Result, request: StudyRequest, tick
         If groups are too small or values missing; says which.
     """
     study = run_study(result, request, part_of(tick, 0.0, 0.9))
-    tick(0.9, "carrying the difference to the surface")
-    pair = study.pairwise[0] if study.pairwise else study.overall
+    return carried_answer(shape, result, study, pair, part_of(tick, 0.9, 1.0))
+
+
+def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, tick: Tick) -> GroupAnswer:
+    """Carry the difference of a study's pair of groups, or its slope, to the surface.
+
+    Raises
+    ------
+    InputError
+        If the study has no such pair.
+    """
+    tick(0.0, "carrying the difference to the surface")
+    pairs, request = study.pairwise or (study.overall,), study.request
+    if index >= len(pairs):
+        raise InputError(f"there is no pair {index} of groups; there are {len(pairs)}")
+    pair = pairs[index]
     found = pair.discriminant
-    way = _slope(study, pair) if request.kind == "regression" else _between(request, pair)
+    way = _slope(study, pair) if request.kind == "regression" else _between(pair)
     fields = [pair.mean - shape.model.mean - way.share * way.effect, way.effect]
     carried = shape.carried(np.array([*fields, *(found.modes if found is not None else ())]))
     start, ways = carried[0], carried[1]
@@ -156,8 +175,8 @@ class _Way:
     values: FloatArray | None = None
 
 
-def _between(request: StudyRequest, pair: Comparison) -> _Way:
-    first, second = request.between[:2]
+def _between(pair: Comparison) -> _Way:
+    first, second = pair.counts
     return _Way(first, second, pair.local.effect[0], pair.counts[second] / sum(pair.counts.values()))
 
 

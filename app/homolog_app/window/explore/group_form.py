@@ -17,8 +17,10 @@ _LONG = 48
 _ALIGNMENTS = {
     "Form: size and shape (rigid alignment)": Alignment.RIGID,
     "Shape: size removed (similarity)": Alignment.SIMILARITY,
+    "Both: form and shape (two answers)": None,
     "As the shapes lie (not aligned)": Alignment.AS_IT_LIES,
 }
+_BOTH = (Alignment.RIGID, Alignment.SIMILARITY)
 _NUMBER, _AS_NUMBER = "number", " (as a number)"
 
 
@@ -32,14 +34,15 @@ class GroupForm(QWidget):
         self._session = session
         self.column = choice("Column of the comparison")
         self.first, self.second = choice("From"), choice("To")
-        self.every = QCheckBox("Test all groups of the column (Holm's correction)")
+        self.every = QCheckBox("All pairs of groups (Holm's correction)")
         self.every.setToolTip(
             "Test for any difference, then each two groups; p-values of the whole shape, of particles and of "
-            "size are corrected for their number"
+            "size and of the discriminant are corrected for their number"
         )
         self.alignment = choice("Alignment", _ALIGNMENTS)
         self.alignment.setToolTip(
-            "How shapes are aligned before they are compared; size is tested apart in any case"
+            "How shapes are aligned before they are compared; size is tested apart in any case. Both "
+            "asks two questions at once; p-values are corrected for two answers (Bonferroni)"
         )
         self.complete = QCheckBox("Leave out subjects with missing values")
         self.complete.setToolTip(
@@ -96,13 +99,22 @@ class GroupForm(QWidget):
 
     @property
     def request(self) -> StudyRequest:
-        """The question."""
+        """The question, or the first of two."""
+        return self.requests[0]
+
+    @property
+    def requests(self) -> tuple[StudyRequest, ...]:
+        """The question, once for each alignment that is asked for."""
         column, _ = self.column.currentData()
-        return StudyRequest(
-            kind="regression" if self.is_regression else "groups", column=column,
-            between=() if self.is_regression else self.between,
-            covariates=self.covariates, alignment=self.alignment.currentData(),
-            complete_cases=self.complete.isChecked(),
+        chosen = self.alignment.currentData()
+        alignments = _BOTH if chosen is None else (chosen,)
+        return tuple(
+            StudyRequest(
+                kind="regression" if self.is_regression else "groups", column=column,
+                between=() if self.is_regression else self.between, covariates=self.covariates,
+                alignment=one, complete_cases=self.complete.isChecked(), answers=len(alignments),
+            )
+            for one in alignments
         )  # fmt: skip
 
     @property

@@ -1,11 +1,12 @@
 """What the views show of an answer: maps on the mean shape, for each run (the paper's figure 4)."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from homolog.arrays import FloatArray
+from homolog.arrays import Array, FloatArray
 from homolog_app.window.explore.chosen import GroupsView
 from homolog_app.window.explore.model_content import Look, arrow_factor, model_content
 from homolog_app.window.scene.colour_scale import displacement_scale
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["group_scene"]
 
 _STAY = np.eye(4)
+_GREY, _LEFT_OF_COLOUR = 150.0, 0.2
 _Models = Sequence["ModelShape"]
 
 
@@ -47,12 +49,23 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     words = [f"Outward difference from {of}{first.first} to {first.second}"]
     words += [f"arrows drawn {factor:g} × as long"] if factor > 1.0 else []
     words += ["grey: not significant"] if view.only_significant else []
+    words += [f"adjusted for {', '.join(first.study.request.covariates)}"] * bool(
+        first.study.request.covariates
+    )
+    words += ["the question has changed"] if view.outdated else []
     scale = displacement_scale(limit, words[0], " · ".join(words[1:]))
+    if view.outdated:
+        scale = replace(scale, table=_pale(scale.table))
     contents = []
     for one in rows:
         contents += _row(view, one, Look(scale, factor), _placement(one.shape, models), len(rows) > 1)
     columns = len(contents) // len(rows)
     return Shown(contents, 2 if columns == 4 and len(rows) == 1 else columns, scale, {})
+
+
+def _pale(table: Array) -> Array:
+    """Return colours near grey, for what is no answer to the question any more."""
+    return np.rint(_GREY + _LEFT_OF_COLOUR * (table - _GREY)).astype(np.uint8)
 
 
 def _row(

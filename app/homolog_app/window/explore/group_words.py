@@ -65,9 +65,10 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
         rows.append(("Adjusted for", ", ".join(study.request.covariates)))
     if pair.discriminant is not None:
         found = pair.discriminant
-        p = "" if found.accuracy.p is None else f", {p_words(found.accuracy.p, found.accuracy.permutations)}"
-        rows.append(("Balanced accuracy", f"{percent_words(found.accuracy)}{p}"))
-        rows.append(("AUC", interval_words(found.auc)))
+        known = ((one, found.auc.permutations) for one in (pair.accuracy_p_adjusted, pair.auc_p_adjusted))
+        accuracy, auc = ("" if p is None else f", {p_words(p, count)}" for p, count in known)
+        rows.append(("Balanced accuracy", f"{percent_words(found.accuracy)}{accuracy}"))
+        rows.append(("AUC", f"{interval_words(found.auc)}{auc}"))
     if pair.size is not None and np.isfinite(pair.size.value) and pair.size_p_adjusted is not None:
         unit = f"mm per unit of {study.request.column}" if kind == "regression" else "mm"
         low, high = signed(pair.size.low), signed(pair.size.high)

@@ -2,13 +2,21 @@
 
 import shlex
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QSlider
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QGraphicsOpacityEffect,
+    QHBoxLayout,
+    QSlider,
+    QVBoxLayout,
+    QWidget,
+)
 
-from homolog.progress import Tick, part_of
+from homolog.progress import Tick
+from homolog_app.report.request import SIZE_WORDS, StudyRequest
 from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
 from homolog_app.window.explore.chosen import GroupsView
@@ -16,12 +24,20 @@ from homolog_app.window.explore.compare_box import CompareBox
 from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.group_form import GroupForm
 from homolog_app.window.explore.group_plot import GroupPlot
+from homolog_app.window.explore.group_results import GroupResults, correction_sentence
 from homolog_app.window.explore.group_views import group_scene
 from homolog_app.window.explore.group_words import number_rows
+from homolog_app.window.explore.group_work import (
+    Answers,
+    answer_question,
+    keep_answers,
+    map_answers,
+    question_of,
+    repeat_by_seed,
+)
 from homolog_app.window.explore.numbers_table import NumbersTable
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.player import Player
-from homolog_app.window.explore.present import with_present_table
 from homolog_app.window.progress import Progress
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.widgets import GRID, button, choice, label, rule
@@ -35,6 +51,7 @@ _MAPS = {"Mean difference": "difference", "Discriminant": "discriminant"}
 _LAYOUTS = {"The map": 1, "Ends and maps": 4}
 _WHOLE = 100
 _SEEDS = 5
+_DIMMED = 0.4
 
 
 class GroupsPage(ExplorePage):
@@ -47,12 +64,23 @@ class GroupsPage(ExplorePage):
     def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
         super().__init__(desk, actions, fitted)
         self.answers: list[GroupAnswer] = []
+        self.all: Answers | None = None
+        self._mapped = (0, 0)
+        self._asked: frozenset[str] = frozenset()
+        self._current = True
         self.form = GroupForm(desk.session)
+        self.nothing = label(
+            "Give subjects groups in Cohort (Ctrl+G) or import a table. Two subjects make a group.", wrap=True
+        )
+        self.stale = label("The question has changed. Compare again for its answer.", "Problem", wrap=True)
         self.verdict = label("", "SectionTitle", wrap=True)
+        self.asked = label("", "Hint", wrap=True)
+        self.results = GroupResults()
+        self.others = label("", "Hint", wrap=True)
         self.words = label("", wrap=True)
         self.cautions = label("", "Problem", wrap=True)
         self.kept = label("", "Hint", wrap=True)
-        for one in (self.verdict, self.words, self.cautions, self.kept):
+        for one in (self.verdict, self.asked, self.others, self.words, self.cautions, self.kept):
             one.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.numbers = NumbersTable()
         self.map = choice("Map", _MAPS)
@@ -82,25 +110,33 @@ class GroupsPage(ExplorePage):
         self.body.addWidget(self.form)
         self.body.addWidget(self.compare)
         self.body.addWidget(rule())
-        self.body.addWidget(self.verdict)
+        self.body.addWidget(self.nothing)
+        self.body.addWidget(self.stale)
+        self.answer = QWidget()
+        answer = QVBoxLayout(self.answer)
+        answer.setContentsMargins(0, 0, 0, 0)
+        answer.setSpacing(GRID)
+        for widget in (self.verdict, self.asked, self.results, self.others):
+            answer.addWidget(widget)
         slide = QHBoxLayout()
         slide.addWidget(self.first)
         slide.addWidget(self.way, 1)
         slide.addWidget(self.second)
-        self.body.addLayout(slide)
+        answer.addLayout(slide)
         choices = QHBoxLayout()
         for box in (self.map, self.views):
             choices.addWidget(box, 1)
-        self.body.addLayout(choices)
+        answer.addLayout(choices)
         ticks = QHBoxLayout()
         for tick in (self.significant, self.arrows):
             ticks.addWidget(tick)
         ticks.addStretch()
-        self.body.addLayout(ticks)
-        self.body.addWidget(self.player)
-        self.body.addWidget(rule())
+        answer.addLayout(ticks)
+        answer.addWidget(self.player)
+        answer.addWidget(rule())
         for text in (self.cautions, self.numbers, self.words, self.kept):
-            self.body.addWidget(text)
+            answer.addWidget(text)
+        self.body.addWidget(self.answer)
         self.body.addStretch()
         self.footer.setSpacing(GRID)
         self.footer.addWidget(self.progress)
@@ -113,8 +149,10 @@ class GroupsPage(ExplorePage):
         self.go.clicked.connect(actions["explore.test"].trigger)
         self.keep.clicked.connect(actions["explore.keep"].trigger)
         self.seeds.clicked.connect(self.repeat)
-        self.form.edited.connect(self._show)
-        session.study_changed.connect(self._show)
+        self.results.chosen.connect(self._choose_pair)
+        for signal in (self.form.edited, session.study_changed):
+            signal.connect(self._show)
+            signal.connect(self.shown_changed)
         session.selection_changed.connect(lambda: self.chart.show_selection(session.selection))
         self.fitted.changed.connect(self._follow_models)
         self.desk.work.changed.connect(self._tell_work)
@@ -146,60 +184,54 @@ class GroupsPage(ExplorePage):
         models = self.fitted.both
         if not models or not self.form.is_possible:
             return
-        cohort, request = self.desk.session.study, self.form.request
+        cohort, requests = self.desk.session.study, self.form.requests
 
-        def answer(tick: Tick) -> "list[GroupAnswer]":
-            from homolog_app.window.explore.group_answer import answer_groups
+        def answer(tick: Tick) -> "tuple[Answers, list[GroupAnswer]]":
+            return answer_question(models, cohort, requests, tick)
 
-            share = 1.0 / len(models)
-            return [
-                answer_groups(
-                    model, with_present_table(model.result, cohort), request,
-                    part_of(tick, index * share, (index + 1) * share),
-                )
-                for index, model in enumerate(models)
-            ]  # fmt: skip
-
-        words = " and ".join(request.between) or f"shapes along {request.column}"
+        words = " and ".join(requests[0].between) or f"shapes along {requests[0].column}"
         self.desk.work.compute("groups", answer, f"comparing {words}", self._take)
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the answer that is shown, if any, is to the question that the form asks now."""
+        return self._current
+
+    def _is_current(self) -> bool:
+        if self.all is None or not self.answers:
+            return True
+        if not self.form.is_possible:
+            return False
+        result = self.answers[0].shape.result
+        return question_of(self.form.requests, result, self.desk.session.study) == self.all.question
 
     def keep_study(self) -> None:
         """Write the answer's tables into the project, as ``homolog analyze`` does, for the report."""
-        if not self.answers:
+        answers = self.all
+        if answers is None or not self._current:
             return
-        answer, project = self.answers[0], self.desk.project
-        result = with_present_table(answer.shape.result, self.desk.session.study)
-
-        def write(tick: Tick) -> Path:
-            from homolog_app.report.keep import keep_study
-
-            tick(0.0, "keeping the answer")
-            return keep_study(project, answer.study, result)
-
-        def take(folder: Path) -> None:
-            self.kept.setText(f"Kept in {folder}; Export > Report has it.")
-
-        self.desk.work.compute("study", write, "keeping the answer", take)
+        project, cohort = self.desk.project, self.desk.session.study
+        self.desk.work.compute(
+            "study",
+            lambda tick: keep_answers(project, answers, cohort, tick),
+            "keeping the answer",
+            lambda folders: self.kept.setText(
+                f"Kept in {', '.join(str(one) for one in folders)}; Export > Report has it."
+            ),
+        )
 
     def repeat(self) -> None:
         """Answer the question with other seeds of the correspondence too, as ``--seeds`` does; keep it."""
-        if not self.answers:
+        answers = self.all
+        if answers is None or not self._current:
             return
-        answer, project = self.answers[0], self.desk.project
-        result = with_present_table(answer.shape.result, self.desk.session.study)
-
-        def spread(tick: Tick) -> list[str]:
-            from homolog_app.report.keep import keep_study
-            from homolog_app.report.seeds import answer_by_seed, spread_words, write_spread
-
-            (found,) = answer_by_seed(project, result, [answer.study.request], _SEEDS, tick)
-            write_spread(keep_study(project, answer.study, result), found)
-            return spread_words(found)
-
-        def take(words: list[str]) -> None:
-            self.kept.setText("\n".join(words))
-
-        self.desk.work.compute("seeds", spread, f"answers of {_SEEDS} seeds", take)
+        project, cohort = self.desk.project, self.desk.session.study
+        self.desk.work.compute(
+            "seeds",
+            lambda tick: repeat_by_seed(project, answers, cohort, _SEEDS, tick),
+            f"answers of {_SEEDS} seeds",
+            lambda words: self.kept.setText("\n".join(words)),
+        )
 
     def shown(self, subjects: Sequence[Content]) -> Shown:
         """Return the map of the answer; the mean shape before there is one."""
@@ -212,7 +244,8 @@ class GroupsPage(ExplorePage):
         if self.fitted.shape is None:
             return None
         return GroupsView(
-            request=self.answers[0].study.request if self.answers else None, map=self.map.currentData(),
+            request=self.answers[0].study.request if self.answers else None, pair=self._mapped[1],
+            map=self.map.currentData(), outdated=not self._current,
             count=self.views.currentData() if self.answers else 1, way=self.way.value() / _WHOLE,
             only_significant=self.significant.isChecked(), arrows=self.arrows.isChecked(),
         )  # fmt: skip
@@ -222,16 +255,38 @@ class GroupsPage(ExplorePage):
         """Before there is an answer, one view."""
         return (1,) if self.chosen is not None and not self.answers else super().layouts
 
-    def _take(self, answers: "list[GroupAnswer]") -> None:
-        self.answers = answers
+    def _take(self, found: "tuple[Answers, list[GroupAnswer]]") -> None:
+        self.all, self.answers = found
+        self._mapped = (0, 0)
+        self._asked |= self.all.question.titles
         self.kept.clear()
         self._show()
         self._follow_way()
 
+    def _choose_pair(self, request: int, pair: int) -> None:
+        """Show another comparison: its numbers, and its map once it is carried to the surface."""
+        answers, models, cohort = self.all, self.fitted.both, self.desk.session.study
+        if answers is None or (request, pair) == self._mapped or self.desk.work.is_busy:
+            return
+
+        def take(found: "list[GroupAnswer]") -> None:
+            self.answers, self._mapped = found, (request, pair)
+            self._show()
+            self._follow_way()
+
+        self.desk.work.compute(
+            "groups",
+            lambda tick: map_answers(answers, models, cohort, (request, pair), tick),
+            "mapping",
+            take,
+        )
+
     def _follow_models(self) -> None:
         models = self.fitted.both
-        again = bool(self.answers) and len(models) > len(self.answers)
+        again = bool(self.answers) and len(models) > len(self.answers) and self._current
         self.answers = [one for one in self.answers if one.shape in models]
+        if not self.answers:
+            self.all, self._asked = None, frozenset()
         self._show()
         self.shown_changed.emit()
         if again and self.answers:
@@ -251,7 +306,8 @@ class GroupsPage(ExplorePage):
         work = self.desk.work
         own = work.kind in ("groups", "model", "compare", "study", "seeds")
         for one in (self.keep, self.seeds):
-            one.setEnabled(not work.is_busy)
+            one.setEnabled(not work.is_busy and self._current)
+        self.results.setEnabled(not work.is_busy)
         self.progress.show_status(work.status if own else None)
         self.go.setVisible(not (own and work.status is not None))
         self.go.setText("Test the effect" if self.form.is_regression else "Compare groups")
@@ -259,16 +315,16 @@ class GroupsPage(ExplorePage):
 
     def _show(self) -> None:
         answers = self.answers
+        self._current = self._is_current()
         for one in (self.way, self.player, self.map, self.views, self.significant, self.arrows):
             one.setEnabled(bool(answers))
         if answers and answers[0].values is not None:
             self.map.setCurrentIndex(0)
             self.map.setEnabled(False)
-        self.numbers.setVisible(bool(answers))
         for footer in (self.keep, self.seeds):
             footer.setVisible(bool(answers))
-        if answers:
-            line = ["homolog", "analyze", str(self.desk.project.folder), *answers[0].study.request.words]
+        if self.all is not None:
+            line = ["homolog", "analyze", str(self.desk.project.folder), *self.all.question.words]
             self.keep.setToolTip(f"Write its tables into the project, like: {shlex.join(line)}")
         self.first.setText(answers[0].first if answers else "")
         self.second.setText(answers[0].second if answers else "")
@@ -278,21 +334,43 @@ class GroupsPage(ExplorePage):
 
     def _tell_words(self) -> None:
         answers = self.answers
-        if not answers:
-            possible = self.form.is_possible
-            self.verdict.setText("")
-            self.words.setText(
-                "" if possible else "Give subjects groups in Cohort (Ctrl+G) or import a table. Two "
-                "subjects make a group."
-            )  # fmt: skip
-            self.cautions.setText("")
+        self.nothing.setVisible(not answers and not self.form.is_possible)
+        self.answer.setVisible(bool(answers))
+        self.stale.setVisible(not self._current)
+        for widget in (self.answer, self.chart):
+            _dim(widget, not self._current)
+        if not answers or self.all is None:
             return
         from homolog_app.report.findings import cautions, findings
 
-        found = [dict(zip(one.study.comparisons, findings(one.study), strict=True)) for one in answers]
-        first = found[0][answers[0].pair]
+        study = answers[0].study
+        found = dict(zip(study.comparisons, findings(study), strict=True))
+        first = found[answers[0].pair]
         self.verdict.setText(first.verdict.replace(" - ", " − "))
+        self.asked.setText(_asked_words(study.request))
+        self.results.show_answers(self.all, self._mapped)
+        self.others.setText(correction_sentence(self.all, len(self._asked - self.all.question.titles)))
+        self.others.setVisible(bool(self.others.text()))
         self.words.setText(first.numbers)
-        self.cautions.setText("\n".join(cautions(answers[0].study)))
+        self.cautions.setText("\n".join(cautions(study)))
         self.cautions.setVisible(bool(self.cautions.text()))
         self.numbers.show_rows([one.shape.title for one in answers], number_rows(answers))
+
+
+def _asked_words(request: StudyRequest) -> str:
+    """Return alignment, covariates and who is left out, as they stand below the headline."""
+    how = SIZE_WORDS[request.alignment]
+    words = [f"{how[0].upper()}{how[1:]}"]
+    words += [f"adjusted for {', '.join(request.covariates)}"] if request.covariates else []
+    words += ["subjects with missing values left out"] if request.complete_cases else []
+    return f"{', '.join(words)}."
+
+
+def _dim(widget: QWidget, dimmed: bool) -> None:
+    """Draw a widget pale, or as usual."""
+    effect = widget.graphicsEffect()
+    if effect is None:
+        effect = QGraphicsOpacityEffect(widget)
+        effect.setOpacity(_DIMMED)
+        widget.setGraphicsEffect(effect)
+    effect.setEnabled(dimmed)
