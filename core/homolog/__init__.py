@@ -1,3 +1,83 @@
-"""Homolog: geometric correspondence for ensembles of nonregular shapes, headless core."""
+"""Statistical shape analysis: corresponding points on ensembles of anatomical shapes.
+
+::
+
+    import homolog as hl
+
+    result = hl.correspond("SEGMENTATIONS", n_particles=512)    # or meshes and label maps in memory
+    model = hl.ShapeModel.fit(result.aligned)                   # mean, components, explained_variance_ratio
+    larger = result.surface(model.instance([2.0]))              # +2 SD of the first mode, as a mesh
+    test = hl.compare_groups(result.aligned, groups)            # permutation tests, effects, maps
+
+Names are loaded when they are first used, so that importing the package takes no time. docs/api.md is their
+reference. Lengths are millimetres.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from homolog.analysis.comparison import Comparison
+    from homolog.analysis.shape_model import ShapeModel
+    from homolog.api.compare import compare_groups
+    from homolog.api.correspond import Correspondence, correspond
+    from homolog.api.project import Project
+    from homolog.cohort import Cohort, read_cohort
+    from homolog.errors import Cancelled, InputError, NumericalError
+    from homolog.files.meshes import read_mesh, write_mesh
+    from homolog.geodesics import geodesic_distances
+    from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = [
+    "Cancelled",
+    "Cohort",
+    "Comparison",
+    "Correspondence",
+    "InputError",
+    "NumericalError",
+    "Project",
+    "ShapeModel",
+    "TriangleMesh",
+    "compare_groups",
+    "correspond",
+    "geodesic_distances",
+    "read_cohort",
+    "read_mesh",
+    "write_mesh",
+]
 
 __version__ = "0.2.0"
+
+_HOMES = {
+    "Cancelled": "errors",
+    "Cohort": "cohort",
+    "Comparison": "analysis.comparison",
+    "Correspondence": "api.correspond",
+    "InputError": "errors",
+    "NumericalError": "errors",
+    "Project": "api.project",
+    "ShapeModel": "analysis.shape_model",
+    "TriangleMesh": "surfaces.mesh",
+    "compare_groups": "api.compare",
+    "correspond": "api.correspond",
+    "geodesic_distances": "geodesics",
+    "read_cohort": "cohort",
+    "read_mesh": "files.meshes",
+    "write_mesh": "files.meshes",
+}
+
+
+def __dir__() -> list[str]:
+    """Return the public names, for completion."""
+    return [*__all__, "__version__"]
+
+
+if not TYPE_CHECKING:  # type checkers know the names from above, and that there are no others
+
+    def __getattr__(name: str) -> object:
+        """Load what a public name stands for, on its first use."""
+        if name not in _HOMES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+        globals()[name] = value
+        return value

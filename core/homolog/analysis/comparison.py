@@ -98,6 +98,8 @@ class Comparison:
         What the same tests find on this cohort when labels mean nothing; empty without a null simulation.
     notes : tuple of str
         What was done another way than asked for.
+    pairs : tuple of Comparison
+        Each two groups, of three or more that `homolog.compare_groups` compared.
     """
 
     title: str
@@ -117,6 +119,7 @@ class Comparison:
     notes: tuple[str, ...] = ()
     accuracy_p_adjusted: float | None = None
     auc_p_adjusted: float | None = None
+    pairs: tuple["Comparison", ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""

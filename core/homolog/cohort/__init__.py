@@ -1,6 +1,7 @@
 """Who is studied: the subjects' names, files and groups."""
 
 from collections import Counter
+from os import PathLike
 from pathlib import Path
 
 from homolog.cohort.folder import dicom_files, is_dicom_seg, mask_files, read_folder
@@ -45,16 +46,20 @@ __all__ = [
 ]
 
 
-def read_cohort(path: Path) -> Cohort:
+def read_cohort(path: str | PathLike[str]) -> Cohort:
     """Read a cohort from a folder of segmentations or meshes, or from a table.
 
     Parameters
     ----------
-    path : Path
+    path : path
         A folder, or a table (CSV, TSV, XLSX) with the columns ``name,path[,group,…]``; relative paths start
         at the file's own folder. A folder that holds a ``cohort.csv`` is read through it. If it holds
         folders only, one with all files is read, or the single file of each, or each folder with a file for
         each structure; the folder then names the subject.
+
+    Returns
+    -------
+    Cohort
 
     Raises
     ------

@@ -5,6 +5,7 @@ VTK's readers follow damaged files out of memory, which ends the program; here f
 
 import os
 from collections.abc import Callable, Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -34,14 +35,19 @@ _READ_BYTES = 32  # of memory for each byte of a file, at most about
 _LPS_HEADER = "SPACE=LPS"  # 3D Slicer's mark for the patient frame used here
 
 
-def read_mesh(path: Path) -> TriangleMesh:
+def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     """Read a triangle surface; polygons are split and coinciding points merged.
 
     Parameters
     ----------
-    path : Path
+    path : path
         A file that ends in .vtp, .vtk, .ply, .stl or .obj. Coordinates are millimetres, LPS unless the
         file says ``SPACE=RAS``.
+
+    Returns
+    -------
+    TriangleMesh
+        In LPS millimetres.
 
     Raises
     ------
@@ -82,12 +88,14 @@ def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
     return vertices[used], numbers.reshape(-1, 3)
 
 
-def write_mesh(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array] | None = None) -> None:
+def write_mesh(
+    path: str | PathLike[str], mesh: TriangleMesh, point_data: Mapping[str, Array] | None = None
+) -> None:
     """Write a surface, marked as LPS where the format has room for it.
 
     Parameters
     ----------
-    path : Path
+    path : path
         Ends in .vtp, .vtk, .ply, .stl or .obj. Replaced only after everything is written.
     mesh : TriangleMesh
         The surface, in LPS millimetres.

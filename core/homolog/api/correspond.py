@@ -1,0 +1,330 @@
+"""Corresponding points on shapes in memory or in files: the pipeline of `homolog.run` in one call."""
+
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, TypedDict, Unpack
+
+import numpy as np
+from pydantic import ValidationError
+
+from homolog.analysis.reconstruction import MeanSurface
+from homolog.analysis.shape_model import ShapeModel
+from homolog.api.inputs import cohort_of
+from homolog.api.project import Project, surface_at
+from homolog.arrays import FloatArray, frozen
+from homolog.cohort import Cohort
+from homolog.correspondence import Reason
+from homolog.device import choose_device
+from homolog.errors import InputError
+from homolog.files.atomic import writing
+from homolog.files.names import file_stems
+from homolog.files.project import Project as Folder
+from homolog.files.results import surface_file
+from homolog.grooming import check_cohort, check_sides, groom_cohort
+from homolog.grooming.cache import content_key, save_groomed
+from homolog.progress import no_tick
+from homolog.run.control import Control
+from homolog.run.events import FinishReason, Observer, Phase, RunStatus
+from homolog.run.result import Outcome, model_of, write_result
+from homolog.run.steps import optimized, prepared
+from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.workers import worker_processes
+
+__all__ = ["Callback", "Correspondence", "Settings", "correspond", "run_settings"]
+
+Callback = Callable[[float, str], object]
+"""``callback(fraction, message)``: how much is done, in [0, 1], and what is being done."""
+
+
+class Settings(TypedDict, total=False):
+    """Further settings of `correspond`, by the names that the command line gives them."""
+
+    label: int | None
+    segment: str | None
+    pieces: Literal["largest", "all"]
+    spacing: float | None
+    smoothing: float
+    alignment: Literal["none", "center", "axes", "icp"]
+    mirror: Literal["auto", "left", "right", "off"]
+    scaling: bool
+    mesh_edge: float | None
+    adaptive_mesh: bool
+    method: Literal["geodesic-normals", "geodesic", "normals", "euclidean"]
+    seed: int
+    procrustes: Literal["auto", "off", "rigid", "form", "similarity"]
+    landmarks: bool
+    ensemble_weight: float
+    normals_weight: float
+    opening_weight: float
+    regularization_start: float
+    regularization_end: float
+    split_iterations: int
+    anneal_iterations: int
+    settle_iterations: int
+    tolerance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondence:
+    """Corresponding points on a cohort: what `correspond` returns. All arrays are read-only.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The M subjects.
+    groups : tuple of str or None
+        Their groups, where the cohort's table has them.
+    covariates : dict of str to tuple of str
+        The further columns of the cohort's table, one value for each subject, empty where missing.
+    particles : (M, N, 3) float64 array
+        Each subject's particles in its own frame, that of its file or mesh [mm]. The same index is the same
+        place on all subjects.
+    aligned : (M, N, 3) float64 array
+        The same in one common frame [mm]: what statistics are computed from.
+    alignments : (M, 4, 4) float64 array
+        Similarities that take particles to aligned ones; reflections for subjects that were mirrored.
+    meshes : tuple of TriangleMesh
+        The smoothed surfaces that the particles lie on, each in its own frame.
+    energies : (T, 4) float64 array
+        Iteration, and the sampling, ensemble and normals part of the objective; lower is better.
+    iterations : int
+        Of the optimization.
+    converged : bool
+        Whether the objective had come to rest before the last iteration that was allowed.
+    notes : tuple of str
+        What was found and changed: a line for each finding on a subject.
+    """
+
+    names: tuple[str, ...]
+    groups: tuple[str | None, ...]
+    covariates: Mapping[str, tuple[str, ...]]
+    particles: FloatArray
+    aligned: FloatArray
+    alignments: FloatArray
+    meshes: tuple[TriangleMesh, ...]
+    energies: FloatArray
+    iterations: int
+    converged: bool
+    notes: tuple[str, ...]
+    _outcome: Outcome = field(repr=False)
+    _keys: Mapping[str, str] = field(repr=False)
+
+    def __repr__(self) -> str:
+        """Return a line for people."""
+        subjects, count = self.particles.shape[:2]
+        ended = "converged" if self.converged else f"not converged in {self.iterations} iterations"
+        return f"Correspondence({count} particles on {subjects} subjects, {ended})"
+
+    @cached_property
+    def _modelled(self) -> tuple[ShapeModel, MeanSurface]:
+        return model_of(self._outcome, no_tick)
+
+    def surface(self, particles: FloatArray | None = None) -> TriangleMesh:
+        """Return the surface of aligned particles: the mesh of a typical subject, warped to them.
+
+        Parameters
+        ----------
+        particles : (N, 3) array_like, optional
+            Such as ``ShapeModel.instance([2.0])`` [mm]; the mean of `aligned` if not given.
+
+        Returns
+        -------
+        TriangleMesh
+            In the common frame; the same faces for all particles.
+
+        Raises
+        ------
+        NumericalError
+            If particles coincide, so that no surface can be carried by them.
+        """
+        model, mean = self._modelled
+        return surface_at(model.mean, TriangleMesh(mean.vertices, mean.faces), mean.smoothing, particles)
+
+    def save(self, folder: str | PathLike[str]) -> Project:
+        """Write a project folder, which the command line and the window open like one of their own.
+
+        Parameters
+        ----------
+        folder : path
+            A new or empty folder, or a project, whose result is replaced. It is made if need be.
+
+        Returns
+        -------
+        Project
+            The folder, read back.
+
+        Raises
+        ------
+        InputError
+            If the folder holds other files or can't be written to; a result in it is then as it was.
+        """
+        project = Folder(Path(folder))
+        project.check_is_free()
+        study = self._outcome.study
+        stems = dict(zip(self.names, file_stems(self.names), strict=True))
+        subjects = [
+            one
+            if one.name in self._keys
+            else replace(one, path=surface_file(project, stems[one.name]).absolute())
+            for one in study.cohort.subjects
+        ]
+        outcome = replace(self._outcome, study=replace(study, cohort=Cohort(tuple(subjects), project.folder)))
+        with project.locked():
+            with writing(project.groomed):
+                project.groomed.mkdir(exist_ok=True)
+            for one in study.groomed:
+                key = self._keys.get(one.name) or content_key(one.mesh, study.settings.groom)
+                save_groomed(project.groomed, one, key)
+            write_result(project, outcome, *self._modelled, no_tick)
+        return Project(project.folder)
+
+
+def correspond(
+    shapes: Cohort | str | PathLike[str] | Mapping[str, Any] | Iterable[Any],
+    n_particles: int = 1024,
+    *,
+    voxel_size: float | Iterable[float] | None = None,
+    device: str = "auto",
+    workers: int = 1,
+    callback: Callback | None = None,
+    **settings: Unpack[Settings],
+) -> Correspondence:
+    """Place corresponding particles on the surfaces of a cohort.
+
+    Does what ``homolog run`` does, with the same defaults, without a project folder: surfaces are smoothed
+    and remeshed, aligned, and particles are placed so that they cover every surface evenly and describe the
+    cohort with as little variation as possible, by geodesic distances and surface normals.
+
+    Parameters
+    ----------
+    shapes : Cohort, path, mapping or iterable
+        Two or more shapes: a `Cohort` (`read_cohort`), the path of a folder or table, a list of shapes, or a
+        dict of them by name. Each shape is the path of a segmentation or mesh, a `TriangleMesh`, a trimesh or
+        pyvista mesh, a pair (vertices (V, 3), faces (F, 3)) of arrays, a label array (I, J, K) with
+        `voxel_size`, or a pair (labels, index_to_world (4, 4)). Meshes are in mm; they need not be clean.
+    n_particles : int
+        Corresponding points on every shape.
+    voxel_size : float or three floats, optional
+        Of label arrays, along their axes [mm].
+    device : str
+        ``"auto"`` (the first GPU if there is one, else the CPU), ``"cpu"`` or ``"cuda:<n>"``.
+    workers : int
+        Processes that smooth and remesh shapes. With more than one, a script must start its work under
+        ``if __name__ == "__main__":``.
+    callback : callable, optional
+        ``callback(fraction, message)``, some ten times a second. Raise `Cancelled`, or any other error, in it
+        to stop.
+    **settings
+        Any setting of ``homolog run`` by its name, such as ``alignment="center"``, ``smoothing=0.5`` or
+        ``seed=1``: see the table of settings in docs/api.md. The same shapes, settings and seed give the same
+        particles, to the last digit on a CPU.
+
+    Returns
+    -------
+    Correspondence
+
+    Raises
+    ------
+    InputError
+        If shapes or settings can't be used: a line for each, with its name and the remedy.
+    NumericalError
+        If a computation failed.
+
+    References
+    ----------
+    M. Datar et al., "Geometric correspondence for ensembles of nonregular shapes", MICCAI 2011;
+    docs/method.md says what differs here.
+    """
+    chosen = run_settings(dict(settings), n_particles, device, workers)
+    alias = choose_device(device)
+    cohort, sources = cohort_of(shapes, voxel_size, chosen.groom)
+    if len(cohort.subjects) < 2:
+        raise InputError(f"{len(cohort.subjects)} shapes: a correspondence needs two or more; give more")
+    control = Control()
+    if callback is not None:
+        control.observer = _observer(callback)
+    control.enter(Phase.READING, "reading")
+    if bad := check_cohort(cohort, chosen.groom, control.tick, sources=sources):
+        raise InputError("\n".join(one.message for one in bad))
+    check_sides(cohort, chosen.groom)
+    control.enter(Phase.GROOMING, "grooming")
+    keys: dict[str, str] = {}
+    with _executor(workers) as executor:
+        groomed = groom_cohort(
+            cohort, chosen.groom, executor=executor, tick=control.tick, sources=sources, keys=keys
+        )
+    control.enter(Phase.ALIGNING, "aligning")
+    study = prepared(cohort, groomed, chosen, alias, control.tick)
+    outcome = optimized(study, control)
+    control.finish(FinishReason.COMPLETED, "completed")
+    return _correspondence(outcome, {name: key for name, key in keys.items() if name not in sources})
+
+
+def run_settings(given: dict[str, Any], n_particles: int, device: str, workers: int) -> RunSettings:
+    """Return the settings of a run.
+
+    Raises
+    ------
+    TypeError
+        If there is no setting of a name.
+    InputError
+        A line for each value that can't be one.
+    """
+    unknown = sorted(given.keys() - Settings.__annotations__.keys())
+    if unknown:
+        raise TypeError(f"correspond() got an unexpected keyword argument {unknown[0]!r}")
+    values = {
+        "groom": {name: given[name] for name in GroomSettings.model_fields if name in given},
+        "optimize": {"particles": n_particles}
+        | {name: given[name] for name in OptimizeSettings.model_fields if name in given},
+        "device": device,
+        "workers": workers,
+    }
+    try:
+        return RunSettings.model_validate(values)
+    except ValidationError as error:
+        names = {"particles": "n_particles"}
+        lines = [
+            f"{names.get(str(one['loc'][-1]), one['loc'][-1])}={one['input']!r}: {one['msg']}"
+            for one in error.errors()
+        ]
+        raise InputError("\n".join(lines)) from error
+
+
+def _observer(callback: Callback) -> Observer:
+    def observe(status: RunStatus) -> None:
+        callback(status.fraction, status.message)
+
+    return observe
+
+
+def _executor(workers: int) -> AbstractContextManager[Executor]:
+    """Return where shapes are groomed; one worker is a thread, for which scripts need no guard."""
+    return ThreadPoolExecutor(1) if workers == 1 else worker_processes(workers)
+
+
+def _correspondence(outcome: Outcome, keys: Mapping[str, str]) -> Correspondence:
+    study = outcome.study
+    subjects = study.cohort.subjects
+    columns = dict.fromkeys(column for one in subjects for column in one.columns)
+    return Correspondence(
+        names=tuple(one.name for one in subjects),
+        groups=tuple(one.group for one in subjects),
+        covariates={column: tuple(one.columns.get(column, "") for one in subjects) for column in columns},
+        particles=frozen(outcome.local, np.float64),
+        aligned=frozen(outcome.world, np.float64),
+        alignments=frozen(outcome.alignments, np.float64),
+        meshes=tuple(one.mesh for one in study.shapes),
+        energies=frozen(outcome.energies, np.float64),
+        iterations=outcome.iterations,
+        converged=outcome.ended == Reason.CONVERGED,
+        notes=tuple(f"{one.name}: {note}" for one in study.groomed for note in one.report.notes),
+        _outcome=outcome,
+        _keys=keys,
+    )

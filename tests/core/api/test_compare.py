@@ -1,0 +1,69 @@
+"""Comparisons in one call: the same as those of the analysis, for any number of groups."""
+
+import numpy as np
+import pytest
+
+import homolog as hl
+from homolog.analysis.comparison import Options
+from homolog.analysis.covariates import covariate_columns
+from homolog.analysis.studies import compare_two_groups
+
+QUICK = {"permutations": 199}
+
+
+@pytest.fixture(scope="module")
+def shapes():
+    """Return particles (18, 20, 3) [mm] of three groups, the third with a bump."""
+    random = np.random.default_rng(2)
+    directions = random.normal(size=(20, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    shapes = 10.0 * directions + random.normal(scale=0.1, size=(18, 20, 3))
+    shapes[12:, 4] *= 1.3
+    return shapes
+
+
+GROUPS = [None, *5 * ["a"], *6 * ["b"], *6 * ["c"]]
+AGES = np.linspace(30.0, 80.0, 18)[np.random.default_rng(0).permutation(18)]
+
+
+def test_two_groups_are_compared_as_the_analysis_does(shapes):
+    missing = np.where(np.arange(18) == 7, np.nan, AGES)  # of a subject who takes no part
+    found = hl.compare_groups(shapes, GROUPS, ("a", "c"), covariates={"age": missing}, **QUICK)
+    part = [index for index, group in enumerate(GROUPS) if group in ("a", "c")]
+    expected = compare_two_groups(
+        shapes[part], [GROUPS[index] for index in part], ("a", "c"),
+        covariates=covariate_columns({"age": AGES[part].tolist()}), options=Options(**QUICK),
+    )  # fmt: skip
+    assert found.title == "c - a"
+    assert found.subjects.tolist() == part
+    assert found.p_adjusted == expected.p_adjusted
+    np.testing.assert_array_equal(found.p_family, expected.p_family)
+    assert found.pairs == ()
+
+
+def test_several_groups_are_tested_together_and_each_two_of_them(shapes):
+    found = hl.compare_groups(shapes, GROUPS, **QUICK)
+    assert [one.title for one in found.pairs] == ["b - a", "c - a", "c - b"]
+    assert found.counts == {"a": 5, "b": 6, "c": 6}
+    assert found.p_adjusted < 0.05
+    apart = [int(np.argmin(one.p_family)) for one in found.pairs[1:]]
+    assert apart == [4, 4]
+    assert found.pairs[2].subjects.tolist() == list(range(6, 18))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fault"),
+    [
+        ({"groups": GROUPS[:5]}, "there are 5 for 18 subjects"),
+        ({"between": ("a", "z")}, "'z' has 0 of the two or more"),
+        ({"between": ("a",)}, "two or more different groups"),
+        ({"covariates": {"age": [1.0]}}, "'age': there are 1 values for 18"),
+        (
+            {"covariates": {"age": 18 * [np.nan]}, "names": list("ABCDEFGHIJKLMNOPQR")},
+            "no value for B, C",
+        ),
+    ],
+)
+def test_what_can_not_be_compared_is_refused(shapes, arguments, fault):
+    with pytest.raises(hl.InputError, match=fault):
+        hl.compare_groups(shapes, arguments.pop("groups", GROUPS), **arguments, **QUICK)

@@ -1,0 +1,56 @@
+"""The examples of the documentation run, and print what they promise."""
+
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
+
+
+@pytest.fixture
+def example(tmp_path, monkeypatch, capsys):
+    """Return a function that runs an example in an empty folder and returns what it prints."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(name, *arguments):
+        monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        return capsys.readouterr().out
+
+    return run
+
+
+def test_meshes_in_memory_become_a_model_a_surface_and_a_project(example, tmp_path):
+    printed = example("meshes_to_model.py")
+    shares = re.search(r"each mode: \[([\d.]+)", printed)
+    lengths = sorted(map(float, re.findall(r"SD: ([\d.]+) mm long", printed)))
+    assert float(shares[1]) > 0.9
+    assert lengths == pytest.approx([13.8, 19.0, 24.2], abs=0.7)  # 16 to 22 mm, with an SD of 2.6 mm
+    assert {"mode_1_plus_2sd.ply", "model.npz", "PROJECT"} == {one.name for one in tmp_path.iterdir()}
+
+
+def test_the_groups_differ_at_the_bump_alone(example):
+    printed = example("two_groups.py")
+    assert "patient - control: p = 0.001" in printed
+    assert re.search(r"particles that differ: \[0 1 2 3 4\]", printed)
+    assert "balanced accuracy" in printed
+
+
+def test_geodesic_distances_on_a_sphere_are_arcs(example):
+    printed = example("geodesics.py")
+    assert "2562 vertices" in printed
+    assert float(re.search(r"sphere: ([\d.]+)%", printed)[1]) < 0.1
+
+
+def test_a_project_is_opened(example, finished_run):
+    printed = example("open_project.py", finished_run.folder)
+    assert "4 subjects, 48 particles, geodesic-normals" in printed
+    assert re.search(r"a: group None, 1\.\d\d ml", printed)
+
+
+def test_every_example_is_run():
+    tested = set(re.findall(r'example\("(\w+\.py)"', Path(__file__).read_text("utf-8")))
+    assert tested == {one.name for one in EXAMPLES.glob("*.py")}
