@@ -50,6 +50,7 @@ class Settings(TypedDict, total=False):
     pieces: Literal["largest", "all"]
     spacing: float | None
     smoothing: float
+    tunnels: float
     alignment: Literal["none", "center", "axes", "icp"]
     mirror: Literal["auto", "left", "right", "off"]
     scaling: bool
