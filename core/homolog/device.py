@@ -87,7 +87,9 @@ def device_faults(alias: str) -> Iterator[None]:
             raise
         what = "has too little memory" if full else "failed"
         remedy = (
-            "free memory, or use fewer particles or coarser meshes" if full else "go on when it works again"
+            "free memory, or use fewer particles or coarser meshes"
+            if full
+            else "continue when it works again"
         )
         elsewhere = "" if alias == "cpu" else "; or resume on the device cpu"
         raise InputError(f"{alias}: {what} ({error}); what was saved is kept: {remedy}{elsewhere}") from error

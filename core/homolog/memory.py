@@ -32,7 +32,7 @@ def check_fits(what: object, needed: float, remedy: str) -> None:
     free = free_memory()
     if needed > free:
         raise InputError(
-            f"{what}: needs {_gigabytes(needed)} of memory, of which {_gigabytes(free)} are free; {remedy}"
+            f"{what}: needs {_gigabytes(needed)} of memory, but only {_gigabytes(free)} are free; {remedy}"
         )
 
 

@@ -89,27 +89,26 @@ class _Settings(BaseModel):
 
 
 class GroomSettings(_Settings):
-    """From a segmentation to a distance field and a mesh."""
+    """Grooming."""
 
     label: Annotated[
         int | None,
-        Field(ge=1, le=2**31 - 1, description="Label value to keep; every value above 0 if not given."),
+        Field(
+            ge=1, le=2**31 - 1, description="Label value of the structure; all values above 0 if not given."
+        ),
     ] = None
     segment: Annotated[
         str | None,
         Field(
             min_length=1,
             max_length=200,
-            description="Name of the structure to keep, whatever its case, dashes and order of words: as the "
-            "files (.seg.nrrd, DICOM SEG), a table beside them or a public list (FreeSurfer) call it.",
+            description="Name of the structure in the files (.seg.nrrd, DICOM SEG), in a table next to them "
+            "or in a public list (FreeSurfer); case, dashes and order of words do not matter.",
         ),
     ] = None
     pieces: Annotated[
         Pieces,
-        Field(
-            description="Of separate pieces keep the largest; or all, which must then touch or overlap, so "
-            "that they make one surface."
-        ),
+        Field(description="Separate pieces: keep the largest, or all, which must then touch or overlap."),
     ] = Pieces.LARGEST
     spacing: Annotated[
         float | None,
@@ -117,7 +116,7 @@ class GroomSettings(_Settings):
             gt=0.0,
             le=100.0,
             json_schema_extra=_unit("mm"),
-            description="Node spacing of the isotropic grid; chosen from the finest input axis if not given.",
+            description="Node spacing of the isotropic grid; from the finest input axis if not given.",
         ),
     ] = None
     smoothing: Annotated[
@@ -146,14 +145,13 @@ class GroomSettings(_Settings):
     mirror: Annotated[
         Mirror,
         Field(
-            description="Mirror the subjects of one side of the body: left, right, or off. Auto mirrors the "
-            "rarer side (left, if both are as many) where a column side or the names of all files say left "
-            "and right."
+            description="Mirror the subjects of one body side: left, right, or off. Auto mirrors the rarer "
+            "side (left if equal) where a column side or all file names tell the sides."
         ),
     ] = Mirror.AUTO
     scaling: Annotated[
         bool,
-        Field(description="Also scale to a common size. The factor is stored; files keep their own size."),
+        Field(description="Also scale to a common size; the factor is stored, files keep their size."),
     ] = False
     mesh_edge: Annotated[
         float | None,
@@ -161,62 +159,66 @@ class GroomSettings(_Settings):
             gt=0.0,
             le=100.0,
             json_schema_extra=_unit("mm"),
-            description="Edge length of the surface meshes; about 6000 vertices a shape if not given.",
+            description="Edge length of the surface meshes; about 6000 vertices per shape if not given.",
         ),
     ] = None
     adaptive_mesh: Annotated[
-        bool, Field(description="Finer triangles where the surface is strongly curved.")
+        bool, Field(description="Use smaller triangles where the surface is strongly curved.")
     ] = False
 
 
 class OptimizeSettings(_Settings):
-    """Placing the particles."""
+    """Optimization."""
 
     method: Annotated[
-        Method, Field(description="The paper's method, its predecessor, or one contribution.")
+        Method,
+        Field(
+            description="Terms of the objective: geodesic or Euclidean distances, with or without normals."
+        ),
     ] = Method.GEODESIC_NORMALS
     particles: Annotated[
-        int, Field(ge=4, le=65536, description="Corresponding points on every shape; any number.")
+        int, Field(ge=4, le=65536, description="Number of corresponding points on every shape.")
     ] = 1024
     seed: Annotated[
         int,
         Field(
             ge=0,
             le=2**31 - 1,
-            description="Seed of the first particle and the split directions; same seed, same result.",
+            description="Random seed; on a CPU the same seed gives the same result.",
         ),
     ] = 0
     procrustes: Annotated[
         Procrustes,
         Field(
-            description="Align the shapes by their particles: off, rigid (sizes count), form (compared at "
-            "one size; results keep sizes), or similarity (results have one size). Auto: form after ICP "
-            "alignment, similarity if scaling too, else off."
+            description="Alignment by particles: off, rigid (with size), form (compared at one size, results "
+            "keep sizes) or similarity (one size). Auto: form after ICP, similarity with scaling, else off."
         ),
     ] = Procrustes.AUTO
     landmarks: Annotated[
         bool,
         Field(
-            description="Put first particles on the subjects' landmarks (column landmarks of cohort.csv, or "
-            "NAME.mrk.json beside the file)."
+            description="Start with particles on the subjects' landmarks (column landmarks of cohort.csv, or "
+            "NAME.mrk.json next to the file)."
         ),
     ] = False
     ensemble_weight: Annotated[
         float,
         Field(
-            gt=0.0, le=10.0, description="Weight of the ensemble entropy H(Z) against the sampling entropy."
+            gt=0.0,
+            le=10.0,
+            description="Weight of the ensemble entropy H(Z) relative to the sampling entropy.",
         ),
     ] = 0.02
     normals_weight: Annotated[
-        float, Field(gt=0.0, le=10.0, description="Weight of the entropy of surface normals H(V).")
+        float, Field(gt=0.0, le=10.0, description="Weight of the entropy of the surface normals, H(V).")
     ] = 0.15
     opening_weight: Annotated[
         float,
         Field(
             ge=0.0,
             le=10.0,
-            description="How much opening angles (edges, tips, hollows) count beside normals in H(V), times "
-            "their spread over the surfaces in radians; 0 is the paper's H(V).",
+            description="Weight of opening angles (edges, tips, hollows) relative to normals in H(V); 0 "
+            "gives the paper's H(V).",
         ),
     ] = 1.5
     regularization_start: Annotated[
@@ -224,32 +226,35 @@ class OptimizeSettings(_Settings):
         Field(
             gt=0.0,
             le=1e6,
-            description="Smallest variance that the ensemble entropy heeds, when the last stage starts; "
-            "relative to 1/10000 of the mean surface area.",
+            description="Regularization of the covariances when annealing starts, relative to 1/10000 of the "
+            "mean surface area.",
         ),
     ] = 10.0
     regularization_end: Annotated[
-        float, Field(gt=0.0, le=1e6, description="The same when the last stage has been annealed.")
+        float, Field(gt=0.0, le=1e6, description="Regularization of the covariances when annealing ends.")
     ] = 0.0005
     split_iterations: Annotated[int, Field(ge=5, le=100000, description="Iterations after each split.")] = 50
     anneal_iterations: Annotated[
-        int, Field(ge=5, le=100000, description="Iterations with all particles while regularisation falls.")
+        int, Field(ge=5, le=100000, description="Iterations of annealing with all particles.")
     ] = 600
     settle_iterations: Annotated[
-        int, Field(ge=5, le=100000, description="At most so many iterations after that, until converged.")
+        int,
+        Field(
+            ge=5, le=100000, description="Maximum number of iterations after annealing, until convergence."
+        ),
     ] = 1000
     tolerance: Annotated[
         float,
         Field(
             gt=0.0,
             le=1.0,
-            description="Converged when 20 iterations change the objective per particle by less than this.",
+            description="Convergence: 20 iterations change the objective per particle by less than this.",
         ),
     ] = 2e-4
 
 
 class RunSettings(_Settings):
-    """All of a run's parameters."""
+    """Run."""
 
     groom: GroomSettings = GroomSettings()
     optimize: OptimizeSettings = OptimizeSettings()
@@ -257,7 +262,7 @@ class RunSettings(_Settings):
         str,
         Field(
             pattern=r"^(auto|cpu|cuda(:\d+)?)$",
-            description="Where to compute: auto, cpu, cuda:0 …; auto takes the first GPU.",
+            description="Compute device: auto, cpu, cuda:0 …; auto takes the first GPU.",
         ),
     ] = "auto"
     workers: Annotated[
@@ -265,7 +270,7 @@ class RunSettings(_Settings):
         Field(
             ge=1,
             le=256,
-            description="Processes that groom subjects side by side; one for each core if not given.",
+            description="Number of grooming processes; one per core if not given.",
         ),
     ] = None
 

@@ -81,7 +81,7 @@ def _sheet_lines(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
     import openpyxl
 
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file; correct the path")
+        raise InputError(f"{path}: does not exist; correct the path")
     lines: list[tuple[int, list[str]]] = []
     try:
         with zipfile.ZipFile(path) as archive:

@@ -84,13 +84,13 @@ def test_info_tells_subjects_groups_and_an_unfinished_run(tmp_path, capsys):
     assert main(["info", str(tmp_path)]) == 0
     text = capsys.readouterr().out
     assert "3 (2 X, 1 Y)" in text
-    assert f"stopped before the first particles; to go on: homolog run {tmp_path} --resume" in text
+    assert f"interrupted before the first particles; to continue: homolog run {tmp_path} --resume" in text
     assert "none yet" in text
 
 
 def test_info_of_another_folder_is_an_input_error(tmp_path, capsys):
     assert main(["info", str(tmp_path)]) == 2
-    assert capsys.readouterr().err == f"homolog: {tmp_path}: is no project (it holds no project.json)\n"
+    assert capsys.readouterr().err == f"homolog: {tmp_path}: is not a project (it contains no project.json)\n"
 
 
 def test_info_as_json_is_the_record(tmp_path, capsys):

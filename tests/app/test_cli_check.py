@@ -47,22 +47,22 @@ def test_an_exchange_is_printed_first_and_written_as_csv_and_json(swapped, tmp_p
 
 
 def test_only_severe_suspects_are_listed_if_asked_for(swapped, capsys):
-    assert main(["check", str(swapped.folder), "--least", "1000", "--progress", "none"]) == OK
+    assert main(["check", str(swapped.folder), "--min-severity", "1000", "--progress", "none"]) == OK
     assert capsys.readouterr().out.startswith("0 suspects of 4 subjects x 48 particles")
 
 
-def test_mending_puts_the_exchange_right_and_keeps_the_plan_of_the_next_run(swapped, finished_run, capsys):
+def test_repairing_puts_the_exchange_right_and_keeps_the_plan_of_the_next_run(swapped, finished_run, capsys):
     changed = swapped.read()
     settings = changed.settings.model_copy(
         update={"optimize": changed.settings.optimize.model_copy(update={"particles": 99})}
     )
     swapped.write(changed.model_copy(update={"settings": settings}))
-    assert main(["check", str(swapped.folder), "--mend", "1", "--progress", "none"]) == OK
-    assert capsys.readouterr().out.startswith("mended: b: particles 7 and 30")
-    true, mended = read_result(finished_run).local, read_result(swapped).local
+    assert main(["check", str(swapped.folder), "--repair", "1", "--progress", "none"]) == OK
+    assert capsys.readouterr().out.startswith("repaired: b: particles 7 and 30")
+    true, repaired = read_result(finished_run).local, read_result(swapped).local
     spacing = np.sqrt(4 * np.pi * 7.5**2 / 48)
-    assert np.linalg.norm(mended[1, PAIR] - true[1, PAIR], axis=1).max() < 0.7 * spacing
-    np.testing.assert_array_equal(mended[[0, 2, 3]], true[[0, 2, 3]])
+    assert np.linalg.norm(repaired[1, PAIR] - true[1, PAIR], axis=1).max() < 0.7 * spacing
+    np.testing.assert_array_equal(repaired[[0, 2, 3]], true[[0, 2, 3]])
     record = swapped.read()
     assert record.settings.optimize.particles == 99
     assert record.result.settings.optimize.particles == 48
@@ -72,7 +72,11 @@ def test_mending_puts_the_exchange_right_and_keeps_the_plan_of_the_next_run(swap
 
 @pytest.mark.parametrize(
     ("options", "words"),
-    [(["--out", "list.txt"], ".csv or .json"), (["--mend", "-1"], "--mend"), (["--least", "nan"], "--least")],
+    [
+        (["--out", "list.txt"], ".csv or .json"),
+        (["--repair", "-1"], "--repair"),
+        (["--min-severity", "nan"], "--min-severity"),
+    ],
 )
 def test_wrong_options_are_refused_before_any_work(swapped, capsys, options, words):
     assert main(["check", str(swapped.folder), *options]) == INPUT_ERROR

@@ -67,7 +67,7 @@ def test_progress_runs_once_from_start_to_end(small_demo):
 def test_a_folder_with_other_files_is_left_alone(tmp_path, capsys):
     (tmp_path / "thesis.txt").write_text("years of work")
     assert main(["demo", "--out", str(tmp_path)]) == 2
-    assert "holds other files" in capsys.readouterr().err
+    assert "contains other files" in capsys.readouterr().err
     assert [one.name for one in tmp_path.iterdir()] == ["thesis.txt"]
 
 

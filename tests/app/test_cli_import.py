@@ -33,7 +33,7 @@ def test_an_imported_model_is_described_analyzed_and_reported(exported, tmp_path
     facts = capsys.readouterr().out
     assert "source       particles in the folder project_particles" in facts
     assert "imported, not optimized here" in facts
-    options = ["--permutations", "99", "--null", "20", "--size", "with", "--progress", "none"]
+    options = ["--permutations", "99", "--null-repeats", "20", "--size", "with", "--progress", "none"]
     assert main(["analyze", str(project), "--regress", "size", *options]) == 0
     with (project / "analysis" / "regression_size" / "subjects.csv").open() as file:
         assert [row["name"] for row in csv.DictReader(file)] == ["a", "b", "c", "d", "e", "f"]
@@ -56,8 +56,7 @@ def test_particles_without_surfaces_are_analyzed_but_not_checked(exported, tmp_p
 def test_a_bad_source_is_one_line(tmp_path, capsys):
     assert main(["import", str(tmp_path / "gone.swproj"), str(tmp_path / "p"), "--progress", "none"]) == 2
     assert (
-        capsys.readouterr().err
-        == f"homolog: {tmp_path / 'gone.swproj'}: there is no such file; correct the path\n"
+        capsys.readouterr().err == f"homolog: {tmp_path / 'gone.swproj'}: does not exist; correct the path\n"
     )
     assert not (tmp_path / "p").exists()
 

@@ -5,6 +5,7 @@ import pytest
 from homolog.errors import InputError
 from homolog.parameters import parameters
 from homolog.settings import Alignment, GroomSettings, Method, OptimizeSettings, RunSettings
+from homolog_app import cli
 from homolog_app.cli.options import add_options, with_options
 
 
@@ -53,3 +54,28 @@ def test_each_bad_value_is_named_with_its_option(parser):
     lines = str(caught.value).splitlines()
     assert [line.split(":")[0] for line in lines] == ["--method magic", "--particles 2", "--seed one"]
     assert "greater than or equal to 4" in lines[1]
+
+
+@pytest.mark.parametrize(
+    ("command", "former", "present", "name", "value"),
+    [
+        (["run", "scans"], ["--anew"], "--restart", "restart", True),
+        (["run", "scans"], ["--skip-bad"], "--skip-invalid", "skip_invalid", True),
+        (["batch", "scans", "--out", "models"], ["--anew"], "--restart", "restart", True),
+        (["check", "project"], ["--least", "2.5"], "--min-severity", "min_severity", 2.5),
+        (["check", "project"], ["--mend", "3"], "--repair", "repair", 3),
+        (["analyze", "project"], ["--null", "20"], "--null-repeats", "null_repeats", 20),
+    ],
+)
+def test_an_option_works_by_its_former_name_with_a_hint(command, former, present, name, value, capsys):
+    parser = cli._parser()[0]
+    unset = getattr(parser.parse_args(command), name)
+    assert capsys.readouterr().err == ""
+    given = getattr(parser.parse_args([*command, *former]), name)
+    assert (unset != value, given) == (True, value)
+    assert f"{former[0]} is now called {present}" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        parser.parse_args([command[0], "--help"])
+    text = capsys.readouterr().out
+    assert present in text
+    assert f"{former[0]} " not in text

@@ -74,7 +74,7 @@ def test_ctrl_c_stops_at_once_and_says_how_to_go_on(begin, project):
     shown, said = process.communicate(timeout=60)
     assert process.returncode == 130
     assert json.loads(shown.splitlines()[-1])["reason"] == "cancelled"
-    assert f"cancelled; to go on: homolog run {project.folder} --resume" in said
+    assert f"to continue: homolog run {project.folder} --resume" in said
     assert "Traceback" not in said
     assert project.checkpoint.is_file()
     assert project.read().unfinished
@@ -86,7 +86,7 @@ def test_the_particles_of_a_first_run_are_kept_when_it_is_cancelled(begin, proje
     process = begin()
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
-    assert "the particles so far are kept as a result" in said
+    assert "saved as a result" in said
     assert project.read().result.ended == "cancelled"
 
 
@@ -97,7 +97,7 @@ def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been_killed(begin, proje
     process.wait()
     assert project.checkpoint.is_file()
     assert main(["info", str(project.folder)]) == 0
-    assert f"to go on: homolog run {project.folder} --resume" in capsys.readouterr().out
+    assert f"to continue: homolog run {project.folder} --resume" in capsys.readouterr().out
     assert main(["run", str(project.folder), "--resume", *QUIET]) == 0
     assert main(["run", str(whole.folder), *LONG, *QUIET]) == 0
     assert np.array_equal(read_result(project).world, read_result(whole).world)
@@ -108,10 +108,10 @@ def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been_killed(begin, proje
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["{scans}"], "say where the results go"),
-        (["{scans}", "--out", "{scans}"], "holds other files"),
-        (["{scans}", "--resume", "--out", "{new}"], "is no project, so there is nothing to resume"),
-        (["{new}", "--out", "{new}"], "there is no such folder"),
+        (["{scans}"], "--out PROJECT"),
+        (["{scans}", "--out", "{scans}"], "contains other files"),
+        (["{scans}", "--resume", "--out", "{new}"], "is not a project, so there is nothing to resume"),
+        (["{new}", "--out", "{new}"], "does not exist"),
         (["{scans}", "--out", "{new}", "--particles", "3"], "--particles 3: Input should be greater"),
         (["{scans}", "--out", "{new}", "--device", "cuda:77"], "is not on this machine"),
         (["{scans}", "--out", "{scans}/a.nrrd/project", "--device", "cpu"], "can't be written"),
@@ -171,9 +171,9 @@ def test_each_bad_file_gets_a_line_with_its_name_and_nothing_is_written(mixed, t
 def test_bad_files_can_be_left_out_and_what_grooming_changed_is_told(mixed, project, capsys):
     grooming = ["--alignment", "center", "--mesh-edge", "2", "--device", "cpu"]
     words = ["--particles", "16", "--split-iterations", "5", "--anneal-iterations", "5", *grooming, *QUIET]
-    assert main(["run", str(mixed), "--out", str(project.folder), *words, "--skip-bad"]) == 0
+    assert main(["run", str(mixed), "--out", str(project.folder), *words, "--skip-invalid"]) == 0
     lines = capsys.readouterr().err.splitlines()
-    left_out = [line for line in lines if "left out" in line]
+    left_out = [line for line in lines if "skipped" in line]
     assert [f"{name}." in line for name, line in zip(BAD, left_out, strict=True)] == [True] * 7
     assert read_result(project).names == ("a", "b", "border", "c", "d", "pieces")
     assert "homolog: note: pieces: the largest of 2 separate pieces was kept" in lines
@@ -187,12 +187,12 @@ def test_bad_files_can_be_left_out_and_what_grooming_changed_is_told(mixed, proj
 def test_more_particles_are_added_to_the_result_and_said_to_be(project, capsys):
     before = read_result(project)
     assert main(["run", str(project.folder), "--particles", "80", *QUIET]) == 0
-    assert "adding 32 particles to the result's 48" in capsys.readouterr().err
+    assert "adding 32 particles to the 48" in capsys.readouterr().err
     assert read_result(project).world.shape == (4, 80, 3)
-    assert main(["run", str(project.folder), "--particles", "90", "--anew", *QUIET]) == 0
+    assert main(["run", str(project.folder), "--particles", "90", "--restart", *QUIET]) == 0
     said = capsys.readouterr().err
     assert "adding" not in said
-    assert "the result of 4 subjects x 80 particles is replaced when this run ends; Ctrl-C before" in said
+    assert "replace the result of 4 subjects x 80 particles" in said
     assert read_result(project).world.shape == (4, 90, 3)
     assert read_result(project).names == before.names
 
@@ -231,10 +231,10 @@ def test_a_fit_that_was_refused_can_be_asked_for_again(project, scans, tmp_path,
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--fit", "nothing.nrrd"], "is no segmentation or mesh"),
-        (["--fit", "scans/a.nrrd"], "for every subject already"),
+        (["--fit", "nothing.nrrd"], "is not a segmentation or mesh"),
+        (["--fit", "scans/a.nrrd"], "already has 48 particles"),
         (["--fit", "other/a.nrrd"], "several subjects are called a"),
-        (["--fit", "scans/a.nrrd", "--resume"], "leave out --out and --resume"),
+        (["--fit", "scans/a.nrrd", "--resume"], "--out or --resume"),
     ],
 )
 def test_files_that_cannot_be_fitted_are_named(project, words, said, capsys, monkeypatch):

@@ -91,7 +91,7 @@ def test_a_second_time_nothing_changes(project, table, capsys):
 
 def test_a_folder_that_is_no_project_is_refused(table, tmp_path, capsys):
     assert main(["table", str(tmp_path), str(table)]) == 2
-    assert "is no project" in capsys.readouterr().err
+    assert "is not a project" in capsys.readouterr().err
 
 
 def test_the_same_subjects_in_another_order_with_new_columns_use_the_result(
@@ -102,7 +102,7 @@ def test_the_same_subjects_in_another_order_with_new_columns_use_the_result(
     assert main(["run", str(cohort), "--out", str(project.folder), *options]) == 0
     assert (bytes_of(project), project.read().result.finished) == before
     assert read_result(project).groups == ("x", "y", "x", "y")
-    assert "result of the same files and settings is used" in capsys.readouterr().err
+    assert "already has the result" in capsys.readouterr().err
 
 
 def test_a_folder_without_columns_keeps_those_that_are_there(project, table, options, tmp_path):
@@ -121,7 +121,7 @@ def ran_again(project, words):
 def test_other_settings_other_subjects_and_wishes_run_as_before(project, tmp_path, options):
     out = ["--out", str(project.folder), *options]
     assert ran_again(project, [str(tmp_path / "scans"), *out, "--seed", "3"])
-    assert ran_again(project, [str(tmp_path / "scans"), *out, "--seed", "3", "--anew"])
+    assert ran_again(project, [str(tmp_path / "scans"), *out, "--seed", "3", "--restart"])
     assert ran_again(project, [str(manifest(tmp_path, "abc")), *out])
 
 

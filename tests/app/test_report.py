@@ -21,7 +21,7 @@ from homolog_app.report.request import Answered, StudyRequest, read_requests, st
 from homolog_app.report.study import column_of
 
 HOSTILE = "<script>alert('x')</script> & co"
-QUICK = ["--permutations", "199", "--null", "50", "--progress", "none"]
+QUICK = ["--permutations", "199", "--null-repeats", "50", "--progress", "none"]
 
 
 @pytest.fixture

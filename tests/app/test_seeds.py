@@ -13,7 +13,7 @@ from homolog.run import Run
 from homolog_app.cli import main
 from homolog_app.report.seeds import SeedAnswer, read_spread, spread_words, write_spread
 
-QUICK = ["--permutations", "99", "--null", "0", "--alignment", "rigid", "--progress", "none"]
+QUICK = ["--permutations", "99", "--null-repeats", "0", "--alignment", "rigid", "--progress", "none"]
 
 
 @pytest.fixture

@@ -122,7 +122,7 @@ def test_a_table_of_another_encoding_is_refused(folder):
 
 
 def test_an_empty_folder_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"holds no segmentation or mesh; known files are \.nii\.gz"):
+    with pytest.raises(InputError, match=r"contains no segmentation or mesh; known files are \.nii\.gz"):
         read_cohort(tmp_path)
 
 
@@ -155,7 +155,7 @@ def test_folders_of_which_any_may_be_meant_are_named(tmp_path):
 
 
 def test_what_is_not_there_is_refused(tmp_path):
-    with pytest.raises(InputError, match="there is no such folder or file"):
+    with pytest.raises(InputError, match="does not exist"):
         read_cohort(tmp_path / "gone")
 
 
@@ -186,7 +186,7 @@ def test_a_path_that_leads_to_a_folder_is_one_without_landmarks_beside_it(folder
 @pytest.mark.parametrize("name", [b"bad\xff.nrrd", b"M\xfcller.ply"])
 def test_a_file_name_that_is_no_text_is_refused(folder, name):
     (folder / os.fsdecode(name)).touch()
-    with pytest.raises(InputError, match=r"\\x.*: its name is no text in UTF-8; rename it") as refused:
+    with pytest.raises(InputError, match=r"\\x.*: its name is not valid UTF-8; rename it") as refused:
         read_cohort(folder)
     assert str(refused.value).encode()
 

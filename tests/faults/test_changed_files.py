@@ -28,9 +28,7 @@ def test_a_run_is_not_resumed_with_another_file(project, run_of, results):
     assert run.execute(cancel) is FinishReason.CANCELLED
     scans = project.folder.parent / "scans"
     shutil.copy(scans / "c.nrrd", scans / "b.nrrd")
-    with pytest.raises(
-        InputError, match="surfaces are not those of the broken-off run; run without --resume"
-    ):
+    with pytest.raises(InputError, match="surfaces are not those of the interrupted run; start a new run"):
         run_of(project, resume=True).execute()
     assert results(project.folder) == before
     assert project.checkpoint.is_file()
@@ -39,6 +37,6 @@ def test_a_run_is_not_resumed_with_another_file(project, run_of, results):
 def test_a_file_that_is_gone_is_named(project, short_settings, results):
     before, cohort = results(project.folder), project.cohort()
     cohort.subjects[1].path.unlink()
-    with pytest.raises(InputError, match=r"b\.nrrd: there is no such file; correct the path or leave it out"):
+    with pytest.raises(InputError, match=r"b\.nrrd: does not exist; correct the path or exclude it"):
         Run(project, cohort, short_settings).execute()
     assert results(project.folder) == before

@@ -1,4 +1,4 @@
-"""``homolog analyze``: a statistical question to a project's result."""
+"""``homolog analyze``: statistical tests on a project's result."""
 
 import argparse
 import sys
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from homolog.errors import InputError
 from homolog.files.project import Project
+from homolog_app.cli.options import add_former_name
 from homolog_app.cli.progress import add_progress_option, show_progress
 
 if TYPE_CHECKING:
@@ -21,9 +22,9 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     parser = subparsers.add_parser(
         "analyze",
         help="compare groups, regress on a variable, compare pairs",
-        description="Ask a project's result a statistical question: groups of a column (the default), "
-        "a linear effect of a column, or paired subjects. Prints what was found, writes tables into "
-        "PROJECT/analysis and keeps the question for homolog report.",
+        description="Compare the groups of a column (the default), test the linear effect of a column, or "
+        "compare paired subjects. Prints the results, writes tables to PROJECT/analysis and adds the study "
+        "to homolog report.",
     )
     parser.add_argument("project", type=Path, help="project folder")
     what = parser.add_mutually_exclusive_group()
@@ -32,7 +33,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     )
     what.add_argument("--regress", metavar="COLUMN", help="column of a continuous variable")
     parser.add_argument(
-        "--between", nargs="+", metavar="GROUP", help="groups to compare, in order; default all"
+        "--between", nargs="+", metavar="GROUP", help="groups to compare, in order (default: all)"
     )
     parser.add_argument("--pairs", metavar="COLUMN", help="column that names the pairs; needs --between A B")
     parser.add_argument(
@@ -40,44 +41,47 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         nargs="+",
         metavar="COLUMN",
         default=[],
-        help="columns to adjust for; size (of the shapes) is one; COLUMN:c takes numbers as categories",
+        help="columns to adjust for; size is that of the shapes; COLUMN:c treats numbers as categories",
     )
     parser.add_argument(
         "--complete-cases",
         action="store_true",
-        help="leave out subjects without a value in a column that is used (default: refuse)",
+        help="exclude subjects with missing values in the columns used (default: stop)",
     )
     parser.add_argument(
         "--alignment",
         choices=["as-it-lies", "rigid", "similarity"],
         nargs="+",
-        help="how shapes are aligned before they are compared: rigid keeps size (form), similarity removes "
-        "it (shape), as-it-lies keeps pose and size (default: rigid and similarity)",
+        help="alignment of the shapes: rigid keeps size (form), similarity removes it (shape), as-it-lies "
+        "keeps size and pose (default: rigid and similarity)",
     )
     parser.add_argument(
         "--size",
         choices=["both", "with", "without"],
-        help="with: --alignment rigid; without: --alignment similarity; both: both",
+        help="short for --alignment: with is rigid, without is similarity",
     )
-    parser.add_argument("--modes", type=int, help="number of modes (default: parallel analysis)")
-    parser.add_argument("--permutations", type=int, default=10_000, help="default 10000")
+    parser.add_argument("--modes", type=int, help="number of modes to test (default: by parallel analysis)")
     parser.add_argument(
-        "--null", type=int, default=1000, help="repeats of the null simulation (default 1000)"
+        "--permutations", type=int, default=10_000, help="number of permutations (default 10000)"
     )
-    parser.add_argument("--seed", type=int, default=0, help="same seed, same result (default 0)")
+    repeats = parser.add_argument(
+        "--null-repeats", type=int, default=1000, help="repeats of the null simulation (default 1000)"
+    )
+    add_former_name(parser, "--null", repeats)
+    parser.add_argument("--seed", type=int, default=0, help="random seed (default 0)")
     parser.add_argument(
         "--seeds",
         type=int,
         default=1,
         metavar="N",
-        help="place the particles again with other seeds, N in all, and report how far the answers spread; "
-        "the runs are kept in PROJECT/seeds",
+        help="repeat correspondence and tests with N seeds in all, and report how the answers vary; the runs "
+        "are stored in PROJECT/seeds",
     )
     add_progress_option(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Answer the question; returns the exit code."""
+    """Run the tests; returns the exit code."""
     from homolog.files.results import read_result
     from homolog.progress import part_of
     from homolog_app.report.findings import cautions, findings, outlier_words
@@ -88,13 +92,13 @@ def run(arguments: argparse.Namespace) -> int:
 
     project = Project(arguments.project)
     if arguments.seeds < 1:
-        raise InputError(f"--seeds {arguments.seeds}: give 1 or more")
+        raise InputError(f"--seeds {arguments.seeds}: must be 1 or more")
     alignments = _alignments(arguments)
     lines, folders = [], []
     if arguments.size == "with":
         lines.append(
-            "Note: --size with aligns shapes rigidly (earlier versions compared them as they lie: "
-            "--alignment as-it-lies)."
+            "Note: --size with aligns shapes rigidly; versions before 0.2 did what --alignment as-it-lies "
+            "does."
         )
     with project.locked(new=False), show_progress(arguments.progress) as progress:
         result = read_result(project)
@@ -123,7 +127,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _alignments(arguments: argparse.Namespace) -> list[str]:
     if arguments.size and arguments.alignment:
-        raise InputError("--size and --alignment say the same in two ways; give one of them")
+        raise InputError("--size is short for --alignment; give one of them")
     by_size = {"with": ["rigid"], "without": ["similarity"]}.get(arguments.size, ["rigid", "similarity"])
     return list(dict.fromkeys(arguments.alignment or by_size))
 
@@ -140,7 +144,7 @@ def _request(arguments: argparse.Namespace, result: "Result", alignment: str, an
     column = arguments.regress or arguments.group
     between = arguments.between or []
     if kind == "regression" and between:
-        raise InputError("--between names groups; a regression has none")
+        raise InputError("--between names groups and can't be combined with --regress")
     if kind == "groups" and not between:
         between = levels(column_of(result, column))
     try:
@@ -155,7 +159,7 @@ def _request(arguments: argparse.Namespace, result: "Result", alignment: str, an
             answers=answers,
             modes=arguments.modes,
             permutations=arguments.permutations,
-            null_repeats=arguments.null,
+            null_repeats=arguments.null_repeats,
             seed=arguments.seed,
         )
     except ValidationError as error:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from homolog.errors import InputError, NumericalError
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog_app.cli.labels import cohort_of
-from homolog_app.cli.options import add_options, with_all_options
+from homolog_app.cli.options import add_former_name, add_options, with_all_options
 from homolog_app.cli.progress import Progress, add_progress_option, show_progress
 from homolog_app.cli.run import interrupt_cancels
 
@@ -24,11 +24,10 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "batch",
-        help="make a shape model of each structure of a cohort",
-        description="Make a shape model of each structure in a cohort's label maps: a project for each, and "
-        "index.html that lists them. Subjects without a structure are left out of its model with a note; a "
-        "structure that fails does not end the others. Ctrl-C stops; the same command again keeps what is "
-        "finished and goes on.",
+        help="compute a shape model of each structure of a cohort",
+        description="Compute a shape model of each structure in a cohort's label maps, each in its own "
+        "project, and an index.html of them. A model contains the subjects that have the structure. If one "
+        "structure fails, the others continue. After Ctrl-C the same command continues.",
     )
     parser.add_argument("cohort", type=Path, help="folder of label maps, cohort.csv, or project")
     parser.add_argument("--out", type=Path, required=True, help="folder for the projects and the index")
@@ -36,17 +35,18 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         "--labels",
         default="all",
         metavar="NAME,NAME",
-        help="names or numbers of structures, separated by commas (homolog labels COHORT lists them), or all "
-        "(default)",
+        help="names or numbers of structures, separated by commas, as homolog labels lists them (default: "
+        "all)",
     )
     parser.add_argument(
         "--min-subjects",
         type=int,
         default=3,
         metavar="N",
-        help="pass over structures that fewer subjects have (2 or more, default 3)",
+        help="skip structures with fewer subjects (2 or more, default 3)",
     )
-    parser.add_argument("--anew", action="store_true", help="run also structures that are finished")
+    restart = parser.add_argument("--restart", action="store_true", help="compute finished structures again")
+    add_former_name(parser, "--anew", restart)
     parser.add_argument("--no-figures", dest="figures", action="store_false", help="write no pictures")
     add_progress_option(parser)
     for model in (OptimizeSettings, GroomSettings, RunSettings):
@@ -68,10 +68,10 @@ def run(arguments: argparse.Namespace) -> int:
     with show_progress(arguments.progress) as progress:
         found = patiently(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
     for message in found.problems.values():
-        sys.stderr.write(f"homolog: left out: {message}\n")
+        sys.stderr.write(f"homolog: skipped: {message}\n")
     if not found.structures:
         raise InputError(
-            f"{arguments.cohort}: its files hold no labelled structure; homolog run takes surfaces"
+            f"{arguments.cohort}: its files contain no labelled structure; use homolog run for surfaces"
         )
     structures = chosen_structures(found.structures, wanted)
     batch = Batch(
@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.out,
         settings,
         fewest=arguments.min_subjects,
-        anew=arguments.anew,
+        anew=arguments.restart,
     )
     with show_progress(arguments.progress) as progress, interrupt_cancels(batch.cancel):
 
@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
         reason = batch.execute(observe, ended)
     failed = [one for one in batch.items if one.state is ItemState.FAILED]
     if reason is FinishReason.CANCELLED:
-        sys.stderr.write("cancelled; the same command again goes on\n")
+        sys.stderr.write("cancelled; the same command continues the batch\n")
         return CANCELLED
     if arguments.progress != "json":
         sys.stdout.write(f"{arguments.out / 'index.html'}\n")
@@ -114,7 +114,7 @@ def _draw(item: "BatchItem", progress: Progress) -> None:
 
 
 def _say(item: "BatchItem", mode: str) -> None:
-    """Print a line for a structure, and for each subject that was left out of it."""
+    """Print a line for a structure, and for each subject that was skipped."""
     counts = f"{len(item.structure.found)} subjects" + (
         f", absent in {len(item.absent)}" if item.absent else ""
     )
@@ -127,4 +127,4 @@ def _say(item: "BatchItem", mode: str) -> None:
         sys.stdout.write(f"{item.structure.title}: {item.state}{kept}{why} ({counts})\n")
         sys.stdout.flush()
     for line in item.left_out:
-        sys.stderr.write(f"homolog: {item.structure.title}: left out: {line}\n")
+        sys.stderr.write(f"homolog: {item.structure.title}: skipped: {line}\n")

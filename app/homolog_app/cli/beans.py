@@ -16,12 +16,12 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "beans",
-        help="make the paper's coffee-bean cohort",
-        description="Make the paper's coffee-bean cohort: label volumes (NRRD) and truth.csv.",
+        help="generate the paper's coffee-bean cohort",
+        description="Generate the paper's coffee-bean cohort: label volumes (NRRD) and truth.csv.",
     )
-    parser.add_argument("out", type=Path, help="folder to write to")
-    parser.add_argument("--shapes", type=int, default=10, help="how many (default 10)")
-    parser.add_argument("--seed", type=int, default=5, help="of the random positions and widths (default 5)")
+    parser.add_argument("out", type=Path, help="output folder")
+    parser.add_argument("--shapes", type=int, default=10, help="number of beans (default 10)")
+    parser.add_argument("--seed", type=int, default=5, help="random seed of positions and widths (default 5)")
     parser.add_argument(
         "--geometry",
         choices=_GEOMETRIES,

@@ -1,4 +1,4 @@
-"""``homolog check``: the places of a project's result where the correspondence may be wrong."""
+"""``homolog check``: places where the correspondence of a result may be wrong."""
 
 import argparse
 import sys
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from homolog.errors import InputError
 from homolog.files.project import Project
+from homolog_app.cli.options import add_former_name
 from homolog_app.cli.progress import add_progress_option, show_progress
 
 if TYPE_CHECKING:
@@ -21,21 +22,26 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "check",
-        help="list places where the correspondence may be wrong, mend them",
-        description="List the places of a project's result where the correspondence may be wrong, the most "
-        "severe first: exchanged particles, swapped neighbourhoods, normals far from the other subjects', "
-        "folded triangles, uncovered regions. Severity 1 is the least that is listed.",
+        help="list places where the correspondence may be wrong, and repair them",
+        description="List places where the correspondence may be wrong, the most severe first: exchanged "
+        "particles, swapped neighbourhoods, normals that disagree with the other subjects, folded triangles, "
+        "uncovered regions.",
     )
     parser.add_argument("project", type=Path, help="project folder")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the list, as FILE.csv or FILE.json")
-    parser.add_argument(
-        "--least", type=float, default=1.0, metavar="SEVERITY", help="list none less severe (default 1)"
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the list to FILE.csv or FILE.json")
+    least = parser.add_argument(
+        "--min-severity",
+        type=float,
+        default=1.0,
+        metavar="SEVERITY",
+        help="lowest severity to list (default 1)",
     )
-    parser.add_argument(
-        "--mend", type=int, default=0, metavar="COUNT",
-        help="first optimize the particles around so many suspects again, the most severe first, and keep "
-        "what is less suspect then",
+    repair = parser.add_argument(
+        "--repair", type=int, default=0, metavar="COUNT",
+        help="optimize the particles around the COUNT most severe suspects again, and keep what improves",
     )  # fmt: skip
+    add_former_name(parser, "--least", least)
+    add_former_name(parser, "--mend", repair)
     add_progress_option(parser)
 
 
@@ -44,19 +50,24 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog.progress import part_of
     from homolog_app.suspects import inspect_project, rows, write_suspects
 
-    if arguments.mend < 0 or not arguments.least >= 0.0:
-        raise InputError("--mend counts suspects and --least is a severity: neither can be negative")
+    if arguments.repair < 0 or not arguments.min_severity >= 0.0:
+        raise InputError("--repair and --min-severity must be 0 or more")
     if arguments.out is not None and arguments.out.suffix.lower() not in (".csv", ".json"):
-        raise InputError(f"--out {arguments.out}: the list is written as .csv or .json; name the file so")
+        raise InputError(
+            f"--out {arguments.out}: the list can be written as .csv or .json; use one of these suffixes"
+        )
     project = Project(arguments.project)
     project.recover()
     with show_progress(arguments.progress) as progress:
-        share = 0.2 if arguments.mend else 1.0
+        share = 0.2 if arguments.repair else 1.0
         result, found = inspect_project(project, part_of(progress.tick, 0.0, share))
         notes: list[str] = []
-        if arguments.mend:
-            found, notes = _mend(project, result, found, arguments.mend, part_of(progress.tick, share, 1.0))
-    table = rows(found, [one for one in found.suspects if one.severity >= arguments.least], result.names)
+        if arguments.repair:
+            rest = part_of(progress.tick, share, 1.0)
+            found, notes = _repair(project, result, found, arguments.repair, rest)
+    table = rows(
+        found, [one for one in found.suspects if one.severity >= arguments.min_severity], result.names
+    )
     if arguments.out is not None:
         write_suspects(arguments.out, table)
     lines = [f"{severity:6.2f}  {kind:<22} {name}: {words}" for kind, name, severity, *_, words in table]
@@ -66,10 +77,10 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _mend(
+def _repair(
     project: Project, result: "Result", found: "Inspection", count: int, tick: "Tick"
 ) -> "tuple[Inspection, list[str]]":
-    """Mend the most severe suspects one after another; what does not get better is left as it was."""
+    """Repair the most severe suspects one after another; keep what gets better."""
     from homolog.progress import part_of
     from homolog.run.mend import write_mended
     from homolog_app.suspects import mended
@@ -85,10 +96,10 @@ def _mend(
             sum(s.severity for s in one.suspects if s.subject == suspect.subject) for one in (found, after)
         )
         better = now < before
-        lines.append(f"{'mended' if better else 'kept as it was'}: {name}: {suspect.words}")
+        lines.append(f"{'repaired' if better else 'unchanged'}: {name}: {suspect.words}")
         if better:
             found = after
-            notes[name] = "particles were optimized again where they were suspect"
+            notes[name] = "particles of suspects were optimized again"
     if notes:
         write_mended(project, found.places.local, notes, part_of(tick, 0.9, 1.0))
     return found, lines

@@ -34,14 +34,16 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "demo",
-        help="the paper's coffee-bean experiment, start to finish",
-        description="Make the paper's coffee-bean cohort, run the original and the proposed method on it, "
-        "print the comparison and draw the pictures.",
+        help="run the paper's coffee-bean experiment",
+        description="Generate the paper's coffee-bean cohort, run two methods on it (original: Euclidean "
+        "distances; proposed: geodesic distances and normals), print the comparison and draw the pictures.",
     )
     parser.add_argument(
-        "--out", type=Path, default=Path("homolog-demo"), help="folder (default homolog-demo)"
+        "--out", type=Path, default=Path("homolog-demo"), help="output folder (default homolog-demo)"
     )
-    parser.add_argument("--particles", default=1024, metavar="INT", help="on each bean (default 1024)")
+    parser.add_argument(
+        "--particles", default=1024, metavar="INT", help="number of particles on each bean (default 1024)"
+    )
     add_progress_option(parser)
 
 
@@ -88,9 +90,9 @@ def _check_folder(out: Path) -> None:
     """Refuse to mix the demo's files with others; those of an earlier demo are replaced."""
     own = {"cohort", *_NAMES.values(), "comparison.png", "comparison.csv"}
     if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; name a folder with --out")
+        raise InputError(f"{out}: is a file; give a folder with --out")
     if out.is_dir() and any(one.name not in own for one in out.iterdir()):
-        raise InputError(f"{out}: holds other files; choose a new or empty folder with --out")
+        raise InputError(f"{out}: contains other files; choose a new or empty folder with --out")
 
 
 def _run_method(

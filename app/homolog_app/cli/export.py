@@ -28,7 +28,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     parser = subparsers.add_parser(
         "export",
         help="films, pictures, plots, meshes, tables and particles for other programs",
-        description="Export a project's result. Files appear whole or not at all; Ctrl-C leaves nothing.",
+        description="Export a project's result. Ctrl-C removes partial files.",
     )
     kinds = parser.add_subparsers(dest="what", metavar="WHAT", title="what to export", required=True)
     for module in dict.fromkeys(_modules().values()):

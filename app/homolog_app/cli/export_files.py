@@ -16,7 +16,7 @@ def add_kind(kinds: Any, name: str, words: str, description: str, out: str) -> a
     """Declare a kind of export with what each has: project, place of the result, progress."""
     parser: argparse.ArgumentParser = kinds.add_parser(name, help=words, description=description)
     parser.add_argument("project", type=Path, help="project folder")
-    what = "a new or empty folder" if out == "FOLDER" else f"{out}; replaced if it is there"
+    what = "a new or empty folder" if out == "FOLDER" else f"{out}; replaced if it exists"
     parser.add_argument("--out", type=Path, required=True, metavar=out.partition(" ")[0], help=what)
     add_progress_option(parser)
     return parser

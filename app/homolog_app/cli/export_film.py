@@ -18,8 +18,8 @@ def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
     parser = add_kind(
         kinds,
         "film",
-        "an animation as MP4, GIF or numbered pictures",
-        "Film the mean shape along modes, from one group's mean to another's, or on a turntable.",
+        "animation as MP4, GIF or numbered pictures",
+        "Animate the mean shape along modes, from one group's mean to another's, or on a turntable.",
         "FILE (.mp4, .gif, or no suffix for a folder of PNG pictures)",
     )
     add_motion_options(parser)
@@ -34,9 +34,9 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog_app.films.film import Film
 
     if arguments.out.suffix.lower() not in FILM_SUFFIXES:
-        raise InputError(f"--out {arguments.out}: must end in .mp4 or .gif, or in nothing for a folder")
+        raise InputError(f"--out {arguments.out}: use .mp4 or .gif, or no suffix for a folder of PNG frames")
     if not (arguments.mode or arguments.group or settings.turntable):
-        raise InputError("nothing moves: name --mode K, --group COLUMN A B or --turntable")
+        raise InputError("nothing moves; give --mode K, --group COLUMN A B or --turntable")
     with exporting(arguments) as tick:
         motions = chosen_motions(arguments, settings.deviations)
         film = Film(motions, arguments.view, settings, turntable=settings.turntable)
@@ -47,5 +47,5 @@ def run(arguments: argparse.Namespace) -> int:
             settings.fps,
             part_of(tick, 0.05, 0.99),
         )
-    sys.stderr.write(f"{arguments.out}: {settings.frames} frames, {settings.fps} a second\n")
+    sys.stderr.write(f"{arguments.out}: {settings.frames} frames at {settings.fps} fps\n")
     return 0

@@ -26,7 +26,7 @@ def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
         type=int,
         required=True,
         metavar=("P", "Q"),
-        help="two particles, counted from 0",
+        help="numbers of two particles, from 0",
     )
 
 

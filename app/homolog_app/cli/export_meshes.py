@@ -18,9 +18,9 @@ def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
         kinds,
         "meshes",
         "surfaces as VTP, PLY, STL or GLB",
-        "Write the mean, modes at both ends, and if asked group means and subjects, in aligned LPS "
-        "millimetres, with outward displacement [mm], p and q at the vertices where the format has room; "
-        "meshes.csv says what is what.",
+        "Write the mean, modes at both ends, and on request group means and subjects, in aligned LPS "
+        "millimetres. VTP, PLY and GLB also contain outward displacement [mm], VTP and PLY p and q; "
+        "meshes.csv describes the files.",
         "FOLDER",
     )
     add_group_option(parser, "also the means of two groups of a column, with p and q of their difference")

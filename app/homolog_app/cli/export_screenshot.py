@@ -22,16 +22,15 @@ def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
     parser = add_kind(
         kinds,
         "screenshot",
-        "what the window's views show, as PNG",
-        "Draw the views as the window's Screenshot does. VIEW says what they show and from where; the "
-        'window\'s dialog writes it for you. The least is \'{"view": {"page": "modes"}}\'; pages are '
-        "subjects, modes, groups, measure and check. What no project holds, such as a run that goes on, the "
-        "window writes beside its picture: such a file, NAME.views.npz, is a VIEW too.",
+        "the window's views as PNG",
+        "Draw the views as the window's Screenshot does. VIEW is JSON that describes page, shapes and "
+        "cameras; "
+        'the window\'s dialog shows it. The shortest is \'{"view": {"page": "modes"}}\'; pages are subjects, '
+        "modes, groups, measure and check. For views that no project contains, such as those of a run in "
+        "progress, the window writes NAME.views.npz with its picture; such a file is a VIEW, too.",
         "FILE (.png)",
     )
-    parser.add_argument(
-        "--view", required=True, metavar="VIEW", help="JSON, or the name of a file that holds it"
-    )
+    parser.add_argument("--view", required=True, metavar="VIEW", help="JSON, or a file that contains it")
     add_options(parser, ScreenshotSettings)
 
 

@@ -18,9 +18,9 @@ def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
     parser = add_kind(
         kinds,
         "still",
-        "a picture of any size as PNG",
-        "Picture the mean shape, or where it goes along modes or from one group's mean to another's: a "
-        "frame of the film with the same options.",
+        "picture of any size as PNG",
+        "Draw the mean shape moved along modes or between group means: one frame of the film with the same "
+        "options.",
         "FILE (.png)",
     )
     add_motion_options(parser)

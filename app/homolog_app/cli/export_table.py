@@ -19,10 +19,10 @@ def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
         "table",
         "scores, modes, measures and group results as CSV",
         "Write scores.csv, modes.csv and subjects.csv (volume, area, size, distance from the mean), and a "
-        "folder of tables for each study that homolog analyze kept, or for the groups named here.",
+        "folder of tables for each study that homolog analyze stored, or for the groups given here.",
         "FOLDER",
     )
-    add_group_option(parser, "compare two groups of a column in place of the studies that were kept")
+    add_group_option(parser, "compare two groups of a column instead of exporting the stored studies")
     add_options(parser, TableSettings)
 
 

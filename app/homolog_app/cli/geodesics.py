@@ -21,7 +21,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     )
     parser.add_argument("mesh", type=Path, help="closed surface: .vtp, .vtk, .ply, .stl or .obj")
     parser.add_argument(
-        "--d-max", type=float, required=True, metavar="MM", help="longest distance to keep; inf for all"
+        "--d-max", type=float, required=True, metavar="MM", help="greatest distance to compute; inf for all"
     )
     parser.add_argument(
         "--out", type=Path, metavar="FILE.npz", help="write a SciPy sparse matrix (scipy.sparse.load_npz)"
@@ -42,7 +42,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         nargs="?",
         const=32,
         metavar="SOURCES",
-        help="compare that many random rows (default 32) with exact distances; needs tvb-gdist",
+        help="compare this number of random rows (default 32) with exact distances; needs tvb-gdist",
     )
     add_progress_option(parser)
 
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog.geodesics import measure_accuracy, plan_tables, solve_plan
 
     if arguments.out is not None and arguments.out.suffix != ".npz":
-        raise InputError(f"{arguments.out}: the matrix is written as .npz; choose such a name")
+        raise InputError(f"{arguments.out}: the matrix is written as .npz; use that suffix")
     if arguments.verify is not None and arguments.verify < 1:
         raise InputError(f"--verify {arguments.verify}: at least one source is needed")
     mesh = read_mesh(arguments.mesh)

@@ -15,13 +15,13 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "import",
-        help="make a project of a ShapeWorks project or a folder of particles",
+        help="import a ShapeWorks project or a folder of particles",
         description="Make a project, with a result that can be looked at and analyzed, of a ShapeWorks "
         "project (.swproj, .xlsx) or of a folder of .particles. Nothing is optimized.",
     )
     parser.add_argument("source", type=Path, help=".swproj or .xlsx file, or folder of .particles")
-    parser.add_argument("project", type=Path, help="project folder to make")
-    parser.add_argument("--domain", metavar="NAME", help="which anatomy, where the project has several")
+    parser.add_argument("project", type=Path, help="project folder to create")
+    parser.add_argument("--domain", metavar="NAME", help="anatomy to import if the project has several")
     add_progress_option(parser)
 
 

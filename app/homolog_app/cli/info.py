@@ -1,4 +1,4 @@
-"""``homolog info``: what a project holds."""
+"""``homolog info``: what a project contains."""
 
 import argparse
 import json
@@ -23,10 +23,10 @@ _ENDINGS = {
 def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
     """Declare the command."""
     parser = subparsers.add_parser(
-        "info", help="say what a project holds", description="Say what a project holds."
+        "info", help="show what a project contains", description="Show what a project contains."
     )
     parser.add_argument("project", type=Path, help="project folder")
-    parser.add_argument("--json", action="store_true", help="print the whole record as JSON")
+    parser.add_argument("--json", action="store_true", help="print the complete record as JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -49,8 +49,8 @@ def how_it_ended(result: ResultRecord) -> str:
 def _facts(project: Project, record: ProjectRecord) -> list[tuple[str, str]]:
     facts = [("project", str(project.folder)), ("subjects", _groups([one.group for one in record.subjects]))]
     if record.unfinished:
-        state = "stopped on the way" if project.checkpoint.is_file() else "stopped before the first particles"
-        facts.append(("last run", f"{state}; to go on: homolog run {project.folder} --resume"))
+        state = "interrupted" if project.checkpoint.is_file() else "interrupted before the first particles"
+        facts.append(("last run", f"{state}; to continue: homolog run {project.folder} --resume"))
     if record.result is None:
         return [*facts, ("result", "none yet")]
     return [*facts, *_result_facts(record.result), *_landmarks(project, record)]
@@ -66,7 +66,7 @@ def _landmarks(project: Project, record: ProjectRecord) -> list[tuple[str, str]]
         found = project_landmark_errors(project)
     except (InputError, NumericalError) as error:
         return [("landmarks", str(error))]
-    return [("landmarks", "no two subjects have the same" if found is None else landmark_words(found))]
+    return [("landmarks", "no two subjects share a landmark" if found is None else landmark_words(found))]
 
 
 def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
@@ -89,7 +89,7 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
         ("versions", ", ".join(f"{name} {number}" for name, number in result.versions.items())),
         ("fingerprint", result.fingerprint),
     ]
-    return facts + [("note", f"{one.name}: {note}") for one in result.subjects for note in one.notes]
+    return facts + [("note", remark) for remark in result.remarks]
 
 
 def _mirrored(result: ResultRecord) -> str:

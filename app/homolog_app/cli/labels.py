@@ -24,8 +24,8 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         "labels",
         help="list the structures in a cohort's label maps",
         description="List the structures in a cohort's files: names, numbers, how many subjects have them, "
-        "volumes, and in how many images they touch the border, where they may be cut off. Each "
-        "can be studied by its name (homolog run COHORT --label NAME), or all of them (homolog batch).",
+        "volumes, and in how many images they touch the border and may be cut off. Use homolog run COHORT "
+        "--label NAME for one of them, homolog batch for all.",
     )
     parser.add_argument("cohort", type=Path, help="folder of label maps, cohort.csv, or project")
     parser.add_argument("--json", action="store_true", help="print all volumes as JSON")
@@ -57,7 +57,7 @@ def cohort_of(path: Path) -> Cohort:
 
 def _print(found: "Structures", subjects: int) -> None:
     if not found.structures:
-        sys.stdout.write("the files hold no labelled structure\n")
+        sys.stdout.write("the files contain no labelled structure\n")
         return
     rows = [_HEADS, *(_row(one, subjects) for one in found.structures)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -18,14 +18,14 @@ def add_motion_options(parser: argparse.ArgumentParser) -> None:
     """Declare ``--mode``, ``--group`` and ``--view``."""
     what = parser.add_mutually_exclusive_group()
     what.add_argument(
-        "--mode", type=int, nargs="+", metavar="K", help="modes of variation, from 1; several make a grid"
+        "--mode", type=int, nargs="+", metavar="K", help="modes of variation, from 1; several form a grid"
     )
     what.add_argument(
-        "--group", nargs=3, metavar=("COLUMN", "A", "B"), help="from the mean of one group to another's"
+        "--group", nargs=3, metavar=("COLUMN", "A", "B"), help="from the mean of one group to that of another"
     )
     parser.add_argument(
         "--view", nargs="+", choices=SIGHTS, metavar="VIEW", default=["oblique"],
-        help=f"directions of sight, several make a grid: {', '.join(SIGHTS)} (default oblique)",
+        help=f"view directions; several form a grid: {', '.join(SIGHTS)} (default oblique)",
     )  # fmt: skip
 
 
@@ -44,7 +44,7 @@ def chosen_motions(arguments: argparse.Namespace, deviations: float) -> "Sequenc
     if len(set(arguments.view)) < len(arguments.view) or len(set(arguments.mode or [])) < len(
         arguments.mode or []
     ):
-        raise InputError("--mode and --view: name each one once")
+        raise InputError("--mode and --view: give each value once")
     if arguments.mode:
         return mode_motions(result, arguments.mode, deviations)
     if arguments.group:

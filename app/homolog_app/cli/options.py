@@ -1,8 +1,9 @@
 """Command-line options made from settings models, so that each setting is described once."""
 
 import argparse
+import sys
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -10,11 +11,11 @@ from homolog.errors import InputError
 from homolog.parameters import Parameter, parameters
 from homolog.settings import GroomSettings, RunSettings
 
-__all__ = ["add_options", "options_of", "with_all_options", "with_options"]
+__all__ = ["add_former_name", "add_options", "options_of", "with_all_options", "with_options"]
 
 _Model = TypeVar("_Model", bound=BaseModel)
 _AUTO = "auto"
-_OR_NAME = "; or a structure's name, as with --segment (homolog labels FOLDER lists them)"
+_OR_NAME = "; or the name of a structure, as homolog labels lists them"
 
 
 def add_options(
@@ -39,6 +40,39 @@ def add_options(
                 metavar="{" + ",".join(one.choices) + "}" if one.choices else one.kind.__name__.upper(),
                 help=_help(one) + (_OR_NAME if model is GroomSettings and one.name == "label" else ""),
             )
+
+
+class _FormerName(argparse.Action):
+    """A hidden option that does what the present one does, and says what that is called."""
+
+    def __init__(self, present: argparse.Action, **kwargs: Any) -> None:  # noqa: ANN401 - argparse's own
+        super().__init__(**kwargs)
+        self._present = present
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,  # noqa: ANN401 - argparse's own
+        option_string: str | None = None,
+    ) -> None:
+        name = self._present.option_strings[0]
+        sys.stderr.write(f"homolog: {option_string} is now called {name}; the old name will be removed\n")
+        self._present(parser, namespace, values, option_string)
+
+
+def add_former_name(parser: argparse.ArgumentParser, former: str, present: argparse.Action) -> None:
+    """Let an option be given by its former name, with a hint on standard error; help does not list it."""
+    parser.add_argument(
+        former,
+        action=_FormerName,
+        present=present,
+        dest=present.dest,
+        nargs=present.nargs,
+        type=present.type or str,
+        default=argparse.SUPPRESS,
+        help=argparse.SUPPRESS,
+    )
 
 
 def with_options(settings: _Model, arguments: argparse.Namespace) -> _Model:

@@ -22,7 +22,7 @@ def add_progress_option(parser: argparse.ArgumentParser) -> None:
         "--progress",
         choices=["bar", "json", "none"],
         default="bar",
-        help="bar: one line that moves (default); json: one object a line on standard output; none",
+        help="bar (default), json (one object per line on standard output) or none",
     )
 
 

@@ -16,8 +16,8 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     parser = subparsers.add_parser(
         "report",
         help="write one HTML page about a project's model and studies",
-        description="Write one HTML page about a project's shape model and its studies (see homolog analyze) "
-        "with figures as SVG and PDF beside it. It opens in a browser without a network.",
+        description="Write one HTML page about a project's shape model and its studies (see homolog "
+        "analyze), with figures as SVG and PDF. It opens in a browser without a network.",
     )
     parser.add_argument("project", type=Path, help="project folder")
     add_progress_option(parser)

@@ -25,7 +25,7 @@ from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog_app.cli.info import how_it_ended
-from homolog_app.cli.options import add_options, with_all_options
+from homolog_app.cli.options import add_former_name, add_options, with_all_options
 from homolog_app.cli.progress import add_progress_option, show_progress
 from homolog_app.signals import handling
 
@@ -39,23 +39,28 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "run",
-        help="place corresponding particles on a cohort and make a shape model",
-        description="Place corresponding particles on a cohort's surfaces and make a shape model of them. "
-        "Ctrl-C stops at once; --resume goes on from there. A project whose result has fewer particles than "
-        "asked for is added to; one that has this result already takes over groups and columns.",
+        help="groom a cohort, place corresponding particles, compute the shape model",
+        description="Groom a cohort, place corresponding particles on its surfaces and compute the shape "
+        "model. Ctrl-C stops the run; --resume continues it. If the project has a result with fewer "
+        "particles, particles are added to it. If it already has this result, only groups and covariates are "
+        "updated.",
     )
     parser.add_argument("cohort", type=Path, help="folder of segmentations or meshes, cohort.csv, or project")
-    parser.add_argument("--out", type=Path, help="project folder to make; COHORT itself if that is a project")
-    parser.add_argument("--resume", action="store_true", help="go on with a run that was cancelled or killed")
+    parser.add_argument(
+        "--out", type=Path, help="project folder to create (default: COHORT, if it is a project)"
+    )
+    parser.add_argument("--resume", action="store_true", help="continue a run that was cancelled or killed")
     parser.add_argument(
         "--fit", type=Path, nargs="+", metavar="FILE",
-        help="fit new subjects to the project's result, whose particles stay as they are: their files, or "
-        "folders or cohort.csv of them",
+        help="fit new subjects (files, folders or a cohort.csv) to the project's result, which stays as it "
+        "is",
     )  # fmt: skip
-    parser.add_argument(
-        "--anew", action="store_true", help="place all particles anew even if the result could be added to"
+    restart = parser.add_argument(
+        "--restart", action="store_true", help="place all particles from the start, whatever the result"
     )
-    parser.add_argument("--skip-bad", action="store_true", help="leave out files that can't be used")
+    skip = parser.add_argument("--skip-invalid", action="store_true", help="skip files that can't be used")
+    add_former_name(parser, "--anew", restart)
+    add_former_name(parser, "--skip-bad", skip)
     parser.add_argument("--no-figures", dest="figures", action="store_false", help="write no pictures")
     add_progress_option(parser)
     for model in (OptimizeSettings, GroomSettings, RunSettings):
@@ -77,14 +82,14 @@ def run(arguments: argparse.Namespace) -> int:
         settings,
         resume=arguments.resume,
         from_result=from_result,
-        skip_bad=arguments.skip_bad,
+        skip_bad=arguments.skip_invalid,
     )
     with show_progress(arguments.progress) as progress, interrupt_cancels(job.cancel):
         reason = job.execute(
             lambda status: progress.show(status.fraction, status.message, status.eta_s, status.phase)
         )
     for note in job.notes:
-        sys.stderr.write(f"homolog: left out: {note}\n")
+        sys.stderr.write(f"homolog: skipped: {note}\n")
     done = reason is FinishReason.COMPLETED
     if done:
         _say_what_was_found(project)
@@ -104,7 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _is_there(arguments: argparse.Namespace, project: Project, cohort: Cohort, settings: RunSettings) -> bool:
     """Whether the project has the very result already that is asked for with a folder or table."""
-    asked_anew = arguments.anew or arguments.resume or arguments.fit or project.folder == arguments.cohort
+    asked_anew = arguments.restart or arguments.resume or arguments.fit or project.folder == arguments.cohort
     if asked_anew or not project.exists:
         return False
     from homolog.run import is_result_of
@@ -122,8 +127,8 @@ def _use(arguments: argparse.Namespace, project: Project, cohort: Cohort) -> int
         if not changes.is_empty:
             update_table(project, changes.subjects)
     sys.stderr.write(
-        "homolog: the finished result of the same files and settings is used; --anew places all particles "
-        "anew\n"
+        "homolog: this project already has the result of these files and settings; --restart computes it "
+        "again\n"
     )
     for line in () if changes.is_empty else changes.words[1:]:
         sys.stderr.write(f"homolog: table: {line}\n")
@@ -150,14 +155,14 @@ def _say_what_is_left(job: "Run") -> None:
         sys.stderr.write("cancelled\n")
         return
     if project.read().result is None and job.keep():
-        sys.stderr.write("the particles so far are kept as a result\n")
-    sys.stderr.write(f"cancelled; to go on: homolog run {project.folder} --resume\n")
+        sys.stderr.write("the particles placed so far are saved as a result\n")
+    sys.stderr.write(f"cancelled; to continue: homolog run {project.folder} --resume\n")
 
 
 def _summary(project: Project) -> str:
     result = project.read().result
     assert result is not None, "a completed run has a result"
-    folds = f"; {result.folded_faces} faces of the mean are folded" if result.folded_faces else ""
+    folds = f"; {result.folded_faces} folded faces on the mean" if result.folded_faces else ""
     size = f"{len(result.subjects)} subjects x {result.particles} particles"
     return f"{size}, {how_it_ended(result)}{folds}"
 
@@ -169,20 +174,22 @@ def _what_to_run(arguments: argparse.Namespace) -> tuple[Project, Cohort, RunSet
         record, cohort = source.read(), source.cohort()
         settings = record.settings
         if arguments.resume and not record.unfinished:
-            raise InputError(f"{source.folder}: its last run came to its end; there is nothing to resume")
+            raise InputError(f"{source.folder}: its last run has finished; there is nothing to resume")
     elif arguments.resume:
-        raise InputError(f"{source.folder}: is no project, so there is nothing to resume")
+        raise InputError(f"{source.folder}: is not a project, so there is nothing to resume")
     elif arguments.fit:
-        raise InputError(f"{source.folder}: is no project, so there is no result to fit new subjects to")
+        raise InputError(
+            f"{source.folder}: is not a project, so it has no result to which subjects can be fitted"
+        )
     elif arguments.out is None:
-        raise InputError(f"say where the results go: homolog run {arguments.cohort} --out PROJECT")
+        raise InputError(f"name a folder for the results: homolog run {arguments.cohort} --out PROJECT")
     else:
         project, cohort, settings = Project(arguments.out), read_cohort(arguments.cohort), RunSettings()
     project.check_is_free()
     settings = with_all_options(settings, arguments)
     if arguments.fit:
         if arguments.resume or project.folder != source.folder:
-            raise InputError("--fit adds to the project itself; leave out --out and --resume")
+            raise InputError("--fit changes the project itself; don't combine it with --out or --resume")
         cohort = _with_new(cohort, arguments.fit, settings.groom.segment)
     return project, cohort, settings
 
@@ -212,7 +219,7 @@ def _subjects_of(path: Path, segment: str | None) -> tuple[Subject, ...]:
         return read_cohort(path).subjects
     suffixes = [one for one in (*IMAGE_SUFFIXES, *MESH_SUFFIXES) if path.name.lower().endswith(one)]
     if not path.is_file() or not suffixes:
-        raise InputError(f"{path}: is no segmentation or mesh; correct the path")
+        raise InputError(f"{path}: is not a segmentation or mesh; correct the path")
     name = path.name[: -len(max(suffixes, key=len))]
     return (Subject(name, path.resolve(), landmarks=landmarks_beside(path.resolve())),)
 
@@ -231,15 +238,16 @@ def _adds_particles(
     result = project.read().result
     if result is None:
         return False
-    if arguments.anew or not adds_particles(result, cohort, settings):
+    if arguments.restart or not adds_particles(result, cohort, settings):
         sys.stderr.write(
-            f"homolog: the result of {len(result.subjects)} subjects x {result.particles} particles is "
-            "replaced when this run ends; Ctrl-C before keeps it\n"
+            f"homolog: this run will replace the result of {len(result.subjects)} subjects x "
+            f"{result.particles} particles when it ends; cancel it to keep that result\n"
         )
         return False
     more = settings.optimize.particles - result.particles
     sys.stderr.write(
-        f"homolog: adding {more} particles to the result's {result.particles}; --anew places all anew\n"
+        f"homolog: adding {more} particles to the {result.particles} of the result; --restart places all "
+        "particles from the start\n"
     )
     return True
 

@@ -23,7 +23,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     )
     parser.add_argument("project", type=Path, help="project folder")
     parser.add_argument("table", type=Path, help="table to read")
-    parser.add_argument("--dry-run", action="store_true", help="only say what would change")
+    parser.add_argument("--dry-run", action="store_true", help="show what would change, and change nothing")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -52,7 +52,7 @@ def distances(particles: FloatArray, first: int, second: int) -> FloatArray:
     count = particles.shape[-2]
     for one in (first, second):
         if not 0 <= one < count:
-            raise InputError(f"there is no particle {one}; they are numbered from 0 to {count - 1}")
+            raise InputError(f"no particle {one}; particles are numbered from 0 to {count - 1}")
     return np.asarray(np.linalg.norm(particles[:, second] - particles[:, first], axis=1))
 
 

@@ -58,9 +58,9 @@ def draw_plot(
     theme = DARK if settings.background is Background.DARK else LIGHT
     if settings.kind.needs_groups != (groups is not None):
         raise InputError(
-            f"the plot {settings.kind} compares groups; name them with --group COLUMN A B"
+            f"the plot {settings.kind} compares groups; give a column and two of its groups"
             if groups is None
-            else f"the plot {settings.kind} compares no groups; leave --group out"
+            else f"the plot {settings.kind} compares no groups; give none"
         )
     result = read_result(project)
     if groups is not None:
@@ -78,7 +78,7 @@ def draw_plot(
         axes = settings.horizontal - 1, settings.vertical - 1
         return scores_figure(model, column_of(result, colour_by), axes, theme)
     if len(result.names) < 3:
-        raise InputError("quality is measured by leaving subjects out; it needs three or more")
+        raise InputError("quality is measured by leave-one-out and needs three or more subjects")
     return quality_figure(result, model, theme)
 
 
@@ -103,5 +103,5 @@ def _comparison(
     if settings.kind is Plot.DIFFERENCE:
         return map_figure(study.overall, SurfaceCarrier.of(result), theme)
     if study.overall.discriminant is None:
-        raise InputError("there is no discriminant: no mode is above chance")
+        raise InputError("no discriminant: parallel analysis retains no mode")
     return discriminant_figure(study, study.overall, theme)

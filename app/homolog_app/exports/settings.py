@@ -20,9 +20,9 @@ __all__ = [
 
 _Permutations = Annotated[
     int,
-    Field(ge=99, le=1_000_000, description="Relabellings for the p-values of groups, if groups are named."),
+    Field(ge=99, le=1_000_000, description="Permutations for the p-values of groups, if groups are given."),
 ]
-_Seed = Annotated[int, Field(ge=0, le=2**31 - 1, description="Same seed, same p-values.")]
+_Seed = Annotated[int, Field(ge=0, le=2**31 - 1, description="Random seed of the permutations.")]
 
 
 class _Settings(BaseModel):
@@ -44,16 +44,16 @@ class MeshSettings(_Settings):
     format: Annotated[
         MeshFormat,
         Field(
-            description="vtp and ply keep values at vertices; glb keeps them and shows their colours; stl "
-            "keeps the surface only."
+            description="vtp and ply store values at vertices; glb shows them as colours; stl stores the "
+            "surface only."
         ),
     ] = MeshFormat.VTP
-    modes: Annotated[int, Field(ge=0, le=100, description="How many of the modes, each at both ends.")] = 3
+    modes: Annotated[int, Field(ge=0, le=100, description="Number of modes, each at both ends.")] = 3
     deviations: Annotated[
         float,
-        Field(gt=0.0, le=6.0, json_schema_extra={"unit": "SD"}, description="How far along the modes."),
+        Field(gt=0.0, le=6.0, json_schema_extra={"unit": "SD"}, description="Range along the modes."),
     ] = 2.0
-    subjects: Annotated[bool, Field(description="Also the subjects' own surfaces, aligned.")] = False
+    subjects: Annotated[bool, Field(description="Also write the subjects' own surfaces, aligned.")] = False
     permutations: _Permutations = 10_000
     seed: _Seed = 0
 
@@ -88,14 +88,14 @@ class PlotSettings(_Settings):
     kind: Annotated[
         Plot,
         Field(
-            description="scree: eigenvalues and what chance reaches; scores: subjects in two modes; quality: "
+            description="scree: eigenvalues with parallel analysis; scores: subjects in two modes; quality: "
             "compactness, generalization, specificity; energies: the run; modes: mean and both ends; "
             "difference and discriminant: two groups."
         ),
     ] = Plot.SCREE
     horizontal: Annotated[int, Field(ge=1, le=1000, description="Mode along the x axis of scores.")] = 1
     vertical: Annotated[int, Field(ge=1, le=1000, description="Mode along the y axis of scores.")] = 2
-    modes: Annotated[int, Field(ge=1, le=20, description="How many modes the picture of modes shows.")] = 3
+    modes: Annotated[int, Field(ge=1, le=20, description="Number of modes in the plot of modes.")] = 3
     background: Annotated[Background, Field(description="Light for print, dark for slides.")] = (
         Background.LIGHT
     )
@@ -122,5 +122,5 @@ class ParticleSettings(_Settings):
 class ScreenshotSettings(_Settings):
     """Screenshot."""
 
-    scale: Annotated[int, Field(ge=1, le=4, description="How many times as large as on the screen.")] = 2
-    transparent: Annotated[bool, Field(description="No background.")] = False
+    scale: Annotated[int, Field(ge=1, le=4, description="Magnification relative to the screen.")] = 2
+    transparent: Annotated[bool, Field(description="Transparent background.")] = False

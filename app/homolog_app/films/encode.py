@@ -62,9 +62,7 @@ def write_film(
     """
     suffix = path.suffix.lower()
     if suffix not in FILM_SUFFIXES:
-        raise InputError(
-            f"{path}: films are .mp4 or .gif, or a name without suffix for a folder of pictures; choose one"
-        )
+        raise InputError(f"{path}: use .mp4 or .gif, or no suffix for a folder of PNG frames")
 
     def told() -> Iterable[bytes]:
         for index in range(frames):
@@ -96,7 +94,7 @@ def write_film(
 def write_still(path: Path, picture: _Picture) -> None:
     """Write one picture as PNG, whole or not at all; raises InputError if it can't be written."""
     if path.suffix.lower() != ".png":
-        raise InputError(f"{path}: pictures are written as .png; choose such a name")
+        raise InputError(f"{path}: pictures are written as .png; use that suffix")
     with replacing(path) as part:
         _save(picture, part)
 

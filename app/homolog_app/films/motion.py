@@ -95,7 +95,7 @@ def group_means(result: Result, column: str, groups: Sequence[str]) -> list[Floa
     labels = np.array(column_of(result, column))
     for group in groups:
         if group not in labels:
-            there = ", ".join(levels(labels.tolist())) or "no values at all; fill the column in first"
+            there = ", ".join(levels(labels.tolist())) or "no values; fill in the column first"
             raise InputError(f"column {column!r}: no subject is in {group!r}; there are: {there}")
     return [result.world[labels == group].mean(axis=0) for group in groups]
 

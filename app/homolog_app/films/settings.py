@@ -34,10 +34,16 @@ class PictureSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     width: Annotated[
-        int, Field(ge=480, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="An even number.")
+        int,
+        Field(
+            ge=480, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="Width in pixels (even)."
+        ),
     ] = 1280
     height: Annotated[
-        int, Field(ge=320, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="An even number.")
+        int,
+        Field(
+            ge=320, le=7680, multiple_of=2, json_schema_extra=_PIXELS, description="Height in pixels (even)."
+        ),
     ] = 720
     deviations: Annotated[
         float,
@@ -46,18 +52,18 @@ class PictureSettings(BaseModel):
             le=6.0,
             title="range",
             json_schema_extra={"unit": "SD"},
-            description="How far a mode goes to either side of the mean; also the range of the colours.",
+            description="Range of a mode on both sides of the mean; also the range of the colours.",
         ),
     ] = 2.0
     colours: Annotated[
         Colouring,
-        Field(description="Outward displacement: blue expands, yellow contracts, with its scale; or plain."),
+        Field(description="displacement: blue outward, yellow inward, with a scale; or plain."),
     ] = Colouring.DISPLACEMENT
     background: Annotated[Background, Field(description="Light for print, dark for slides.")] = (
         Background.LIGHT
     )
-    caption: Annotated[bool, Field(description="Say what is shown and how far it has moved.")] = True
-    scale_bar: Annotated[bool, Field(description="Draw a bar of known length in mm.")] = True
+    caption: Annotated[bool, Field(description="Describe what is shown and how far it has moved.")] = True
+    scale_bar: Annotated[bool, Field(description="Draw a scale bar in mm.")] = True
 
 
 class FilmSettings(PictureSettings):
@@ -68,17 +74,23 @@ class FilmSettings(PictureSettings):
         Field(
             ge=1,
             le=60,
-            title="frames a second",
-            json_schema_extra={"unit": "1/s"},
-            description="25 is smooth; fewer make smaller files.",
+            title="frame rate",
+            json_schema_extra={"unit": "fps"},
+            description="Frames per second; 25 is smooth, fewer make smaller files.",
         ),
     ] = 25
     seconds: Annotated[
         float,
-        Field(ge=0.2, le=600.0, title="length", json_schema_extra={"unit": "s"}, description="Of the film."),
+        Field(
+            ge=0.2,
+            le=600.0,
+            title="length",
+            json_schema_extra={"unit": "s"},
+            description="Duration of the animation.",
+        ),
     ] = 4.0
     loop: Annotated[
-        bool, Field(description="Go there and back, so that the film can be repeated without a jump.")
+        bool, Field(description="Play forward and back, so that the film repeats without a jump.")
     ] = True
     turntable: Annotated[bool, Field(description="Turn the shape once around its upright axis.")] = False
 
@@ -97,8 +109,8 @@ class StillSettings(PictureSettings):
             ge=-6.0,
             le=6.0,
             title="place",
-            description="Where: in SD along a mode, 0 (first) to 1 (second) between groups; upper end if not "
-            "given.",
+            description="Position in SD along a mode, or from 0 (first) to 1 (second group); upper end if "
+            "not given.",
         ),
     ] = None
-    transparent: Annotated[bool, Field(description="No background.")] = False
+    transparent: Annotated[bool, Field(description="Transparent background.")] = False

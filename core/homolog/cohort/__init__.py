@@ -73,11 +73,9 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     elif path.is_file() and path.suffix.lower() in TABLE_SUFFIXES:
         cohort = read_manifest(path)
     elif path.is_file():
-        raise InputError(
-            f"{path}: is one file; give the folder that holds the cohort's files, or a cohort.csv"
-        )
+        raise InputError(f"{path}: is one file; give the folder of the cohort's files, or a cohort.csv")
     else:
-        raise InputError(f"{path}: there is no such folder or file; correct the path")
+        raise InputError(f"{path}: does not exist; correct the path")
     repeated = [name for name, count in Counter(one.name for one in cohort.subjects).items() if count > 1]
     if repeated:
         raise InputError(f"{path}: several subjects are called {', '.join(repeated)}; give each its own name")

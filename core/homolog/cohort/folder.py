@@ -74,8 +74,8 @@ def read_folder(folder: Path) -> Cohort:
     series = {one: one for one in folders if dicom_files(one)}
     if slices or not (files or series or not dicom_files(folder)):
         raise InputError(
-            f"{folder}: holds the slices of a DICOM series; give the folder above it, which holds one folder "
-            "for each subject"
+            f"{folder}: contains the slices of a DICOM series; give the folder above it, which contains one "
+            "folder for each subject"
         )
     if not files and not series:
         series = {one: below for one in folders if (below := _series_below(one))}
@@ -99,13 +99,13 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     if several and not _are_subjects(found):
         counts = ", ".join(f"{one.name} ({len(found[one])})" for one in several[:_NAMED])
         raise InputError(
-            f"{folder}: holds folders with several segmentations or meshes: {counts}"
+            f"{folder}: contains folders with several segmentations or meshes: {counts}"
             f"{' …' if len(several) > _NAMED else ''}; give one of them, or a cohort.csv that names "
             "the files"
         )
     if not found:
         raise InputError(
-            f"{folder}: holds no segmentation or mesh; known files are "
+            f"{folder}: contains no segmentation or mesh; known files are "
             f"{', '.join(IMAGE_SUFFIXES + MESH_SUFFIXES)} and folders of DICOM files"
         )
     subjects = [_subject_of(one, list(sources.values()), bool(several)) for one, sources in found.items()]
@@ -192,7 +192,7 @@ def _series_below(folder: Path) -> Path | None:
         found = [one for one in sorted(folder.glob(pattern)) if one.is_dir() and dicom_files(one)]
         if len(found) > 1:
             raise InputError(
-                f"{folder}: holds {len(found)} DICOM series; give a cohort.csv that says which one is meant"
+                f"{folder}: contains {len(found)} DICOM series; give a cohort.csv that names one of them"
             )
         if found:
             return found[0]

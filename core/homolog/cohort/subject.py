@@ -58,7 +58,7 @@ class Subject:
                 str(one or "").encode()
             except UnicodeEncodeError as error:
                 shown = os.fsencode(str(one)).decode("utf-8", "backslashreplace")
-                raise InputError(f"{shown}: its name is no text in UTF-8; rename it") from error
+                raise InputError(f"{shown}: its name is not valid UTF-8; rename it") from error
 
     @property
     def is_mesh(self) -> bool:
@@ -118,5 +118,5 @@ def checked_path(text: str) -> str:
         or len(text) > _LONGEST_PATH
         or any(len(os.fsencode(one)) > _LONGEST_PART for one in parts)
     ):
-        raise ValueError("can't be a path: it is too long, or holds characters that no path has")
+        raise ValueError("can't be a path: it is too long or contains invalid characters")
     return text

@@ -71,7 +71,7 @@ class TableChanges:
             shown = [f"{one.subject} {one.before} to {one.after}" for one in changed]
             lines.append(f"{name}: {_count(len(changed), 'value')} replaced ({_listed(shown)})")
         if self.is_empty:
-            lines.append("nothing changes: all values are there already")
+            lines.append("nothing changes: the project already has all values")
         if self.without_row:
             lines.append(f"without a row: {_listed(self.without_row)}")
         if self.unknown:
@@ -101,7 +101,7 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     columns, lines = read_rows(path)
     named = [one for one in columns if one]
     if not lines or not named:
-        raise InputError(f"{path}: holds no rows; choose another table")
+        raise InputError(f"{path}: contains no rows; choose another table")
     rows = [row for _, row in lines]
     wanted = [one for key in _KEYS for one in named if one.casefold() == key]
     keys = wanted or [one for one in named if one.casefold() == "path"] or named[:1]

@@ -152,7 +152,7 @@ class Journey:
             rows = zip(resume.faces, meshes, strict=True)
             fits = all(row.min() >= 0 and row.max() < len(mesh.faces) for row, mesh in rows)
         if not fits:
-            raise InputError("the checkpoint belongs to another cohort or other settings; start the run anew")
+            raise InputError("the checkpoint belongs to another cohort or other settings; start a new run")
         return index
 
     def _engine(self, count: int, particles: Particles | FloatArray) -> Engine:
@@ -294,8 +294,8 @@ class Journey:
         if (elsewhere := lost.mean(axis=1) > MOST_LOST).any():
             names = [name for name, bad in zip(self.domain.names, elsewhere, strict=True) if bad]
             raise NumericalError(
-                f"{', '.join(names)}: particles can't be kept on the surface, as it and its distance field "
-                "disagree; groom the subject again, or leave it out"
+                f"{', '.join(names)}: particles can't be kept on the surface, because it and its distance "
+                "field disagree; groom the subject again, or exclude it"
             )
         move_back(self.engine, lost)
         self.repaired[lost] = max(self.log.iteration, 1)

@@ -104,10 +104,10 @@ def _check_start(start: Start, shapes: int, particles: int) -> None:
     given = start.local.shape
     if given[0] != shapes or given[1] > particles:
         raise InputError(
-            f"the particles to start with are {given[1]} on {given[0]} shapes; asked for are {particles} on "
-            f"{shapes}; leave out no shape and ask for at least as many particles"
+            f"the initial particles are {given[1]} on {given[0]} shapes, but {particles} were requested on "
+            f"{shapes}; give initial particles for every shape, and no more than requested"
         )
     if start.movable is not None and (given[1] != particles or start.movable.shape != given[:2]):
-        raise InputError("where some particles may not move, all particles must be given; ask for no others")
+        raise InputError("if some particles are fixed, all particles must be given; request no others")
     if start.movable is not None and not start.movable.any():
-        raise InputError("no particle may move, so there is nothing to optimize; free some")
+        raise InputError("all particles are fixed, so there is nothing to optimize; free some")

@@ -153,7 +153,9 @@ def predicted(
         weights = trusted / trusted.sum(axis=0)
         others = np.einsum("mn,mnd->nd", weights, world)
         if misplaced[k].all():
-            raise InputError("no particle of one subject is in place; fit the subject to the others instead")
+            raise InputError(
+                "all particles of one subject are misplaced; fit the subject to the others instead"
+            )
         sought, known = np.flatnonzero(misplaced[k]), np.flatnonzero(~misplaced[k])
         near = np.argsort(cKDTree(others[sought]).query(others[known])[0])[:NEAR]
         far = spread_indices(others[known], min(FAR, len(known)))

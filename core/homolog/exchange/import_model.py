@@ -64,7 +64,7 @@ def import_model(
     source = Path(source)
     project.check_is_free()
     if project.exists:
-        raise InputError(f"{project.folder}: is a project already; choose a new folder to import to")
+        raise InputError(f"{project.folder}: is already a project; choose a new folder to import to")
     tick(0.0, f"reading {source.name}")
     file: ShapeWorksProject | None = None
     if source.is_dir():
@@ -74,7 +74,9 @@ def import_model(
         domain = _chosen(file, domain)
         model = model_of_project(file, domain)
     else:
-        raise InputError(f"{source}: is no ShapeWorks project (.swproj, .xlsx) and no folder of particles")
+        raise InputError(
+            f"{source}: is neither a ShapeWorks project (.swproj, .xlsx) nor a folder of particles"
+        )
     _check(source, model)
     with project.locked():
         notes = _write(project, model, tick)
@@ -93,14 +95,16 @@ def _chosen(file: ShapeWorksProject, domain: str | None) -> str:
     if domain is None and len(domains) == 1:
         return domains[0]
     if domain not in domains:
-        raise InputError(f"{file.path}: holds the anatomies {', '.join(domains)}; choose one with --domain")
+        raise InputError(
+            f"{file.path}: contains the anatomies {', '.join(domains)}; choose one of them (domain)"
+        )
     return domain
 
 
 def _check(source: Path, model: ForeignModel) -> None:
     names = [one.name for one in model.subjects]
     if len(names) < 2:
-        raise InputError(f"{source}: holds {len(names)} usable subjects; a shape model needs two or more")
+        raise InputError(f"{source}: contains {len(names)} usable subjects; a shape model needs two or more")
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(
@@ -120,7 +124,7 @@ def _write(project: Project, model: ForeignModel, tick: Tick) -> list[str]:
     try:
         surface = _mean(shapes, np.array(world), drawn, alignments, part_of(tick, 0.6, 0.7))
     except NumericalError as error:
-        raise InputError(f"{model.source}: is no model of shapes ({error}); export it again") from error
+        raise InputError(f"{model.source}: is not a shape model ({error}); export it again") from error
     with project.replacing_result() as new:
         for stem, near, there, one in zip(stems, local, world, drawn, strict=True):
             write_particles(particle_file(new, stem, "local"), near)

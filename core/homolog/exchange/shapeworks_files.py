@@ -101,7 +101,7 @@ def _from_json(path: Path) -> tuple[list[Row], dict[str, Any]]:
     data = content.pop("data", None)
     if not isinstance(data, list) or not all(isinstance(row, dict) for row in data):
         raise InputError(
-            f"{path}: is no ShapeWorks project (it has no list called data); choose another file"
+            f"{path}: is not a ShapeWorks project (it has no list called data); choose another file"
         )
     return [{str(key): _text(value) for key, value in row.items()} for row in data], content
 
@@ -110,12 +110,12 @@ def _from_xlsx(path: Path) -> tuple[list[Row], dict[str, Any]]:
     import openpyxl
 
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file; correct the path")
+        raise InputError(f"{path}: does not exist; correct the path")
     try:
         with zipfile.ZipFile(path) as archive:
             if sum(one.file_size for one in archive.infolist()) > _LARGEST_UNPACKED:
                 raise InputError(
-                    f"{path}: unpacks to more than a ShapeWorks project holds; choose another file"
+                    f"{path}: unpacks to more than a ShapeWorks project contains; choose another file"
                 )
         sheets = {}
         with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:

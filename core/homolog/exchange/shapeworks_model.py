@@ -26,7 +26,7 @@ def model_of_project(source: ShapeWorksProject, domain: str) -> ForeignModel:
     """
     rows = [row for row in source.rows if row.get("excluded", "").lower() not in _YES]
     out = [_name(row, domain) for row in source.rows if row not in rows]
-    notes = [f"left out because ShapeWorks excludes them: {', '.join(out)}"] if out else []
+    notes = [f"excluded in ShapeWorks: {', '.join(out)}"] if out else []
     subjects = tuple(_subject(source, row, domain) for row in rows)
     outside = sum(
         leads_out(value)
@@ -75,7 +75,7 @@ def model_of_folder(folder: Path) -> ForeignModel:
     if not found:
         others = [one.name for one in sorted(folder.iterdir()) if one.suffix.lower() in (".swproj", ".xlsx")]
         remedy = f"give the project in it, {others[0]}" if others else "choose another folder"
-        raise InputError(f"{folder}: holds no particles (.particles, .pts); {remedy}")
+        raise InputError(f"{folder}: contains no particles (.particles, .pts); {remedy}")
     subjects = tuple(
         ForeignSubject(name, particles_of(one.get("local")), particles_of(one.get("world")))
         for name, one in found.items()

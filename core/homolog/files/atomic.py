@@ -71,7 +71,7 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     """
     path = Path(path)
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise InputError(f"{path}: is there already; choose a new name or an empty folder")
+        raise InputError(f"{path}: already exists; choose a new name or an empty folder")
     part = path.with_name(f"{_PART}{os.getpid()}-{path.name}")
     with writing(path):
         try:

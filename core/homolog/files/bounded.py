@@ -42,4 +42,4 @@ def check_is_file(path: Path) -> None:
         there = path.exists()
     except (OSError, ValueError) as error:  # no path, or a folder on the way that can't be looked into
         raise InputError(f"{path}: can't be read: {error}; correct the path") from error
-    raise InputError(f"{path}: {'is no file' if there else 'there is no such file'}; correct the path")
+    raise InputError(f"{path}: {'is not a file' if there else 'does not exist'}; correct the path")

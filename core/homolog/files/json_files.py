@@ -30,5 +30,5 @@ def read_json(path: Path, kind: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: can't be read as a {kind}: {error}; save it again") from error
     if not isinstance(content, dict):
-        raise InputError(f"{path}: is no {kind}; choose another file")
+        raise InputError(f"{path}: is not a {kind}; choose another file")
     return content

@@ -83,7 +83,7 @@ class _File:
         """Return a count, which can't be larger than the file."""
         count = int(self.word())
         if not 0 <= count <= len(self._content):
-            raise ValueError("more values than it can hold")
+            raise ValueError("more values than it can contain")
         return count
 
     def values(self, count: int, kind: str) -> Array:

@@ -106,7 +106,7 @@ def read_markups(path: Path) -> Markups:
     markups = read_json(path, "Slicer markups file").get("markups")
     lists = [one for one in markups if isinstance(one, dict)] if isinstance(markups, list) else []
     if len(lists) != 1:
-        raise InputError(f"{path}: holds {len(lists)} point lists, not one; save each to its own file")
+        raise InputError(f"{path}: contains {len(lists)} point lists, not one; save each to its own file")
     turn = _TO_LPS.get(str(lists[0].get("coordinateSystem", "LPS")).upper())
     if turn is None:
         raise InputError(f"{path}: its coordinate system is neither LPS nor RAS; save it again from Slicer")
@@ -116,7 +116,7 @@ def read_markups(path: Path) -> Markups:
     placed = [_point(path, one) for one in control if _is_placed(one)] if isinstance(control, list) else []
     if not placed:
         raise InputError(
-            f"{path}: holds no point that was placed; place the points in Slicer and save it again"
+            f"{path}: contains no point that was placed; place the points in Slicer and save it again"
         )
     names = tuple(name for name, _ in placed)
     twice = sorted({name for name in names if names.count(name) > 1})

@@ -60,7 +60,7 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     if reader is None:
         raise _unknown(path)
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file; correct the path or leave it out")
+        raise InputError(f"{path}: does not exist; correct the path or exclude it")
     check_fits(path, _READ_BYTES * path.stat().st_size, "simplify the surface")
     content = path.read_bytes()
     try:
@@ -68,13 +68,13 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
         faces = surface.triangles() if np.isfinite(surface.points).all() else None
     except Exception as error:  # what parsers raise on damaged files is no short list
         raise InputError(
-            f"{path}: can't be read as a mesh (cut short, damaged or of another kind: {_told(error)}); "
+            f"{path}: can't be read as a mesh (truncated, damaged or of another type: {_told(error)}); "
             "copy or export it again"
         ) from error
     if faces is None:
-        raise InputError(f"{path}: holds coordinates that aren't numbers; export the surface again")
+        raise InputError(f"{path}: contains coordinates that aren't numbers; export the surface again")
     if not len(faces):
-        raise InputError(f"{path}: holds no triangles; export the surface again")
+        raise InputError(f"{path}: contains no triangles; export the surface again")
     turn = (-1.0, -1.0, 1.0) if "SPACE=RAS" in surface.header else (1.0, 1.0, 1.0)
     return TriangleMesh(*_welded(surface.points * turn, faces))
 
@@ -139,7 +139,7 @@ def _write_obj(path: Path, mesh: TriangleMesh) -> None:
 
 
 def _unknown(path: Path) -> InputError:
-    return InputError(f"{path}: is no mesh file; known are {', '.join(_READERS)}")
+    return InputError(f"{path}: is not a mesh file; known types are {', '.join(_READERS)}")
 
 
 def _writer(path: Path) -> Any:  # noqa: ANN401 - VTK has no common type for its writers

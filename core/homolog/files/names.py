@@ -33,5 +33,5 @@ def file_stems(names: Sequence[str]) -> list[str]:
 def checked_stem(text: str) -> str:
     """Return a file name without suffix; raises ValueError if `file_stems` gives none like it."""
     if len(text) > _LONGEST + 20 or not re.fullmatch(r"\w[\w.-]*", text):
-        raise ValueError("is no plain name of a file")
+        raise ValueError("is not a plain file name")
     return text

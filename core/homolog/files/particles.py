@@ -63,16 +63,16 @@ def _of_lines(path: Path, lines: list[str]) -> FloatArray:
         if not _is_number(words[0]):
             break
         if len(words) != 3 or not all(_is_number(word) for word in words):
-            raise InputError(f"{path}, line {number}: is no point; each line must be three numbers")
+            raise InputError(f"{path}, line {number}: is not a point; each line must have three numbers")
         points.append([float(word) for word in words])
     return np.array(points)
 
 
 def _checked(path: Path, points: FloatArray) -> FloatArray:
     if not len(points):
-        raise InputError(f"{path}: holds no particles")
+        raise InputError(f"{path}: contains no particles")
     if not np.isfinite(points).all():
-        raise InputError(f"{path}: holds values that are not finite; write the particles again")
+        raise InputError(f"{path}: contains values that are not finite; write the particles again")
     return frozen(points)
 
 

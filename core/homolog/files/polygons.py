@@ -14,7 +14,7 @@ MOST = 10_000_000
 """Points or corners of a surface; a file of a few bytes may unpack to more."""
 _MOST_CORNERS = 1000
 """Of one face: the time to split it grows with their square."""
-_ASTRAY = "refers to vertices that it does not hold"
+_ASTRAY = "refers to vertices that it does not contain"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -95,7 +95,7 @@ class Project:
             and any(one.name != ".lock" for one in self.folder.iterdir())
         ):
             raise InputError(
-                f"{self.folder}: holds other files; choose a new or empty folder for the project"
+                f"{self.folder}: contains other files; choose a new or empty folder for the project"
             )
 
     def read(self) -> ProjectRecord:
@@ -221,7 +221,7 @@ class Project:
 
     @property
     def _missing(self) -> InputError:
-        return InputError(f"{self.folder}: is no project (it holds no {_RECORD})")
+        return InputError(f"{self.folder}: is not a project (it contains no {_RECORD})")
 
     @contextmanager
     def replacing_result(self) -> Iterator["Project"]:

@@ -111,7 +111,7 @@ class ResultRecord(_Record):
         """How the mean surface follows the particles."""
         words = f"{self.folded_faces} folded faces on the mean"
         if self.smoothed_particles:
-            words += f", smoothed around {self.smoothed_particles} particles, where it would fold"
+            words += f", smoothed around {self.smoothed_particles} particles where it would fold"
         return words
 
     @model_validator(mode="after")

@@ -206,5 +206,5 @@ def _result_of(project: Project) -> ResultRecord:
     project.recover()
     record = project.read().result
     if record is None:
-        raise InputError(f"{project.folder}: has no result yet; run it first: homolog run {project.folder}")
+        raise InputError(f"{project.folder}: has no result yet; run it first")
     return record

@@ -73,7 +73,7 @@ def _piece(file: "_File", piece: ElementTree.Element, size: int) -> Polygons:
     def count(name: str) -> int:
         found = int(piece.get(f"NumberOf{name}", "0"))
         if not 0 <= found <= min(_DEFLATED * size, MOST):
-            raise ValueError("claims more points or faces than it can hold")
+            raise ValueError("claims more points or faces than it can contain")
         return found
 
     def cells(name: str) -> Cells:
@@ -151,7 +151,7 @@ class _File:
         blocks, block, last = self._words(source.peek(3 * width))
         sizes = [block] * max(blocks - 1, 0) + [last or block] * (blocks > 0) if blocks < len(source) else []
         if blocks != len(sizes):
-            raise ValueError("claims more blocks than it can hold")
+            raise ValueError("claims more blocks than it can contain")
         _check(sum(sizes), size)
         packed = self._words(source.take((3 + blocks) * width))[3:]
         body = source.take(sum(packed))

@@ -22,7 +22,8 @@ def read_dicom(path: Path) -> Volume:
     if path.is_file():
         if not is_dicom_seg(path):
             raise InputError(
-                f"{path}: is no DICOM SEG; if it is one slice of a label map, give the folder of its series"
+                f"{path}: is not a DICOM SEG; if it is one slice of a label map, give the folder of its "
+                "series"
             )
         return read_seg(path)
     files = dicom_files(path)
@@ -30,5 +31,5 @@ def read_dicom(path: Path) -> Volume:
     if len(segs) == 1 and len(files) == 1:
         return read_seg(segs[0])
     if segs:
-        raise InputError(f"{path}: holds a DICOM SEG among other files; give the file itself")
+        raise InputError(f"{path}: contains a DICOM SEG among other files; give the file itself")
     return read_series(path, files)

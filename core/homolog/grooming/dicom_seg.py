@@ -63,13 +63,13 @@ def read_seg(path: Path) -> Volume:
     with dicom_faults(path, _KIND):
         seg = segread(unpacked(path), lazy_frame_retrieval=True)
         if len(seg.PerFrameFunctionalGroupsSequence) != seg.get("NumberOfFrames", 1):
-            raise InputError(f"{path}: describes more or fewer frames than it holds; export it again")
+            raise InputError(f"{path}: describes more or fewer frames than it contains; export it again")
         numbers = [int(one) for one in seg.segment_numbers]
         names = [str(seg.get_segment_description(one).segment_label) for one in numbers]
         geometry = seg.get_volume_geometry(allow_missing_positions=True)
         if geometry is None:
             raise InputError(
-                f"{path}: its frames are no stack of parallel, evenly spaced slices; export it again"
+                f"{path}: its frames are not a stack of parallel, evenly spaced slices; export it again"
             )
         check_size(path, geometry.spatial_shape, 8.0)
     named = tuple(Segment(name, 1, layer) for layer, name in enumerate(names))

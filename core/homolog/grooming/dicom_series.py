@@ -47,7 +47,9 @@ def read_series(folder: Path, files: Sequence[Path]) -> Volume:
     slices = [_header(path) for path in files]
     count = len({one.series for one in slices})
     if count != 1:
-        raise InputError(f"{folder}: holds {count or 'no readable'} DICOM series; give each its own folder")
+        raise InputError(
+            f"{folder}: contains {count or 'no readable'} DICOM series; give each its own folder"
+        )
     slices.sort(key=lambda one: one.height)
     step = _step(folder, slices)
     check_size(folder, (*slices[0].size, len(slices)), 4.0)

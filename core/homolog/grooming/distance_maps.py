@@ -35,7 +35,7 @@ def read_distance_map(path: Path) -> TriangleMesh:
     volume = read_volume(path)
     values: Array = np.asarray(volume.layers[0], np.float32)
     if not np.isfinite(values).all() or not values.min() < 0.0 < values.max():
-        raise InputError(f"{path}: is no distance map, whose values are on both sides of zero")
+        raise InputError(f"{path}: is not a distance map; its values must lie on both sides of zero")
     if values[0].mean() < 0.0:
         values = -values
     padded = np.pad(values, 1, constant_values=float(values.max()))

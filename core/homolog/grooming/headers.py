@@ -24,7 +24,7 @@ _MOST_FILES = 100_000
 _ZLIB_OR_GZIP = 47
 _MILLIMETRES = ("", "mm", "millimeter", "millimeters", "millimetre", "millimetres")
 _NO_SIZE = "its header does not say how large its voxels are; 1 mm was assumed"
-_RESCUE = "mend its header or export it again"
+_RESCUE = "correct its header or export it again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +85,8 @@ class Header:
                 there, before = int.from_bytes(stream.read(4), "little"), skip
             if there - before > needed:  # of several packed parts only the last counts
                 raise InputError(
-                    f"{self.path}: may be cut short, or holds more than the {needed} bytes of voxels that "
-                    "its header tells of; copy or export it again"
+                    f"{self.path}: may be cut short, or contains more than the {needed} bytes of voxels that "
+                    "its header declares; copy or export it again"
                 )
         elif there - before < needed:
             raise InputError(
@@ -95,8 +95,8 @@ class Header:
             )
         elif there - before > needed:
             raise InputError(
-                f"{self.path}: holds {there - before} bytes of voxels, and its header tells of {needed}: its "
-                "sizes or what is to be skipped is wrong; mend it or export it again"
+                f"{self.path}: contains {there - before} bytes of voxels, and its header declares {needed}: "
+                "its sizes or what is to be skipped is wrong; correct it or export it again"
             )
 
     def _check_deflated(self, needed: int) -> None:
@@ -112,7 +112,7 @@ class Header:
             found = -1
         if found != needed or not unpacker.eof or self._number("compresseddatasize") != len(stored):
             raise InputError(
-                f"{self.path}: its compressed voxels are not the {needed} bytes that its header tells of, or "
+                f"{self.path}: its compressed voxels are not the {needed} bytes that its header declares, or "
                 "of another size when compressed; copy or export it again"
             )
 
@@ -143,7 +143,7 @@ class Header:
             edge = math.isqrt(len(numbers))
             turn = np.reshape(numbers[: edge**2], (edge, edge))
             if not np.allclose(turn @ turn.T, np.eye(edge), atol=1e-3):
-                raise InputError(f"{self.path}: its axes {self.values[key]} are no rotation; {_RESCUE}")
+                raise InputError(f"{self.path}: its axes {self.values[key]} are not a rotation; {_RESCUE}")
         if not self.files and self._number("headersize") > 0:
             raise InputError(f"{self.path}: says that its voxels both follow and lie elsewhere; {_RESCUE}")
 
@@ -178,12 +178,12 @@ class Header:
         place = PurePosixPath(os.path.normpath(name))
         if place.is_absolute() or ".." in place.parts or ":" in name:
             raise InputError(
-                f"{self.path}: its voxels are said to be in {name}; put that file beside the header, and "
+                f"{self.path}: its voxels are said to be in {name}; put that file next to the header, and "
                 "name it there without a folder"
             )
         if not os.path.isfile(self.path.parent / place):  # no name is too long for it
             raise InputError(
-                f"{self.path}: its voxels are in {name}, which is not there; put that file beside it"
+                f"{self.path}: its voxels are in {name}, which is not there; put that file next to it"
             )
 
 

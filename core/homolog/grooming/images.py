@@ -51,10 +51,10 @@ def read_volume(path: Path) -> Volume:
     if not path.is_file():
         raise _missing(path)
     if name.endswith(".particles"):
-        raise InputError(f"{path}: holds particles without a surface; analyze them, they can't be groomed")
+        raise InputError(f"{path}: contains particles without a surface; analyze them, they can't be groomed")
     if suffix_of(path) not in IMAGE_SUFFIXES:
         raise InputError(
-            f"{path}: is of a kind that is not read; convert it, or give its header if it has one "
+            f"{path}: has an unsupported type; convert it, or give its header if it has one "
             f"({', '.join(IMAGE_SUFFIXES)})"
         )
     if name.endswith((".nii", ".nii.gz")):
@@ -69,7 +69,7 @@ def read_volume(path: Path) -> Volume:
 
 
 def _missing(path: Path) -> InputError:
-    return InputError(f"{path}: there is no such file; correct the path or leave it out")
+    return InputError(f"{path}: does not exist; correct the path or exclude it")
 
 
 def _read_itk(path: Path) -> Volume:
@@ -85,7 +85,7 @@ def _read_itk(path: Path) -> Volume:
         reader.ReadImageInformation()
     except RuntimeError as error:
         raise InputError(
-            f"{path}: is no readable image; export it again, or leave it out ({_reason(error)})"
+            f"{path}: is not a readable image; export it again, or exclude it ({_reason(error)})"
         ) from error
     known = (key for key in reader.GetMetaDataKeys() if key.isascii())  # others can't be asked for
     header = {key: reader.GetMetaData(key) for key in known}
@@ -93,7 +93,7 @@ def _read_itk(path: Path) -> Volume:
     if count != 1 and not named:
         raise InputError(f"{path}: has {count} values per voxel; export a label map")
     if any(not 0 <= one.layer < count for one in named):
-        raise InputError(f"{path}: names segments in layers that it does not hold; save it again")
+        raise InputError(f"{path}: names segments in layers that it does not contain; save it again")
     voxel = SimpleITK.GetArrayViewFromImage(SimpleITK.Image([1, 1, 1], reader.GetPixelID())).itemsize
     size = list(reader.GetSize())
     while len(size) > 3 and size[-1] == 1:  # one point in time

@@ -159,7 +159,7 @@ def _joined(tables: Sequence[LabelTable]) -> LabelTable:
             if not same_name(before, name):
                 raise InputError(
                     f"{table.source}: calls label {value} {name!r}, and {source} calls it {before!r}; keep "
-                    "the table that is right beside the files, and move the other one"
+                    "the table that is right next to the files, and move the other one"
                 )
     joined = {value: name for value, (name, _) in names.items()}
     return LabelTable(", ".join(one.source for one in tables), MappingProxyType(joined))

@@ -62,10 +62,10 @@ def read_nifti(path: Path) -> Volume:
         image: Any = _opened(path)
     except _FAULTS as error:
         raise InputError(
-            f"{path}: is no readable image; export it again, or leave it out ({_first_line(error)})"
+            f"{path}: is not a readable image; export it again, or exclude it ({_first_line(error)})"
         ) from error
     if not isinstance(image, nibabel.Nifti1Image):
-        raise InputError(f"{path}: is no NIfTI file but another kind under its name; rename or export it")
+        raise InputError(f"{path}: is not a NIfTI file, although its name says so; rename or export it")
     header: Any = image.header
     shape = list(image.shape)
     while len(shape) > 3 and shape[-1] == 1:
@@ -121,7 +121,7 @@ def read_mgh(path: Path) -> Volume:
         matrix = np.asarray(header.get_affine(), np.float64)
     except (*_FAULTS, KeyError, TypeError) as error:
         raise InputError(
-            f"{path}: is no readable image; export it again, or leave it out ({_first_line(error)})"
+            f"{path}: is not a readable image; export it again, or exclude it ({_first_line(error)})"
         ) from error
     while len(shape) > 3 and shape[-1] == 1:
         shape.pop()
@@ -169,7 +169,7 @@ def _content(path: Path, begin: int, end: int) -> bytes:
         raise InputError(f"{path}: is cut short ({len(content)} of {end} bytes); copy or export it again")
     if len(content) > end:
         raise InputError(
-            f"{path}: holds more voxels than its header tells of; mend its sizes or export it again"
+            f"{path}: contains more voxels than its header declares; correct its sizes or export it again"
         )
     return content
 

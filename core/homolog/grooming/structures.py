@@ -116,10 +116,14 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
     if segment is None and len(masks) == 1:
         return next(iter(masks.values()))
     if segment is None:
-        what = "has a file for each structure, so that numbers mean nothing" if label else "holds several"
+        what = (
+            "has a file for each structure, so that numbers mean nothing"
+            if label
+            else "has several structures"
+        )
         raise InputError(
-            f"{subject.path}: {what}; choose one by its name (--label {next(iter(masks))}), or take all with "
-            f"homolog batch; there are {listed}"
+            f"{subject.path}: {what}; choose one by its name (label: {next(iter(masks))}), or run a batch of "
+            f"all; available: {listed}"
         )
     found = matching(masks.items(), segment)
     if len(found) > 1:
@@ -127,8 +131,8 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
         raise InputError(f"{subject.path}: {segment!r} is {names}; give the whole name of one")
     if not found:
         alike = near(masks, segment)
-        nearest = f"near that are {', '.join(alike)}; " if alike else ""
-        raise InputError(f"{subject.path}: has no file of {segment!r}; {nearest}there are {listed}")
+        nearest = f"similar names: {', '.join(alike)}; " if alike else ""
+        raise InputError(f"{subject.path}: has no file of {segment!r}; {nearest}available: {listed}")
     return found[0]
 
 

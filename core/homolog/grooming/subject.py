@@ -203,7 +203,7 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
     if mesh.volume <= 0.0:
         raise NumericalError(
             "is too small for a surface: look at its unit, segment it on a finer grid, ask for shorter edges "
-            "(mesh edge), or leave it out"
+            "(mesh edge), or exclude it"
         )
     check_mesh(mesh, name)
     if surface is not None:
@@ -240,6 +240,6 @@ def _field_of_voxels(
         remedy = "choose a finer grid spacing" if settings.spacing else "segment it on a finer grid"
         raise InputError(
             f"is too thin for its grid: only {100.0 * held:.0f} % of its volume hold together; {remedy}, "
-            "or leave it out"
+            "or exclude it"
         )
     return field, notes

@@ -159,7 +159,7 @@ class Volume:
         named = tuple(Segment(name, value) for value, name in sorted(table.names.items()))
         if not table.is_known_list:
             return replace(self, named=named)
-        note = f"neither it nor a table beside it names its labels; {table.source}'s numbers were taken"
+        note = f"neither it nor a table next to it names its labels; {table.source}'s numbers were taken"
         return replace(self, named=named, notes=(*self.notes, note))
 
     def segmentation(self, label: int | None, segment: str | None = None) -> Segmentation:
@@ -211,14 +211,14 @@ class Volume:
         """Return what a structure that was not found may be called, and what the file holds."""
         there = self.segments()
         if not there:
-            return "segment the structure or leave the subject out"
+            return "segment the structure or exclude the subject"
         listed = ", ".join(one.words for one in there[:_NAMED])
         more = f" and {len(there) - _NAMED} more" if len(there) > _NAMED else ""
         alike = near([one.name for one in there], name) if name else []
         nearest = f"near that are {', '.join(alike)}; " if alike else ""
         nameless = name and not any(one.name for one in there)
-        remedy = "; put a table of the labels' names beside the files, or give a number" if nameless else ""
-        return f"{nearest}it holds {listed}{more}{remedy}"
+        remedy = "; put a table of the labels' names next to the files, or give a number" if nameless else ""
+        return f"{nearest}it contains {listed}{more}{remedy}"
 
     def _everything(self) -> Segmentation:
         if len(self.layers) == 1:
@@ -230,7 +230,7 @@ class Volume:
             found = _cropped(self._union(), lambda values: values)
         if found is None:
             raise InputError(
-                f"{self.path}: has no voxel above 0; segment the structure or leave the subject out"
+                f"{self.path}: has no voxel above 0; segment the structure or exclude the subject"
             )
         whole = self._placed(*found)
         return replace(whole, notes=(*whole.notes, _TOGETHER)) if several else whole
@@ -246,7 +246,7 @@ class Volume:
         if overlap:
             listed = ", ".join(one.words for one in self.segments())
             raise InputError(
-                f"{self.path}: its segments overlap ({listed}), so that together they are no one structure; "
+                f"{self.path}: its segments overlap ({listed}), so that they are not one structure; "
                 "choose one by its name"
             )
         return mask
@@ -266,10 +266,12 @@ class Volume:
             rounded = np.rint(source)
             if not np.isfinite(source).all():
                 raise InputError(
-                    f"{self.path}: holds values that are not numbers; export the label map again"
+                    f"{self.path}: contains values that are not numbers; export the label map again"
                 )
             if np.abs(source - rounded).max() > _ROUNDING:
-                raise InputError(f"{self.path}: holds fractions, so it is no label map; threshold it first")
+                raise InputError(
+                    f"{self.path}: contains fractions, so it is not a label map; threshold it first"
+                )
             target[...] = np.clip(rounded, -1, _LARGEST)
         return whole
 
@@ -278,7 +280,9 @@ class Volume:
         axes, origin = self.index_to_world[:3, :3], self.index_to_world[:3, 3]
         spacing = np.linalg.norm(axes, axis=0)
         if not np.isfinite([*origin, *spacing]).all() or spacing.min() <= 0.0:
-            raise InputError(f"{self.path}: has the spacing {spacing} and origin {origin}; mend the header")
+            raise InputError(
+                f"{self.path}: has the spacing {spacing} and origin {origin}; correct the header"
+            )
         rotation = axes / spacing
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3):
             raise InputError(
@@ -313,7 +317,7 @@ def check_size(path: Path, shape: Sequence[int], voxel_bytes: float) -> None:
     if len(shape) != 3 or min(shape) < 2:
         raise InputError(f"{path}: is not a 3-D volume but {words}; export one label map per subject")
     needed = float(np.prod(shape, dtype=np.float64)) * (voxel_bytes + _MASKS)
-    check_fits(f"{path} ({words} voxels)", needed, "crop it or make it coarser, or mend its header")
+    check_fits(f"{path} ({words} voxels)", needed, "crop it or make it coarser, or correct its header")
 
 
 def _slices(values: Array) -> Iterator[Array]:
@@ -379,14 +383,14 @@ def _labels_seen(path: Path, values: Array) -> int:
     """
     if values.min() < 0:
         raise InputError(
-            f"{path}: holds values below 0, so it is a picture rather than a label map; segment the "
+            f"{path}: contains values below 0, so it is a picture rather than a label map; segment the "
             "structure first, or name a label"
         )
     step = max(1, values.size // _LOOKED_AT)
     seen = np.unique(values.ravel(order="K")[::step])
     if len(seen) > _MOST_VALUES:
         raise InputError(
-            f"{path}: holds more than {_MOST_VALUES} different values, so it is a picture rather than a "
+            f"{path}: contains more than {_MOST_VALUES} different values, so it is a picture rather than a "
             "label map; segment the structure first, or name a label"
         )
     return int(np.count_nonzero(seen))

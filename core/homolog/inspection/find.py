@@ -47,9 +47,7 @@ def inspect(
         If there are fewer than three subjects, or particles are not on their surfaces.
     """
     if len(meshes) < _FEWEST:
-        raise InputError(
-            f"suspects are found by comparing subjects; {len(meshes)} are too few, it takes three"
-        )
+        raise InputError(f"suspects are found by comparing three or more subjects, not {len(meshes)}")
     places = find_places(local, meshes, alignments, names=names, tick=part_of(tick, 0.0, 0.8))
     return judge(places, part_of(tick, 0.8, 1.0))
 

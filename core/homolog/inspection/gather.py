@@ -119,4 +119,4 @@ class Gatherer:
 
 def _named(particles: IntArray) -> str:
     others = len(particles) - 1
-    return f"particle {particles[0]}" + (f" and {others} beside it:" if others else ":")
+    return f"particle {particles[0]}" + (f" and {others} next to it:" if others else ":")

@@ -41,19 +41,19 @@ class Base:
         """Raise InputError if a run of these subjects and settings can't start from the result."""
         gone = [name for name in self.local if name not in names]
         if gone:
-            raise InputError(f"{', '.join(gone)}: is in the result but not in the cohort; run anew")
+            raise InputError(f"{', '.join(gone)}: is in the result but not in the cohort; start a new run")
         if settings.groom != self.record.settings.groom:
-            raise InputError("the result's surfaces were groomed with other settings; run anew")
+            raise InputError("the result's surfaces were groomed with other settings; start a new run")
         fresh, more = len(names) > len(self.local), settings.optimize.particles - self.record.particles
         if fresh and more:
             raise InputError(
-                f"new subjects take the result's {self.record.particles} particles; fit them first, then ask "
+                f"new subjects get the result's {self.record.particles} particles; fit them first, then ask "
                 "for more particles"
             )
         if more < 0 or not (fresh or more):
             raise InputError(
-                f"the result has {self.record.particles} particles for every subject already; ask for more, "
-                "name new files to fit, or run anew"
+                f"the result already has {self.record.particles} particles for every subject; ask for more, "
+                "name new files to fit, or start a new run"
             )
 
     def shapes(self, shapes: Sequence[Shape]) -> list[Shape]:
@@ -67,7 +67,7 @@ class Base:
         contents = {one.name: one.content for one in self.record.subjects}
         changed = [one.name for one in shapes if contents.get(one.name, "") not in ("", content_of(one))]
         if changed:
-            raise InputError(f"{', '.join(changed)}: the surface is not that of the result; run anew")
+            raise InputError(f"{', '.join(changed)}: the surface is not that of the result; start a new run")
         known = [one for one in shapes if one.name in self.local]
         local = np.stack([self.local[one.name] for one in known])
         here = transformed(np.stack([one.alignment for one in known]), local)

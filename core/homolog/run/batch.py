@@ -255,7 +255,7 @@ def _read_record(folder: Path) -> dict[str, Any]:
     path = folder / _RECORD
     if not path.is_file():
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise InputError(f"{folder}: holds other files; choose a new or empty folder for the batch")
+            raise InputError(f"{folder}: contains other files; choose a new or empty folder for the batch")
         return {}
     try:
         content = json.loads(path.read_bytes())
@@ -263,4 +263,4 @@ def _read_record(folder: Path) -> dict[str, Any]:
             raise ValueError("is not of a batch")
         return dict(content["structures"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(f"{path}: is damaged: {error}; delete it, and the batch is run anew") from error
+        raise InputError(f"{path}: is damaged: {error}; delete it to start the batch again") from error

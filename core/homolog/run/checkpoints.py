@@ -41,13 +41,13 @@ def read_checkpoint(path: Path, fingerprint: str) -> Checkpoint | None:
     stored = read_arrays(path)
     names = {one.name for one in fields(Checkpoint)}
     if names | {"fingerprint"} != set(stored):
-        raise InputError(f"{path}: is no checkpoint of this version; run without --resume")
+        raise InputError(f"{path}: is not a checkpoint of this version; start a new run")
     if str(stored["fingerprint"]) != fingerprint:
         raise InputError(
-            f"{path}: the settings or surfaces are not those of the broken-off run; run without --resume"
+            f"{path}: the settings or surfaces are not those of the interrupted run; start a new run"
         )
     if not _fits_together(stored):
-        raise InputError(f"{path}: is damaged: its arrays do not fit together; run without --resume")
+        raise InputError(f"{path}: is damaged: its arrays do not fit together; start a new run")
     values: dict[str, Any] = {
         name: stored[name] if stored[name].ndim else stored[name].item() for name in names
     }

@@ -32,7 +32,7 @@ def with_landmarks(shapes: Sequence[Shape], cohort: Cohort) -> list[Shape]:
     if without:
         raise InputError(
             f"{', '.join(without)}: has no landmarks; place them in 3D Slicer and save them as NAME.mrk.json "
-            "beside the file, or run without landmarks"
+            "next to the file, or run without landmarks"
         )
     _, table = landmark_table([read_markups(files[one.name]) for one in cohort.subjects])
     everywhere = np.isfinite(table).all(axis=(0, 2))

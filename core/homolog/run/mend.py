@@ -32,7 +32,7 @@ def read_study(project: Project) -> Study:
     record = project.read()
     result = record.result
     if result is None:
-        raise InputError(f"{project.folder}: has no result; run first")
+        raise InputError(f"{project.folder}: has no result; run it first")
     groomed = [_groomed(project, one) for one in result.subjects]
     shapes = [
         Shape(one.name, one.field, one.mesh, one.coarse_mesh, np.array(subject.alignment))

@@ -108,10 +108,9 @@ def with_repairs(study: Study, found: OptimizedParticles) -> Study:
     first = found.repaired[found.repaired > 0].min()
     before = objective[np.searchsorted(found.energies[:, 0], first)]
     note = (
-        "particles that faced another way than on most subjects, stood in each other's place or had left the "
-        "surface were repaired: "
-        f"{np.count_nonzero(found.repaired)} on {subjects.sum()} subjects in all "
-        f"(objective {before:.4f} then, {objective[-1]:.4f} in the end)"
+        "misplaced particles (normals that disagreed with most subjects, exchanged, or off the surface) were "
+        f"repaired: {np.count_nonzero(found.repaired)} on {subjects.sum()} subjects in total "
+        f"(objective {before:.4f} at the first repair, {objective[-1]:.4f} at the end)"
     )
     groomed = [noted(one, note) if odd else one for one, odd in zip(study.groomed, subjects, strict=True)]
     return replace(study, groomed=groomed)

@@ -70,7 +70,7 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
     raw = TriangleMesh(nodes @ field.index_to_world[:3, :3].T + field.index_to_world[:3, 3], faces)
     inside = np.count_nonzero(field.values < 0.0) * abs(np.linalg.det(field.index_to_world[:3, :3]))
     if raw.volume < _SLIVER * inside:
-        raise InputError("is too thin for its grid; use a finer grid spacing, or leave it out")
+        raise InputError("is too thin for its grid; use a finer grid spacing, or exclude it")
     edge = edge or _edge_for(raw.area, VERTICES)
     count = round(_EQUILATERAL * raw.area / edge**2)
     if count > MOST_VERTICES:

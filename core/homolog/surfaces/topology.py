@@ -156,7 +156,7 @@ def _edge_fault(sides: IntArray) -> str:
         return f"is not manifold: {np.count_nonzero(uses > 2)} edges have more than two faces; repair it"
     if (uses < 2).any():
         return f"is not closed: {np.count_nonzero(uses < 2)} edges have one face only; fill its holes"
-    return "has faces of opposite orientation side by side; orient its normals consistently"
+    return "has faces of opposite orientation next to each other; orient its normals consistently"
 
 
 def _fans(twin: IntArray) -> int:

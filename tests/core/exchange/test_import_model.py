@@ -104,7 +104,7 @@ def test_groups_columns_and_unknown_keys_go_both_ways(change, project, tmp_path)
 def test_excluded_subjects_are_left_out_with_a_note(change, project):
     notes = import_model(change(lambda content: content["data"][2].update(excluded="yes")), project)
     assert read_result(project).names == ("a", "b", "d")
-    assert notes == ["left out because ShapeWorks excludes them: c"]
+    assert notes == ["excluded in ShapeWorks: c"]
 
 
 def test_a_mirrored_subject_faces_outward_in_the_common_frame(exported, change, project, finished_run):
@@ -192,7 +192,7 @@ def test_one_anatomy_of_several_is_chosen_by_name(change, project):
             row |= {key.replace("_1", "_2"): value for key, value in row.items() if key.endswith("_1")}
 
     path = change(double)
-    with pytest.raises(InputError, match="holds the anatomies 1, 2; choose one with --domain"):
+    with pytest.raises(InputError, match="contains the anatomies 1, 2; choose one of them"):
         import_model(path, project)
     import_model(path, project, domain="2")
     assert len(read_result(project).names) == 4
@@ -220,11 +220,11 @@ def test_landmarks_come_with_their_names(exported, change, project):
     [
         (lambda c: c["data"].clear(), "lists no subject"),
         (lambda c: c["data"].__delitem__(slice(1, None)), "two or more"),
-        (lambda c: c.update(data=3), "is no ShapeWorks project"),
+        (lambda c: c.update(data=3), "is not a ShapeWorks project"),
         (lambda c: c["data"][1].update(name="a"), "several subjects are called a"),
         (
             lambda c: c["data"][1].update(world_particles_1="gone.particles"),
-            "gone.particles: there is no such file",
+            "gone.particles: does not exist",
         ),
         (
             lambda c: [c["data"][1].pop(f"{one}_particles_1") for one in ("local", "world")],
@@ -252,11 +252,11 @@ def test_a_faulty_project_is_refused_by_name(change, project, edit, message):
 
 
 def test_other_files_and_existing_projects_are_refused(exported, project, finished_run, tmp_path):
-    with pytest.raises(InputError, match=r"is no ShapeWorks project \(.swproj, .xlsx\)"):
+    with pytest.raises(InputError, match="is neither a ShapeWorks project"):
         import_model(tmp_path / "a.nrrd", project)
-    with pytest.raises(InputError, match="is a project already"):
+    with pytest.raises(InputError, match="is already a project"):
         import_model(exported, finished_run)
-    with pytest.raises(InputError, match=f"holds no particles .* give the project in it, {exported.name}"):
+    with pytest.raises(InputError, match=f"contains no particles .* give the project in it, {exported.name}"):
         import_model(exported.parent, project)
 
 
@@ -264,7 +264,7 @@ def test_particles_in_one_plane_are_no_model(bare, project):
     folder = bare("*_world.particles")
     for path in folder.iterdir():
         write_particles(path, read_particles(path) * [1.0, 1.0, 0.0])
-    with pytest.raises(InputError, match="is no model of shapes"):
+    with pytest.raises(InputError, match="is not a shape model"):
         import_model(folder, project)
 
 

@@ -46,7 +46,7 @@ def test_a_folder_appears_whole_and_one_that_holds_anything_is_not_touched(tmp_p
             (part / "1.txt").write_text("one")
             assert not path.exists() or not any(path.iterdir())
         assert [one.name for one in path.iterdir()] == ["1.txt"]
-        with pytest.raises(InputError, match="is there already"), replacing_folder(path):
+        with pytest.raises(InputError, match="already exists"), replacing_folder(path):
             pass
         (path / "1.txt").unlink()
     with pytest.raises(ZeroDivisionError), replacing_folder(path) as part:

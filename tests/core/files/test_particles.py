@@ -30,8 +30,8 @@ def test_reading_stops_at_the_first_line_that_is_no_number(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "holds no particles"),
-        ("x y z\n", "holds no particles"),
+        ("", "contains no particles"),
+        ("x y z\n", "contains no particles"),
         ("1 2 3\n4 5\n", "line 2"),
         ("1 2 3 4\n", "line 1"),
         ("1 2 nan\n", "not finite"),

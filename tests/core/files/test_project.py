@@ -108,14 +108,14 @@ def test_deeply_nested_text_is_refused(tmp_path):
 
 def test_a_folder_without_project_is_named(tmp_path):
     assert not Project(tmp_path).exists
-    with pytest.raises(InputError, match="is no project"):
+    with pytest.raises(InputError, match="is not a project"):
         Project(tmp_path).read()
 
 
 def test_a_folder_with_other_files_is_not_free(tmp_path):
     Project(tmp_path / "new").check_is_free()
     (tmp_path / "thesis.tex").write_text("")
-    with pytest.raises(InputError, match="holds other files"):
+    with pytest.raises(InputError, match="contains other files"):
         Project(tmp_path).check_is_free()
     Project(tmp_path).write(ProjectRecord())
     Project(tmp_path).check_is_free()
@@ -159,7 +159,7 @@ def contents(folder):
 
 @pytest.mark.parametrize("folder", ["none", "."])
 def test_what_needs_a_project_makes_no_folder_and_leaves_no_lock(tmp_path, folder):
-    with pytest.raises(InputError, match="is no project"), Project(tmp_path / folder).locked(new=False):
+    with pytest.raises(InputError, match="is not a project"), Project(tmp_path / folder).locked(new=False):
         pass
     assert not list(tmp_path.iterdir())
 

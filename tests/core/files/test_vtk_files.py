@@ -98,7 +98,7 @@ def test_pieces_are_put_together(tmp_path):
     assert sorted(mesh.vertices[:, 0]) == [0, 0, 1, 5, 5, 6]
     assert mesh.area == pytest.approx(1.0)
     (tmp_path / "a.vtp").write_text(whole.format(pieces[0].replace("0 1 2", "0 1 3") + pieces[1]))
-    with pytest.raises(InputError, match="refers to vertices that it does not hold"):
+    with pytest.raises(InputError, match="refers to vertices that it does not contain"):
         read_mesh(tmp_path / "a.vtp")
 
 
@@ -145,8 +145,8 @@ def test_legacy_files_written_by_hand_are_read(tmp_path, content):
     ("part", "words"),
     [
         ("FIELD f 1\nSPACE 1 1 ", "unknown kind ''"),
-        ("FIELD f 99999999999\n", "more values than it can hold"),
-        ("FIELD f 1\nx 4 -1 int\n", "more values than it can hold"),
+        ("FIELD f 99999999999\n", "more values than it can contain"),
+        ("FIELD f 1\nx 4 -1 int\n", "more values than it can contain"),
         ("FIELD f 1\nx 1 1 variant\n0 3\n", "unknown kind 'variant'"),
         ("POINTS 1 float\n0 0 x\n", "could not convert"),
         ("POINTS 9 float\n0 0 1\n", "cut short"),
@@ -180,9 +180,9 @@ XML = (
     ("points", "header", "words"),
     [
         (1000, (1, 2**40, 0), "not as long as its points"),
-        (1000, (2**40, 24, 0), "claims more blocks than it can hold"),
-        (2**60, (1, 24, 24), "claims more points or faces than it can hold"),
-        (10**7, (1, 24 * 10**7, 0), "claims more points or faces than it can hold"),
+        (1000, (2**40, 24, 0), "claims more blocks than it can contain"),
+        (2**60, (1, 24, 24), "claims more points or faces than it can contain"),
+        (10**7, (1, 24 * 10**7, 0), "claims more points or faces than it can contain"),
         (1000, (1, 24000, 0), "cut short"),
     ],
 )

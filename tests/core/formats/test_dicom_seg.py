@@ -86,7 +86,7 @@ def test_every_type_of_segmentation_object_is_read(make_seg, blocks, points, kin
 
 
 def test_probabilities_are_no_segmentation(make_seg, blocks):
-    with pytest.raises(InputError, match="holds fractions, so it is no label map; threshold it first"):
+    with pytest.raises(InputError, match="contains fractions, so it is not a label map; threshold it first"):
         read_segmentation(make_seg(0.8 * overlapping(blocks), "FRACTIONAL"), None, "heart")
 
 

@@ -31,7 +31,7 @@ def test_a_series_may_lie_two_folders_below_its_patient(series):
     (one,) = read_cohort(cohort.parent / "export").subjects
     assert (one.name, one.path) == ("patient", deep)
     shutil.copytree(series, deep.with_name("other"))
-    with pytest.raises(InputError, match=r"patient: holds 2 DICOM series; give a cohort\.csv"):
+    with pytest.raises(InputError, match=r"patient: contains 2 DICOM series; give a cohort\.csv"):
         read_cohort(cohort.parent / "export")
 
 
@@ -39,7 +39,7 @@ def test_slices_without_a_suffix_are_known_for_slices(series):
     for one in list(series.iterdir()):
         one.rename(one.with_suffix(""))
     assert [one.name for one in read_cohort(series.parent).subjects] == ["patient"]
-    with pytest.raises(InputError, match="holds the slices of a DICOM series; give the folder above it"):
+    with pytest.raises(InputError, match="contains the slices of a DICOM series; give the folder above it"):
         read_cohort(series)
 
 
@@ -115,7 +115,7 @@ def test_a_slice_that_is_there_twice_is_told(series):
 def test_rescaled_values_are_read_rescaled(series, blocks, points, expected, each):
     each(series, scale)
     assert np.allclose(points(read_segmentation(series, 2)), expected(blocks, 2), atol=1e-4)
-    with pytest.raises(InputError, match="has no voxel of label 1; it holds 2"):
+    with pytest.raises(InputError, match="has no voxel of label 1; it contains 2"):
         read_segmentation(series, 1)
 
 
@@ -133,7 +133,7 @@ def tilt(content):
     [
         (lambda content: setattr(content, "NumberOfFrames", 2), "it has several frames"),
         (unsized, "it lacks PixelSpacing"),
-        (lambda content: setattr(content, "Rows", 65535), "can't be read as a slice|of which"),
+        (lambda content: setattr(content, "Rows", 65535), "can't be read as a slice|but only"),
         (lambda content: delattr(content, "ImageOrientationPatient"), "can't be read as a slice"),
         (
             lambda content: setattr(content, "ImagePositionPatient", [0, 0, 0]),
@@ -172,7 +172,7 @@ def test_a_length_of_gigabytes_is_not_believed(series):
 
 def test_two_series_in_one_folder_are_refused(series, blocks, write_series):
     write_series(series, blocks, "1.2.3.5")
-    with pytest.raises(InputError, match="holds 2 DICOM series; give each its own folder"):
+    with pytest.raises(InputError, match="contains 2 DICOM series; give each its own folder"):
         read_segmentation(series, None)
 
 

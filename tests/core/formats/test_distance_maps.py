@@ -43,5 +43,5 @@ def test_the_zero_level_lies_where_the_file_says_and_faces_outward(write, name, 
     "values", [lambda points: np.ones(points.shape[:3]), lambda points: np.full(points.shape[:3], np.nan)]
 )
 def test_what_has_no_zero_level_is_refused(write, values):
-    with pytest.raises(InputError, match="is no distance map"):
+    with pytest.raises(InputError, match="is not a distance map"):
         read_distance_map(write("a.nrrd", values=values))

@@ -57,7 +57,7 @@ def test_a_detached_header_finds_its_voxels_beside_it(blocks, write_nrrd, points
 def test_voxels_elsewhere_than_beside_the_header_are_refused(blocks, write_nrrd, tmp_path, name):
     path = write_nrrd("a.nhdr", blocks, data_file=name)
     with pytest.raises(
-        InputError, match=r"a\.nhdr: its voxels are said to be in .*; put that file beside the header"
+        InputError, match=r"a\.nhdr: its voxels are said to be in .*; put that file next to the header"
     ):
         read_segmentation(path, None)
     meta = tmp_path / "a.mhd"
@@ -71,7 +71,7 @@ def test_voxels_that_are_missing_are_named(blocks, tmp_path, name):
     SimpleITK.WriteImage(SimpleITK.GetImageFromArray(blocks), tmp_path / name)
     (raw,) = (one for one in tmp_path.iterdir() if one.suffix in (".raw", ".zraw", ".gz"))
     raw.unlink()
-    with pytest.raises(InputError, match=f"{raw.name}, which is not there; put that file beside it"):
+    with pytest.raises(InputError, match=f"{raw.name}, which is not there; put that file next to it"):
         read_segmentation(tmp_path / name, None)
 
 
@@ -108,7 +108,7 @@ def test_what_is_skipped_before_the_voxels_must_leave_as_many_as_there_are(
     if right:
         assert np.allclose(points(read_segmentation(path, None)), expected(blocks))
         return
-    with pytest.raises(InputError, match=r"a\.nhdr: (holds|may be cut short, or holds)"):
+    with pytest.raises(InputError, match=r"a\.nhdr: (contains|may be cut short, or contains)"):
         read_segmentation(path, None)
 
 
@@ -135,14 +135,14 @@ def test_voxels_in_a_file_for_each_slice_are_put_together(blocks, write_nrrd, po
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("sizes: 9 10 11", "sizes: 9 10 10", "holds 990 bytes of voxels, and its header tells of 900"),
+        ("sizes: 9 10 11", "sizes: 9 10 10", "contains 990 bytes of voxels, and its header declares 900"),
         ("sizes: 9 10 11", "sizes: 9 10 12", r"may be cut short \(990 of 1080 bytes"),
         (
             "encoding: raw",
             'encoding: raw\nspace units: "m" "m" "m"',
             "has the units m, m, m; save it again in mm",
         ),
-        ("(1,0,0) (0,2,0)", "(nan,0,0) (0,2,0)", "is no readable image"),
+        ("(1,0,0) (0,2,0)", "(nan,0,0) (0,2,0)", "is not a readable image"),
         ("(1,0,0) (0,2,0)", "(0,0,0) (0,2,0)", "Refusing to change spacing"),
         ("(1,0,0) (0,2,0)", "(1,0,0) (1,2,0)", "not at right angles"),
         ("space directions: (1,0,0) (0,2,0) (0,0,3)", "spacings: 1 -2 3", "has the spacing 1 -2 3"),
@@ -181,14 +181,14 @@ def write_meta(blocks, tmp_path):
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ({"ElementSpacing": "1 -2 3"}, "has the spacing 1 -2 3; mend its header"),
+        ({"ElementSpacing": "1 -2 3"}, "has the spacing 1 -2 3; correct its header"),
         ({"ElementSpacing": "1 nan 3"}, "has the spacing 1 nan 3"),
         ({"ElementSpacing": "1 x 3"}, "its elementspacing is '1 x 3'"),
         ({"Offset": "nan 0 0"}, "has the origin nan 0 0"),
-        ({"TransformMatrix": "2 0 0 0 1 0 0 0 1"}, "its axes 2 0 0 0 1 0 0 0 1 are no rotation"),
-        ({"TransformMatrix": "1 0 0 0.5 1 0 0 0 1"}, "are no rotation"),
+        ({"TransformMatrix": "2 0 0 0 1 0 0 0 1"}, "its axes 2 0 0 0 1 0 0 0 1 are not a rotation"),
+        ({"TransformMatrix": "1 0 0 0.5 1 0 0 0 1"}, "are not a rotation"),
         ({"HeaderSize": "8"}, "both follow and lie elsewhere"),
-        ({"DimSize": "9 10 10"}, "holds 990 bytes of voxels, and its header tells of 900"),
+        ({"DimSize": "9 10 10"}, "contains 990 bytes of voxels, and its header declares 900"),
         ({"DimSize": "9 10 12"}, r"may be cut short \(990 of 1080 bytes"),
     ],
 )

@@ -75,7 +75,7 @@ def test_a_value_that_two_layers_share_is_refused_with_their_names(layered):
 
 def test_an_unknown_name_is_refused_with_those_that_are_there(flat):
     with pytest.raises(
-        InputError, match=r"no structure called 'liver'; it holds Left heart \(1\), lung \(2\)"
+        InputError, match=r"no structure called 'liver'; it contains Left heart \(1\), lung \(2\)"
     ):
         read_segmentation(flat, None, "liver")
 
@@ -89,7 +89,7 @@ def test_a_name_that_two_segments_share_is_refused(blocks, write_nrrd, named):
 def test_a_file_without_names_is_read_by_the_value(blocks, write_nrrd, around):
     path = write_nrrd("plain.nrrd", blocks)
     assert np.array_equal(read_segmentation(path, 2, "lung").mask, around(blocks == 2))
-    with pytest.raises(InputError, match=r"no structure called 'lung'; it holds 1, 2"):
+    with pytest.raises(InputError, match=r"no structure called 'lung'; it contains 1, 2"):
         read_segmentation(path, None, "lung")
 
 

@@ -53,7 +53,7 @@ def test_a_mirrored_grid_becomes_right_handed_at_the_same_places(labelled, save)
 
 
 def test_an_absent_label_is_named_with_those_that_are_there(labelled, save):
-    with pytest.raises(InputError, match=r"a\.nrrd.*no voxel of label 7; it holds 1, 2"):
+    with pytest.raises(InputError, match=r"a\.nrrd.*no voxel of label 7; it contains 1, 2"):
         read_segmentation(save(labelled), 7)
 
 
@@ -63,7 +63,7 @@ def test_an_empty_label_map_is_refused(save):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"gone\.nrrd: there is no such file"):
+    with pytest.raises(InputError, match=r"gone\.nrrd: does not exist"):
         read_segmentation(tmp_path / "gone.nrrd", None)
 
 
@@ -80,10 +80,10 @@ def test_a_file_cut_short_is_refused(save, suffix):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("a.nii", "is no readable image"),
+        ("a.nii", "is not a readable image"),
         ("a.nii.gz", "is not compressed, unlike its name"),
-        ("a.nrrd", "is no readable image"),
-        ("a.tif", "is of a kind that is not read; convert it"),
+        ("a.nrrd", "is not a readable image"),
+        ("a.tif", "has an unsupported type; convert it"),
         ("a.raw", "give its header if it has one"),
     ],
 )

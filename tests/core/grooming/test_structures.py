@@ -113,7 +113,7 @@ def test_a_name_of_the_list_without_voxels_is_said_to_have_none(nifti, brain):
 
 def test_a_name_where_nothing_gives_names_is_refused_with_the_remedy(nifti):
     path = nifti("a.nii.gz", ball())
-    with pytest.raises(InputError, match="put a table of the labels' names beside the files"):
+    with pytest.raises(InputError, match="put a table of the labels' names next to the files"):
         read_source(Subject("a", path), GroomSettings(segment="liver"))
 
 
@@ -205,11 +205,13 @@ def test_a_mask_for_each_structure_is_found_by_the_files_name(patients):
 
 def test_folders_of_masks_are_refused_until_it_is_said_which_is_meant(patients):
     subject = read_cohort(patients).subjects[0]
-    with pytest.raises(InputError, match=r"holds several; choose one by its name \(--label kidney_left\)"):
+    with pytest.raises(
+        InputError, match=r"has several structures; choose one by its name \(label: kidney_left\)"
+    ):
         read_source(subject, GroomSettings())
     with pytest.raises(InputError, match="numbers mean nothing"):
         read_source(subject, GroomSettings(label=3))
-    with pytest.raises(InputError, match=r"no file of 'kidney'; near that are kidney_left; there are"):
+    with pytest.raises(InputError, match=r"no file of 'kidney'; similar names: kidney_left; available"):
         read_source(subject, GroomSettings(segment="kidney"))
 
 

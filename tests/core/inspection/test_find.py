@@ -137,7 +137,7 @@ def test_a_suspect_names_who_may_move(known, good):
 
 def test_fewer_than_three_subjects_are_refused(known):
     pair = type(known)(known.local[:2], known.meshes[:2], known.alignments[:2], known.places)
-    with pytest.raises(InputError, match="takes three"):
+    with pytest.raises(InputError, match="three or more subjects"):
         pair.inspect()
 
 

@@ -179,7 +179,7 @@ def test_other_settings_cannot_resume_a_run(start, groomed, settings):
     run = start()
     run.execute(cancelling(run, Phase.OPTIMIZING))
     other = settings.optimize.model_copy(update={"seed": 1})
-    with pytest.raises(InputError, match="run without --resume"):
+    with pytest.raises(InputError, match="start a new run"):
         start(settings=settings.model_copy(update={"optimize": other}), resume=True).execute()
 
 
