@@ -3,7 +3,6 @@
 What they need of the core is slow to import, so they do it themselves.
 """
 
-import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -36,7 +35,6 @@ __all__ = [
     "read_files",
 ]
 
-_KERNELS = re.compile(r"homolog\.\w+\.\w*kernels")
 _SAMPLE_SEED = 5
 _SAMPLE_COMPLETE = ".complete"
 
@@ -62,7 +60,9 @@ def prepare(tick: Tick) -> Devices:
     aliases = ["cpu", *(device.alias for device in warp.get_cuda_devices())]
     words = {"auto": f"Automatic ({describe_device(automatic)})"}
     words |= {alias: describe_device(alias) for alias in aliases}
-    modules = [name for name in sys.modules if _KERNELS.fullmatch(name)]
+    ours = [module for name, module in sys.modules.items() if name.startswith("homolog.")]
+    kernels = [one for module in ours for one in vars(module).values() if isinstance(one, warp.Kernel)]
+    modules = sorted({kernel.module.name for kernel in kernels})
     for number, module in enumerate(modules):
         tick(number / len(modules), "preparing compute kernels (first start only)")
         warp.load_module(module, device=automatic)
