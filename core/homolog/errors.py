@@ -8,15 +8,18 @@ class HomologError(Exception):
 
 
 class InputError(HomologError, ValueError):
-    """The user can mend it: the message names the subject or file, what is wrong and the remedy."""
+    """The user can repair it: the message names the subject or file, what is wrong and the remedy.
+
+    Also a `ValueError`, which libraries catch by custom.
+    """
 
 
 class NumericalError(HomologError, ArithmeticError):
-    """A computation failed: the message names the subject and the step."""
+    """A computation failed: the message names the subject and the step. Also an `ArithmeticError`."""
 
 
 class Cancelled(HomologError):
-    """The user cancelled; raised by a tick, never shown as an error."""
+    """The user cancelled: raised by a callback to stop the work, never shown as an error."""
 
 
 def words_for(error: BaseException) -> str | None:

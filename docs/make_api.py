@@ -1,0 +1,161 @@
+"""Write docs/api.md, the reference of the Python API, from the docstrings: ``python docs/make_api.py``."""
+
+import inspect
+import re
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import homolog as hl
+from homolog.analysis.comparison import Comparison
+from homolog.analysis.discriminant import Discriminant
+from homolog.analysis.dispersion import Dispersion
+from homolog.analysis.effects import Effect
+from homolog.analysis.local_map import LocalMap
+from homolog.analysis.mode_test import ModeTest
+from homolog.cohort import Subject
+from homolog.parameters import parameters
+from homolog.settings import GroomSettings, OptimizeSettings
+
+PAGE = Path(__file__).with_name("api.md")
+
+GROUPS: dict[str, list[Any]] = {
+    "Shapes": [hl.read_cohort, hl.Cohort, Subject, hl.read_mesh, hl.write_mesh, hl.TriangleMesh],
+    "Correspondence": [hl.correspond, hl.Correspondence, hl.Project],
+    "Shape model": [hl.ShapeModel],
+    "Group differences": [
+        hl.compare_groups,
+        Comparison,
+        ModeTest,
+        LocalMap,
+        Effect,
+        Dispersion,
+        Discriminant,
+    ],
+    "Geodesic distances": [hl.geodesic_distances],
+    "Errors": [hl.InputError, hl.NumericalError, hl.Cancelled],
+}
+
+HEAD = """# Python API
+
+<!-- Made from the docstrings by `python docs/make_api.py`; change those. -->
+
+`import homolog as hl` gives the names below; each is loaded when it is first used. Lengths are millimetres
+in the patient frame (LPS). M is the number of subjects, N of particles, K of modes. Arrays that functions
+return are read-only. Classes without `hl.` are what others consist of.
+
+Examples that run: [a model of meshes in memory](examples/meshes_to_model.py),
+[two groups](examples/two_groups.py), [geodesic distances](examples/geodesics.py),
+[a project opened](examples/open_project.py).
+"""
+
+_SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}\n", re.MULTILINE)
+_ENTRIES = ("Parameters", "Attributes", "Returns", "Raises")
+
+
+def reference() -> str:
+    """Return the page."""
+    parts = [HEAD]
+    for title, members in GROUPS.items():
+        parts.append(f"## {title}\n")
+        for member in members:
+            parts += _documented(member)
+            if member is hl.correspond:
+                parts += _settings()
+    return re.sub(r"\n{3,}", "\n\n", "\n".join(parts)).rstrip() + "\n"
+
+
+def _documented(member: Any) -> Iterator[str]:  # noqa: ANN401 - a class or a function
+    name = member.__name__
+    public = name in hl.__all__
+    signature = (
+        _signature(member) if inspect.isfunction(member) or name in ("TriangleMesh", "Project") else ""
+    )
+    yield f"### `{'hl.' if public else ''}{name}{signature}`\n"
+    yield from _markdown(inspect.getdoc(member) or "")
+    if not inspect.isclass(member) or issubclass(member, Exception):
+        return
+    own = {one: value for one, value in vars(member).items() if not one.startswith("_")}
+    properties = {one: value for one, value in own.items() if isinstance(value, property | cached_property)}
+    if properties:
+        yield "**Properties**\n"
+        yield from (f"- `{one}`: {_plain(inspect.getdoc(value) or '')}" for one, value in properties.items())
+        yield ""
+    for one, value in own.items():
+        function = getattr(value, "__func__", value)
+        if inspect.isfunction(function):
+            yield f"#### `{name}.{one}{_signature(function)}`\n"
+            yield from _markdown(inspect.getdoc(function) or "")
+
+
+def _signature(function: Any) -> str:  # noqa: ANN401
+    """Return names and defaults; types are in the docstring."""
+    shown, starred = [], False
+    for one in inspect.signature(function).parameters.values():
+        if one.name in ("self", "cls"):
+            continue
+        if one.kind is one.KEYWORD_ONLY and not starred:
+            starred = True
+            shown.append("*")
+        prefix = "**" if one.kind is one.VAR_KEYWORD else ""
+        shown.append(prefix + one.name + ("" if one.default is one.empty else f"={one.default!r}"))
+    return f"({', '.join(shown)})"
+
+
+def _markdown(text: str) -> Iterator[str]:
+    """Return a numpydoc docstring as Markdown."""
+    head, *sections = _SECTION.split(text)
+    yield _paragraphs(head)
+    for title, body in zip(sections[::2], sections[1::2], strict=True):
+        if title == "Examples":
+            yield "\n**Examples**\n\n" + "\n".join(_examples(body)) + "\n"
+        elif title in _ENTRIES:
+            yield f"\n**{title}**\n"
+            yield from _entries(body)
+        else:
+            yield f"\n**{title}**\n\n{_paragraphs(body)}"
+    yield ""
+
+
+def _paragraphs(text: str) -> str:
+    return "\n\n".join(_plain(one) for one in re.split(r"\n\s*\n", text.strip())) + "\n"
+
+
+def _entries(body: str) -> Iterator[str]:
+    """Return entries, each a head at the left margin and an indented description, as a list."""
+    for entry in re.split(r"\n(?=\S)", body.strip("\n")):
+        head, _, text = entry.partition("\n")
+        name, colon, kind = head.partition(" : ")
+        parts = [_plain(one) for one in (kind if colon else "", text) if one.strip()]
+        yield ": ".join([f"- `{name}`", ". ".join(parts)]) if parts else f"- `{name}`"
+
+
+def _examples(body: str) -> Iterator[str]:
+    """Return doctests as fenced code, text between them as it is."""
+    for block in re.split(r"\n\s*\n", body.strip()):
+        yield f"```pycon\n{block}\n```\n" if block.lstrip().startswith(">>>") else _plain(block) + "\n"
+
+
+def _plain(text: str) -> str:
+    """Return text on one line, with single backticks for code."""
+    return " ".join(text.replace("``", "`").split())
+
+
+def _settings() -> Iterator[str]:
+    yield "#### Settings\n"
+    yield "What `**settings` takes; `homolog run` has the same as options.\n"
+    yield "| name | default | values | unit | |"
+    yield "|---|---|---|---|---|"
+    for model in (GroomSettings, OptimizeSettings):
+        for one in parameters(model):
+            if one.name == "particles":
+                continue
+            values = ", ".join(one.choices) if one.choices else one.bounds
+            default = getattr(one.default, "value", one.default)
+            yield f"| `{one.name}` | `{default!r}` | {values} | {one.unit} | {one.help} |"
+    yield ""
+
+
+if __name__ == "__main__":
+    PAGE.write_text(reference(), encoding="utf-8")
