@@ -174,9 +174,7 @@ def test_what_is_no_shape_is_refused_by_name(shapes, fault):
 
 def test_all_bad_shapes_are_named_at_once(ball, tmp_path):
     flat = (np.asarray(ball.vertices) * [1.0, 1.0, 0.0], np.asarray(ball.faces))
-    with pytest.raises(
-        hl.InputError, match=r"(?s)flat: .*missing\.stl: "
-    ):
+    with pytest.raises(hl.InputError, match=r"(?s)flat: .*missing\.stl: "):
         hl.correspond({"flat": flat, "sound": ball, "gone": tmp_path / "missing.stl"}, 32)
 
 
