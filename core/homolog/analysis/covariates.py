@@ -54,7 +54,7 @@ def covariate_columns(
             who = ", ".join(_name(names, index) for index in missing[:5])
             raise InputError(
                 f"covariate {title!r}: no value for {who}; fill it in, or leave such subjects out "
-                "(--complete-cases)"
+                "(complete cases)"
             )
         found = None if title in categories else _numeric(title, values, names)
         if found is None:
