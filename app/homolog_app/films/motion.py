@@ -130,4 +130,4 @@ def _carried(result: Result, displacements: FloatArray) -> FloatArray:
 
 def _signed(amount: float) -> str:
     words = f"{amount:+.1f}".replace("-", "−")
-    return "±0.0" if words[1:] == "0.0" else words
+    return "0.0" if words[1:] == "0.0" else words

@@ -14,7 +14,15 @@ from homolog.errors import InputError
 from homolog.files.atomic import write_text
 from homolog.files.project import OUT_OF_DATE, Project
 
-__all__ = ["Answered", "StudyRequest", "category_of", "read_requests", "study_folder", "write_request"]
+__all__ = [
+    "Answered",
+    "StudyRequest",
+    "category_of",
+    "kept_studies",
+    "read_requests",
+    "study_folder",
+    "write_request",
+]
 
 _RECORD = "study.json"
 _LONGEST = 90
@@ -195,6 +203,20 @@ def read_requests(project: Project) -> list[StudyRequest]:
         If one of them is damaged.
     """
     return [_read(path)[0] for path in sorted((project.folder / "analysis").glob(f"*/{_RECORD}"))]
+
+
+def kept_studies(project: Project) -> list[tuple[StudyRequest, bool]]:
+    """Return the questions kept in a project, by name, each with whether its tables are out of date.
+
+    Raises
+    ------
+    InputError
+        If one of them is damaged.
+    """
+    return [
+        (_read(path)[0], (path.parent / OUT_OF_DATE).is_file())
+        for path in sorted((project.folder / "analysis").glob(f"*/{_RECORD}"))
+    ]
 
 
 def _read(path: Path) -> tuple[StudyRequest, Answered]:

@@ -11,9 +11,29 @@ from homolog_app.window.commands import COMMANDS, MENUS, Command, command
 from homolog_app.window.icons import icon
 from homolog_app.window.theme import Theme
 
-__all__ = ["Actions"]
+__all__ = ["Actions", "shortcuts"]
 
 Handler = Callable[[], object]
+
+
+_STANDARD = {
+    "file.open": QKeySequence.StandardKey.Open,
+    "file.save": QKeySequence.StandardKey.Save,
+    "file.save_as": QKeySequence.StandardKey.SaveAs,
+    "file.close": QKeySequence.StandardKey.Close,
+    "file.quit": QKeySequence.StandardKey.Quit,
+    "edit.undo": QKeySequence.StandardKey.Undo,
+    "edit.redo": QKeySequence.StandardKey.Redo,
+    "edit.preferences": QKeySequence.StandardKey.Preferences,
+    "help.shortcuts": QKeySequence.StandardKey.HelpContents,
+}
+
+
+def shortcuts(one: Command) -> list[QKeySequence]:
+    """Return a command's keys: those of the platform, where it has a convention, or its own."""
+    own = [QKeySequence(one.shortcut)] if one.shortcut else []
+    standard = _STANDARD.get(one.id)
+    return (QKeySequence.keyBindings(standard) if standard is not None else []) or own
 
 
 class Actions(QObject):
@@ -28,7 +48,7 @@ class Actions(QObject):
             action = QAction(one.title, window)
             action.setObjectName(one.id)
             action.setCheckable(one.checkable)
-            action.setShortcut(QKeySequence(one.shortcut))
+            action.setShortcuts(shortcuts(one))
             action.setToolTip(self._tip(one, ""))
             action.setStatusTip(one.help)
             if one.choice:
@@ -66,7 +86,8 @@ class Actions(QObject):
         return result
 
     def _tip(self, one: Command, reason: str) -> str:
-        keys = QKeySequence(one.shortcut).toString(QKeySequence.SequenceFormat.NativeText)
+        known = shortcuts(one)
+        keys = known[0].toString(QKeySequence.SequenceFormat.NativeText) if known else ""
         return (f"{one.help} ({keys})" if keys else one.help) + (f"\nNot now: {reason}." if reason else "")
 
     def _fill_menus(self, window: QMainWindow) -> None:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["Part", "ask", "reported", "waited"]
 
 _log = logging.getLogger(__name__)
+_LOOK_MS = 100
+_SETTLED = 1000
 _Given = ParamSpec("_Given")
 _Result = TypeVar("_Result")
 
@@ -37,20 +39,52 @@ _AnyPart = TypeVar("_AnyPart", bound=Part)
 _Method = Callable[Concatenate[_AnyPart, _Given], None]
 
 
-def ask(parent: QWidget, title: str, words: str, answers: tuple[str, ...]) -> str:
-    """Ask a question; the first answer is the default, closing the box means the last one."""
+def ask(
+    parent: QWidget,
+    title: str,
+    words: str,
+    answers: tuple[str, ...],
+    default: int = 0,
+    settled: Callable[[], bool] | None = None,
+) -> str:
+    """Ask a question.
+
+    Parameters
+    ----------
+    parent : QWidget
+    title, words : str
+        What is asked, and what to know for it.
+    answers : tuple of str
+        On the buttons; closing the box means the last one.
+    default : int
+        Which answer Enter gives.
+    settled : callable, optional
+        Whether the question no longer matters: the box is then closed.
+
+    Returns
+    -------
+    str
+        The answer; nothing if the question was settled.
+    """
     box = QMessageBox(QMessageBox.Icon.Question, title, title, parent=parent)
     box.setInformativeText(words)
     role = QMessageBox.ButtonRole
     buttons = [
         box.addButton(text, role.RejectRole if text == answers[-1] else role.AcceptRole) for text in answers
     ]
-    box.setDefaultButton(buttons[0])
+    box.setDefaultButton(buttons[default])
     box.setEscapeButton(buttons[-1])
-    box.exec()
+    timer = QTimer(box, interval=_LOOK_MS)
+    if settled is not None:
+        timer.timeout.connect(lambda: box.done(_SETTLED) if settled() else None)
+        timer.start()
+    over = box.exec() == _SETTLED
+    timer.stop()
     clicked = box.clickedButton()
     chosen = [text for text, button in zip(answers, buttons, strict=True) if button is clicked]
     box.deleteLater()
+    if over and not chosen:
+        return ""
     return chosen[0] if chosen else answers[-1]
 
 

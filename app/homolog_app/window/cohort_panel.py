@@ -1,6 +1,7 @@
 """The first step: who is studied."""
 
 from PySide6.QtCore import QItemSelectionModel, QModelIndex, QSize, QSortFilterProxyModel, Qt
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QHeaderView, QLabel, QLineEdit, QTableView, QWidget
 
 from homolog_app.window.actions import Actions
@@ -14,6 +15,24 @@ __all__ = ["CohortPanel"]
 
 _TOOLS = ("file.add", "file.import", "file.export", "edit.group", "edit.include", "edit.remove")
 _GROUP_PX = (56, 120)
+_NAME_PX, _STATUS_PX = 140, 56
+
+
+class _Table(QTableView):
+    """Its names take what width is free."""
+
+    def fit_names(self) -> None:
+        """Make the column of names as wide as they are, if there is room beside the fixed columns."""
+        head = self.horizontalHeader()
+        others = sum(head.sectionSize(column) for column in (GROUP, VOLUME)) + _STATUS_PX
+        free = self.viewport().width() - others
+        head.resizeSection(NAME, max(_NAME_PX, min(free, self.sizeHintForColumn(NAME))))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give free width to the names."""
+        super().resizeEvent(event)
+        if self.model() is not None:
+            self.fit_names()
 
 
 class CohortPanel(Panel):
@@ -50,6 +69,8 @@ class CohortPanel(Panel):
         session.selection_changed.connect(self._show_selection)
         session.study_changed.connect(self._count)
         session.facts_changed.connect(self._count)
+        self.model.modelReset.connect(self.table.fit_names)
+        session.facts_changed.connect(self.table.fit_names)
         self._count()
 
     def _tools(self, actions: Actions) -> QHBoxLayout:
@@ -60,8 +81,8 @@ class CohortPanel(Panel):
         row.addStretch()
         return row
 
-    def _table(self) -> QTableView:
-        table = QTableView()
+    def _table(self) -> "_Table":
+        table = _Table()
         table.setAccessibleName("Subjects")
         table.setModel(self.rows)
         table.setSortingEnabled(True)
@@ -80,7 +101,7 @@ class CohortPanel(Panel):
         head.setHighlightSections(False)
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         head.setStretchLastSection(True)
-        for column, width in ((NAME, 140), (GROUP, _GROUP_PX[0]), (VOLUME, 72), (STATUS, 96)):
+        for column, width in ((NAME, _NAME_PX), (GROUP, _GROUP_PX[0]), (VOLUME, 72), (STATUS, _STATUS_PX)):
             head.resizeSection(column, width)
         head.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         return table
@@ -96,6 +117,7 @@ class CohortPanel(Panel):
             self._groups = groups
             width = min(max(self.table.sizeHintForColumn(GROUP), _GROUP_PX[0]), _GROUP_PX[1])
             self.table.horizontalHeader().resizeSection(GROUP, width)
+            self.table.fit_names()
         text = f"{included} of {len(members)} subjects included"
         self.count.setText(f"{text} · groups: {', '.join(groups)}" if groups else text)
         listed = "; ".join(f"{one.subject.name}: {one.problem}" for one in bad[:3])

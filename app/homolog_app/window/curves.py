@@ -47,7 +47,7 @@ class EnergyCurves(QWidget):
         font.setPixelSize(12)
         painter.setFont(font)
         painter.fillRect(self.rect(), QColor(self._theme.colours.surface))
-        if len(self._rows) < 2:
+        if len(np.unique(self._rows[:, 0])) < 2:
             painter.setPen(QColor(self._theme.colours.dim))
             text = "The three energies appear here while particles are being placed."
             painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, text)

@@ -41,8 +41,10 @@ class ErrorDialog(QDialog):
         head.addLayout(words_column, 1)
         unfold = button("Details", "flat")
         unfold.setCheckable(True)
+        unfold.setAutoDefault(False)  # Enter closes the dialog, whatever has the focus
         unfold.toggled.connect(self._unfold)
         report = button("Save report…")
+        report.setAutoDefault(False)
         report.clicked.connect(lambda: save(details))
         close = button("Close", "primary")
         close.setDefault(True)
@@ -58,6 +60,7 @@ class ErrorDialog(QDialog):
         layout.addLayout(head)
         layout.addWidget(self.details)
         layout.addLayout(row)
+        close.setFocus()
 
     def _unfold(self, shown: bool) -> None:
         self.details.setVisible(shown)

@@ -221,8 +221,4 @@ class _Row(QWidget):
 
 
 def _help(one: Parameter) -> str:
-    return (
-        f"{one.help} ({one.bounds} {one.unit})".replace(" )", ")")
-        if one.bounds and one.kind is float
-        else one.help
-    )
+    return f"{one.help} ({one.bounds} {one.unit})".replace(" )", ")") if one.bounds else one.help

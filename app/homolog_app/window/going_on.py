@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from homolog.files.records import ResultRecord
 from homolog_app.window.study import Study
 
-__all__ = ["GoingOn", "going_on"]
+__all__ = ["GoingOn", "going_on", "outdated_words"]
 
 _CANCELLED = "cancelled"
 
@@ -63,6 +63,30 @@ def going_on(study: Study, result: ResultRecord) -> GoingOn:
     return _not(
         f"Ask for more than {result.particles} particles to add to the result, or add new subjects in Cohort "
         "to fit them to it."
+    )
+
+
+def outdated_words(study: Study, result: ResultRecord) -> str:
+    """Say in what cohort and settings have changed since a result was computed; nothing if they have not."""
+    known = [one.name for one in result.subjects]
+    names = [one.name for one in study.included]
+    gone, fresh = [one for one in known if one not in names], [one for one in names if one not in known]
+    words = [f"{_listed(gone)} {_are(gone)} left out in Cohort but still part of it"] if gone else []
+    words += [f"{_listed(fresh)} {_are(fresh)} not part of it"] if fresh else []
+    changed = [
+        name.replace("_", " ")
+        for now, own in (
+            (study.settings.groom, result.settings.groom),
+            (study.settings.optimize, result.settings.optimize),
+        )
+        for name in type(now).model_fields
+        if getattr(now, name) != getattr(own, name)
+    ]
+    words += [f"settings have changed ({_listed(changed)})"] if changed else []
+    return (
+        f"This result is of an earlier state: {'; '.join(words)}. Run again to bring it up to date."
+        if words
+        else ""
     )
 
 

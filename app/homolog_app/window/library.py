@@ -88,9 +88,12 @@ class Library(Part):
         self._desk.preferences.remember(folder)
         self.show_recent()
         self._window.commands[f"view.grid{opened.view.layout}"].trigger()
-        self._window.show_step("cohort")
+        resumable = opened.unfinished and project.checkpoint.is_file()
+        self._window.show_step("correspond" if resumable and not opened.has_result else "cohort")
         if opened.has_result:
             self._desk.work.open_result(project, lambda: self._window.show_step("explore"))
+        if resumable:
+            self._window.status.say("The last run was stopped; Resume goes on from its checkpoint.")
 
     def save(self) -> None:
         """Save to the project's folder, or ask for one."""
@@ -134,11 +137,15 @@ class Library(Part):
         desk = self._desk
         if not desk.preferences.ask_on_close:
             return True
-        if desk.work.is_busy and ask(
-            self._window, "The work is not finished", "Stop it? A run can be resumed from its checkpoint.",
-            ("Stop", "Go on"),
-        ) != "Stop":  # fmt: skip
-            return False
+        if desk.work.is_busy:
+            answer = ask(
+                self._window, "The work is not finished", "Stop it? A run can be resumed from its checkpoint.",
+                ("Stop", "Keep working"), 1, lambda: not desk.work.is_busy,
+            )  # fmt: skip
+            if answer == "Keep working":
+                return False
+            if answer == "Stop":
+                desk.work.cancel()
         if not desk.is_changed:
             return True
         answer = ask(

@@ -61,6 +61,7 @@ class MainWindow(QMainWindow):
         self.tour = Tour(self)
         self.exploring = Exploring(self)
         self._connect()
+        self._restore_geometry()
         self.refresh()
 
     @Slot()
@@ -145,6 +146,14 @@ class MainWindow(QMainWindow):
         super().changeEvent(event)
         if event.type() == QEvent.Type.WindowStateChange and self.views is not None:
             self.views.rest(self.isMinimized())
+
+    def _restore_geometry(self) -> None:
+        """Have the size, place and panel widths of the last time."""
+        known = self.desk.preferences.geometry
+        if known is not None:
+            geometry, state = known
+            self.restoreGeometry(geometry)
+            self.restoreState(state)
 
     def _lay_out(self) -> None:
         self._middle = QStackedWidget()

@@ -15,13 +15,35 @@ from PySide6.QtWidgets import (
 from homolog_app.window.actions import Actions
 from homolog_app.window.commands import COMMANDS, Command
 
-__all__ = ["CommandPalette", "matches"]
+__all__ = ["CommandPalette", "matches", "ranked"]
 
 
 def matches(query: str, one: Command) -> bool:
     """Whether every word of the query occurs in the command's menu, title or help."""
     text = f"{one.menu} {one.title} {one.help}".casefold()
     return all(word in text for word in query.casefold().split())
+
+
+def ranked(query: str) -> list[Command]:
+    """Return the commands that match, best first: by title, then help, then menu."""
+    return sorted((one for one in COMMANDS if matches(query, one)), key=lambda one: _distance(query, one))
+
+
+def _distance(query: str, one: Command) -> int:
+    title, about = one.title.casefold(), f"{one.title} {one.help}".casefold()
+    words = query.casefold().split()
+    starts = [
+        all(any(part.startswith(word) for part in text.split()) for word in words) for text in (title, about)
+    ]
+    if not words or title.startswith(query.casefold().strip()):
+        return 0
+    if starts[0]:
+        return 1
+    if all(word in title for word in words):
+        return 2
+    if starts[1]:
+        return 3
+    return 4 if all(word in about for word in words) else 5
 
 
 class CommandPalette(QDialog):
@@ -74,9 +96,9 @@ class CommandPalette(QDialog):
 
     def _fill(self, query: str) -> None:
         self.list.clear()
-        for one in COMMANDS:
+        for one in ranked(query):
             action = self._actions[one.id]
-            if action.isEnabled() and one.id != "help.palette" and matches(query, one):
+            if action.isEnabled() and one.id != "help.palette":
                 keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
                 item = QTreeWidgetItem([one.title.rstrip("…"), keys])
                 item.setIcon(0, action.icon())

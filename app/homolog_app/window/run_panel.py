@@ -14,6 +14,7 @@ from homolog_app.window.widgets import GRID, Panel, button, label, rule, set_pri
 __all__ = ["RunPanel"]
 
 _MAIN = ("method", "particles", "seed")
+_STOPPED = "The last run was stopped on the way. Resume goes on from its checkpoint."
 _FIRST = "Groom the shapes first, and look whether the surfaces are right."
 
 
@@ -115,7 +116,10 @@ class RunPanel(Panel):
         self.keep.setVisible(idle and self._actions["run.keep"].isEnabled())
         self.proceed.setVisible(idle and done)
         ready = session.is_groomed or done
-        self.summary.setText(session.result.summary if session.result else "" if ready else _FIRST)
+        words = session.result.summary if session.result else "" if ready else _FIRST
+        if self.resume.isVisibleTo(self):
+            words = f"{_STOPPED}\n{words}".strip()
+        self.summary.setText(words)
 
     def _show_further(self) -> None:
         """Say what a run could add to the result."""

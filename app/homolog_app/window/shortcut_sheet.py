@@ -4,6 +4,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence
 from PySide6.QtWidgets import QDialog, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
 
+from homolog_app.window.actions import shortcuts
 from homolog_app.window.commands import COMMANDS
 from homolog_app.window.widgets import GRID, button, label
 
@@ -46,7 +47,7 @@ def _rows(menu: str) -> QGridLayout:
     grid.setVerticalSpacing(2)
     listed = [one for one in COMMANDS if one.menu.split("/")[0] == menu and one.shortcut]
     for row, one in enumerate(listed):
-        keys = QKeySequence(one.shortcut).toString(QKeySequence.SequenceFormat.NativeText)
+        keys = shortcuts(one)[0].toString(QKeySequence.SequenceFormat.NativeText)
         grid.addWidget(label(one.title.rstrip("…")), row, 0)
         grid.addWidget(label(keys, "Hint"), row, 1, alignment=Qt.AlignmentFlag.AlignRight)
     grid.setColumnStretch(0, 1)

@@ -6,7 +6,7 @@ from importlib.resources import files
 import pytest
 
 from homolog_app.window.commands import COMMANDS, MENUS
-from homolog_app.window.palette import matches
+from homolog_app.window.palette import matches, ranked
 
 
 def test_no_two_commands_share_an_id_or_a_shortcut():
@@ -26,6 +26,21 @@ def test_the_palette_finds_a_command_by_any_of_its_words():
     screenshot = next(one for one in COMMANDS if one.id == "view.screenshot")
     assert matches("pict VIEW", screenshot)
     assert not matches("picture of a cat", screenshot)
+
+
+def test_the_palette_lists_titles_that_begin_with_what_was_typed_first():
+    assert ranked("fit")[0].id == "view.reset"
+    titles = [one.title for one in ranked("view")]
+    assert titles.index("Fit to view") < titles.index("Cohort")
+
+
+@pytest.mark.window
+def test_keys_are_those_of_the_platform_where_it_has_a_convention(window):
+    from PySide6.QtGui import QKeySequence
+
+    assert window.commands["help.shortcuts"].shortcut() == QKeySequence("F1")
+    standard = QKeySequence.keyBindings(QKeySequence.StandardKey.Redo)
+    assert window.commands["edit.redo"].shortcuts() == standard
 
 
 @pytest.mark.window
@@ -67,6 +82,19 @@ def test_the_palette_lists_what_is_possible_and_runs_it(window):
     palette.query.returnPressed.emit()
     assert palette.chosen is window.commands["view.theme"]
     palette.close()
+
+
+@pytest.mark.window
+def test_energies_of_one_iteration_are_no_curve(window):
+    curves = window.docks.curves
+
+    def picture(rows):
+        curves.resize(900, 200)
+        curves.show_rows(rows)
+        return curves.grab().toImage()
+
+    assert picture([[5, 1, 1, 1], [5, 2, 2, 2]]) == picture([])
+    assert picture([[0, 1, 1, 1], [1, 2, 2, 2]]) != picture([])
 
 
 def test_whatever_may_be_impossible_has_a_reason():

@@ -48,6 +48,17 @@ def test_what_is_out_of_bounds_or_no_number_changes_nothing_and_says_so(form, te
     assert any("0.0 to 5.0" in one.text() for one in form.findChildren(QLabel, "Problem"))
 
 
+def test_bounds_of_whole_numbers_are_shown_too(qapp):
+    from PySide6.QtWidgets import QLabel
+
+    from homolog_app.window.form import SettingsForm
+
+    made = SettingsForm(OptimizeSettings)
+    one = next(one for one in parameters(OptimizeSettings) if one.name == "particles")
+    assert any(one.help in text.text() and one.bounds in text.text() for text in made.findChildren(QLabel))
+    made.deleteLater()
+
+
 def test_an_empty_field_leaves_the_value_to_the_program(form):
     type_into(form, "spacing", "0,8")
     type_into(form, "spacing", "")

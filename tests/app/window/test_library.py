@@ -254,6 +254,123 @@ def test_closing_asks_about_unsaved_edits_and_obeys(beans, close, monkeypatch, t
 
 
 @pytest.mark.window
+def test_the_question_whether_to_stop_is_closed_when_the_work_has_ended(window, monkeypatch, wait):
+    from PySide6.QtWidgets import QMessageBox
+
+    from homolog_app.window.asking import ask
+
+    monkeypatch.undo()  # the box is to be shown
+    shown = []
+
+    def settled():
+        boxes = window.findChildren(QMessageBox)
+        shown.extend(box.defaultButton().text() for box in boxes)
+        return bool(shown)
+
+    assert ask(window, "Stop?", "It goes on.", ("Stop", "Keep working"), 1, settled) == ""
+    assert shown[0] == "Keep working"
+
+
+@pytest.mark.window
+def test_work_that_is_to_be_stopped_is_stopped_before_the_next_question(groomed, monkeypatch, wait):
+    asked = []
+
+    def answer(_parent, title, *_):
+        asked.append(title)
+        return "Stop" if title == "The work is not finished" else "Cancel"
+
+    monkeypatch.setattr("homolog_app.window.library.ask", answer)
+    groomed.desk.preferences.ask_on_close = True
+    groomed.commands["run.start"].trigger()
+    wait(lambda: groomed.desk.work.run_job is not None)
+    groomed.close()
+    assert asked == ["The work is not finished", "Save Unsaved study?"]
+    wait(lambda: not groomed.desk.work.is_busy)
+    assert groomed.desk.session.result is None
+    groomed.desk.preferences.ask_on_close = False
+
+
+@pytest.mark.window
+def test_size_and_panel_widths_come_back(explored, close, make_window, tmp_path, wait):
+    from PySide6.QtCore import Qt
+    from PySide6.QtWidgets import QDockWidget
+
+    def panel(window):
+        return window.findChild(QDockWidget, "Inspector")
+
+    explored.resize(1500, 850)
+    explored.resizeDocks([panel(explored)], [520], Qt.Orientation.Horizontal)
+    wait(lambda: panel(explored).width() == 520)
+    close(explored)
+    window = make_window()
+    assert window.size().toTuple() == (1500, 850)
+    window.library.take([tmp_path / "copy"])
+    wait(lambda: window.desk.session.result is not None)
+    wait(lambda: panel(window).width() == 520, seconds=5)
+
+
+@pytest.mark.window
+def test_names_take_the_width_that_is_free(beans, wait):
+    from homolog_app.window.cohort_model import NAME
+
+    panel, session = beans.inspector.cohort, beans.desk.session
+    long = "acdc_patient_001_myo"
+    first = session.study.members[0]
+    named = replace(first, subject=replace(first.subject, name=long))
+    session.edit("name", replace(session.study, members=(named, *session.study.members[1:])))
+    wait(lambda: len(session.surveys) == 5)
+    assert panel.table.columnWidth(NAME) >= panel.table.sizeHintForColumn(NAME)
+
+
+@pytest.mark.window
+def test_enter_closes_an_error_and_does_not_unfold_it(window, wait):
+    from PySide6.QtCore import Qt
+    from PySide6.QtTest import QTest
+
+    from homolog_app.window.error_dialog import ErrorDialog
+
+    dialog = ErrorDialog(window, window.desk.theme, "Title", "Words", "Details", print)
+    ended = []
+    dialog.finished.connect(ended.append)
+    dialog.open()
+    QTest.keyClick(dialog.focusWidget() or dialog, Qt.Key.Key_Return)
+    assert ended
+    assert dialog.details.isHidden()
+
+
+@pytest.mark.window
+def test_answers_of_an_earlier_result_are_listed_as_out_of_date(explored, tmp_path):
+    from homolog.files.project import OUT_OF_DATE
+    from homolog_app.report.request import Answered, StudyRequest, study_folder, write_request
+
+    page, project = explored.inspector.explore.pages[0], explored.desk.project
+    assert page.kept_title.isHidden()
+    requests = [StudyRequest(between=("a", "b")), StudyRequest(between=("a", "c"))]
+    for one in requests:
+        write_request(one, study_folder(project, one), Answered())
+    (study_folder(project, requests[1]) / OUT_OF_DATE).touch()
+    page.enter()
+    assert page.kept.text() == requests[0].title
+    assert requests[1].title in page.outdated.text()
+    assert requests[0].title not in page.outdated.text()
+
+
+@pytest.mark.window
+def test_a_result_of_another_cohort_or_other_settings_says_so_on_every_page(explored):
+    session, words = explored.desk.session, explored.inspector.explore.outdated
+    assert words.text() == ""
+    session.select(["b"])
+    explored.commands["edit.include"].trigger()
+    assert "b is left out in Cohort" in words.text()
+    explored.commands["edit.undo"].trigger()
+    assert words.text() == ""
+    groom = session.study.settings.groom.model_copy(update={"smoothing": 2.0})
+    explored.desk.edit_settings("groom", "smoothing", groom)
+    assert "settings have changed (smoothing)" in words.text()
+    assert words.isVisible()
+
+
+@pytest.mark.window
 def test_closing_in_mid_run_asks_first(groomed, monkeypatch, wait):
     asked = []
     monkeypatch.setattr(

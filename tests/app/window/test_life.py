@@ -61,6 +61,25 @@ def test_a_cancelled_run_is_resumed_from_its_checkpoint(groomed, errors, wait, q
     assert not errors
 
 
+def test_a_project_whose_run_was_stopped_says_so_when_it_is_opened(
+    groomed, close, make_window, tmp_path, wait
+):
+    work = groomed.desk.work
+    groomed.library.save_to(tmp_path / "stopped")
+    groomed.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
+    groomed.commands["run.start"].trigger()
+    wait(lambda: work.run_job is None or groomed.desk.project.checkpoint.is_file())
+    groomed.commands["run.cancel"].trigger()
+    wait(lambda: not work.is_busy)
+    groomed.library.save()
+    close(groomed)
+    window = make_window()
+    window.library.take([tmp_path / "stopped"])
+    assert window.step == "correspond"
+    wait(lambda: window.inspector.correspond.resume.isVisible())
+    assert "Resume goes on" in window.inspector.correspond.summary.text()
+
+
 def test_fifty_random_orders_leave_the_window_whole(groomed, errors, wait, quick):
     orders = random.Random(3)
     groomed.desk.edit_settings("optimize", "particles", quick(16))

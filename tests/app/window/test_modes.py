@@ -62,6 +62,23 @@ def test_there_are_as_many_sliders_as_modes_above_chance_and_more_on_demand(page
     assert len(page.sliders.values) == max(1, kept) + 3
 
 
+def test_a_mode_says_how_far_it_moves_the_particles(page):
+    from PySide6.QtWidgets import QLabel
+
+    model = page.fitted.shape.model
+    moved = model.shape(np.array([1.0])) - model.mean
+    rms = np.sqrt(np.square(moved).sum(axis=1).mean())
+    texts = [one.text() for one in page.sliders.findChildren(QLabel)]
+    assert any(f"{rms:.3g} mm at 1 SD" in text for text in texts)
+
+
+def test_the_cross_goes_back_to_the_mean_with_another_model(page, window):
+    page.sliders.show_value(0, 1.5)
+    assert page.charts.scatter.mark != (0.0, 0.0)
+    window.library.begin()
+    assert page.charts.scatter.mark == (0.0, 0.0)
+
+
 def test_sliders_combine_and_mean_shape_puts_them_back(page, scene, window):
     model = page.fitted.shape
     page.sliders.show_value(0, 1.0)

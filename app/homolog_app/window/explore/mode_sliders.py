@@ -114,11 +114,9 @@ class ModeSliders(QWidget):
         if shape is None:
             return
         for mode in range(len(self._rows), min(count, shape.modes)):
-            variance, share = (
-                float(shape.model.explained_variance[mode]),
-                float(shape.model.explained_variance_ratio[mode]),
-            )
-            row = _Row(mode, variance, share, above=mode < shape.parallel.kept)
+            rms = float(shape.model.standard_deviations[mode]) / len(shape.model.mean) ** 0.5
+            share = float(shape.model.explained_variance_ratio[mode])
+            row = _Row(mode, rms, share, above=mode < shape.parallel.kept)
             row.slider.valueChanged.connect(lambda _, mode=mode: self._follow(mode))
             self._choice.addButton(row.name, mode)
             self._column.addWidget(row)
@@ -135,7 +133,7 @@ class ModeSliders(QWidget):
 class _Row(QWidget):
     """One mode: its name, the slider, the value, and below them how much it varies."""
 
-    def __init__(self, mode: int, variance: float, share: float, *, above: bool) -> None:
+    def __init__(self, mode: int, rms: float, share: float, *, above: bool) -> None:
         super().__init__()
         self.name: QPushButton = button(f"Mode {mode + 1}", "pick")
         self.name.setCheckable(True)
@@ -148,8 +146,9 @@ class _Row(QWidget):
         self._value = label("")
         self._value.setMinimumWidth(64)
         self._value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-        words = f"{100 * share:.1f} % · variance {short(variance)} mm²"
+        words = f"{100 * share:.1f} % of variance · {short(rms)} mm at 1 SD"
         self._about = label(words if above else f"{words} · not above chance", "FieldHelp")
+        self._about.setToolTip("Root-mean-square displacement of the particles at one standard deviation")
         self.slider.setAccessibleDescription(self._about.text())
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)

@@ -136,6 +136,7 @@ class ModesPage(ExplorePage):
             self.player.stop()
             self.sliders.show_model(shape)
             self.charts.show_model(shape)
+            self.charts.scatter.show_cursor(0.0, 0.0)
             self.who.clear()
             self.who.addItems([_MODEL, *(shape.result.names if shape else ())])
             self._show_scores()

@@ -2,6 +2,8 @@
 
 from PySide6.QtCore import Qt
 
+from homolog.errors import InputError
+from homolog_app.report.request import kept_studies
 from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
 from homolog_app.window.explore.fitted import Fitted
@@ -28,6 +30,7 @@ class OverviewPage(ExplorePage):
     def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
         super().__init__(desk, actions, fitted)
         session = self._session = desk.session
+        self._busy = False
         self.summary = label("", wrap=True)
         self.summary.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.files = label("", "Hint", wrap=True)
@@ -42,6 +45,14 @@ class OverviewPage(ExplorePage):
             one.clicked.connect(actions[command].trigger)
             self.body.addWidget(one)
         self.body.addSpacing(GRID)
+        self.kept_title = label("Answers kept in the project", "SectionTitle")
+        self.kept = label("", wrap=True)
+        self.outdated = label("", "Problem", wrap=True)
+        for listed in (self.kept, self.outdated):
+            listed.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        for text in (self.kept_title, self.kept, self.outdated):
+            self.body.addWidget(text)
+        self.body.addSpacing(GRID)
         self.body.addWidget(label("Playback", "SectionTitle"))
         self.playback = label("", "Hint", wrap=True)
         self.body.addWidget(self.playback)
@@ -53,9 +64,39 @@ class OverviewPage(ExplorePage):
         self.save.clicked.connect(actions["file.save"].trigger)
         self.footer.addWidget(self.save)
         session.facts_changed.connect(self._show)
+        desk.work.changed.connect(self._follow_work)
         session.project_changed.connect(self._show)
 
+    def enter(self) -> None:
+        """Read anew what is kept."""
+        self._show()
+
+    def _follow_work(self) -> None:
+        """Look again once an answer was kept or particles were placed."""
+        busy = self.desk.work.is_busy
+        if self._busy and not busy:
+            self._show_kept()
+        self._busy = busy
+
+    def _show_kept(self) -> None:
+        """List the answers in the project's folder, those of an earlier result apart."""
+        try:
+            kept = kept_studies(self.desk.project) if self._session.folder else []
+        except InputError as error:
+            kept, words = [], str(error)
+        else:
+            old = [one.title for one, outdated in kept if outdated]
+            words = "\n".join(
+                ["Out of date, since particles were placed anew: compare again, or write the report:", *old]
+            ) if old else ""  # fmt: skip
+        self.kept.setText("\n".join(one.title for one, outdated in kept if not outdated))
+        self.outdated.setText(words)
+        self.kept.setVisible(bool(self.kept.text()))
+        self.outdated.setVisible(bool(words))
+        self.kept_title.setVisible(bool(kept or words))
+
     def _show(self) -> None:
+        self._show_kept()
         loaded = self._session.result
         self.summary.setText(loaded.summary if loaded else "")
         self.playback.setText(

@@ -14,7 +14,8 @@ from homolog_app.window.explore.measure_page import MeasurePage
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.overview_page import OverviewPage
 from homolog_app.window.explore.page import ExplorePage
-from homolog_app.window.widgets import GRID
+from homolog_app.window.going_on import outdated_words
+from homolog_app.window.widgets import GRID, label
 
 __all__ = ["PAGES", "ExplorePanel"]
 
@@ -55,8 +56,15 @@ class ExplorePanel(QWidget):
         layout.setContentsMargins(0, GRID // 2, 0, 0)
         layout.setSpacing(0)
         layout.addWidget(self.tabs)
+        self.outdated = label("", "Problem", wrap=True)
+        self.outdated.setContentsMargins(2 * GRID, GRID, 2 * GRID, 0)
+        layout.addWidget(self.outdated)
         layout.addWidget(self._stack, 1)
         self.tabs.currentChanged.connect(self._turn)
+        self._session = desk.session
+        for signal in (desk.session.study_changed, desk.session.facts_changed):
+            signal.connect(self._tell_outdated)
+        self._tell_outdated()
 
     @property
     def page(self) -> ExplorePage:
@@ -70,6 +78,13 @@ class ExplorePanel(QWidget):
     def open_page(self, page: ExplorePage) -> None:
         """Turn to a page."""
         self.tabs.setCurrentIndex(self.pages.index(page))
+
+    def _tell_outdated(self) -> None:
+        """Say whether what the pages show is of another cohort or other settings than those in force."""
+        result = self._session.result
+        words = outdated_words(self._session.study, result.record) if result is not None else ""
+        self.outdated.setText(words)
+        self.outdated.setVisible(bool(words))
 
     def _turn(self, index: int) -> None:
         before = self._stack.currentWidget()
