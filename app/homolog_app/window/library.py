@@ -139,8 +139,9 @@ class Library(Part):
             return True
         if desk.work.is_busy:
             answer = ask(
-                self._window, "The work is not finished", "Stop it? A run can be resumed from its checkpoint.",
-                ("Stop", "Keep working"), 1, lambda: not desk.work.is_busy,
+                self._window, "The work is not finished",
+                "Stop it? A run can be resumed from its checkpoint.", ("Stop", "Keep working"),
+                1, lambda: not desk.work.is_busy,
             )  # fmt: skip
             if answer == "Keep working":
                 return False

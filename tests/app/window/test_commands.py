@@ -86,11 +86,13 @@ def test_the_palette_lists_what_is_possible_and_runs_it(window):
 
 @pytest.mark.window
 def test_energies_of_one_iteration_are_no_curve(window):
-    curves = window.docks.curves
+    from homolog_app.window.curves import EnergyCurves
+
+    curves = EnergyCurves(window.desk.theme)
 
     def picture(rows):
-        curves.resize(900, 200)
         curves.show_rows(rows)
+        curves.resize(900, 200)
         return curves.grab().toImage()
 
     assert picture([[5, 1, 1, 1], [5, 2, 2, 2]]) == picture([])

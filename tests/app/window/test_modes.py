@@ -66,7 +66,7 @@ def test_a_mode_says_how_far_it_moves_the_particles(page):
     from PySide6.QtWidgets import QLabel
 
     model = page.fitted.shape.model
-    moved = model.shape(np.array([1.0])) - model.mean
+    moved = model.instance(np.array([1.0])) - model.mean
     rms = np.sqrt(np.square(moved).sum(axis=1).mean())
     texts = [one.text() for one in page.sliders.findChildren(QLabel)]
     assert any(f"{rms:.3g} mm at 1 SD" in text for text in texts)
