@@ -25,6 +25,11 @@ def frozen(array: Array, dtype: Any = None) -> Array:  # noqa: ANN401 - whatever
         Any shape. The caller's own array stays writable: a view or copy is frozen.
     dtype : dtype, optional
         Type of the result; the array's own by default.
+
+    Returns
+    -------
+    array
+        Of the same shape.
     """
     result = np.ascontiguousarray(array, dtype=dtype).view()
     result.setflags(write=False)

@@ -44,6 +44,11 @@ def choose_device(name: str = "auto") -> str:
     name : str
         ``"auto"`` (first CUDA device, else the CPU), ``"cpu"`` or ``"cuda:<n>"``.
 
+    Returns
+    -------
+    str
+        ``"cpu"`` or ``"cuda:<n>"``.
+
     Raises
     ------
     InputError

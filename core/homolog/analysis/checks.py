@@ -20,6 +20,11 @@ def checked_particles(particles: FloatArray, names: Sequence[str] | None = None)
     names : sequence of str, optional
         Subject names for the messages; ``subject 1`` … by default.
 
+    Returns
+    -------
+    (M, N, 3) float64 array
+        Read-only [mm].
+
     Raises
     ------
     InputError

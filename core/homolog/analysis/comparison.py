@@ -163,6 +163,10 @@ def compared(
         What is tested in place of the subjects' shapes: differences of pairs [mm].
     size : (m,) array, optional
         The same for size [mm].
+
+    Returns
+    -------
+    Comparison
     """
     data = prepared(shapes[subjects], options) if data is None else data
     size = sizes(shapes[subjects]) if size is None else size

@@ -86,6 +86,10 @@ def group_design(groups: Sequence[str], order: Sequence[str], covariates: FloatA
     covariates : (M, c) array, optional
         As made by `homolog.analysis.covariates.covariate_columns`.
 
+    Returns
+    -------
+    Design
+
     Raises
     ------
     InputError
@@ -117,6 +121,10 @@ def regression_design(values: FloatArray, covariates: FloatArray | None = None) 
         The variable; coefficients are per its unit.
     covariates : (M, c) array, optional
         As made by `homolog.analysis.covariates.covariate_columns`.
+
+    Returns
+    -------
+    Design
 
     Raises
     ------

@@ -80,6 +80,11 @@ class Discriminant:
             The map of each unit mode, such as its signed normal displacement at the vertices.
         percent : float
             Between lower and upper bound lie so many percent of the bootstrap.
+
+        Returns
+        -------
+        (2, V) array
+            Lower and upper bound.
         """
         tail = (100.0 - percent) / 2.0
         limits: FloatArray = np.percentile(self.bootstrap @ mode_maps, [tail, 100.0 - tail], axis=0)
@@ -122,6 +127,10 @@ def discriminant(
         Same seed, same result.
     tick : Tick
         Progress and cancelling.
+
+    Returns
+    -------
+    Discriminant
 
     Raises
     ------
@@ -189,6 +198,13 @@ def shrunk_covariance(centred: FloatArray) -> tuple[FloatArray, float]:
     ----------
     centred : (M, k) array
         Rows with mean zero.
+
+    Returns
+    -------
+    (k, k) array
+        The covariance.
+    float
+        Weight of the sphere in it.
     """
     count, width = centred.shape
     covariance = centred.T @ centred / count

@@ -186,6 +186,10 @@ def local_map(
     tick : Tick
         Progress and cancelling.
 
+    Returns
+    -------
+    LocalMap
+
     Raises
     ------
     InputError

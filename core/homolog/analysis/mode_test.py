@@ -192,6 +192,10 @@ def mode_test(
     tick : Tick
         Progress and cancelling.
 
+    Returns
+    -------
+    ModeTest
+
     Raises
     ------
     InputError

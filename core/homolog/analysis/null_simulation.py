@@ -94,6 +94,10 @@ def null_simulation(
         Same seed, same result.
     tick : Tick
         Progress and cancelling.
+
+    Returns
+    -------
+    tuple of FalseAlarms
     """
     shapes = checked_particles(particles)
     residuals = design.residuals(shapes.reshape(len(shapes), -1))

@@ -89,6 +89,10 @@ def parallel_analysis(
         Same seed, same result.
     tick : Tick
         Progress and cancelling.
+
+    Returns
+    -------
+    ParallelAnalysis
     """
     subjects = len(data)
     if nuisance is None:

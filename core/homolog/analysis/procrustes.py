@@ -34,6 +34,11 @@ def sizes(particles: FloatArray) -> FloatArray:
     ----------
     particles : (M, N, 3) array
         Positions [mm].
+
+    Returns
+    -------
+    (M,) array
+        Sizes [mm].
     """
     centred = particles - particles.mean(axis=1, keepdims=True)
     size: FloatArray = np.sqrt(np.square(centred).sum(axis=2).mean(axis=1))

@@ -91,6 +91,10 @@ def mean_surface(
         Displacements of the mean particles that should fold no face, forth or back: modes [mm].
     tick : Tick
 
+    Returns
+    -------
+    MeanSurface
+
     Raises
     ------
     NumericalError

@@ -47,6 +47,10 @@ def compare_two_groups(
     tick : Tick
         Progress and cancelling.
 
+    Returns
+    -------
+    Comparison
+
     Raises
     ------
     InputError
@@ -222,6 +226,10 @@ def compare_pairs(
         Such as ``"after - before"``.
     options, names, tick
         As in `compare_two_groups`.
+
+    Returns
+    -------
+    Comparison
 
     Raises
     ------

@@ -71,6 +71,10 @@ def welch_map(
     tick : Tick
         Progress and cancelling.
 
+    Returns
+    -------
+    WelchMap
+
     Raises
     ------
     InputError

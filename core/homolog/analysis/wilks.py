@@ -45,7 +45,20 @@ def rao_f(
 def wilks_p(
     wilks: FloatArray, variables: IntArray | int, columns: int, error_dof: int, *, log: bool = False
 ) -> FloatArray:
-    """Return the p-value of Wilks' lambda by Rao's F, or its logarithm; see `rao_f`."""
+    """Return the p-value of Wilks' lambda by Rao's F.
+
+    Parameters
+    ----------
+    wilks, variables, columns, error_dof
+        As of `rao_f`.
+    log : bool
+        Whether the natural logarithm of p is returned, which does not underflow.
+
+    Returns
+    -------
+    array
+        Of the shape of wilks.
+    """
     f, between, within = rao_f(wilks, variables, columns, error_dof)
     tail = stats.f.logsf if log else stats.f.sf
     return np.asarray(tail(f, between, within), np.float64)

@@ -78,6 +78,10 @@ def evaluate(particles: FloatArray, beans: Sequence[Bean]) -> BeanFigures:
     beans : sequence of Bean
         The M beans in the same order, M at least 4.
 
+    Returns
+    -------
+    BeanFigures
+
     Notes
     -----
     Distances between points of a surface are straight ones, between points whose outward normals differ by

@@ -29,6 +29,11 @@ def write_beans(folder: Path, beans: Sequence[Bean], seed: int, tick: Tick = no_
     tick : Tick
         Told after each volume.
 
+    Returns
+    -------
+    Cohort
+        Of the volumes.
+
     Raises
     ------
     InputError

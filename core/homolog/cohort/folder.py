@@ -154,6 +154,10 @@ def mask_files(folder: Path) -> dict[str, Path]:
     ----------
     folder : Path
         The subject's; its folder of segmentations is taken if it has one.
+
+    Returns
+    -------
+    dict of str to Path
     """
     below = [one for one in _entries(folder) if one.is_dir() and one.name.casefold().startswith(_LABELS)]
     inner = [files for one in below if (files := _masks(one))]

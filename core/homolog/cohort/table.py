@@ -93,6 +93,10 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     path : Path
         CSV with commas, semicolons or tabs, or XLSX.
 
+    Returns
+    -------
+    TableChanges
+
     Raises
     ------
     InputError

@@ -60,6 +60,10 @@ def optimize(
     solve : callable
         Gives the geodesic tables of meshes.
 
+    Returns
+    -------
+    OptimizedParticles
+
     Raises
     ------
     InputError

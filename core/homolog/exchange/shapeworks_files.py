@@ -84,6 +84,10 @@ def read_shapeworks_file(path: Path) -> ShapeWorksProject:
     path : Path
         Ends in .swproj or .xlsx.
 
+    Returns
+    -------
+    ShapeWorksProject
+
     Raises
     ------
     InputError

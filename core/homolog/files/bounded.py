@@ -18,6 +18,11 @@ def read_bytes(path: Path, kind: str) -> bytes:
     kind : str
         What the file should be, for messages: ``"ShapeWorks project"``.
 
+    Returns
+    -------
+    bytes
+        The whole file.
+
     Raises
     ------
     InputError

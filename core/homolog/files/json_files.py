@@ -19,6 +19,11 @@ def read_json(path: Path, kind: str) -> dict[str, Any]:
     kind : str
         What the file should be, for messages: ``"ShapeWorks project"``.
 
+    Returns
+    -------
+    dict
+        The object in the file.
+
     Raises
     ------
     InputError

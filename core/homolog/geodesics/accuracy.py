@@ -55,6 +55,22 @@ def measure_accuracy(
 ) -> Accuracy:
     """Compare rows of a table with the exact polyhedral distances (Mitchell, Mount, Papadimitriou 1987).
 
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    table : GeodesicTable
+        Of the mesh.
+    n_sources : int
+        Vertices whose rows are compared; all if there are fewer.
+    seed : int
+        Which vertices; same seed, same ones.
+    tick : Tick
+        Called once per source.
+
+    Returns
+    -------
+    Accuracy
+
     Raises
     ------
     InputError

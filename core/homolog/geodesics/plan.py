@@ -103,7 +103,16 @@ def plan_tables(
     memory_limit: int | None = None,
     tick: Tick = no_tick,
 ) -> TablePlan:
-    """Check the meshes, choose the storage and predict its size; parameters as for `solve_tables`.
+    """Check the meshes, choose the storage and predict its size.
+
+    Parameters
+    ----------
+    meshes, d_max, names, element, memory_limit, tick
+        As of `homolog.geodesics.solve_tables`.
+
+    Returns
+    -------
+    TablePlan
 
     Raises
     ------

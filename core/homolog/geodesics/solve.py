@@ -58,6 +58,11 @@ def solve_tables(
     cache : Path, optional
         Folder of tables solved before: those of the same mesh and parameters are read, others added.
 
+    Returns
+    -------
+    list of GeodesicTable
+        One for each mesh, on the device.
+
     Raises
     ------
     InputError
@@ -76,7 +81,25 @@ def solve_plan(
     threads: int | None = None,
     cache: Path | None = None,
 ) -> list[GeodesicTable]:
-    """Return the tables of a plan; parameters and errors as of `solve_tables`."""
+    """Return the tables of a plan.
+
+    Parameters
+    ----------
+    plan : TablePlan
+        As `plan_tables` makes it.
+    device, tick, threads, cache
+        As of `solve_tables`.
+
+    Returns
+    -------
+    list of GeodesicTable
+        One for each task of the plan, on the device.
+
+    Raises
+    ------
+    InputError
+        If the tables do not fit the device, or the cache can't be written to.
+    """
     where = choose_device(device)
     if cache is None:
         return _solve(plan, where, tick, threads)
@@ -102,7 +125,28 @@ def solve_table(
     name: str = "mesh",
     tick: Tick = no_tick,
 ) -> GeodesicTable:
-    """Return the geodesic table of one mesh; parameters and errors as of `solve_tables`."""
+    """Return the geodesic table of one mesh.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        A closed surface.
+    d_max : float
+        All vertex pairs up to this geodesic distance [mm] are kept; inf for a complete table.
+    device, element, memory_limit, tick
+        As of `solve_tables`.
+    name : str
+        The subject, for messages.
+
+    Returns
+    -------
+    GeodesicTable
+
+    Raises
+    ------
+    InputError
+        As `solve_tables` does.
+    """
     plan = plan_tables([mesh], d_max, names=[name], element=element, memory_limit=memory_limit)
     return solve_plan(plan, device=device, tick=tick)[0]
 

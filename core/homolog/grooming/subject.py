@@ -107,6 +107,10 @@ def groom_subject(subject: Subject, settings: GroomSettings) -> GroomedSubject:
     settings : GroomSettings
         Alignment and scaling play no part.
 
+    Returns
+    -------
+    GroomedSubject
+
     Raises
     ------
     InputError
@@ -151,6 +155,11 @@ def check_source(source: Source, settings: GroomSettings, what: object) -> Sourc
     settings : GroomSettings
     what : object
         File or subject, for the message.
+
+    Returns
+    -------
+    Segmentation or TriangleMesh
+        The same.
 
     Raises
     ------

@@ -41,6 +41,10 @@ def inspect(
     tick : Tick
         Progress and cancelling.
 
+    Returns
+    -------
+    Inspection
+
     Raises
     ------
     InputError

@@ -146,6 +146,10 @@ class Batch:
             Called with the structure, the fraction of the whole batch done, and the status of its run.
         ended : callable
             Called with each structure when nothing more is done for it.
+
+        Returns
+        -------
+        FinishReason
         """
         for index, item in enumerate(self._items):
             watch = partial(self._watch, observe, index)

@@ -28,6 +28,10 @@ def is_result_of(project: Project, cohort: Cohort, settings: RunSettings, tick: 
     tick : Tick
         Called once per subject, whose file is read.
 
+    Returns
+    -------
+    bool
+
     Raises
     ------
     InputError

@@ -43,6 +43,10 @@ def surface_of_model(
         From file coordinates to aligned ones.
     tick : Tick
 
+    Returns
+    -------
+    MeanSurface
+
     Raises
     ------
     NumericalError

@@ -40,6 +40,10 @@ def remeshed(mesh: TriangleMesh, field: DistanceField, sizes: float | Sizes) -> 
     sizes : float or callable
         Wished edge length [mm], the same everywhere or at each place.
 
+    Returns
+    -------
+    TriangleMesh
+
     Raises
     ------
     NumericalError
