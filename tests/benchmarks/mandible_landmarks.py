@@ -18,7 +18,7 @@ import numpy as np
 from homolog.analysis.landmarks import landmark_errors
 from homolog.cohort import read_cohort
 from homolog.correspondence import Shape, optimize
-from homolog.correspondence.poses import transformed
+from homolog.correspondence.poses import transform_points
 from homolog.device import choose_device
 from homolog.grooming import align, groom_cohort
 from homolog.grooming.icp import cloud_of, registered
@@ -47,9 +47,9 @@ def icp_errors(shapes, landmarks):
     for i, source in enumerate(units):
         for j, target in enumerate(units):
             if i != j:
-                pose = registered(source, target).pose
+                pose = registered(source, target).set_poses
                 here = (landmarks[i] - clouds[i].centre) / clouds[i].size
-                there = transformed(pose[None], here[None])[0] * clouds[j].size + clouds[j].centre
+                there = transform_points(pose[None], here[None])[0] * clouds[j].size + clouds[j].centre
                 errors[i, j] = np.linalg.norm(snaps[j](there) - landmarks[j], axis=1)
     return errors
 

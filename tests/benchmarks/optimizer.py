@@ -30,12 +30,12 @@ from homolog.analysis.landmarks import landmark_errors as errors_of_landmarks
 from homolog.beans.evaluate import evaluate
 from homolog.beans.generate import NARROW, WIDE, draw_beans
 from homolog.correspondence import Shape, optimize
-from homolog.correspondence.domain import AREA, prepare
 from homolog.correspondence.engine import Engine
+from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
+from homolog.correspondence.initialization.registration import farthest_point_sampling
 from homolog.correspondence.launcher import Launcher
-from homolog.correspondence.sampling import LIST_LIFE
+from homolog.correspondence.prepared_cohort import MEAN_AREA, prepare_cohort
 from homolog.correspondence.schedule import Weights
-from homolog.correspondence.start import spread_indices
 from homolog.device import choose_device, describe_device
 from homolog.settings import GroomSettings, Method, OptimizeSettings
 from homolog.surfaces.distance_field import DistanceField
@@ -257,8 +257,8 @@ def one_size(folder, device, size, iterations):
     start = time.perf_counter()
     engine = an_engine(folder, device, count, particles)
     prepared, tables = time.perf_counter() - start, memory() - before
-    groups = max(1, iterations // LIST_LIFE)
-    engine.start_stage([Weights(0.02, 0.05, 1.0, 0.1, 0.5)] * (3 * groups * LIST_LIFE))
+    groups = max(1, iterations // LIST_ITERATIONS)
+    engine.start_stage([Weights(0.02, 0.05, 1.0, 0.1, 0.5)] * (3 * groups * LIST_ITERATIONS))
     for _ in range(groups):
         engine.iterate()
     wp.synchronize()
@@ -266,7 +266,7 @@ def one_size(folder, device, size, iterations):
     for _ in range(groups):
         engine.iterate()
     wp.synchronize()
-    each = 1000.0 / (groups * LIST_LIFE)
+    each = 1000.0 / (groups * LIST_ITERATIONS)
     row = {
         "shapes": count,
         "particles": particles,
@@ -284,14 +284,17 @@ def an_engine(folder, device, count, particles):
     """Return an engine with particles spread over so many beans, copies of ten."""
     base = load(folder / "wide5.npz")
     shapes = [base[k % len(base)] for k in range(count)]
-    domain = prepare(shapes, OptimizeSettings(particles=particles), device=device)
-    level = domain.level(particles)
-    chosen = [spread_indices(m.vertices, min(particles, len(m.vertices))) for m in level.meshes[: len(base)]]
+    cohort = prepare_cohort(shapes, OptimizeSettings(particles=particles), device=device)
+    surface_set = cohort.surface_set(particles)
+    chosen = [
+        farthest_point_sampling(m.vertices, min(particles, len(m.vertices)))
+        for m in surface_set.meshes[: len(base)]
+    ]
     rows = [np.resize(chosen[k % len(base)], particles) for k in range(count)]
     jitter = np.random.default_rng(0).normal(scale=0.3, size=(count, particles, 3))
-    positions = np.stack([m.vertices[row] for m, row in zip(level.meshes, rows, strict=True)]) + jitter
-    given = {"geodesic": True, "area": AREA, "launcher": Launcher(device)}
-    return Engine(domain.fields, domain.reliefs, level, positions, **given)
+    positions = np.stack([m.vertices[row] for m, row in zip(surface_set.meshes, rows, strict=True)]) + jitter
+    given = {"geodesic": True, "area": MEAN_AREA, "launcher": Launcher(device)}
+    return Engine(cohort.fields, cohort.opening_fields, surface_set, positions, **given)
 
 
 def memory():

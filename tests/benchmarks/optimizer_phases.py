@@ -14,7 +14,7 @@ from pathlib import Path
 import warp as wp
 from optimizer import an_engine
 
-from homolog.correspondence.sampling import LIST_LIFE
+from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.schedule import Weights
 from homolog.device import choose_device, describe_device
 
@@ -24,13 +24,13 @@ GROUPS = 10
 def by_kernel(engine):
     """Return milliseconds and launches of an iteration by kernel."""
     wp.timing_begin(cuda_filter=wp.TIMING_ALL)
-    for _ in range(LIST_LIFE):
+    for _ in range(LIST_ITERATIONS):
         engine._move()
     spent, launches = collections.Counter(), collections.Counter()
     for one in wp.timing_end():
         name = one.name.removeprefix("forward kernel ")
-        spent[name] += one.elapsed / LIST_LIFE
-        launches[name] += 1 / LIST_LIFE
+        spent[name] += one.elapsed / LIST_ITERATIONS
+        launches[name] += 1 / LIST_ITERATIONS
     return spent, launches
 
 
@@ -41,7 +41,7 @@ def graph_ms(engine):
     for _ in range(GROUPS):
         engine.iterate()
     wp.synchronize()
-    return 1000.0 * (time.perf_counter() - start) / (GROUPS * LIST_LIFE)
+    return 1000.0 * (time.perf_counter() - start) / (GROUPS * LIST_ITERATIONS)
 
 
 def main():

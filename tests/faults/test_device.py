@@ -43,8 +43,8 @@ def test_a_run_that_loses_its_gpu_is_resumed_on_the_cpu(project, run_of, results
         ("homolog.run.steps.load_kernels", LOST, "failed"),
         ("homolog.run.tables.load_table", LOST, "failed"),
         ("homolog.run.tables.solve_plan", FULL, "has too little memory"),
-        ("homolog.correspondence.domain.field_array", FULL, "has too little memory"),
-        ("homolog.correspondence.domain.build_level", LOST, "failed"),
+        ("homolog.correspondence.prepared_cohort.field_array", FULL, "has too little memory"),
+        ("homolog.correspondence.prepared_cohort.build_level", LOST, "failed"),
     ],
 )
 def test_a_gpu_that_is_lost_or_full_at_any_other_moment_leaves_the_last_result(

@@ -2,33 +2,33 @@
 
 from homolog.correspondence.launcher import load_kernels
 from homolog.correspondence.optimizer import optimize
-from homolog.correspondence.poses import best_similarity, inverted, transformed
-from homolog.correspondence.repair import fitting_start, repair
+from homolog.correspondence.poses import fit_similarity, inverse_matrices, transform_points
+from homolog.correspondence.refit import initialize_fit, repair
 from homolog.correspondence.types import (
     Checkpoint,
     Frame,
-    Observe,
+    FrameCallback,
+    InitialParticles,
     OptimizedParticles,
     Reason,
     Shape,
     Stage,
-    Start,
 )
 
 __all__ = [
     "Checkpoint",
     "Frame",
-    "Observe",
+    "FrameCallback",
+    "InitialParticles",
     "OptimizedParticles",
     "Reason",
     "Shape",
     "Stage",
-    "Start",
-    "best_similarity",
-    "fitting_start",
-    "inverted",
+    "fit_similarity",
+    "initialize_fit",
+    "inverse_matrices",
     "load_kernels",
     "optimize",
     "repair",
-    "transformed",
+    "transform_points",
 ]

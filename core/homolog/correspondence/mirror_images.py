@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray
-from homolog.correspondence.types import Frame, Observe, OptimizedParticles, Shape, Start
+from homolog.correspondence.types import Frame, FrameCallback, InitialParticles, OptimizedParticles, Shape
 from homolog.surfaces.mirroring import MIRROR, mirrors
 
 __all__ = ["MirrorImages", "with_mirror_images"]
@@ -38,34 +38,41 @@ class MirrorImages:
         changed[:, :, 0] *= signs[:, None]
         return changed
 
-    def start(self, start: Start | None) -> Start | None:
+    def initial_particles(self, initial_particles: InitialParticles | None) -> InitialParticles | None:
         """Return particles to begin with in the coordinates of the shapes, and the other way about."""
-        return None if start is None else replace(start, local=self.points(start.local))
+        return (
+            None
+            if initial_particles is None
+            else replace(initial_particles, local=self.points(initial_particles.local))
+        )
 
     def alignments(self, alignments: FloatArray) -> FloatArray:
         """Return alignments (M, 4, 4) of the shapes as those of the files."""
         return np.where(self.mirrored[:, None, None], alignments @ MIRROR, alignments)
 
-    def observer(self, observe: Observe | None) -> Observe | None:
+    def observer(self, observe: FrameCallback | None) -> FrameCallback | None:
         """Return what takes frames of the shapes and hands on frames of the files."""
         if observe is None:
             return None
 
-        def pass_on(frame: Frame) -> None:
+        def emit(frame: Frame) -> None:
             observe(replace(frame, alignments=self.alignments(frame.alignments)))
 
-        return pass_on
+        return emit
 
-    def result(self, found: OptimizedParticles) -> OptimizedParticles:
+    def result(self, result: OptimizedParticles) -> OptimizedParticles:
         """Return a result in the coordinates of the files."""
-        return replace(found, local=self.points(found.local), alignments=self.alignments(found.alignments))
+        return replace(result, local=self.points(result.local), alignments=self.alignments(result.alignments))
 
 
 def with_mirror_images(shapes: Sequence[Shape]) -> MirrorImages:
     """Return the shapes for the optimizer."""
-    mirrored = mirrors(np.stack([one.alignment for one in shapes]))
-    taken = (_image(one) if odd else one for one, odd in zip(shapes, mirrored.tolist(), strict=True))
-    return MirrorImages(tuple(taken), mirrored)
+    mirrored = mirrors(np.stack([shape.alignment for shape in shapes]))
+    images = (
+        _image(shape) if is_mirrored else shape
+        for shape, is_mirrored in zip(shapes, mirrored.tolist(), strict=True)
+    )
+    return MirrorImages(tuple(images), mirrored)
 
 
 def _image(shape: Shape) -> Shape:

@@ -5,13 +5,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from homolog.arrays import BoolArray
-from homolog.correspondence.domain import Solve, prepare
-from homolog.correspondence.journey import Journey
-from homolog.correspondence.logbook import Keep
+from homolog.correspondence.loop import OptimizationLoop
 from homolog.correspondence.mirror_images import with_mirror_images
+from homolog.correspondence.prepared_cohort import GeodesicSolver, prepare_cohort
+from homolog.correspondence.recorder import CheckpointCallback
 from homolog.correspondence.schedule import plan_stages
-from homolog.correspondence.surfaces import of_one_size
-from homolog.correspondence.types import Checkpoint, Observe, OptimizedParticles, Shape, Start
+from homolog.correspondence.surface_sets import normalize_size
+from homolog.correspondence.types import (
+    Checkpoint,
+    FrameCallback,
+    InitialParticles,
+    OptimizedParticles,
+    Shape,
+)
 from homolog.device import choose_device
 from homolog.errors import InputError
 from homolog.geodesics import solve_tables
@@ -27,11 +33,11 @@ def optimize(
     *,
     device: str = "auto",
     tick: Tick = no_tick,
-    observe: Observe | None = None,
-    checkpoint: Keep | None = None,
-    start: Start | None = None,
+    observe: FrameCallback | None = None,
+    checkpoint: CheckpointCallback | None = None,
+    initial: InitialParticles | None = None,
     resume: Checkpoint | None = None,
-    solve: Solve = solve_tables,
+    solve: GeodesicSolver = solve_tables,
 ) -> OptimizedParticles:
     """Place corresponding particles on all shapes (the paper's Eq. 5).
 
@@ -50,15 +56,19 @@ def optimize(
         Takes the newest `Frame`, at most 20 times a second.
     checkpoint : callable, optional
         Takes a `Checkpoint` at every split and every 30 s.
-    start : Start, optional
-        Particles of an earlier result: as many as wanted, or fewer, which are then split; where some of
-        them may not move there must be as many as wanted. By default first particles are found by
-        registration.
+    initial : InitialParticles, optional
+        Particles of an earlier result. Fewer than requested are split; if some of them are fixed, all must be
+        given. By default particles are initialized by registration.
     resume : Checkpoint, optional
-        Where a broken-off run of the same shapes, settings and start goes on; on the CPU it ends
-        bit-identical to one that was not broken off.
+        A checkpoint of an interrupted run with the same shapes, settings and initial particles. On the CPU the
+        result is bit-identical to that of an uninterrupted run.
     solve : callable
-        Gives the geodesic tables of meshes.
+        Geodesic solver.
+
+    Returns
+    -------
+    OptimizedParticles
+        Particles, normals, alignments and energies.
 
     Returns
     -------
@@ -67,51 +77,53 @@ def optimize(
     Raises
     ------
     InputError
-        If there are fewer than two shapes, or start or checkpoint do not fit.
+        If there are fewer than two shapes, or initial particles or checkpoint do not fit.
     NumericalError
-        If a particle is lost (a position that is no number).
+        If a position is not finite.
     """
     device = choose_device(device)
     if len(shapes) < 2:
         raise InputError("correspondence needs at least two shapes")
-    if start is not None:
-        _check_start(start, len(shapes), settings.particles)
-    moving: BoolArray | None = None
-    if start is not None and start.movable is not None:
-        moving = np.any(start.movable, axis=1)
+    if initial is not None:
+        _check_initial(initial, len(shapes), settings.particles)
+    free_shapes: BoolArray | None = None
+    if initial is not None and initial.free is not None:
+        free_shapes = np.any(initial.free, axis=1)
     images = with_mirror_images(shapes)
-    shapes, start, observe = images.shapes, images.start(start), images.observer(observe)
+    shapes, initial, observe = images.shapes, images.initial_particles(initial), images.observer(observe)
     alignments = np.stack([shape.alignment for shape in shapes])
     if settings.procrustes.takes_size_out:
-        shapes = of_one_size(shapes)
-    stages = plan_stages(settings, start.local.shape[1] if start is not None else None)
-    geometry = 0.3 if settings.method.uses_geodesics else 0.02
-    domain = prepare(
+        shapes = normalize_size(shapes)
+    stages = plan_stages(settings, initial.local.shape[1] if initial is not None else None)
+    prepared_fraction = 0.3 if settings.method.uses_geodesics else 0.02
+    cohort = prepare_cohort(
         shapes,
         settings,
         device=device,
         counts=[plan.count for plan in stages],
-        moving=moving,
+        free_shapes=free_shapes,
         solve=solve,
-        tick=part_of(tick, 0.0, geometry),
+        tick=part_of(tick, 0.0, prepared_fraction),
     )
-    rest = part_of(tick, geometry, 1.0)
-    journey = Journey(shapes, alignments, domain, settings, stages, start, rest, observe, checkpoint)
+    loop_tick = part_of(tick, prepared_fraction, 1.0)
+    loop = OptimizationLoop(
+        shapes, alignments, cohort, settings, stages, initial, loop_tick, observe, checkpoint
+    )
     try:
-        reason = journey.run(resume)
+        reason = loop.run(resume)
     finally:
-        journey.launcher.close()
-    return images.result(journey.result(reason))
+        loop.launcher.close()
+    return images.result(loop.result(reason))
 
 
-def _check_start(start: Start, shapes: int, particles: int) -> None:
-    given = start.local.shape
-    if given[0] != shapes or given[1] > particles:
+def _check_initial(initial: InitialParticles, shapes: int, particles: int) -> None:
+    shape = initial.local.shape
+    if shape[0] != shapes or shape[1] > particles:
         raise InputError(
-            f"the initial particles are {given[1]} on {given[0]} shapes, but {particles} were requested on "
+            f"the initial particles are {shape[1]} on {shape[0]} shapes, but {particles} were requested on "
             f"{shapes}; give initial particles for every shape, and no more than requested"
         )
-    if start.movable is not None and (given[1] != particles or start.movable.shape != given[:2]):
+    if initial.free is not None and (shape[1] != particles or initial.free.shape != shape[:2]):
         raise InputError("if some particles are fixed, all particles must be given; request no others")
-    if start.movable is not None and not start.movable.any():
+    if initial.free is not None and not initial.free.any():
         raise InputError("all particles are fixed, so there is nothing to optimize; free some")

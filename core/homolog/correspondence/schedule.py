@@ -1,4 +1,4 @@
-"""How many particles when, and what the weights are on the way."""
+"""The stages of an optimization: numbers of particles, weights and regularization."""
 
 import math
 from dataclasses import dataclass
@@ -6,18 +6,18 @@ from dataclasses import dataclass
 from homolog.correspondence.types import Stage
 from homolog.settings import OptimizeSettings
 
-__all__ = ["Plan", "Weights", "particle_counts", "plan_stages"]
+__all__ = ["StagePlan", "Weights", "particle_counts", "plan_stages"]
 
-STEP = 0.5  # tau, of the squared Parzen width
-SHRINK = 400  # iterations over which it shrinks to e^-3 when all is annealed
-FIRST = 256  # at most so many particles are placed by registration; the others come by splitting
-MEAN_PULL = 0.02  # strength of that pull, per squared optimizer length
-HUGE = 1.0e4  # a regularisation under which H(Z) is the squared distance to the mean shape
+STEP_FRACTION = 0.5  # tau over the squared Parzen width
+STEP_DECAY_ITERATIONS = 400  # over which tau decays to e^-3 in the last stage
+MAX_INITIAL_PARTICLES = 256  # initialized by registration; the others come from splitting
+MEAN_WEIGHT = 0.02  # of the squared distance to the mean shape in the first stage [1 / squared length]
+MEAN_REGULARIZATION = 1.0e4  # under which H(Z) is the squared distance to the mean shape
 
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """What the schedule sets for one iteration (lengths in the optimizer's unit).
+    """Weights and regularization of one iteration (lengths in the optimizer's unit).
 
     Attributes
     ----------
@@ -39,8 +39,8 @@ class Weights:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """Iterations with one number of particles.
+class StagePlan:
+    """A stage: iterations with a constant number of particles.
 
     Attributes
     ----------
@@ -49,43 +49,45 @@ class Plan:
     count : int
         Particles on each shape.
     iterations : int
-        At most so many.
-    weight, normals_weight : float
-        Of the ensemble and of the normals.
+        At most.
+    ensemble_weight, normals_weight : float
+        Weights of H(Z) and H(V).
     ensemble, normals : tuple of 2 float
-        Regularisation at the start and at the end, between them geometric: the ensemble's in squared
-        optimizer lengths, the normals' in rad².
+        Regularization at the start and at the end, interpolated geometrically: of the ensemble in squared
+        optimizer lengths, of the normals in rad².
     until_converged : bool
-        Whether the stage may end early; its steps shrink meanwhile, as simultaneous moves leave a jitter.
+        Whether the stage ends at convergence. Its steps decay, to damp the jitter of simultaneous moves.
     """
 
     stage: Stage
     count: int
     iterations: int
-    weight: float
+    ensemble_weight: float
     normals_weight: float
     ensemble: tuple[float, float]
     normals: tuple[float, float]
     until_converged: bool = False
 
     @property
-    def usual(self) -> int:
-        """Iterations to reckon with."""
-        return min(self.iterations, SHRINK) if self.until_converged else self.iterations
+    def expected_iterations(self) -> int:
+        """Iterations for estimates of the remaining time."""
+        return min(self.iterations, STEP_DECAY_ITERATIONS) if self.until_converged else self.iterations
 
     def weights(self, iteration: int) -> Weights:
         """Return the weights of one of the stage's iterations."""
         done = iteration / self.iterations
         return Weights(
-            ensemble=self.weight,
+            ensemble=self.ensemble_weight,
             normals=self.normals_weight,
             regularization=self.ensemble[0] * (self.ensemble[1] / self.ensemble[0]) ** done,
             normals_regularization=self.normals[0] * (self.normals[1] / self.normals[0]) ** done,
-            step=STEP * math.exp(-3.0 * min(1.0, iteration / SHRINK)) if self.until_converged else STEP,
+            step=STEP_FRACTION * math.exp(-3.0 * min(1.0, iteration / STEP_DECAY_ITERATIONS))
+            if self.until_converged
+            else STEP_FRACTION,
         )
 
 
-def particle_counts(particles: int, fewest: int = FIRST) -> list[int]:
+def particle_counts(particles: int, fewest: int = MAX_INITIAL_PARTICLES) -> list[int]:
     """Return the numbers of particles: halved, rounded up, down to at most `fewest`; ascending."""
     counts = [particles]
     while counts[-1] > fewest:
@@ -93,26 +95,32 @@ def particle_counts(particles: int, fewest: int = FIRST) -> list[int]:
     return counts[::-1]
 
 
-def plan_stages(settings: OptimizeSettings, present: int | None = None) -> list[Plan]:
-    """Return the stages of an optimization, from the first particles, or those `present`, to all.
+def plan_stages(settings: OptimizeSettings, present: int | None = None) -> list[StagePlan]:
+    """Return the stages of an optimization, from the initial particles, or `present` ones, to all.
 
-    Plans for the same number of particles end alike, wherever they begin.
+    The last stages depend on the final number of particles only.
     """
     normals = settings.normals_weight if settings.method.uses_normals else 0.0
-    weight, split = settings.ensemble_weight, settings.split_iterations
+    ensemble_weight, split = settings.ensemble_weight, settings.split_iterations
     stages = []
     if present is None:
         counts = particle_counts(settings.particles)
-        whole = (MEAN_PULL * HUGE, normals, (HUGE, HUGE), (0.3, 0.3))
-        stages.append(Plan(Stage.SPLITTING, counts[0], split, *whole))
+        mean_terms = (
+            MEAN_WEIGHT * MEAN_REGULARIZATION,
+            normals,
+            (MEAN_REGULARIZATION, MEAN_REGULARIZATION),
+            (0.3, 0.3),
+        )
+        stages.append(StagePlan(Stage.SPLITTING, counts[0], split, *mean_terms))
     else:
         counts = particle_counts(settings.particles, present)[1:]
     stages += [
-        Plan(Stage.SPLITTING, count, split, weight, normals, (10.0, 0.2), (0.3, 0.03)) for count in counts
+        StagePlan(Stage.SPLITTING, count, split, ensemble_weight, normals, (10.0, 0.2), (0.3, 0.03))
+        for count in counts
     ]
     begin, end = settings.regularization_start, settings.regularization_end
-    rest = (settings.particles, settings.anneal_iterations, weight, normals)
-    stages.append(Plan(Stage.OPTIMIZING, *rest, (begin, end), (0.3, 0.01)))
-    rest = (settings.particles, settings.settle_iterations, weight, normals)
-    stages.append(Plan(Stage.OPTIMIZING, *rest, (end, end), (0.01, 0.01), until_converged=True))
+    final = (settings.particles, settings.anneal_iterations, ensemble_weight, normals)
+    stages.append(StagePlan(Stage.OPTIMIZING, *final, (begin, end), (0.3, 0.01)))
+    final = (settings.particles, settings.settle_iterations, ensemble_weight, normals)
+    stages.append(StagePlan(Stage.OPTIMIZING, *final, (end, end), (0.01, 0.01), until_converged=True))
     return stages

@@ -1,4 +1,4 @@
-"""What goes into and comes out of the optimizer."""
+"""Inputs and results of the optimization."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,16 @@ from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray, frozen
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Checkpoint", "Frame", "Observe", "OptimizedParticles", "Reason", "Shape", "Stage", "Start"]
+__all__ = [
+    "Checkpoint",
+    "Frame",
+    "FrameCallback",
+    "InitialParticles",
+    "OptimizedParticles",
+    "Reason",
+    "Shape",
+    "Stage",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +38,7 @@ class Shape:
     alignment : (4, 4) float64 array
         Similarity from local to world coordinates.
     landmarks : (L, 3) float64 array or None
-        Points in local coordinates [mm], the same ones on every shape, that the first particles are put on.
+        Corresponding points in local coordinates [mm], on which the first particles are placed.
     """
 
     name: str
@@ -47,25 +56,25 @@ class Shape:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Start:
-    """Particles to begin with, in place of first ones.
+class InitialParticles:
+    """Particles to start from, in place of initialization by registration.
 
     Attributes
     ----------
     local : (M, n, 3) float64 array
         In file coordinates [mm], on the surfaces or near them.
-    movable : (M, n) bool array, optional
-        Which of them may move; all if not given. The others stay as they are, to the bit, and act on these.
+    free : (M, n) bool array, optional
+        Which of them may move; all by default. The others stay bit-identical and interact with the free ones.
     """
 
     local: FloatArray
-    movable: BoolArray | None = None
+    free: BoolArray | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
         object.__setattr__(self, "local", frozen(self.local, np.float64))
-        if self.movable is not None:
-            object.__setattr__(self, "movable", frozen(self.movable, np.bool_))
+        if self.free is not None:
+            object.__setattr__(self, "free", frozen(self.free, np.bool_))
 
 
 class Stage(StrEnum):
@@ -108,14 +117,14 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checkpoint:
-    """All that an optimization needs to go on, bit for bit on the CPU.
+    """The state of an optimization; on the CPU a resumed run is bit-identical.
 
     Attributes
     ----------
     left : int
-        Stages that follow the present one.
+        Stages after the current one.
     done : int
-        Iterations of the present stage that are behind it.
+        Completed iterations of the current stage.
     iteration : int
         Iterations in all.
     positions : (M, n, 3) float32 array
@@ -125,13 +134,13 @@ class Checkpoint:
     means : (n, 3) float32 array
         Mean normals.
     poses : (M, 4, 4) float64 array
-        What alignment inside the run has come to, in the optimizer's coordinates.
+        Alignment so far, in the optimizer's coordinates.
     faces : (M, n) int32 array
-        Faces of the level's meshes that the particles are on.
+        Faces of the surface set's meshes that the particles are on.
     energies : (T, 4) float64 array
         As recorded so far.
     repaired : (M, n) int32 array
-        The iteration at which a particle was put right, 0 where it was not.
+        The iteration at which a particle was relocated, 0 if never.
     """
 
     left: int
@@ -157,14 +166,13 @@ class OptimizedParticles:
     normals : (M, N, 3) float64 array
         Outward unit normals in world coordinates.
     energies : (T, 4) float64 array
-        Iteration and the three parts of the objective, per recorded iteration.
+        Iteration and the three terms of the objective, per recorded iteration.
     alignments : (M, 4, 4) float64 array
         Local to world, as they ended.
     iterations : int
     reason : Reason
     repaired : (M, N) int32 array
-        The iteration at which a particle that faced another way than on most shapes was put right, 0 where
-        none was.
+        The iteration at which a misplaced particle was relocated, 0 if never.
     """
 
     world: FloatArray
@@ -177,4 +185,4 @@ class OptimizedParticles:
     repaired: IntArray
 
 
-Observe = Callable[[Frame], None]
+FrameCallback = Callable[[Frame], None]

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from homolog.arrays import Float32Array, FloatArray, frozen
-from homolog.correspondence.dual import covariance
+from homolog.correspondence.entropy.dual import covariance
 from homolog.inspection.neighbourhood import Neighbourhood
 from homolog.inspection.places import Places
 from homolog.settings import OptimizeSettings

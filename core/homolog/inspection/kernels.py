@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from homolog.correspondence.kernels import Surface
+from homolog.correspondence.kernels.particles import Surface
 from homolog.geodesics.kernels.lookup import SurfacePoint, geodesic
 
 wp.set_module_options({"enable_backward": False})

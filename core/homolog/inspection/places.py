@@ -10,9 +10,9 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from homolog.arrays import Array, FloatArray, IntArray, frozen
-from homolog.correspondence.kernels import locate
+from homolog.correspondence.kernels.particles import locate
 from homolog.correspondence.launcher import Launcher
-from homolog.correspondence.surfaces import Placement, build_level, nearest_faces, ordered
+from homolog.correspondence.surface_sets import Similarity, build_surface_set, morton_ordered, nearest_faces
 from homolog.errors import InputError
 from homolog.geodesics import distances_from, solve_table
 from homolog.geodesics.kernels.lookup import SurfacePoint
@@ -203,10 +203,10 @@ def _distances(
 ) -> csr_array:
     """Geodesic distances between neighbouring particles over their spacing."""
     reach = REACH * spacing
-    light = ordered(simplified(mesh, max(_FEWEST_VERTICES, round(_VERTICES * len(points)))))
+    light = morton_ordered(simplified(mesh, max(_FEWEST_VERTICES, round(_VERTICES * len(points)))))
     table = solve_table(light, reach + 2.0 * longest_edge(light), device="cpu", name=name, tick=tick)
     middle = light.vertices.mean(axis=0)
-    level = build_level([light], [table], [Placement(np.eye(3), -middle)], "cpu")
+    level = build_surface_set([light], [table], [Similarity(np.eye(3), -middle)], "cpu")
     pairs: IntArray = cKDTree(points).query_pairs(reach, output_type="ndarray")  # straight ≤ geodesic
     with wp.ScopedDevice("cpu"):
         faces = wp.array(nearest_faces(level.meshes[0], points - middle, normals), dtype=int)

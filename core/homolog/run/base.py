@@ -7,7 +7,7 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
-from homolog.correspondence import Shape, Start, best_similarity, fitting_start, transformed
+from homolog.correspondence import InitialParticles, Shape, fit_similarity, initialize_fit, transform_points
 from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.files.records import ResultRecord
@@ -70,16 +70,16 @@ class Base:
             raise InputError(f"{', '.join(changed)}: the surface is not that of the result; start a new run")
         known = [one for one in shapes if one.name in self.local]
         local = np.stack([self.local[one.name] for one in known])
-        here = transformed(np.stack([one.alignment for one in known]), local)
-        there = transformed(np.stack([self.alignments[one.name] for one in known]), local)
+        here = transform_points(np.stack([one.alignment for one in known]), local)
+        there = transform_points(np.stack([self.alignments[one.name] for one in known]), local)
         move = _agreed_move(here, there)
         return [replace(s, alignment=self.alignments.get(s.name, move @ s.alignment)) for s in shapes]
 
-    def start(self, shapes: Sequence[Shape], tick: Tick) -> Start:
+    def initial(self, shapes: Sequence[Shape], tick: Tick) -> InitialParticles:
         """Return the particles to begin with; those of known subjects are held if there are new ones."""
         known = np.array([one.name in self.local for one in shapes])
         local = np.stack([self.local[one.name] for one in shapes if one.name in self.local])
-        return Start(local) if known.all() else fitting_start(shapes, local, known, tick)
+        return InitialParticles(local) if known.all() else initialize_fit(shapes, local, known, tick)
 
 
 def _agreed_move(here: FloatArray, there: FloatArray) -> FloatArray:
@@ -87,13 +87,13 @@ def _agreed_move(here: FloatArray, there: FloatArray) -> FloatArray:
 
     Registration may turn one of several near-symmetric subjects otherwise than before; it has no say then.
     """
-    moves = [best_similarity(own, goal, scaling=True) for own, goal in zip(here, there, strict=True)]
+    moves = [fit_similarity(own, goal, scaling=True) for own, goal in zip(here, there, strict=True)]
     errors = np.array(
         [np.linalg.norm(here @ move[:3, :3].T + move[:3, 3] - there, axis=2).mean(axis=1) for move in moves]
     )
     best = errors[int(np.argmin(np.median(errors, axis=1)))]
     agreed = best <= 2.0 * np.median(best) + 1e-9
-    return best_similarity(here[agreed].reshape(-1, 3), there[agreed].reshape(-1, 3), scaling=True)
+    return fit_similarity(here[agreed].reshape(-1, 3), there[agreed].reshape(-1, 3), scaling=True)
 
 
 def adds_particles(record: ResultRecord, cohort: Cohort, settings: RunSettings) -> bool:

@@ -5,7 +5,7 @@ import shutil
 import numpy as np
 
 from homolog.cohort import Cohort
-from homolog.correspondence import Checkpoint, Frame, inverted, transformed
+from homolog.correspondence import Checkpoint, Frame, inverse_matrices, transform_points
 from homolog.device import choose_device, cores, device_faults
 from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import writing
@@ -145,7 +145,7 @@ class Run:
         if study is None or frame is None or frame.world.shape[1] < _FEWEST or self._from_result:
             return False
         world = frame.world.astype(np.float64)
-        local = transformed(inverted(frame.alignments), world)
+        local = transform_points(inverse_matrices(frame.alignments), world)
         outcome = Outcome(
             study,
             world,

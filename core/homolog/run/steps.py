@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 
 from homolog.cohort import Cohort
-from homolog.correspondence import Checkpoint, Frame, Observe, Shape, load_kernels, optimize
-from homolog.correspondence.domain import Solve
+from homolog.correspondence import Checkpoint, Frame, FrameCallback, Shape, load_kernels, optimize
+from homolog.correspondence.prepared_cohort import GeodesicSolver
 from homolog.device import device_faults
 from homolog.geodesics import solve_tables
 from homolog.grooming import GroomedSubject, align_cohort
@@ -73,11 +73,11 @@ def optimized(
     study: Study,
     control: Control,
     *,
-    observe: Observe | None = None,
+    observe: FrameCallback | None = None,
     checkpoint: Callable[[Checkpoint], None] | None = None,
     base: Base | None = None,
     resume: Checkpoint | None = None,
-    solve: Solve = solve_tables,
+    solve: GeodesicSolver = solve_tables,
 ) -> Outcome:
     """Place the particles.
 
@@ -121,7 +121,7 @@ def optimized(
             tick=control.tick,
             observe=follow,
             checkpoint=checkpoint,
-            start=None if base is None else base.start(study.shapes, control.tick),
+            initial=None if base is None else base.initial(study.shapes, control.tick),
             resume=resume,
             solve=solve,
         )

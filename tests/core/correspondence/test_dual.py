@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from homolog.correspondence.coupling import DeviceCoupling, HostCoupling
-from homolog.correspondence.dual import covariance, entropy, inverse_dual, solve_duals
-from homolog.correspondence.kernels import Knobs, Layout
+from homolog.correspondence.entropy.coupling import DeviceCoupling, HostCoupling
+from homolog.correspondence.entropy.dual import covariance, entropy, inverse_dual, solve_duals
+from homolog.correspondence.kernels.particles import Layout, StepParameters
 from homolog.correspondence.launcher import Launcher
 
 SHAPES, PARTICLES = 6, 40
@@ -40,7 +40,7 @@ def test_shapes_that_do_not_vary_have_no_entropy_whatever_the_regularization():
 
 
 def test_motion_common_to_all_shapes_is_neither_driven_nor_damped(rows):
-    duals = solve_duals(covariance(rows), covariance(rows), 0.5, 0.5, pull=3.0)
+    duals = solve_duals(covariance(rows), covariance(rows), 0.5, 0.5, step_weight=3.0)
     common = np.ones(SHAPES)
     np.testing.assert_allclose(duals.gradient @ common, 0.0, atol=1e-5)
     np.testing.assert_allclose(duals.damping @ common, common, atol=1e-5)
@@ -66,10 +66,10 @@ def test_the_device_coupling_computes_what_the_host_coupling_does(shapes, held):
     rows = 20.0 * size + 0.05 * random.normal(size=(shapes, 3 * PARTICLES))
     rows -= rows.mean(axis=0)
     launcher = Launcher("cpu", threads=1)
-    knobs = np.zeros(1, dtype=Knobs.numpy_dtype())
-    knobs["step"], knobs["ensemble_weight"] = 2.0, 0.02
-    knobs["regularization"], knobs["normals_regularization"] = 5e-4, 0.01
-    stage = wp.array(knobs, dtype=Knobs, device="cpu")
+    parameters = np.zeros(1, dtype=StepParameters.numpy_dtype())
+    parameters["step"], parameters["ensemble_weight"] = 2.0, 0.02
+    parameters["regularization"], parameters["normals_regularization"] = 5e-4, 0.01
+    stage = wp.array(parameters, dtype=StepParameters, device="cpu")
     iteration = wp.zeros(1, dtype=int, device="cpu")
     centred, logs = (
         wp.array(values.reshape(-1, 3).astype(np.float32), dtype=wp.vec3, device="cpu")
@@ -94,10 +94,10 @@ def test_the_device_coupling_computes_what_the_host_coupling_does(shapes, held):
 def test_where_all_shapes_may_move_holding_others_changes_nothing(rows):
     """The kernel for held particles is the plain one where none of a column is held, and safe elsewhere."""
     launcher = Launcher("cpu", threads=1)
-    knobs = np.zeros(1, dtype=Knobs.numpy_dtype())
-    knobs["step"], knobs["ensemble_weight"] = 2.0, 0.3
-    knobs["regularization"], knobs["normals_regularization"] = 0.4, 0.1
-    stage = wp.array(knobs, dtype=Knobs, device="cpu")
+    parameters = np.zeros(1, dtype=StepParameters.numpy_dtype())
+    parameters["step"], parameters["ensemble_weight"] = 2.0, 0.3
+    parameters["regularization"], parameters["normals_regularization"] = 0.4, 0.1
+    stage = wp.array(parameters, dtype=StepParameters, device="cpu")
     iteration = wp.zeros(1, dtype=int, device="cpu")
     layout = Layout()
     layout.shapes, layout.per_shape = SHAPES, PARTICLES

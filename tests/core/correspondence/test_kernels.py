@@ -5,14 +5,15 @@ import pytest
 import pyvista as pv
 import warp as wp
 
-from homolog.correspondence import kernels, step_kernels
-from homolog.correspondence.domain import AREA, prepare
 from homolog.correspondence.engine import Engine
+from homolog.correspondence.kernels import particles as kernels
+from homolog.correspondence.kernels import step as step_kernels
 from homolog.correspondence.launcher import Launcher
-from homolog.correspondence.surfaces import (
-    Placement,
-    build_level,
-    face_neighbors,
+from homolog.correspondence.prepared_cohort import MEAN_AREA, prepare_cohort
+from homolog.correspondence.surface_sets import (
+    Similarity,
+    build_surface_set,
+    face_neighbours,
     field_array,
     nearest_faces,
     opening_array,
@@ -36,11 +37,14 @@ def projected(shape, placement, points, steps=3):
     fields = field_array([shape], [placement], "cpu")
     positions = vectors(placement.apply(points))
     normals = wp.zeros(len(points), dtype=wp.vec3, device="cpu")
-    bends = wp.zeros(len(points), dtype=wp.mat33, device="cpu")
+    shape_operators = wp.zeros(len(points), dtype=wp.mat33, device="cpu")
     free = wp.full(len(points), 1, dtype=int, device="cpu")
-    reliefs = opening_array([shape], [placement], 1.0, "cpu")
+    opening_fields = opening_array([shape], [placement], 1.0, "cpu")
     openings = flat_openings(len(points))
-    given, made = [len(points), steps, free, fields, reliefs], [positions, normals, bends, openings]
+    given, made = (
+        [len(points), steps, free, fields, opening_fields],
+        [positions, normals, shape_operators, openings],
+    )
     LAUNCHER(kernels.project, len(points), [*given, *made])
     return tuple(one.numpy() for one in made)
 
@@ -51,7 +55,7 @@ def flat_openings(count):
 
 def unmoved(shapes):
     poses = np.zeros(shapes, dtype=kernels.Pose.numpy_dtype())
-    poses["linear"] = poses["turn"] = np.eye(3)
+    poses["linear"] = poses["rotation"] = np.eye(3)
     return wp.array(poses, dtype=kernels.Pose, device="cpu")
 
 
@@ -61,18 +65,18 @@ def turned(angle):
 
 
 def test_projection_reaches_the_surface_with_its_normal_and_curvature(ball):
-    placement = Placement(0.5 * turned(0.7), np.array([3.0, -2.0, 1.0]))
-    positions, normals, bends, _ = projected(ball, placement, 10.8 * on_sphere(200))
+    placement = Similarity(0.5 * turned(0.7), np.array([3.0, -2.0, 1.0]))
+    positions, normals, shape_operators, _ = projected(ball, placement, 10.8 * on_sphere(200))
     radial = positions - placement.origin
     np.testing.assert_allclose(np.linalg.norm(radial, axis=1), 5.0, atol=0.01)
     outward = radial / np.linalg.norm(radial, axis=1, keepdims=True)
     np.testing.assert_allclose(normals, outward, atol=2e-3)
     flat = np.eye(3) - outward[:, :, None] * outward[:, None, :]
-    np.testing.assert_allclose(bends, flat / 5.0, atol=0.02)
+    np.testing.assert_allclose(shape_operators, flat / 5.0, atol=0.02)
 
 
 def test_the_opening_angle_comes_with_its_gradient(ball):
-    placement = Placement(0.5 * turned(0.7), np.array([3.0, -2.0, 1.0]))
+    placement = Similarity(0.5 * turned(0.7), np.array([3.0, -2.0, 1.0]))
     points = 10.0 * on_sphere(50)
     openings = projected(ball, placement, points, steps=0)[3]
     assert (openings[:, 3] < np.pi).all()  # a ball is convex
@@ -83,8 +87,8 @@ def test_the_opening_angle_comes_with_its_gradient(ball):
 
 
 def test_the_walk_ends_on_the_nearest_face(ball):
-    placement = Placement(np.eye(3), np.zeros(3))
-    level = build_level([ball.mesh], [None], [placement], "cpu")
+    placement = Similarity(np.eye(3), np.zeros(3))
+    level = build_surface_set([ball.mesh], [None], [placement], "cpu")
     points = 10.0 * on_sphere(100)
     faces = wp.zeros(len(points), dtype=int, device="cpu")
     feet = wp.zeros(len(points), dtype=kernels.SurfacePoint, device="cpu")
@@ -100,7 +104,7 @@ def test_the_walk_ends_on_the_nearest_face(ball):
 def test_a_foot_follows_its_particle_around_the_rim_of_a_slab_though_the_particle_is_below_the_mesh():
     slab = pv.Box((-10.0, 10.0, -10.0, 10.0, -3.0, 0.0), level=9).triangulate().clean()
     mesh = TriangleMesh(np.asarray(slab.points, dtype=np.float64), slab.faces.reshape(-1, 4)[:, 1:])
-    level = build_level([mesh], [None], [Placement(np.eye(3), np.zeros(3))], "cpu")
+    level = build_surface_set([mesh], [None], [Similarity(np.eye(3), np.zeros(3))], "cpu")
     start = np.array([[9.5, 0.3, -0.1]])
     faces = wp.array(nearest_faces(mesh, start, np.array([[0.0, 0.0, 1.0]])), dtype=int, device="cpu")
     feet = wp.zeros(1, dtype=kernels.SurfacePoint, device="cpu")
@@ -111,7 +115,7 @@ def test_a_foot_follows_its_particle_around_the_rim_of_a_slab_though_the_particl
 
 
 def test_face_neighbors_share_an_edge(ball):
-    across = face_neighbors(ball.mesh.faces)
+    across = face_neighbours(ball.mesh.faces)
     for corner in range(3):
         shared = [
             len(set(mine) & set(theirs))
@@ -196,19 +200,21 @@ def pulled_back(means, normals, gradients):
     count = len(means)
     layout = kernels.Layout()
     layout.per_shape, layout.shapes = count, 1
-    knobs = np.zeros(1, dtype=kernels.Knobs.numpy_dtype())
-    knobs["step"], knobs["normals_weight"] = 1.0, -1.0
+    parameters = np.zeros(1, dtype=kernels.StepParameters.numpy_dtype())
+    parameters["step"], parameters["normals_weight"] = 1.0, -1.0
     even = kernels.Surface()
     even.size = 1.0
     zero = vectors(np.zeros((count, 3)))
     out = wp.zeros(count, dtype=wp.vec3, device="cpu")
-    bends = wp.array(np.tile(np.eye(3, dtype=np.float32), (count, 1, 1)), dtype=wp.mat33, device="cpu")
+    shape_operators = wp.array(
+        np.tile(np.eye(3, dtype=np.float32), (count, 1, 1)), dtype=wp.mat33, device="cpu"
+    )
     LAUNCHER(
         step_kernels.combine,
         count,
         [
             layout,
-            wp.array(knobs, dtype=kernels.Knobs, device="cpu"),
+            wp.array(parameters, dtype=kernels.StepParameters, device="cpu"),
             wp.zeros(1, dtype=int, device="cpu"),
             wp.full(count, 1, dtype=int, device="cpu"),
             wp.zeros(1, dtype=float, device="cpu"),
@@ -216,7 +222,7 @@ def pulled_back(means, normals, gradients):
             unmoved(1),
             vectors(normals),
             vectors(means),
-            bends,
+            shape_operators,
             flat_openings(count),
             zero,
             zero,
@@ -245,27 +251,27 @@ def test_the_gradient_of_the_normals_matches_finite_differences(angle):
 
 @pytest.mark.parametrize("method", ["geodesic", "euclidean"])
 def test_the_sampling_force_matches_finite_differences_of_the_sampling_energy(ball, method):
-    domain = prepare([ball, ball], OptimizeSettings(method=method, particles=64), device="cpu")
-    points = np.stack([domain.placements[0].apply(10.0 * on_sphere(64, seed=5))] * 2)
+    cohort = prepare_cohort([ball, ball], OptimizeSettings(method=method, particles=64), device="cpu")
+    points = np.stack([cohort.to_optimizer[0].apply(10.0 * on_sphere(64, seed=5))] * 2)
 
     def sampled(positions, widths=None, rounds=40):
         """Energy, forces, widths and normals, the widths at their fixed point."""
         engine = Engine(
-            domain.fields,
-            domain.reliefs,
-            domain.coarse,
+            cohort.fields,
+            cohort.opening_fields,
+            cohort.coarse,
             positions,
-            geodesic=domain.geodesic,
-            area=AREA,
+            geodesic=cohort.geodesic,
+            area=MEAN_AREA,
             launcher=LAUNCHER,
         )
         sampling = engine.sampling
         if widths is not None:
             sampling.widths.assign(widths)
         engine._locate()
-        sampling.relink(engine.positions, engine.feet)
+        sampling.rebuild_neighbour_lists(engine.positions, engine.closest)
         for _ in range(rounds):
-            sampling.repel(engine.positions, engine.normals, engine.feet)
+            sampling.compute_forces(engine.positions, engine.normals, engine.closest)
             sampling.widths.assign(sampling.next_widths)
         forces = sampling.forces.numpy().reshape(2, -1, 3)
         energy = sampling.energies.numpy().sum(dtype=float)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from homolog.correspondence import Start, fitting_start, optimize, repair, transformed
+from homolog.correspondence import InitialParticles, initialize_fit, optimize, repair, transform_points
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mirroring import MIRROR
 
@@ -60,7 +60,7 @@ def test_local_particles_lie_in_the_frame_of_the_file(results):
 def test_alignments_are_reflections_that_lead_from_local_to_world(results):
     found = results[1]
     assert np.array_equal(np.linalg.det(found.alignments[:, :3, :3]) < 0.0, MIRRORED)
-    assert np.allclose(transformed(found.alignments, found.local), found.world, atol=1e-12)
+    assert np.allclose(transform_points(found.alignments, found.local), found.world, atol=1e-12)
 
 
 def test_frames_tell_the_same_alignments(both_sides):
@@ -88,12 +88,12 @@ def test_a_repair_of_a_mirrored_shape_is_that_of_its_image(placed, both_sides, r
 
 def test_a_new_shape_starts_from_known_ones_of_the_other_side(placed, both_sides, results):
     known = np.array([True, True, True, True, False])
-    there = fitting_start(placed, results[0].local[known], known)
-    here = fitting_start(both_sides, results[1].local[known], known)
+    there = initialize_fit(placed, results[0].local[known], known)
+    here = initialize_fit(both_sides, results[1].local[known], known)
     assert np.array_equal(here.local, signed(there.local))
 
 
 def test_particles_to_begin_with_are_taken_in_the_frame_of_the_file(placed, both_sides, results):
-    there = optimize(placed, SETTINGS, start=Start(results[0].local))
-    here = optimize(both_sides, SETTINGS, start=Start(results[1].local))
+    there = optimize(placed, SETTINGS, initial=InitialParticles(results[0].local))
+    here = optimize(both_sides, SETTINGS, initial=InitialParticles(results[1].local))
     assert np.array_equal(here.local, signed(there.local))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from homolog.correspondence import Reason, Shape, optimize
+from homolog.correspondence.initialization.splitting import split
 from homolog.correspondence.schedule import particle_counts, plan_stages
-from homolog.correspondence.splitting import split
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.settings import Method, OptimizeSettings
 from homolog.surfaces.distance_field import DistanceField
@@ -149,7 +149,7 @@ def test_a_split_moves_parent_and_child_apart_the_same_way_on_every_shape():
     np.testing.assert_allclose(gaps[..., 2], 0.0, atol=1e-6)
 
 
-def rescaled(shape, factor):
+def rescale(shape, factor):
     index_to_world = np.diag([factor] * 3 + [1.0]) @ shape.field.index_to_world
     return Shape(
         shape.name,
@@ -161,7 +161,7 @@ def rescaled(shape, factor):
 
 
 def test_a_change_of_units_changes_nothing(found, ellipsoid_shapes):
-    micrometres = optimize([rescaled(shape, 1000.0) for shape in ellipsoid_shapes], QUICK)
+    micrometres = optimize([rescale(shape, 1000.0) for shape in ellipsoid_shapes], QUICK)
     assert spread_of(micrometres.world / 1000.0) == pytest.approx(spread_of(found.world), rel=0.05)
     assert micrometres.energies[-1, 1:].sum() == pytest.approx(found.energies[-1, 1:].sum(), abs=0.01)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from homolog.correspondence import best_similarity, inverted, optimize, transformed
-from homolog.correspondence.poses import procrustes
+from homolog.correspondence import fit_similarity, inverse_matrices, optimize, transform_points
+from homolog.correspondence.poses import procrustes_step
 from homolog.errors import Cancelled
 from homolog.settings import OptimizeSettings, Procrustes
 
@@ -31,14 +31,14 @@ def test_a_similarity_is_found_again(scaling):
     random = np.random.default_rng(0)
     points = random.normal(size=(1, 20, 3))
     matrix = random_similarity(random, 1.0, 3.0, 1.7 if scaling else 1.0)
-    moved = transformed(matrix[None], points)
-    np.testing.assert_allclose(best_similarity(points[0], moved[0], scaling=scaling), matrix, atol=1e-12)
-    np.testing.assert_allclose(transformed(inverted(matrix[None]), moved), points, atol=1e-12)
+    moved = transform_points(matrix[None], points)
+    np.testing.assert_allclose(fit_similarity(points[0], moved[0], scaling=scaling), matrix, atol=1e-12)
+    np.testing.assert_allclose(transform_points(inverse_matrices(matrix[None]), moved), points, atol=1e-12)
 
 
 def test_a_mirrored_shape_is_turned_not_mirrored():
     points = np.random.default_rng(0).normal(size=(30, 3))
-    found = best_similarity(points, points * [-1.0, 1.0, 1.0], scaling=True)
+    found = fit_similarity(points, points * [-1.0, 1.0, 1.0], scaling=True)
     assert np.linalg.det(found[:3, :3]) > 0.0
 
 
@@ -47,12 +47,12 @@ def test_rounds_of_procrustes_bring_copies_of_one_shape_together(scaling):
     random = np.random.default_rng(1)
     shape = random.normal(size=(40, 3))
     matrices = np.stack([random_similarity(random, 0.5, 2.0, 1.0 + 0.2 * k * scaling) for k in range(5)])
-    points = transformed(matrices, np.stack([shape] * 5))
+    points = transform_points(matrices, np.stack([shape] * 5))
     poses = np.tile(np.eye(4), (5, 1, 1))
     for _ in range(60):
-        posed = transformed(poses, points)
-        poses = procrustes(posed, posed, poses, np.full(5, True), scaling=scaling)
-    assert spread_of(transformed(poses, points)) < 1e-6
+        posed = transform_points(poses, points)
+        poses = procrustes_step(posed, posed, poses, np.full(5, True), scaling=scaling)
+    assert spread_of(transform_points(poses, points)) < 1e-6
     scales = np.cbrt(np.linalg.det(poses[:, :3, :3]))
     assert np.log(scales).mean() == pytest.approx(0.0, abs=1e-9)
 
@@ -60,14 +60,14 @@ def test_rounds_of_procrustes_bring_copies_of_one_shape_together(scaling):
 def test_a_pose_that_may_not_change_stays_and_draws_the_others():
     random = np.random.default_rng(2)
     shape = random.normal(size=(40, 3))
-    points = transformed(np.stack([random_similarity(random) for _ in range(3)]), np.stack([shape] * 3))
+    points = transform_points(np.stack([random_similarity(random) for _ in range(3)]), np.stack([shape] * 3))
     before = np.tile(np.eye(4), (3, 1, 1))
     after = before
     for _ in range(20):
-        posed = transformed(after, points)
-        after = procrustes(posed, posed, after, np.array([True, False, True]), scaling=False)
+        posed = transform_points(after, points)
+        after = procrustes_step(posed, posed, after, np.array([True, False, True]), scaling=False)
     np.testing.assert_array_equal(after[1], before[1])
-    np.testing.assert_allclose(transformed(after, points), np.stack([points[1]] * 3), atol=1e-9)
+    np.testing.assert_allclose(transform_points(after, points), np.stack([points[1]] * 3), atol=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def test_disturbed_alignments_give_the_model_of_undisturbed_ones(ellipsoid_shape
     assert spread_of(plain.world) > 5.0 * spread_of(expected.world)
     assert spread_of(found.world) == pytest.approx(spread_of(expected.world), rel=0.03)
     assert found.energies[-1, 1:].sum() == pytest.approx(expected.energies[-1, 1:].sum(), abs=0.01)
-    np.testing.assert_allclose(transformed(found.alignments, found.local), found.world, atol=1e-9)
+    np.testing.assert_allclose(transform_points(found.alignments, found.local), found.world, atol=1e-9)
     turns = found.alignments[:, :3, :3]
     np.testing.assert_allclose(turns @ turns.transpose(0, 2, 1), np.tile(np.eye(3), (5, 1, 1)), atol=1e-9)
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from homolog.correspondence import journey, logbook, optimize
+from homolog.correspondence import loop, optimize, recorder
 from homolog.settings import OptimizeSettings
 
 LONG = OptimizeSettings(
@@ -15,14 +15,14 @@ LONG = OptimizeSettings(
 @pytest.fixture
 def clock(monkeypatch):
     """Return a clock, in a list, that the optimizer reads instead of the machine's."""
-    now, iterate = [0.0], journey.Engine.iterate
+    now, iterate = [0.0], loop.Engine.iterate
 
     def slowly(engine, times):
         now[0] += times
         iterate(engine, times)
 
-    monkeypatch.setattr(logbook, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr(journey.Engine, "iterate", slowly)
+    monkeypatch.setattr(recorder, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(loop.Engine, "iterate", slowly)
     return now
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from homolog.correspondence import Start, fitting_start, optimize, transformed
-from homolog.correspondence.poses import entropic, scales_of
+from homolog.correspondence import InitialParticles, initialize_fit, optimize, transform_points
+from homolog.correspondence.poses import entropy_step, scales_of
 from homolog.settings import GroomSettings, OptimizeSettings, Procrustes, RunSettings
 
 SETTINGS = OptimizeSettings(
@@ -36,14 +36,14 @@ def found(grown):
 
 
 def test_particles_of_a_shape_three_times_as_large_lie_at_the_same_places(found):
-    of_one_size = found.local / np.array(GROWTH)[:, None, None]
-    apart = np.linalg.norm(of_one_size - of_one_size.mean(axis=0), axis=2)
+    normalize_size = found.local / np.array(GROWTH)[:, None, None]
+    apart = np.linalg.norm(normalize_size - normalize_size.mean(axis=0), axis=2)
     assert apart.mean() < 0.3
 
 
 def test_a_result_keeps_every_size_and_its_world_is_the_aligned_local_particles(found):
     np.testing.assert_allclose(scales_of(found.alignments), 1.0, atol=1e-9)
-    np.testing.assert_allclose(transformed(found.alignments, found.local), found.world, atol=1e-9)
+    np.testing.assert_allclose(transform_points(found.alignments, found.local), found.world, atol=1e-9)
     sizes = np.linalg.norm(found.world - found.world.mean(axis=1, keepdims=True), axis=2).mean(axis=1)
     np.testing.assert_allclose(sizes / sizes[1], GROWTH, rtol=0.02)
     middles = found.world.mean(axis=1)
@@ -72,9 +72,9 @@ def test_frames_show_every_shape_in_its_own_size(grown):
 def test_a_new_shape_of_another_size_is_fitted_to_shapes_that_stay(grown, found, make_shape):
     model = [dataclasses.replace(s, alignment=a) for s, a in zip(grown, found.alignments, strict=True)]
     shapes = [*model, make_shape("new", (30.0, 22.5, 15.0))]
-    start = fitting_start(shapes, found.local, np.array([True, True, True, False]))
-    fitted = optimize(shapes, SETTINGS, start=start)
-    np.testing.assert_array_equal(fitted.world[:3], transformed(found.alignments, found.local))
+    start = initialize_fit(shapes, found.local, np.array([True, True, True, False]))
+    fitted = optimize(shapes, SETTINGS, initial=start)
+    np.testing.assert_array_equal(fitted.world[:3], transform_points(found.alignments, found.local))
     np.testing.assert_array_equal(fitted.alignments[:3], found.alignments)
     assert scales_of(fitted.alignments[3:])[0] == pytest.approx(1.0)
     apart = np.linalg.norm(fitted.local[3] / 2.5 - found.local[1], axis=1)
@@ -82,7 +82,9 @@ def test_a_new_shape_of_another_size_is_fitted_to_shapes_that_stay(grown, found,
 
 
 def test_a_result_grows_into_one_of_the_same_sizes(grown, found):
-    more = optimize(grown, SETTINGS.model_copy(update={"particles": 90}), start=Start(found.local))
+    more = optimize(
+        grown, SETTINGS.model_copy(update={"particles": 90}), initial=InitialParticles(found.local)
+    )
     np.testing.assert_allclose(scales_of(more.alignments), 1.0, atol=1e-9)
     assert more.local.shape == (3, 90, 3)
 
@@ -94,8 +96,8 @@ def test_poses_by_entropy_leave_a_body_where_it_is_though_a_part_of_it_wanders()
     points[:, :40, 1] += np.linspace(-20.0, 20.0, 6)[:, None]
     poses = np.tile(np.eye(4), (6, 1, 1))
     for _ in range(10):
-        posed = transformed(poses, points)
-        poses = entropic(posed, poses, np.full(6, True), scaling=True, regularization=0.1)
+        posed = transform_points(poses, points)
+        poses = entropy_step(posed, poses, np.full(6, True), scaling=True, regularization=0.1)
     turns = Rotation.from_matrix(poses[:, :3, :3] / scales_of(poses)[:, None, None])
     assert np.degrees((turns * turns[0].inv()).magnitude()).max() < 0.2
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from homolog.correspondence.dual import covariance, entropy
+from homolog.correspondence.entropy.dual import covariance, entropy
 from homolog.inspection import carried_places, checkerboard, particle_energies, stripes
 from homolog.inspection.energies import shared_entropy
 from homolog.settings import OptimizeSettings

@@ -6,8 +6,10 @@ import numpy as np
 import warp as wp
 
 from homolog.arrays import DeviceArray, Float32Array, FloatArray
-from homolog.correspondence import dual_kernels, kernels, step_kernels
-from homolog.correspondence.dual import covariance, solve_duals
+from homolog.correspondence.entropy.dual import covariance, solve_duals
+from homolog.correspondence.kernels import dual as dual_kernels
+from homolog.correspondence.kernels import particles as kernels
+from homolog.correspondence.kernels import step as step_kernels
 from homolog.correspondence.launcher import Launcher
 
 __all__ = ["Coupling", "DeviceCoupling", "HostCoupling", "coupling"]
@@ -18,8 +20,10 @@ class Coupling(ABC):
 
     stiffness: DeviceArray
 
-    def __init__(self, layout: kernels.Layout, movable: DeviceArray, held: bool, launcher: Launcher) -> None:
-        self.layout, self.movable, self.held, self.launch = layout, movable, held, launcher
+    def __init__(
+        self, layout: kernels.Layout, free: DeviceArray, any_fixed: bool, launcher: Launcher
+    ) -> None:
+        self.layout, self.free, self.any_fixed, self.launch = layout, free, any_fixed, launcher
         self.shapes, self.count = int(layout.shapes), int(layout.per_shape)
         self.stiffness = wp.zeros(1, dtype=float, device=launcher.device)
 
@@ -39,15 +43,15 @@ class Coupling(ABC):
         self, stage: DeviceArray, iteration: DeviceArray, steps: DeviceArray, damped: DeviceArray
     ) -> None:
         """Apply the implicit part of the step."""
-        if not self.held:
-            self._damp_all(steps, damped)
+        if not self.any_fixed:
+            self._damp_free(steps, damped)
             return
         total = self.shapes * self.count
-        inputs = [self.layout, stage, iteration, self.movable, *self._step_matrices(), steps, damped]
-        self.launch(step_kernels.damp_held, total, inputs)
+        inputs = [self.layout, stage, iteration, self.free, *self._step_matrices(), steps, damped]
+        self.launch(step_kernels.damp_with_fixed, total, inputs)
 
     @abstractmethod
-    def _damp_all(self, steps: DeviceArray, damped: DeviceArray) -> None:
+    def _damp_free(self, steps: DeviceArray, damped: DeviceArray) -> None:
         """Apply it where no particle is held."""
 
     @abstractmethod
@@ -66,13 +70,13 @@ class HostCoupling(Coupling):
         self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, logs: DeviceArray
     ) -> None:
         """Form and invert the regularized duals for this iteration's knobs."""
-        knobs = stage.numpy()[int(iteration.numpy()[0])]
+        parameters = stage.numpy()[int(iteration.numpy()[0])]
         self._duals = solve_duals(
             covariance(self._rows(centred)),
             covariance(self._rows(logs)),
-            float(knobs["regularization"]),
-            float(knobs["normals_regularization"]),
-            float(knobs["step"] * knobs["ensemble_weight"]),
+            float(parameters["regularization"]),
+            float(parameters["normals_regularization"]),
+            float(parameters["step"] * parameters["ensemble_weight"]),
         )
         self.stiffness.numpy()[0] = np.diag(self._duals.normals).max()
 
@@ -83,7 +87,7 @@ class HostCoupling(Coupling):
         np.matmul(self._duals.gradient, self._rows(centred), out=self._rows(ensemble))
         np.matmul(self._duals.normals, self._rows(logs), out=self._rows(normals))
 
-    def _damp_all(self, steps: DeviceArray, damped: DeviceArray) -> None:
+    def _damp_free(self, steps: DeviceArray, damped: DeviceArray) -> None:
         np.matmul(self._duals.damping, self._rows(steps), out=self._rows(damped))
 
     def _step_matrices(self) -> tuple[DeviceArray, DeviceArray]:
@@ -104,16 +108,18 @@ class HostCoupling(Coupling):
 class DeviceCoupling(Coupling):
     """Kernels only, so that an iteration can be captured as a CUDA graph."""
 
-    def __init__(self, layout: kernels.Layout, movable: DeviceArray, held: bool, launcher: Launcher) -> None:
-        super().__init__(layout, movable, held, launcher)
+    def __init__(
+        self, layout: kernels.Layout, free: DeviceArray, any_fixed: bool, launcher: Launcher
+    ) -> None:
+        super().__init__(layout, free, any_fixed, launcher)
         shapes = self.shapes
         make = {"device": launcher.device}
         self._covariances = [wp.zeros((shapes, shapes), dtype=wp.float64, **make) for _ in range(2)]
-        self._blocks = -(-shapes // int(dual_kernels.SIDE))
-        size = (int(dual_kernels.MATRICES), self._blocks, self._blocks)
+        self._blocks = -(-shapes // int(dual_kernels.BLOCK_SIZE))
+        size = (int(dual_kernels.N_MATRICES), self._blocks, self._blocks)
         self._matrices = [wp.zeros(size, dtype=wp.mat44d, **make) for _ in range(2)]
         self._logdets: DeviceArray = wp.zeros(size[0], dtype=wp.float64, **make)
-        self._small = [wp.zeros((shapes, shapes), dtype=float, **make) for _ in range(3)]
+        self._inverses = [wp.zeros((shapes, shapes), dtype=float, **make) for _ in range(3)]
 
     def solve(
         self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, logs: DeviceArray
@@ -126,7 +132,7 @@ class DeviceCoupling(Coupling):
                 dual_kernels.gram,
                 dim=(self._blocks, self._blocks),
                 inputs=[shapes, self.count, divisor, rows, out],
-                block_dim=dual_kernels.LANES,
+                block_dim=dual_kernels.BLOCK_DIM,
                 device=device,
             )
         source: DeviceArray = self._matrices[0]
@@ -146,9 +152,9 @@ class DeviceCoupling(Coupling):
             )
             source, target = target, source
         wp.launch(
-            dual_kernels.finish,
+            dual_kernels.extract_inverses,
             dim=(shapes, shapes),
-            inputs=[stage, iteration, source, *self._small, self.stiffness],
+            inputs=[stage, iteration, source, *self._inverses, self.stiffness],
             device=device,
         )
 
@@ -156,30 +162,30 @@ class DeviceCoupling(Coupling):
         self, centred: DeviceArray, logs: DeviceArray, ensemble: DeviceArray, normals: DeviceArray
     ) -> None:
         """Write the gradients of H(Z) by positions and of H(V) by Logs."""
-        self._mix(self._small[0], centred, ensemble)
-        self._mix(self._small[2], logs, normals)
+        self._multiply(self._inverses[0], centred, ensemble)
+        self._multiply(self._inverses[2], logs, normals)
 
-    def _damp_all(self, steps: DeviceArray, damped: DeviceArray) -> None:
-        self._mix(self._small[1], steps, damped)
+    def _damp_free(self, steps: DeviceArray, damped: DeviceArray) -> None:
+        self._multiply(self._inverses[1], steps, damped)
 
     def _step_matrices(self) -> tuple[DeviceArray, DeviceArray]:
-        return self._small[0], self._small[1]
+        return self._inverses[0], self._inverses[1]
 
     def entropies(self) -> FloatArray:
         """Return H(Z) and H(V) per particle and shape, (2,)."""
         logdets = self._logdets.numpy()
         return np.array([logdets[0], logdets[2]]) * 0.5 * (self.shapes - 1) / self.shapes
 
-    def _mix(self, matrix: DeviceArray, source: DeviceArray, target: DeviceArray) -> None:
+    def _multiply(self, matrix: DeviceArray, source: DeviceArray, target: DeviceArray) -> None:
         wp.launch(
-            dual_kernels.mix,
+            dual_kernels.multiply,
             dim=(self._blocks, self.count),
             inputs=[self.shapes, self.count, matrix, source, target],
             device=self.launch.device,
         )
 
 
-def coupling(layout: kernels.Layout, movable: DeviceArray, held: bool, launcher: Launcher) -> Coupling:
-    """Return the coupling for the launcher's device; `held` says whether any particle is not movable."""
+def coupling(layout: kernels.Layout, free: DeviceArray, any_fixed: bool, launcher: Launcher) -> Coupling:
+    """Return the coupling for the launcher's device; `any_fixed` says whether any particle is fixed."""
     kind = HostCoupling if launcher.device == "cpu" else DeviceCoupling
-    return kind(layout, movable, held, launcher)
+    return kind(layout, free, any_fixed, launcher)

@@ -13,11 +13,13 @@ from scipy import ndimage
 from homolog.arrays import Float32Array, FloatArray, IntArray
 from homolog.surfaces.distance_field import DistanceField
 
-__all__ = ["SIZE", "opening_grid", "openings_at"]
+__all__ = ["BALL_SIZE", "opening_grid", "openings_at"]
 
-SIZE = 4.0  # standard deviation of the ball, in optimizer lengths: 4 % of the root of the mean surface area
-NODES = 2.5  # of the coarser grid in that length, enough for a smooth function of it
-MARGIN = 3  # coarse nodes added around the grid, for the splines
+BALL_SIZE = (
+    4.0  # standard deviation of the ball, in optimizer lengths: 4 % of the root of the mean surface area
+)
+NODES_PER_SIZE = 2.5  # of the coarser grid in that length, enough for a smooth function of it
+MARGIN_NODES = 3  # coarse nodes added around the grid, for the splines
 
 
 def opening_grid(field: DistanceField, size: float) -> tuple[Float32Array, FloatArray]:
@@ -37,21 +39,24 @@ def opening_grid(field: DistanceField, size: float) -> tuple[Float32Array, Float
         Affine from its indices to the field's coordinates [mm].
     """
     spacing = field.spacing
-    block = max(1, int(size / (NODES * spacing)))
+    block = max(1, int(size / (NODES_PER_SIZE * spacing)))
     nodes: IntArray = -(-np.array(field.values.shape) // block) * block
     inside = np.clip(0.5 - field.values / spacing, 0.0, 1.0)
     ends = [
-        (MARGIN * block, MARGIN * block + int(n) - have) for n, have in zip(nodes, inside.shape, strict=True)
+        (MARGIN_NODES * block, MARGIN_NODES * block + int(n) - have)
+        for n, have in zip(nodes, inside.shape, strict=True)
     ]
     inside = np.pad(inside, ends)
     i, j, k = (n // block for n in inside.shape)
     coarse = inside.reshape(i, block, j, block, k, block).mean(axis=(1, 3, 5), dtype=np.float32)
-    narrower = math.sqrt(max((size / spacing) ** 2 - (block**2 - 1) / 12.0, 0.01)) / block  # means blur too
-    share = ndimage.gaussian_filter(coarse, narrower, mode="constant", truncate=MARGIN)
+    remaining_width = (
+        math.sqrt(max((size / spacing) ** 2 - (block**2 - 1) / 12.0, 0.01)) / block
+    )  # means blur too
+    inside_fraction = ndimage.gaussian_filter(coarse, remaining_width, mode="constant", truncate=MARGIN_NODES)
     grid = field.index_to_world.copy()
-    grid[:3, 3] += grid[:3, :3] @ np.full(3, 0.5 * (block - 1) - MARGIN * block)
+    grid[:3, 3] += grid[:3, :3] @ np.full(3, 0.5 * (block - 1) - MARGIN_NODES * block)
     grid[:3, :3] *= block
-    return (2.0 * math.pi * share).astype(np.float32), grid
+    return (2.0 * math.pi * inside_fraction).astype(np.float32), grid
 
 
 def openings_at(points: FloatArray, values: Float32Array, grid: FloatArray) -> FloatArray:

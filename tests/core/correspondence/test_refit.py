@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from homolog.correspondence import Start, fitting_start, optimize, repair
-from homolog.correspondence.repair import predicted
+from homolog.correspondence import InitialParticles, initialize_fit, optimize, repair
+from homolog.correspondence.refit import predict_positions
 from homolog.errors import InputError
 from homolog.settings import OptimizeSettings
 
@@ -70,8 +70,8 @@ def test_the_prediction_does_not_look_at_what_is_misplaced():
     misplaced[1, 7] = misplaced[2, 7] = True
     spoilt = world.copy()
     spoilt[misplaced] += 5.0
-    np.testing.assert_allclose(predicted(spoilt, misplaced)[1, 7], world[1, 7], atol=0.3)
-    np.testing.assert_array_equal(predicted(spoilt, misplaced)[~misplaced], world[~misplaced])
+    np.testing.assert_allclose(predict_positions(spoilt, misplaced)[1, 7], world[1, 7], atol=0.3)
+    np.testing.assert_array_equal(predict_positions(spoilt, misplaced)[~misplaced], world[~misplaced])
 
 
 def test_a_subject_with_nothing_in_place_cannot_be_repaired(found, ellipsoid_shapes):
@@ -84,8 +84,8 @@ def test_a_subject_with_nothing_in_place_cannot_be_repaired(found, ellipsoid_sha
 def test_a_new_subject_lands_where_it_is_in_the_joint_model(found, spacing, ellipsoid_shapes):
     known = np.array([True, True, False, True, True])
     model = optimize([s for s, one in zip(ellipsoid_shapes, known, strict=True) if one], SETTINGS)
-    start = fitting_start(ellipsoid_shapes, model.local, known)
-    fitted = optimize(ellipsoid_shapes, SETTINGS, start=start)
+    start = initialize_fit(ellipsoid_shapes, model.local, known)
+    fitted = optimize(ellipsoid_shapes, SETTINGS, initial=start)
     np.testing.assert_array_equal(fitted.local[known], model.local)
     # the others' places, of which it is the middle one
     expected = model.local.mean(axis=0)
@@ -94,7 +94,7 @@ def test_a_new_subject_lands_where_it_is_in_the_joint_model(found, spacing, elli
 
 def test_more_particles_are_added_to_those_there_are(found, ellipsoid_shapes):
     more = SETTINGS.model_copy(update={"particles": 230})
-    grown = optimize(ellipsoid_shapes, more, start=Start(found.local))
+    grown = optimize(ellipsoid_shapes, more, initial=InitialParticles(found.local))
     fresh = optimize(ellipsoid_shapes, more)
     assert grown.world.shape == (5, 230, 3)
     assert spread_of(grown.world) == pytest.approx(spread_of(fresh.world), rel=0.1)
@@ -104,10 +104,10 @@ def test_more_particles_are_added_to_those_there_are(found, ellipsoid_shapes):
 def test_a_start_that_does_not_fit_is_refused(found, ellipsoid_shapes):
     fewer = SETTINGS.model_copy(update={"particles": 50})
     with pytest.raises(InputError, match="at least as many"):
-        optimize(ellipsoid_shapes, fewer, start=Start(found.local))
+        optimize(ellipsoid_shapes, fewer, initial=InitialParticles(found.local))
     held = np.zeros(found.local.shape[:2], dtype=bool)
     with pytest.raises(InputError, match="no particle may move"):
-        optimize(ellipsoid_shapes, SETTINGS, start=Start(found.local, held))
+        optimize(ellipsoid_shapes, SETTINGS, initial=InitialParticles(found.local, held))
     more = SETTINGS.model_copy(update={"particles": 150})
     with pytest.raises(InputError, match="ask for no others"):
-        optimize(ellipsoid_shapes, more, start=Start(found.local, ~held))
+        optimize(ellipsoid_shapes, more, initial=InitialParticles(found.local, ~held))

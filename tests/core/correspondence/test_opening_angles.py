@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from homolog.correspondence.relief import opening_grid, openings_at
+from homolog.correspondence.entropy.opening_angles import opening_grid, openings_at
 from homolog.surfaces.distance_field import DistanceField
 
 

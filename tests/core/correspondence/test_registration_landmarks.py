@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from homolog.correspondence.start import first_particles
+from homolog.correspondence.initialization.registration import initial_particles
 from homolog.surfaces.mesh import TriangleMesh
 
 
 def test_the_first_particles_are_the_vertices_nearest_to_the_landmarks(ellipsoid_shapes):
     meshes = [shape.coarse_mesh for shape in ellipsoid_shapes]
     marked = np.stack([mesh.vertices[[5, 90, 200, 310]] for mesh in meshes])
-    found = first_particles(meshes, 40, landmarks=marked + 1e-3)
+    found = initial_particles(meshes, 40, landmarks=marked + 1e-3)
     assert np.array_equal(found[:, :4], marked)
     assert len({tuple(point) for point in found[0]}) == 40
 
@@ -26,7 +26,7 @@ def test_landmarks_decide_where_the_shape_alone_cannot(ellipsoid_shapes):
     marked = np.stack([plain.vertices[chosen], turned.vertices[chosen]])
 
     def error(landmarks):
-        found = first_particles([plain, turned], 60, landmarks=landmarks)
+        found = initial_particles([plain, turned], 60, landmarks=landmarks)
         return np.linalg.norm(found[1] - found[0] @ turn, axis=1).mean()
 
     spacing = np.sqrt(plain.area / 60)
@@ -37,6 +37,6 @@ def test_landmarks_decide_where_the_shape_alone_cannot(ellipsoid_shapes):
 def test_landmarks_that_share_a_vertex_are_taken_once(ellipsoid_shapes):
     meshes = [shape.coarse_mesh for shape in ellipsoid_shapes]
     marked = np.stack([mesh.vertices[[5, 5, 90]] for mesh in meshes])
-    found = first_particles(meshes, 20, landmarks=marked)
+    found = initial_particles(meshes, 20, landmarks=marked)
     assert np.array_equal(found[:, :2], marked[:, 1:])
     assert len({tuple(point) for point in found[0]}) == 20

@@ -1,7 +1,7 @@
-"""Shapes brought onto the device, in the optimizer's own unit of length.
+"""Distance fields and meshes on the device, in the optimizer's unit of length.
 
-The unit is one hundredth of the root of the mean surface area, so that nothing in the optimizer depends
-on millimetres: regularisation and steps mean the same at every scale.
+The unit is one hundredth of the square root of the mean surface area, so that regularization and steps do not
+depend on the scale of the shapes.
 """
 
 import math
@@ -14,10 +14,10 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, DeviceArray, Float32Array, FloatArray, IntArray
-from homolog.correspondence.functions import FieldData
-from homolog.correspondence.kernels import Surface
-from homolog.correspondence.poses import rescaled, scales_of, transformed
-from homolog.correspondence.relief import SIZE, opening_grid, openings_at
+from homolog.correspondence.entropy.opening_angles import BALL_SIZE, opening_grid, openings_at
+from homolog.correspondence.kernels.functions import FieldData
+from homolog.correspondence.kernels.particles import Surface
+from homolog.correspondence.poses import rescale, scales_of, transform_points
 from homolog.correspondence.types import Shape
 from homolog.errors import NumericalError
 from homolog.geodesics import GeodesicTable
@@ -25,19 +25,19 @@ from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
-    "Level",
-    "Placement",
-    "build_level",
+    "Similarity",
+    "SurfaceSet",
+    "build_surface_set",
     "field_array",
     "length_unit",
     "nearest_faces",
-    "of_one_size",
+    "normalize_size",
     "opening_array",
 ]
 
 
 @dataclass(frozen=True, slots=True)
-class Placement:
+class Similarity:
     """A similarity from local millimetres to the optimizer's coordinates: x = linear @ local + origin."""
 
     linear: FloatArray
@@ -58,7 +58,7 @@ class Placement:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Level:
+class SurfaceSet:
     """All shapes at one level of detail.
 
     Attributes
@@ -66,18 +66,20 @@ class Level:
     surfaces : wp.array of Surface
         One element a shape.
     meshes : list of TriangleMesh
-        The same meshes, in the optimizer's coordinates.
+        The same meshes on the host, in the optimizer's coordinates.
     extent : float
-        Largest coordinate.
+        Largest absolute coordinate.
     sizes : (M,) array
-        Roots of the surfaces' areas over that of their mean: even particles lie so much farther apart.
+        Square roots of the areas over the mean area; proportional to the spacing of even particles.
+    references : list of Surface
+        Keep the arrays of `surfaces` alive.
     """
 
     surfaces: DeviceArray
     meshes: list[TriangleMesh]
     extent: float
     sizes: FloatArray
-    keep: list[Surface]
+    references: list[Surface]
 
 
 def length_unit(shapes: Sequence[Shape]) -> float:
@@ -86,8 +88,8 @@ def length_unit(shapes: Sequence[Shape]) -> float:
     return 0.01 * float(np.sqrt(np.mean(areas)))
 
 
-def of_one_size(shapes: Sequence[Shape]) -> list[Shape]:
-    """Return the shapes with alignments that grow each about its middle, so that all have one area.
+def normalize_size(shapes: Sequence[Shape]) -> list[Shape]:
+    """Return the shapes with alignments scaled about their centres, so that all have the same area.
 
     It is the geometric mean of their areas in the world frame.
     """
@@ -95,64 +97,66 @@ def of_one_size(shapes: Sequence[Shape]) -> list[Shape]:
     areas = np.array([shape.mesh.area for shape in shapes])
     scales = scales_of(alignments)
     sizes = scales * np.sqrt(areas)
-    middles = np.stack(
-        [transformed(s.alignment[None], s.mesh.vertices[None])[0].mean(axis=0) for s in shapes]
+    centres = np.stack(
+        [transform_points(s.alignment[None], s.mesh.vertices[None])[0].mean(axis=0) for s in shapes]
     )
     common = np.exp(np.log(sizes).mean())
-    grown = rescaled(alignments, scales * common / sizes, middles)
+    grown = rescale(alignments, scales * common / sizes, centres)
     return [replace(shape, alignment=own) for shape, own in zip(shapes, grown, strict=True)]
 
 
 def field_array(
-    shapes: Sequence[Shape], placements: Sequence[Placement], device: str, tick: Tick = no_tick
+    shapes: Sequence[Shape], to_optimizer: Sequence[Similarity], device: str, tick: Tick = no_tick
 ) -> DeviceArray:
-    """Bring the distance fields to the device as cubic B-spline coefficients."""
-    keep = []
-    for index, (shape, placement) in enumerate(zip(shapes, placements, strict=True)):
+    """Copy the distance fields to the device as cubic B-spline coefficients."""
+    references = []
+    for index, (shape, similarity) in enumerate(zip(shapes, to_optimizer, strict=True)):
         tick(index / len(shapes), f"distance field of {shape.name}")
         field = shape.field
-        keep.append(_field_data(field.values, field.index_to_world, placement, placement.scale, device))
-    return _packed(keep, device)
+        references.append(
+            _field_data(field.values, field.index_to_world, similarity, similarity.scale, device)
+        )
+    return _pack(references, device)
 
 
 def opening_array(
     shapes: Sequence[Shape],
-    placements: Sequence[Placement],
+    to_optimizer: Sequence[Similarity],
     weight: float,
     device: str,
     tick: Tick = no_tick,
 ) -> DeviceArray:
-    """Bring the opening angles, as they count, to the device as cubic B-spline coefficients.
+    """Copy the weighted opening angles to the device as cubic B-spline coefficients.
 
-    An angle that hardly varies over the surfaces says little about the place: angles count by the weight
-    times their standard deviation over a surface [rad]. Without a weight nothing is computed.
+    Angles are multiplied by the weight and by their standard deviation over a surface [rad], since angles
+    that hardly vary contain little information. Nothing is computed if the weight is 0.
     """
     if weight == 0.0:
-        return _packed([FieldData() for _ in shapes], device)  # of scale 0: kernels leave them alone
+        return _pack([FieldData() for _ in shapes], device)  # kernels skip fields of scale 0
     grids, spreads = [], []
-    for index, (shape, placement) in enumerate(zip(shapes, placements, strict=True)):
+    for index, (shape, similarity) in enumerate(zip(shapes, to_optimizer, strict=True)):
         tick(index / len(shapes), f"opening angles of {shape.name}")
-        grids.append(opening_grid(shape.field, SIZE / placement.scale))
+        grids.append(opening_grid(shape.field, BALL_SIZE / similarity.scale))
         spreads.append(openings_at(shape.coarse_mesh.vertices, *grids[-1]).std())
     scale = weight * float(np.mean(spreads))
-    keep = [
-        _field_data(values, grid, placement, scale, device)
-        for (values, grid), placement in zip(grids, placements, strict=True)
+    references = [
+        _field_data(values, grid, similarity, scale, device)
+        for (values, grid), similarity in zip(grids, to_optimizer, strict=True)
     ]
-    return _packed(keep, device)
+    return _pack(references, device)
 
 
-def _packed(keep: list[FieldData], device: str) -> DeviceArray:
-    fields = wp.array(keep, dtype=FieldData, device=device)
-    fields.keep = keep  # an array of structs holds addresses only
+def _pack(references: list[FieldData], device: str) -> DeviceArray:
+    fields = wp.array(references, dtype=FieldData, device=device)
+    fields.references = references  # an array of structs holds addresses only
     return fields
 
 
 def _field_data(
-    values: Float32Array, index_to_local: FloatArray, placement: Placement, scale: float, device: str
+    values: Float32Array, index_to_local: FloatArray, similarity: Similarity, scale: float, device: str
 ) -> FieldData:
-    to_index = np.linalg.inv(placement.linear @ index_to_local[:3, :3])
-    origin = -to_index @ placement.apply(index_to_local[:3, 3])
+    to_index = np.linalg.inv(similarity.linear @ index_to_local[:3, :3])
+    origin = -to_index @ similarity.apply(index_to_local[:3, 3])
     coefficients = ndimage.spline_filter(values, order=3, output=np.float32, mode="mirror")
     data = FieldData()
     data.coefficients = wp.array(coefficients, dtype=wp.float32, device=device)
@@ -162,48 +166,56 @@ def _field_data(
     return data
 
 
-def build_level(
+def build_surface_set(
     meshes: Sequence[TriangleMesh],
     tables: Sequence[GeodesicTable | None],
-    placements: Sequence[Placement],
+    to_optimizer: Sequence[Similarity],
     device: str,
-    moving: BoolArray | None = None,
-) -> Level:
+    free_shapes: BoolArray | None = None,
+) -> SurfaceSet:
     """Bring meshes and tables of all shapes to the device.
 
-    Tables stay empty for straight distances, and for shapes on which no particle is `moving`.
+    Tables stay empty for straight distances, and for shapes on which no particle is `free_shapes`.
     """
-    placed = [TriangleMesh(f.apply(m.vertices), m.faces) for m, f in zip(meshes, placements, strict=True)]
-    keep = [
-        _surface(mesh, table, placement, device, free)
-        for mesh, table, placement, free in zip(
-            placed, tables, placements, [True] * len(placed) if moving is None else moving, strict=True
+    transformed_meshes = [
+        TriangleMesh(f.apply(m.vertices), m.faces) for m, f in zip(meshes, to_optimizer, strict=True)
+    ]
+    references = [
+        _surface(mesh, table, similarity, device, free)
+        for mesh, table, similarity, free in zip(
+            transformed_meshes,
+            tables,
+            to_optimizer,
+            [True] * len(transformed_meshes) if free_shapes is None else free_shapes,
+            strict=True,
         )
     ]
-    extent = max(float(np.abs(mesh.vertices).max()) for mesh in placed)
-    sizes = np.array([one.size for one in keep])
-    return Level(wp.array(keep, dtype=Surface, device=device), placed, extent, sizes, keep)
+    extent = max(float(np.abs(mesh.vertices).max()) for mesh in transformed_meshes)
+    sizes = np.array([surface.size for surface in references])
+    return SurfaceSet(
+        wp.array(references, dtype=Surface, device=device), transformed_meshes, extent, sizes, references
+    )
 
 
 def _surface(
-    mesh: TriangleMesh, table: GeodesicTable | None, placement: Placement, device: str, moving: bool
+    mesh: TriangleMesh, table: GeodesicTable | None, similarity: Similarity, device: str, free_shapes: bool
 ) -> Surface:
     surface = Surface()
-    surface.held = int(not moving)
+    surface.fixed = int(not free_shapes)
     surface.size = 0.01 * math.sqrt(mesh.area)
     surface.vertices = wp.array(mesh.vertices.astype(np.float32), dtype=wp.vec3, device=device)
     surface.faces = wp.array(mesh.faces, dtype=wp.vec3i, device=device)
-    surface.face_neighbors = wp.array(face_neighbors(mesh.faces), dtype=wp.vec3i, device=device)
+    surface.face_neighbours = wp.array(face_neighbours(mesh.faces), dtype=wp.vec3i, device=device)
     if table is not None:
-        surface.table = table.on_device(device, placement.scale)
+        surface.table = table.on_device(device, similarity.scale)
     return surface
 
 
-def ordered(mesh: TriangleMesh) -> TriangleMesh:
-    """Return the mesh with its vertices along a space-filling (Morton) curve.
+def morton_ordered(mesh: TriangleMesh) -> TriangleMesh:
+    """Return the mesh with its vertices sorted along a Morton curve.
 
-    Corners of one triangle, and vertices near each other, then lie near each other in memory: lookups in a
-    dense geodesic table take a fifth of the time.
+    Neighbouring vertices are then neighbours in memory, so that lookups in a dense geodesic table take a
+    fifth of the time.
     """
     low = mesh.vertices.min(axis=0)
     cells = ((mesh.vertices - low) / np.ptp(mesh.vertices, axis=0).max() * 1023.0).astype(np.int64)
@@ -214,7 +226,7 @@ def ordered(mesh: TriangleMesh) -> TriangleMesh:
     return TriangleMesh(mesh.vertices[order], rank[mesh.faces])
 
 
-def face_neighbors(faces: IntArray) -> IntArray:
+def face_neighbours(faces: IntArray) -> IntArray:
     """Return for each face the three faces across the edges opposite to its corners, shape (F, 3)."""
     n = int(faces.max()) + 1
     start = np.roll(faces, -1, axis=1).ravel().astype(np.int64)
@@ -222,14 +234,14 @@ def face_neighbors(faces: IntArray) -> IntArray:
     forward = start * n + stop
     order = np.argsort(forward)
     backward = stop * n + start
-    place = order[np.minimum(np.searchsorted(forward[order], backward), len(order) - 1)]
-    if not np.array_equal(forward[place], backward):
+    position = order[np.minimum(np.searchsorted(forward[order], backward), len(order) - 1)]
+    if not np.array_equal(forward[position], backward):
         raise NumericalError("a mesh for the optimizer is not closed and consistently oriented")
-    return (place // 3).reshape(-1, 3).astype(np.int32)
+    return (position // 3).reshape(-1, 3).astype(np.int32)
 
 
 def nearest_faces(mesh: TriangleMesh, points: FloatArray, normals: FloatArray) -> IntArray:
-    """Return a face near each point whose normal agrees, where a walk can start; shape (n,)."""
+    """Return for each point a nearby face whose normal agrees, as the start of a walk; shape (n,)."""
     corners = mesh.vertices[mesh.faces]
     face_normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     face_normals /= np.maximum(np.linalg.norm(face_normals, axis=1, keepdims=True), 1e-30)

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from homolog.correspondence.start import (
-    SmoothingMap,
-    first_particles,
+from homolog.correspondence.initialization.registration import (
+    ThinPlateMap,
+    farthest_point_sampling,
+    initial_particles,
     medoid,
-    spread_indices,
     vertex_normals,
 )
 from homolog.surfaces.mesh import TriangleMesh
@@ -16,13 +16,13 @@ def test_a_smoothing_map_keeps_affine_maps_however_stiff_it_is():
     random = np.random.default_rng(0)
     control, points = random.normal(size=(30, 3)), random.normal(size=(50, 3))
     affine, shift = random.normal(size=(3, 3)), random.normal(size=3)
-    moved = SmoothingMap.between(control, points).moved(control @ affine.T + shift, 100.0)
+    moved = ThinPlateMap.fit(control, points).apply(control @ affine.T + shift, 100.0)
     np.testing.assert_allclose(moved, points @ affine.T + shift, atol=1e-8)
 
 
 def test_a_map_without_smoothing_interpolates():
     control, targets = np.random.default_rng(0).normal(size=(2, 30, 3))
-    moved = SmoothingMap.between(control, control).moved(targets, 0.0)
+    moved = ThinPlateMap.fit(control, control).apply(targets, 0.0)
     np.testing.assert_allclose(moved, targets, atol=1e-7)
 
 
@@ -33,7 +33,7 @@ def test_a_smoothing_map_solves_the_thin_plate_system():
     system = np.block([[kernel, affine], [affine.T, np.zeros((4, 4))]])
     solution = np.linalg.solve(system, np.vstack([targets, np.zeros((4, 3))]))
     expected = targets - 0.7 * solution[:20]
-    moved = SmoothingMap.between(control, control).moved(targets, 0.7)
+    moved = ThinPlateMap.fit(control, control).apply(targets, 0.7)
     np.testing.assert_allclose(moved, expected, atol=1e-8)
 
 
@@ -44,7 +44,7 @@ def test_vertex_normals_of_a_sphere_point_outward(ball):
 
 def test_spread_points_are_farther_apart_than_random_ones():
     points = np.random.default_rng(1).normal(size=(500, 3))
-    chosen = points[spread_indices(points, 20)]
+    chosen = points[farthest_point_sampling(points, 20)]
     gaps = np.linalg.norm(chosen[:, None] - chosen[None], axis=-1)[np.triu_indices(20, 1)]
     some = np.linalg.norm(points[:20, None] - points[None, :20], axis=-1)[np.triu_indices(20, 1)]
     assert len(set(map(tuple, chosen))) == 20
@@ -61,7 +61,7 @@ def test_first_particles_follow_a_known_deformation(ellipsoid_shapes):
     plain = TriangleMesh(source.vertices / unit, source.faces)
     bent = plain.vertices.copy()
     bent[:, 2] += 6.0 * np.sin(bent[:, 0] / 50.0)
-    found = first_particles([plain, TriangleMesh(bent, source.faces)], 60)
+    found = initial_particles([plain, TriangleMesh(bent, source.faces)], 60)
     expected = found[0].copy()
     expected[:, 2] += 6.0 * np.sin(expected[:, 0] / 50.0)
     spacing = np.sqrt(plain.area / 60)

@@ -18,19 +18,25 @@ from homolog.arrays import FloatArray, IntArray
 from homolog.progress import Tick, no_tick, part_of, patiently
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["first_particles", "snapped"]
+__all__ = ["initial_particles", "snap_to_mesh"]
 
-CONTROL = 400  # points of the reference that drive its deformation
-ROUNDS = 12
-ENOUGH = 6  # landmarks that make a map: four points fix an affine one
-STIFF, SOFT = 1e3, 10.0  # smoothing of the thin-plate map in the first and in the last round
-MATCHES, BLUR = 8, 4.0  # vertices that a closest point is the mean of, and how far apart [optimizer lengths]
-ALIKE = 0.5  # cosine from which a surface faces as it does nearby
+N_CONTROL_POINTS = 400  # points of the reference that drive its deformation
+N_ROUNDS = 12
+MIN_LANDMARKS = 6  # landmarks that make a map: four points fix an affine one
+FIRST_SMOOTHING, LAST_SMOOTHING = (
+    1e3,
+    10.0,
+)  # smoothing of the thin-plate map in the first and in the last round
+N_MATCHES, MATCH_WIDTH = (
+    8,
+    4.0,
+)  # vertices that a closest point is the mean of, and how far apart [optimizer lengths]
+MIN_NORMAL_COSINE = 0.5  # cosine from which a surface faces as it does nearby
 NORMAL_LENGTH = 20.0  # length, in the optimizer's unit, that a turn of the normal by one radian counts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SmoothingMap:
+class ThinPlateMap:
     """Smoothing thin-plate maps (kernel r in 3-D; Wahba 1990) from control points to any of their targets.
 
     One eigendecomposition serves every smoothing and every target: with the kernel's part that no affine
@@ -44,7 +50,7 @@ class SmoothingMap:
     affine: FloatArray  # (points, control)
 
     @classmethod
-    def between(cls, control: FloatArray, points: FloatArray) -> Self:
+    def fit(cls, control: FloatArray, points: FloatArray) -> Self:
         """Prepare the maps that move `points` (V, 3) as the control points (n, 3) are moved."""
         kernel = -cdist(control, control)
         orthogonal, triangle = np.linalg.qr(
@@ -57,14 +63,14 @@ class SmoothingMap:
         bending = -cdist(points, control) @ basis - affine @ (kernel @ basis)
         return cls(bending, np.maximum(values, 0.0), basis, affine)
 
-    def moved(self, targets: FloatArray, smoothing: float) -> FloatArray:
+    def apply(self, targets: FloatArray, smoothing: float) -> FloatArray:
         """Return where the points go, (V, 3), as the control points go near their targets (n, 3)."""
         weights = (self.basis.T @ targets) / (self.values + smoothing)[:, None]
         result: FloatArray = self.bending @ weights + self.affine @ targets
         return result
 
 
-def first_particles(
+def initial_particles(
     meshes: Sequence[TriangleMesh],
     count: int,
     seed: int = 0,
@@ -95,15 +101,15 @@ def first_particles(
     normals = [vertex_normals(mesh) for mesh in meshes]
     reference = medoid(meshes, tick=part_of(tick, 0.0, 0.1))
     source = meshes[reference]
-    control = spread_indices(source.vertices, min(CONTROL, len(source.vertices)))
-    marked = _marked(meshes, landmarks)
-    if len(marked[reference]):
-        chosen = spread_indices(source.vertices, count, marked[reference])
+    control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
+    landmark_vertices = _landmark_vertices(meshes, landmarks)
+    if len(landmark_vertices[reference]):
+        chosen = farthest_point_sampling(source.vertices, count, landmark_vertices[reference])
     else:
         begin = int(np.random.default_rng(seed).integers(len(source.vertices)))
-        chosen = spread_indices(source.vertices, count, [begin])
+        chosen = farthest_point_sampling(source.vertices, count, [begin])
     maps = patiently(
-        lambda _: SmoothingMap.between(source.vertices[control], source.vertices),
+        lambda _: ThinPlateMap.fit(source.vertices[control], source.vertices),
         part_of(tick, 0.1, 0.1),
         "first particles",
     )
@@ -114,34 +120,36 @@ def first_particles(
         if index == reference:
             result[index] = source.vertices[chosen]
             continue
-        guess = _guess(source, marked[reference], mesh.vertices[marked[index]])
-        deformed = register(source, control, mesh, own, maps, guess, here)
-        result[index] = snapped(deformed.vertices[chosen], vertex_normals(deformed)[chosen], mesh)
-        result[index, : len(marked[index])] = mesh.vertices[marked[index]]
+        initial_guess = _initial_guess(
+            source, landmark_vertices[reference], mesh.vertices[landmark_vertices[index]]
+        )
+        deformed = register(source, control, mesh, own, maps, initial_guess, here)
+        result[index] = snap_to_mesh(deformed.vertices[chosen], vertex_normals(deformed)[chosen], mesh)
+        result[index, : len(landmark_vertices[index])] = mesh.vertices[landmark_vertices[index]]
     return result
 
 
-def _marked(meshes: Sequence[TriangleMesh], landmarks: FloatArray | None) -> list[IntArray]:
+def _landmark_vertices(meshes: Sequence[TriangleMesh], landmarks: FloatArray | None) -> list[IntArray]:
     """Return the vertices nearest to each shape's landmarks; none for a landmark that shares its vertex."""
     if landmarks is None:
         return [np.empty(0, dtype=np.int64) for _ in meshes]
     pairs = zip(meshes, landmarks, strict=True)
     vertices = np.array([cKDTree(mesh.vertices).query(points)[1] for mesh, points in pairs])
-    apart = [
-        place
-        for place in range(vertices.shape[1])
-        if not (vertices[:, :place] == vertices[:, place : place + 1]).any()
+    distinct = [
+        index
+        for index in range(vertices.shape[1])
+        if not (vertices[:, :index] == vertices[:, index : index + 1]).any()
     ]
-    return list(vertices[:, apart])
+    return list(vertices[:, distinct])
 
 
-def _guess(source: TriangleMesh, marked: IntArray, targets: FloatArray) -> TriangleMesh:
+def _initial_guess(source: TriangleMesh, landmark_vertices: IntArray, targets: FloatArray) -> TriangleMesh:
     """Return the source as the thin-plate map of its marked vertices moves it; as it is if they make none."""
-    points = source.vertices[marked]
-    if len(marked) < ENOUGH or np.linalg.matrix_rank(points - points.mean(axis=0)) < 3:
+    points = source.vertices[landmark_vertices]
+    if len(landmark_vertices) < MIN_LANDMARKS or np.linalg.matrix_rank(points - points.mean(axis=0)) < 3:
         return source
-    maps = SmoothingMap.between(points, source.vertices)
-    return TriangleMesh(maps.moved(targets, SOFT), source.faces)
+    maps = ThinPlateMap.fit(points, source.vertices)
+    return TriangleMesh(maps.apply(targets, LAST_SMOOTHING), source.faces)
 
 
 def register(
@@ -149,8 +157,8 @@ def register(
     control: IntArray,
     target: TriangleMesh,
     normals: FloatArray,
-    maps: SmoothingMap,
-    guess: TriangleMesh | None = None,
+    maps: ThinPlateMap,
+    initial_guess: TriangleMesh | None = None,
     tick: Tick = no_tick,
 ) -> TriangleMesh:
     """Return the source mesh deformed onto the target, by closest points under softening thin plates.
@@ -158,17 +166,17 @@ def register(
     A closest point is the mean of a few vertices, by their distances: between vertices there is surface too.
     The first closest points are those of the guess, a deformed source, or of the source itself.
     """
-    deformed = source if guess is None else guess
+    deformed = source if initial_guess is None else initial_guess
     tree = cKDTree(features(target.vertices, normals))
-    for number, smoothing in enumerate(np.geomspace(STIFF, SOFT, ROUNDS)):
-        tick(number / ROUNDS, "first particles")
-        moving = features(deformed.vertices, vertex_normals(deformed))
-        found = tree.query(moving[control], k=MATCHES)
-        distances, vertices = np.asarray(found[0]), np.asarray(found[1])
-        weights = np.exp(-0.5 * (np.square(distances) - np.square(distances[:, :1])) / BLUR**2)
+    for number, smoothing in enumerate(np.geomspace(FIRST_SMOOTHING, LAST_SMOOTHING, N_ROUNDS)):
+        tick(number / N_ROUNDS, "first particles")
+        source_features = features(deformed.vertices, vertex_normals(deformed))
+        nearest = tree.query(source_features[control], k=N_MATCHES)
+        distances, vertices = np.asarray(nearest[0]), np.asarray(nearest[1])
+        weights = np.exp(-0.5 * (np.square(distances) - np.square(distances[:, :1])) / MATCH_WIDTH**2)
         weights /= weights.sum(axis=1, keepdims=True)
         matched = np.einsum("nk,nkd->nd", weights, target.vertices[vertices])
-        deformed = TriangleMesh(maps.moved(matched, float(smoothing)), source.faces)
+        deformed = TriangleMesh(maps.apply(matched, float(smoothing)), source.faces)
     return deformed
 
 
@@ -188,12 +196,14 @@ def vertex_normals(mesh: TriangleMesh) -> FloatArray:
     return unit
 
 
-def spread_indices(points: FloatArray, count: int, begin: Sequence[int] | IntArray = (0,)) -> IntArray:
+def farthest_point_sampling(
+    points: FloatArray, count: int, begin: Sequence[int] | IntArray = (0,)
+) -> IntArray:
     """Return indices of points far from each other, each the farthest from those before (Gonzalez 1985).
 
     Those to begin with come first.
     """
-    chosen = [int(one) for one in begin]
+    chosen = [int(index) for index in begin]
     gap = cdist(points, points[chosen]).min(axis=1)
     while len(chosen) < count:
         chosen.append(int(gap.argmax()))
@@ -210,29 +220,31 @@ def medoid(
     points = []
     for index, mesh in enumerate(meshes):
         tick(0.5 * index / len(meshes), "most typical shape")
-        points.append(mesh.vertices[spread_indices(mesh.vertices, samples)])
+        points.append(mesh.vertices[farthest_point_sampling(mesh.vertices, samples)])
     indices = range(0, len(meshes), step)
     costs = []
     for k in indices:
         tick(0.5 + 0.5 * k / len(meshes), "most typical shape")
-        away = [np.mean(np.asarray(trees[k].query(other)[0])) for other in points]
+        forward = [np.mean(np.asarray(trees[k].query(other)[0])) for other in points]
         back = [np.mean(np.asarray(tree.query(points[k])[0])) for tree in trees]
-        costs.append(float(np.sum(away) + np.sum(back)))
+        costs.append(float(np.sum(forward) + np.sum(back)))
     return indices[int(np.argmin(costs))]
 
 
-def snapped(points: FloatArray, normals: FloatArray, mesh: TriangleMesh) -> FloatArray:
+def snap_to_mesh(points: FloatArray, normals: FloatArray, mesh: TriangleMesh) -> FloatArray:
     """Return points on a mesh near the given ones, on the side that faces as the normals do, (n, 3)."""
-    facing = vertex_normals(mesh)
+    normals_of_mesh = vertex_normals(mesh)
     nearest: IntArray = np.asarray(
-        cKDTree(features(mesh.vertices, facing)).query(features(points, normals))[1]
+        cKDTree(features(mesh.vertices, normals_of_mesh)).query(features(points, normals))[1]
     )
-    feet, upward = mesh.vertices[nearest], facing[nearest]
-    aside = points - feet
-    aside -= upward * np.einsum("nd,nd->n", aside, upward)[:, None]
-    length = np.linalg.norm(aside, axis=1, keepdims=True)
-    there: FloatArray = feet + aside * np.minimum(1.0, mesh.mean_edge / np.maximum(length, 1e-12))
-    around = facing[np.asarray(cKDTree(mesh.vertices).query(there)[1])]
-    through = np.einsum("nd,nd->n", around, upward) < ALIKE  # the wall is thin and bends
-    there[through] = feet[through]
-    return there
+    closest, closest_normals = mesh.vertices[nearest], normals_of_mesh[nearest]
+    tangential = points - closest
+    tangential -= closest_normals * np.einsum("nd,nd->n", tangential, closest_normals)[:, None]
+    length = np.linalg.norm(tangential, axis=1, keepdims=True)
+    snapped: FloatArray = closest + tangential * np.minimum(1.0, mesh.mean_edge / np.maximum(length, 1e-12))
+    nearby_normals = normals_of_mesh[np.asarray(cKDTree(mesh.vertices).query(snapped)[1])]
+    crosses_wall = (
+        np.einsum("nd,nd->n", nearby_normals, closest_normals) < MIN_NORMAL_COSINE
+    )  # the wall is thin and bends
+    snapped[crosses_wall] = closest[crosses_wall]
+    return snapped

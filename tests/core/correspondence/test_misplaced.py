@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from homolog.correspondence import Start, logbook, optimize
-from homolog.correspondence.start import vertex_normals
-from homolog.correspondence.strays import exchanged, snapped, strays
+from homolog.correspondence import InitialParticles, optimize, recorder
+from homolog.correspondence.initialization.registration import vertex_normals
+from homolog.correspondence.misplaced import find_misplaced, find_swapped, snap_to_mesh
 from homolog.errors import Cancelled
 from homolog.settings import Method, OptimizeSettings
 
@@ -23,7 +23,7 @@ def turned(degrees):
 
 def strays_of(degrees):
     """Judge normals (M, N) turned so far from a mean of z."""
-    return strays(turned(np.asarray(degrees, float)), np.tile([0.0, 0.0, 1.0], (len(degrees[0]), 1)))
+    return find_misplaced(turned(np.asarray(degrees, float)), np.tile([0.0, 0.0, 1.0], (len(degrees[0]), 1)))
 
 
 @pytest.fixture(scope="module")
@@ -71,14 +71,16 @@ def test_a_point_put_on_a_thin_wall_that_bends_stays_on_its_side(make_shape):
     mesh = make_shape("disc", (14.0, 12.0, 1.5)).mesh
     points = np.random.default_rng(0).normal(size=(400, 3)) * [8.0, 7.0, 1.0]
     normals = np.tile([0.0, 0.0, 1.0], (400, 1))
-    nearest = cKDTree(mesh.vertices).query(snapped(points, normals, mesh))[1]
+    nearest = cKDTree(mesh.vertices).query(snap_to_mesh(points, normals, mesh))[1]
     assert vertex_normals(mesh)[nearest, 2].min() > 0.0
 
 
 def test_a_particle_on_the_wrong_wall_is_put_right_and_the_run_says_so(discs, spoiled):
     local, particle = spoiled
     words = []
-    found = optimize(discs, ON, start=Start(local), tick=lambda _, message: words.append(message))
+    found = optimize(
+        discs, ON, initial=InitialParticles(local), tick=lambda _, message: words.append(message)
+    )
     np.testing.assert_array_equal(np.argwhere(found.repaired > 0), [[SHAPE, particle]])
     assert np.einsum("nd,nd->n", found.normals[SHAPE], found.normals[0]).min() > 0.9
     assert words[-1] == "optimizing: 64 particles, 1 repaired on 1 shape"
@@ -88,7 +90,7 @@ def test_a_particle_that_has_left_its_surface_is_put_back_and_the_run_goes_on(di
     local, particle = spoiled
     local = local.copy()
     local[SHAPE, particle] = (80.0, 0.0, 0.0)
-    found = optimize(discs, ON, start=Start(local))
+    found = optimize(discs, ON, initial=InitialParticles(local))
     assert found.repaired[SHAPE, particle] > 0
     on_surface = cKDTree(discs[SHAPE].mesh.vertices).query(found.local[SHAPE])[0]
     assert on_surface.max() < discs[SHAPE].mesh.mean_edge
@@ -104,14 +106,14 @@ def test_two_particles_in_each_others_place_are_exchanged_and_nobody_else(discs)
     world[SHAPE, [middle, other]] = local[SHAPE, [other, middle]]
     normals = np.array([0.0, 0.0, 1.0]) * np.sign(local[0, :, 2:])
     nobody = np.tile(np.arange(64), (5, 1))
-    np.testing.assert_array_equal(exchanged(local, normals), nobody)
+    np.testing.assert_array_equal(find_swapped(local, normals), nobody)
     expected = nobody.copy()
     expected[SHAPE, [middle, other]] = other, middle
-    np.testing.assert_array_equal(exchanged(world, normals), expected)
+    np.testing.assert_array_equal(find_swapped(world, normals), expected)
 
 
 def test_the_objective_is_lower_after_a_repair(discs, spoiled):
-    found = optimize(discs, ON, start=Start(spoiled[0]))
+    found = optimize(discs, ON, initial=InitialParticles(spoiled[0]))
     objective = found.energies[:, 1:].sum(axis=1)
     before = objective[found.energies[:, 0] <= found.repaired.max()]
     assert objective[-1] < before.min() - 0.05
@@ -121,39 +123,39 @@ def test_held_particles_are_not_put_right(discs, spoiled):
     local, particle = spoiled
     movable = np.ones(local.shape[:2], bool)
     movable[SHAPE, particle] = False
-    found = optimize(discs, ON, start=Start(local, movable))
+    found = optimize(discs, ON, initial=InitialParticles(local, movable))
     np.testing.assert_array_equal(found.local[SHAPE, particle], local[SHAPE, particle])
 
 
 def test_without_normals_in_the_objective_nothing_is_repaired(discs, spoiled):
     settings = ON.model_copy(update={"method": Method.GEODESIC})
-    assert not optimize(discs, settings, start=Start(spoiled[0])).repaired.any()
+    assert not optimize(discs, settings, initial=InitialParticles(spoiled[0])).repaired.any()
 
 
 def test_a_run_resumed_before_or_after_a_repair_ends_bit_identical(discs, spoiled, monkeypatch):
-    monkeypatch.setattr(logbook, "KEEP_S", 0.0)
+    monkeypatch.setattr(recorder, "CHECKPOINT_INTERVAL_S", 0.0)
     kept = []
-    whole = optimize(discs, ON, start=Start(spoiled[0]), checkpoint=kept.append)
+    whole = optimize(discs, ON, initial=InitialParticles(spoiled[0]), checkpoint=kept.append)
     first = [one.repaired.any() for one in kept].index(True)
     for checkpoint in (kept[first - 1], kept[first], kept[-1]):
-        rest = optimize(discs, ON, start=Start(spoiled[0]), resume=checkpoint)
+        rest = optimize(discs, ON, initial=InitialParticles(spoiled[0]), resume=checkpoint)
         np.testing.assert_array_equal(rest.local, whole.local)
         np.testing.assert_array_equal(rest.repaired, whole.repaired)
         np.testing.assert_array_equal(rest.energies, whole.energies)
 
 
 def test_a_run_cancelled_in_the_middle_of_a_repair_ends_bit_identical(discs, spoiled, monkeypatch):
-    whole = optimize(discs, ON, start=Start(spoiled[0]))
+    whole = optimize(discs, ON, initial=InitialParticles(spoiled[0]))
 
     def cancelled(*_):
         raise Cancelled
 
     kept = []
-    monkeypatch.setattr("homolog.correspondence.strays.snapped", cancelled)
+    monkeypatch.setattr("homolog.correspondence.misplaced.snap_to_mesh", cancelled)
     with pytest.raises(Cancelled):
-        optimize(discs, ON, start=Start(spoiled[0]), checkpoint=kept.append)
+        optimize(discs, ON, initial=InitialParticles(spoiled[0]), checkpoint=kept.append)
     monkeypatch.undo()
     assert not kept[-1].repaired.any()
-    rest = optimize(discs, ON, start=Start(spoiled[0]), resume=kept[-1])
+    rest = optimize(discs, ON, initial=InitialParticles(spoiled[0]), resume=kept[-1])
     np.testing.assert_array_equal(rest.local, whole.local)
     np.testing.assert_array_equal(rest.energies, whole.energies)

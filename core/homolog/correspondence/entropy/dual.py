@@ -68,7 +68,7 @@ def solve_duals(
     normals: FloatArray,
     regularization: float,
     normals_regularization: float,
-    pull: float,
+    step_weight: float,
 ) -> Duals:
     """Return what the step needs of the two covariances.
 
@@ -86,9 +86,9 @@ def solve_duals(
     (I + p (C + aI)^-1)^-1 = I - p (C + (a + p) I)^-1.
     """
     gradient = inverse_dual(ensemble, regularization)
-    damping = np.eye(len(ensemble)) - pull * inverse_dual(ensemble, regularization + pull)
-    spread = inverse_dual(normals, normals_regularization)
+    damping = np.eye(len(ensemble)) - step_weight * inverse_dual(ensemble, regularization + step_weight)
+    normals_inverse = inverse_dual(normals, normals_regularization)
     entropies = np.array([entropy(ensemble, regularization), entropy(normals, normals_regularization)])
     return Duals(
-        gradient.astype(np.float32), damping.astype(np.float32), spread.astype(np.float32), entropies
+        gradient.astype(np.float32), damping.astype(np.float32), normals_inverse.astype(np.float32), entropies
     )

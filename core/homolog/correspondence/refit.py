@@ -10,42 +10,42 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
-from homolog.correspondence.mirror_images import with_mirror_images
-from homolog.correspondence.optimizer import optimize
-from homolog.correspondence.start import (
-    SmoothingMap,
+from homolog.correspondence.initialization.registration import (
+    ThinPlateMap,
+    farthest_point_sampling,
     features,
     register,
-    snapped,
-    spread_indices,
+    snap_to_mesh,
     vertex_normals,
 )
-from homolog.correspondence.strays import predicted
-from homolog.correspondence.surfaces import Placement, length_unit, of_one_size
-from homolog.correspondence.types import Observe, OptimizedParticles, Shape, Start
+from homolog.correspondence.mirror_images import with_mirror_images
+from homolog.correspondence.misplaced import predict_positions
+from homolog.correspondence.optimizer import optimize
+from homolog.correspondence.surface_sets import Similarity, length_unit, normalize_size
+from homolog.correspondence.types import FrameCallback, InitialParticles, OptimizedParticles, Shape
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["fitting_start", "repair"]
+__all__ = ["initialize_fit", "repair"]
 
-CONTROL = 400  # points that drive a thin-plate map
-TIGHT = 1e-6  # smoothing of a thin-plate map that passes through its targets
-ANNEAL, SETTLE = 100, 200  # iterations of a repair, at most
-LOOSE = 0.2  # regularisation at its start
+N_CONTROL_POINTS = 400  # points that drive a thin-plate map
+INTERPOLATION_SMOOTHING = 1e-6  # smoothing of a thin-plate map that passes through its targets
+ANNEAL_ITERATIONS, SETTLE_ITERATIONS = 100, 200  # iterations of a repair, at most
+REGULARIZATION_START = 0.2  # regularisation at its start
 
 
 def repair(
     shapes: Sequence[Shape],
     settings: OptimizeSettings,
     local: FloatArray,
-    movable: BoolArray,
+    free: BoolArray,
     *,
     misplaced: BoolArray | None = None,
     device: str = "auto",
     tick: Tick = no_tick,
-    observe: Observe | None = None,
+    observe: FrameCallback | None = None,
 ) -> OptimizedParticles:
     """Put some particles of a result right; the others stay as they are, to the bit.
 
@@ -57,11 +57,11 @@ def repair(
         Of the run that made the result.
     local : (M, N, 3) array
         All particles in file coordinates [mm].
-    movable : (M, N) bool array
+    free : (M, N) bool array
         Those that may move: a patch on one subject, or on several.
     misplaced : (M, N) bool array, optional
         Those that are not trusted at all: they begin where the other subjects predict them. By default
-        all that are movable.
+        all free ones.
     device, tick, observe
         As in `optimize`.
 
@@ -73,28 +73,28 @@ def repair(
     Raises
     ------
     InputError
-        If the arrays do not fit the shapes, or nothing is movable.
+        If the arrays do not fit the shapes, or no particle is free.
     """
-    wrong = movable if misplaced is None else misplaced
-    if local.shape[:2] != (len(shapes), *movable.shape[1:]) or wrong.shape != movable.shape:
+    untrusted = free if misplaced is None else misplaced
+    if local.shape[:2] != (len(shapes), *free.shape[1:]) or untrusted.shape != free.shape:
         raise InputError("the particles and the choice of those that may move are not of the same cohort")
     settings = settings.model_copy(
         update={
             "particles": local.shape[1],
-            "anneal_iterations": ANNEAL,
-            "settle_iterations": SETTLE,
-            "regularization_start": max(LOOSE, settings.regularization_end),
+            "anneal_iterations": ANNEAL_ITERATIONS,
+            "settle_iterations": SETTLE_ITERATIONS,
+            "regularization_start": max(REGULARIZATION_START, settings.regularization_end),
         }
     )
     images = with_mirror_images(shapes)
-    placed = images.points(_placed(images.shapes, images.points(local), wrong))
-    start = Start(placed, movable)
-    return optimize(shapes, settings, device=device, tick=tick, observe=observe, start=start)
+    initial_points = images.points(_predict_misplaced(images.shapes, images.points(local), untrusted))
+    start = InitialParticles(initial_points, free)
+    return optimize(shapes, settings, device=device, tick=tick, observe=observe, initial=start)
 
 
-def fitting_start(
+def initialize_fit(
     shapes: Sequence[Shape], local: FloatArray, known: BoolArray, tick: Tick = no_tick
-) -> Start:
+) -> InitialParticles:
     """Return where to begin fitting new subjects to a frozen model.
 
     Parameters
@@ -115,12 +115,12 @@ def fitting_start(
         that also places first particles; only those may move.
     """
     images = with_mirror_images(shapes)
-    shapes, placements = images.shapes, _placements(of_one_size(images.shapes))
+    shapes, to_optimizer = images.shapes, _similarities(normalize_size(images.shapes))
     start = np.zeros((len(shapes), *local.shape[1:]))
     start[known] = local
     start = images.points(start)
-    coarse = [_moved(s.coarse_mesh, p) for s, p in zip(shapes, placements, strict=True)]
-    points = [mesh.vertices[:: max(1, len(mesh.vertices) // CONTROL)] for mesh in coarse]
+    coarse = [_transform_mesh(s.coarse_mesh, p) for s, p in zip(shapes, to_optimizer, strict=True)]
+    points = [mesh.vertices[:: max(1, len(mesh.vertices) // N_CONTROL_POINTS)] for mesh in coarse]
     unknown = np.flatnonzero(~known).tolist()
     for number, k in enumerate(unknown):
         here = part_of(tick, number / len(unknown), (number + 1) / len(unknown))
@@ -128,39 +128,41 @@ def fitting_start(
         tree = cKDTree(coarse[k].vertices)
         costs = [float(np.mean(tree.query(points[j])[0])) for j in np.flatnonzero(known)]
         nearest = int(np.flatnonzero(known)[int(np.argmin(costs))])
-        fine = _moved(shapes[nearest].mesh, placements[nearest])
-        particles = placements[nearest].apply(start[nearest])
+        fine = _transform_mesh(shapes[nearest].mesh, to_optimizer[nearest])
+        particles = to_optimizer[nearest].apply(start[nearest])
         normals = _normals_at(fine, particles)
-        moved, normals = _carried(coarse[nearest], coarse[k], particles, normals, here)
-        feet = snapped(moved, normals, _moved(shapes[k].mesh, placements[k]))
-        start[k] = placements[k].invert(feet)
-    return Start(images.points(start), np.repeat(~known[:, None], local.shape[1], axis=1))
+        moved, normals = _warp(coarse[nearest], coarse[k], particles, normals, here)
+        snapped = snap_to_mesh(moved, normals, _transform_mesh(shapes[k].mesh, to_optimizer[k]))
+        start[k] = to_optimizer[k].invert(snapped)
+    return InitialParticles(images.points(start), np.repeat(~known[:, None], local.shape[1], axis=1))
 
 
-def _placed(shapes: Sequence[Shape], local: FloatArray, misplaced: BoolArray) -> FloatArray:
+def _predict_misplaced(shapes: Sequence[Shape], local: FloatArray, misplaced: BoolArray) -> FloatArray:
     """Return the local particles, the misplaced ones predicted and snapped to their surface."""
-    placements = _placements(shapes)
-    world = np.stack([p.apply(one) for p, one in zip(placements, local, strict=True)])
-    goals = predicted(world, misplaced)
+    to_optimizer = _similarities(shapes)
+    world = np.stack([p.apply(points) for p, points in zip(to_optimizer, local, strict=True)])
+    predicted = predict_positions(world, misplaced)
     result = local.copy()
     for k in np.flatnonzero(misplaced.any(axis=1)).tolist():
         columns = misplaced[k]
         normals = np.zeros((int(columns.sum()), 3))
         for j, shape in enumerate(shapes):
             if j != k:
-                normals += _normals_at(_moved(shape.mesh, placements[j]), world[j, columns])
+                normals += _normals_at(_transform_mesh(shape.mesh, to_optimizer[j]), world[j, columns])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-        feet = snapped(goals[k, columns], normals, _moved(shapes[k].mesh, placements[k]))
-        result[k, columns] = placements[k].invert(feet)
+        snapped = snap_to_mesh(
+            predicted[k, columns], normals, _transform_mesh(shapes[k].mesh, to_optimizer[k])
+        )
+        result[k, columns] = to_optimizer[k].invert(snapped)
     return result
 
 
-def _placements(shapes: Sequence[Shape]) -> list[Placement]:
+def _similarities(shapes: Sequence[Shape]) -> list[Similarity]:
     unit = length_unit(shapes)
-    return [Placement(s.alignment[:3, :3] / unit, s.alignment[:3, 3] / unit) for s in shapes]
+    return [Similarity(s.alignment[:3, :3] / unit, s.alignment[:3, 3] / unit) for s in shapes]
 
 
-def _moved(mesh: TriangleMesh, placement: Placement) -> TriangleMesh:
+def _transform_mesh(mesh: TriangleMesh, placement: Similarity) -> TriangleMesh:
     return TriangleMesh(placement.apply(mesh.vertices), mesh.faces)
 
 
@@ -171,13 +173,13 @@ def _normals_at(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
     return normals
 
 
-def _carried(
+def _warp(
     source: TriangleMesh, target: TriangleMesh, points: FloatArray, normals: FloatArray, tick: Tick
 ) -> tuple[FloatArray, FloatArray]:
     """Return points and normals on one coarse mesh carried towards another, (n, 3) each."""
-    control = spread_indices(source.vertices, min(CONTROL, len(source.vertices)))
-    maps = SmoothingMap.between(source.vertices[control], source.vertices)
+    control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
+    maps = ThinPlateMap.fit(source.vertices[control], source.vertices)
     deformed = register(source, control, target, vertex_normals(target), maps, tick=tick)
-    through = SmoothingMap.between(source.vertices[control], points)
+    through = ThinPlateMap.fit(source.vertices[control], points)
     near = cKDTree(features(source.vertices, vertex_normals(source))).query(features(points, normals))[1]
-    return through.moved(deformed.vertices[control], TIGHT), vertex_normals(deformed)[near]
+    return through.apply(deformed.vertices[control], INTERPOLATION_SMOOTHING), vertex_normals(deformed)[near]

@@ -50,14 +50,14 @@ def spline_weights(t: float) -> wp.vec4:
 
 
 @wp.func
-def spline_slopes(t: float) -> wp.vec4:
+def spline_derivatives(t: float) -> wp.vec4:
     """First derivatives of `spline_weights`."""
     u = 1.0 - t
     return wp.vec4(-0.5 * u * u, t * (1.5 * t - 2.0), -u * (1.5 * u - 2.0), 0.5 * t * t)
 
 
 @wp.func
-def spline_bends(t: float) -> wp.vec4:
+def spline_second_derivatives(t: float) -> wp.vec4:
     """Second derivatives of `spline_weights`."""
     return wp.vec4(1.0 - t, 3.0 * t - 2.0, 1.0 - 3.0 * t, t)
 
@@ -96,9 +96,9 @@ def stencil_at(field: FieldData, position: wp.vec3) -> Stencil:
     s.wx = spline_weights(s.t[0])
     s.wy = spline_weights(s.t[1])
     s.wz = spline_weights(s.t[2])
-    s.dx = spline_slopes(s.t[0])
-    s.dy = spline_slopes(s.t[1])
-    s.dz = spline_slopes(s.t[2])
+    s.dx = spline_derivatives(s.t[0])
+    s.dy = spline_derivatives(s.t[1])
+    s.dz = spline_derivatives(s.t[2])
     return s
 
 
@@ -139,9 +139,9 @@ def field_point(field: FieldData, position: wp.vec3) -> FieldPoint:
 def field_curvature(field: FieldData, position: wp.vec3) -> FieldPoint:
     """Value, gradient and Hessian at a position."""
     s = stencil_at(field, position)
-    ex = spline_bends(s.t[0])
-    ey = spline_bends(s.t[1])
-    ez = spline_bends(s.t[2])
+    ex = spline_second_derivatives(s.t[0])
+    ey = spline_second_derivatives(s.t[1])
+    ez = spline_second_derivatives(s.t[2])
     value = float(0.0)
     gradient = wp.vec3(0.0, 0.0, 0.0)
     straight = wp.vec3(0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""What a run tells and keeps on its way: energies, frames to look at, checkpoints, each when it is due."""
+"""Records of a running optimization: energies, frames for display, checkpoints."""
 
 import time
 from collections.abc import Callable
@@ -7,26 +7,26 @@ import numpy as np
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.correspondence.engine import Engine, Particles
-from homolog.correspondence.poses import rescaled, scales_of
-from homolog.correspondence.types import Checkpoint, Frame, Observe, Stage
+from homolog.correspondence.poses import rescale, scales_of
+from homolog.correspondence.types import Checkpoint, Frame, FrameCallback, Stage
 
-__all__ = ["Keep", "Logbook"]
+__all__ = ["CheckpointCallback", "RunRecorder"]
 
-KEEP_S = 20.0  # seconds between two checkpoints: with the iterations under way no more than 30 are lost
-FRAME_S = 0.05  # seconds between two frames
+CHECKPOINT_INTERVAL_S = 20.0  # with the iterations in progress no more than 30 s are lost
+FRAME_INTERVAL_S = 0.05
 
-Keep = Callable[[Checkpoint], None]
+CheckpointCallback = Callable[[Checkpoint], None]
 
 
-class Logbook:
-    """The records of a run, and the clocks by which they are handed out.
+class RunRecorder:
+    """Records energies; emits frames and checkpoints at regular intervals.
 
     Parameters
     ----------
     alignments : (M, 4, 4) array
-        Similarities from file to world coordinates, as the shapes are compared when the run begins.
+        Similarities from file to world coordinates at the start of the run.
     scales : (M,) array or None
-        Scales that the shapes are shown with; None for those with which they are compared.
+        Scales of the shapes in frames; None for those of the alignments.
     unit : float
         Optimizer's unit of length [mm of the world frame].
     observe : callable, optional
@@ -40,33 +40,33 @@ class Logbook:
         alignments: FloatArray,
         scales: FloatArray | None,
         unit: float,
-        observe: Observe | None,
-        keep: Keep | None,
+        observe: FrameCallback | None,
+        on_checkpoint: CheckpointCallback | None,
     ) -> None:
         self.alignments, self.scales, self.unit = alignments, scales, unit
-        self.observe, self.keep = observe, keep
+        self.observe, self.on_checkpoint = observe, on_checkpoint
         self.rows: list[list[float]] = []
         self.iteration = 0
         self._next_frame = self._next_checkpoint = 0.0
 
-    def go_on(self, saved: Checkpoint) -> None:
-        """Take over what an earlier run recorded."""
+    def restore(self, saved: Checkpoint) -> None:
+        """Restore the records of a checkpoint."""
         self.rows, self.iteration = saved.energies.tolist(), saved.iteration
 
     def record(self, parts: FloatArray) -> None:
-        """Note the three parts of the objective at this iteration."""
+        """Record the three terms of the objective at this iteration."""
         self.rows.append([float(self.iteration), *parts.tolist()])
 
-    def changed(self) -> float:
-        """Return how much the objective changed between the last two records."""
+    def objective_change(self) -> float:
+        """Return the absolute change of the objective between the last two records."""
         before, now = (float(np.sum(row[1:])) for row in self.rows[-2:])
         return abs(before - now)
 
-    def has_stopped_falling(self, records: int, tolerance: float) -> bool:
-        """Return whether the objective falls no more than it fluctuates, over twice so many last records.
+    def has_plateaued(self, records: int, tolerance: float) -> bool:
+        """Return whether the objective decreases by no more than it fluctuates, over the last 2 `records`.
 
-        Where surfaces have handles that are smaller than the distance between particles, a few particles
-        have no place of rest, and the objective keeps fluctuating.
+        On surfaces with handles smaller than the particle spacing, a few particles have no equilibrium and
+        the objective keeps fluctuating.
         """
         before, now = np.array(self.rows)[-2 * records :, 1:].sum(axis=1).reshape(2, records)
         error = np.sqrt((before.var(ddof=1) + now.var(ddof=1)) / records)
@@ -79,42 +79,42 @@ class Logbook:
 
     def aligned(self, poses: FloatArray) -> FloatArray:
         """Return the similarities from file to world coordinates under poses, (M, 4, 4) both."""
-        turned = poses.copy()
-        turned[:, :3, 3] *= self.unit
-        return turned @ self.alignments
+        shifted = poses.copy()
+        shifted[:, :3, 3] *= self.unit
+        return shifted @ self.alignments
 
     def begin_stage(self) -> None:
-        """Let the next frame be due at once, so that a stage is seen however short it is."""
+        """Make the next frame due at once, so that even a short stage is shown."""
         self._next_frame = 0.0
 
-    def show(self, stage: Stage, engine: Engine) -> None:
-        """Hand out a frame if one is due and something has been recorded."""
+    def emit_frame(self, stage: Stage, engine: Engine) -> None:
+        """Emit a frame if one is due and energies have been recorded."""
         now = time.monotonic()
         if self.observe is None or now < self._next_frame or not self.rows:
             return
-        self._next_frame = now + FRAME_S
-        world, alignments = engine.posed_positions() * self.unit, self.aligned(engine.poses)
+        self._next_frame = now + FRAME_INTERVAL_S
+        world, alignments = engine.aligned_positions() * self.unit, self.aligned(engine.poses)
         if self.scales is not None:
-            middles, before = world.mean(axis=1), scales_of(alignments)
-            alignments = rescaled(alignments, self.scales, middles)
+            centres, before = world.mean(axis=1), scales_of(alignments)
+            alignments = rescale(alignments, self.scales, centres)
             growth = (self.scales / before)[:, None, None]
-            world = middles[:, None] + growth * (world - middles[:, None])
+            world = centres[:, None] + growth * (world - centres[:, None])
         latest = np.array(self.rows[-1][1:])
         self.observe(Frame(stage, self.iteration, world, latest, alignments))
 
     def checkpoint_is_due(self) -> bool:
-        """Whether it is time for a checkpoint."""
+        """Return whether a checkpoint is due."""
         return time.monotonic() >= self._next_checkpoint
 
     def save(
         self, engine: Engine, left: int, done: int, repaired: IntArray, particles: Particles | None = None
     ) -> None:
-        """Hand out a checkpoint of the engine's particles, or of those given."""
-        self._next_checkpoint = time.monotonic() + KEEP_S
-        if self.keep is None:
+        """Emit a checkpoint of the engine's particles, or of those given."""
+        self._next_checkpoint = time.monotonic() + CHECKPOINT_INTERVAL_S
+        if self.on_checkpoint is None:
             return
         now = particles or engine.particles()
-        self.keep(
+        self.on_checkpoint(
             Checkpoint(
                 left=left,
                 done=done,

@@ -1,0 +1,1 @@
+"""The first particles: registration to a reference shape, then splitting."""

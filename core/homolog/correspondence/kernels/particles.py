@@ -1,0 +1,228 @@
+"""The optimizer's Warp kernels, the same source for CPU and CUDA.
+
+Particle arrays are flat, index = shape * N + particle, so that one launch serves all shapes. Every kernel
+takes `first`, the index that its first thread stands for: on the CPU each core launches on its own range.
+"""
+
+import warp as wp
+
+from homolog.correspondence.kernels.functions import (
+    FieldData,
+    closest_on_triangle,
+    field_curvature,
+    field_point,
+)
+from homolog.geodesics.kernels.lookup import SurfacePoint, TableData, surface_point
+
+wp.set_module_options({"enable_backward": False, "fast_math": False})
+
+__all__ = [
+    "Layout",
+    "Pose",
+    "StepParameters",
+    "Surface",
+    "locate",
+    "project",
+]
+
+
+MIN_NORMAL_COSINE = wp.constant(0.5)  # between the normals of a face and a particle that agree
+
+
+@wp.struct
+class Surface:
+    """One shape at one level of detail: a mesh to walk on and its geodesic table."""
+
+    vertices: wp.array(dtype=wp.vec3)
+    faces: wp.array(dtype=wp.vec3i)
+    face_neighbours: wp.array(dtype=wp.vec3i)  # across the edges opposite to each corner
+    table: TableData
+    size: float  # square root of its area over the mean area
+    fixed: int  # 1: all its particles are fixed, so that nothing is computed for it
+
+
+@wp.struct
+class Pose:
+    """The similarity that aligns a shape with the others: x -> linear x + shift."""
+
+    linear: wp.mat33
+    rotation: wp.mat33  # of linear, without its scale
+    shift: wp.vec3
+
+
+@wp.struct
+class Layout:
+    """Parameters that depend on the number of particles only."""
+
+    per_shape: int  # particles on each shape, N
+    shapes: int  # M
+    geodesic: int  # 1: geodesic distances; 0: straight lines with the normal filter
+    expected_width: float  # Parzen width of an even layout on a surface of mean area
+    list_cutoff: float  # longest distance in neighbour lists, on a surface of mean area
+
+
+@wp.struct
+class StepParameters:
+    """Parameters of one iteration; those of a stage lie in one array."""
+
+    step: float  # tau of the implicit step, a squared length
+    max_step: float  # longest move, in Parzen widths
+    ensemble_weight: float
+    normals_weight: float
+    regularization: wp.float64  # squared length
+    normals_regularization: wp.float64  # rad²
+
+
+@wp.kernel
+def project(
+    first: int,
+    per_shape: int,
+    newton_steps: int,
+    free: wp.array(dtype=int),
+    fields: wp.array(dtype=FieldData),
+    opening_fields: wp.array(dtype=FieldData),
+    positions: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    shape_operators: wp.array(dtype=wp.mat33),
+    openings: wp.array(dtype=wp.vec4),
+):
+    """Project onto the zero level by Newton steps; compute the normal n and the shape operator dn/dx.
+
+    dn/dx = (I - nn') Hess (I - nn') / |grad|. Where opening angles are in use, their gradient and value are
+    computed too.
+    """
+    p = first + wp.tid()
+    field = fields[p // per_shape]
+    x = positions[p]
+    limit = 1.5 / wp.length(wp.vec3(field.to_index[0, 0], field.to_index[1, 0], field.to_index[2, 0]))
+    for _step in range(newton_steps * free[p]):
+        here = field_point(field, x)
+        gradient_squared = wp.max(wp.length_sq(here.gradient), 1.0e-6)
+        move = -here.value / gradient_squared * here.gradient
+        length = wp.length(move)
+        if length > limit:
+            move = move * (limit / length)
+        x = x + move
+    surface = field_curvature(field, x)
+    size = wp.max(wp.length(surface.gradient), 1.0e-6)
+    n = surface.gradient / size
+    flat = wp.identity(n=3, dtype=float) - wp.outer(n, n)
+    positions[p] = x
+    normals[p] = n
+    shape_operators[p] = flat * surface.hessian * flat / size
+    opening_field = opening_fields[p // per_shape]
+    if opening_field.scale != 0.0:
+        opening = field_point(opening_field, x)
+        slope = opening.gradient
+        openings[p] = wp.vec4(slope[0], slope[1], slope[2], opening.value)
+
+
+@wp.func
+def closest_on_face(s: Surface, face: int, x: wp.vec3) -> wp.vec4:
+    """Return the barycentric weights of a face's point closest to x, and its squared distance."""
+    corners = s.faces[face]
+    a = s.vertices[corners[0]]
+    b = s.vertices[corners[1]]
+    c = s.vertices[corners[2]]
+    w = closest_on_triangle(x, a, b, c)
+    return wp.vec4(w[0], w[1], w[2], wp.length_sq(x - (w[0] * a + w[1] * b + w[2] * c)))
+
+
+@wp.func
+def corner_of(s: Surface, face: int, vertex: int) -> int:
+    """Return which corner of a face a vertex is."""
+    corners = s.faces[face]
+    return wp.where(corners[0] == vertex, 0, wp.where(corners[1] == vertex, 1, 2))
+
+
+@wp.func
+def normal_cosine(s: Surface, face: int, normal: wp.vec3) -> float:
+    """Return the cosine between a face's normal and another."""
+    corners = s.faces[face]
+    a = s.vertices[corners[0]]
+    return wp.dot(wp.normalize(wp.cross(s.vertices[corners[1]] - a, s.vertices[corners[2]] - a)), normal)
+
+
+@wp.func
+def next_face_around(s: Surface, face: int, vertex: int) -> int:
+    """Return the next face around a vertex."""
+    return s.face_neighbours[face][(corner_of(s, face, vertex) + 1) % 3]
+
+
+@wp.func
+def walk(s: Surface, begin: int, x: wp.vec3) -> int:
+    """Walk from a face to a local minimum of the distance to x; return its face.
+
+    From a point on an edge the face across it is tried, from a corner all faces around it.
+    """
+    face = begin
+    closest_here = closest_on_face(s, face, x)
+    moved = int(1)
+    steps = int(0)
+    while moved == 1 and steps < 500:
+        moved = int(0)
+        steps += 1
+        start = face
+        for k in range(3):
+            if closest_here[k] <= 0.0:
+                other = s.face_neighbours[start][k]
+                candidate = closest_on_face(s, other, x)
+                if candidate[3] < closest_here[3] * (1.0 - 1.0e-5):
+                    closest_here = candidate
+                    face = other
+                    moved = int(1)
+        for k in range(3):
+            if moved == 0 and closest_here[k] >= 1.0:
+                vertex = s.faces[start][k]
+                face_around = next_face_around(s, start, vertex)
+                while face_around != start:
+                    candidate = closest_on_face(s, face_around, x)
+                    if candidate[3] < closest_here[3] * (1.0 - 1.0e-5):
+                        closest_here = candidate
+                        face = face_around
+                        moved = int(1)
+                    face_around = next_face_around(s, face_around, vertex)
+    return face
+
+
+@wp.func
+def nearest_agreeing_face(s: Surface, face: int, x: wp.vec3, normal: wp.vec3) -> int:
+    """Return the closest adjacent face whose normal agrees with the given one; the face itself if none."""
+    best = face
+    nearest = float(1.0e30)
+    for k in range(3):
+        vertex = s.faces[face][k]
+        face_around = next_face_around(s, face, vertex)
+        while face_around != face:
+            candidate = closest_on_face(s, face_around, x)
+            if candidate[3] < nearest and normal_cosine(s, face_around, normal) > MIN_NORMAL_COSINE:
+                nearest = candidate[3]
+                best = face_around
+            face_around = next_face_around(s, face_around, vertex)
+    return best
+
+
+@wp.kernel
+def locate(
+    first: int,
+    per_shape: int,
+    surfaces: wp.array(dtype=Surface),
+    positions: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    face_of: wp.array(dtype=int),
+    closest: wp.array(dtype=SurfacePoint),
+):
+    """Find each particle's closest point on its mesh by walking from its last face.
+
+    A search in space could find the opposite wall of a thin shape. Below a sharp rim the walk can stay in a
+    local minimum on the side that the particle came from; it is then restarted from the closest adjacent face
+    whose normal agrees with the particle's.
+    """
+    p = first + wp.tid()
+    s = surfaces[p // per_shape]
+    x = positions[p]
+    face = walk(s, face_of[p], x)
+    if normal_cosine(s, face, normals[p]) < MIN_NORMAL_COSINE:
+        face = walk(s, nearest_agreeing_face(s, face, x, normals[p]), x)
+    face_of[p] = face
+    closest[p] = surface_point(s.vertices, s.faces, face, x)

@@ -1,0 +1,186 @@
+"""Sampling entropy on the device: neighbours, Parzen widths, forces (conventions as in `kernels`)."""
+
+import warp as wp
+
+from homolog.correspondence.kernels.functions import tangent
+from homolog.correspondence.kernels.particles import Layout, Surface
+from homolog.geodesics.kernels.lookup import SurfacePoint, geodesic
+
+wp.set_module_options({"enable_backward": False})
+
+__all__ = ["CUTOFF", "MAX_WIDTH_RATIO", "add_reaction_forces", "compute_forces", "link_neighbours", "spread"]
+
+MIN_FILTER_COSINE = wp.constant(0.3)  # cosine below which Cates et al.'s filter weakens an interaction
+CUTOFF = 3.5  # Parzen widths at which a kernel of 0.2 % is cut off
+MAX_WIDTH_RATIO = 1.2  # largest Parzen width, over that of an even layout
+CUTOFF_RATIO = wp.constant(CUTOFF)
+MAX_WIDTH = wp.constant(MAX_WIDTH_RATIO)
+MIN_WIDTH = wp.constant(0.1)
+SQUARED_FORM = wp.constant(0)
+
+
+@wp.kernel
+def spread(
+    per_shape: int,
+    side: int,
+    spacing: float,
+    positions: wp.array(dtype=wp.vec3),
+    spread_positions: wp.array(dtype=wp.vec3),
+):
+    """Place the shapes in a cube of `side` per row, apart from each other, so that they share one hash grid.
+
+    The hash grid is periodic: along one row, the number of shapes in the same cells would grow with the
+    number of shapes.
+    """
+    p = wp.tid()
+    k = p // per_shape
+    cell = wp.vec3(float(k % side), float(k // side % side), float(k // (side * side)))
+    spread_positions[p] = positions[p] + spacing * cell
+
+
+@wp.kernel
+def link_neighbours(
+    first: int,
+    c: Layout,
+    grid: wp.uint64,
+    surfaces: wp.array(dtype=Surface),
+    spread_positions: wp.array(dtype=wp.vec3),
+    closest: wp.array(dtype=SurfacePoint),
+    neighbours: wp.array(dtype=int, ndim=2),
+    counts: wp.array(dtype=int),
+):
+    """List the particles of the same shape within the cutoff, by geodesic or straight distance.
+
+    `counts` holds the number of neighbours, also where it exceeds the length of a row.
+    """
+    p = first + wp.tid()
+    shape = p // c.per_shape
+    if surfaces[shape].fixed == 1:
+        return
+    table = surfaces[shape].table  # one copy: copying this struct costs more than a lookup
+    x = spread_positions[p]
+    closest_point = closest[p]
+    count = int(0)
+    cutoff = c.list_cutoff * surfaces[shape].size
+    query = wp.hash_grid_query(grid, x, cutoff)
+    other = int(0)
+    while wp.hash_grid_query_next(query, other):
+        near = wp.length(spread_positions[other] - x) < cutoff
+        if other != p and other // c.per_shape == shape and near:
+            d = float(0.0)
+            if c.geodesic == 1:
+                d = geodesic(table, closest_point, closest[other], SQUARED_FORM)[3]
+            if d >= 0.0 and d < cutoff:
+                if count < neighbours.shape[1]:
+                    neighbours[p, count] = other
+                count += 1
+    counts[p] = count
+
+
+@wp.kernel
+def compute_forces(
+    first: int,
+    c: Layout,
+    surfaces: wp.array(dtype=Surface),
+    positions: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    closest: wp.array(dtype=SurfacePoint),
+    neighbours: wp.array(dtype=int, ndim=2),
+    counts: wp.array(dtype=int),
+    widths: wp.array(dtype=float),
+    next_widths: wp.array(dtype=float),
+    masses: wp.array(dtype=float),
+    pairs: wp.array(dtype=wp.vec4, ndim=2),
+    forces: wp.array(dtype=wp.vec3),
+    energies: wp.array(dtype=float),
+):
+    """Compute the energy log A_i - 3 log s_i, its descent force, and the next Parzen width.
+
+    p(x_i) ~ A_i / s_i^3 with A_i = sum_j q_ij exp(-d_ij^2 / 2 s_i^2). The width s_i makes the energy
+    stationary (s^2 = sum q w d^2 / 3 sum q w), so that its derivative drops out of the gradient. Each call
+    makes one fixed-point iteration.
+    """
+    p = first + wp.tid()
+    shape = p // c.per_shape
+    if surfaces[shape].fixed == 1:
+        return
+    x = positions[p]
+    n = normals[p]
+    closest_point = closest[p]
+    table = surfaces[shape].table
+    count = wp.min(counts[p], neighbours.shape[1])
+    for k in range(count):
+        j = neighbours[p, k]
+        pair = wp.vec4(0.0, 0.0, 0.0, -1.0)
+        if c.geodesic == 1:
+            derivative = geodesic(table, closest_point, closest[j], SQUARED_FORM)
+            away = tangent(wp.vec3(derivative[0], derivative[1], derivative[2]), n)
+            size = wp.length(away)
+            if derivative[3] >= 0.0 and size > 1.0e-6:
+                pair = wp.vec4(away[0] / size, away[1] / size, away[2] / size, derivative[3])
+        else:
+            straight = x - positions[j]
+            d = wp.length(straight)
+            away = tangent(straight, n)
+            if d > 1.0e-9:
+                pair = wp.vec4(away[0] / d, away[1] / d, away[2] / d, d)
+        pairs[p, k] = pair
+    s = widths[p]
+    mass = float(0.0)
+    squared_spread = float(0.0)
+    force = wp.vec3(0.0, 0.0, 0.0)
+    for k in range(count):
+        pair = pairs[p, k]
+        d = pair[3]
+        if d >= 0.0 and d < CUTOFF_RATIO * s:
+            w = wp.exp(-0.5 * d * d / (s * s))
+            if c.geodesic == 0:
+                w = w * normal_filter(n, normals[neighbours[p, k]])
+            mass += w
+            squared_spread += w * d * d
+            force += w * d * wp.vec3(pair[0], pair[1], pair[2])
+    even = c.expected_width * surfaces[shape].size
+    fixed_point = MAX_WIDTH * even
+    if mass > 1.0e-12:
+        fixed_point = wp.sqrt(squared_spread / (3.0 * mass))
+    next_widths[p] = wp.clamp(0.5 * (s + fixed_point), MIN_WIDTH * even, MAX_WIDTH * even)
+    masses[p] = wp.max(mass * s * s, 1.0e-12)
+    forces[p] = force / wp.max(mass * s * s, 1.0e-12)
+    energies[p] = wp.log(wp.max(mass, 1.0e-12)) - 3.0 * wp.log(s)
+
+
+@wp.kernel
+def add_reaction_forces(
+    first: int,
+    c: Layout,
+    normals: wp.array(dtype=wp.vec3),
+    neighbours: wp.array(dtype=int, ndim=2),
+    counts: wp.array(dtype=int),
+    widths: wp.array(dtype=float),
+    masses: wp.array(dtype=float),
+    pairs: wp.array(dtype=wp.vec4, ndim=2),
+    forces: wp.array(dtype=wp.vec3),
+):
+    """Add the derivative of the neighbours' energies by this particle's position."""
+    p = first + wp.tid()
+    force = wp.vec3(0.0, 0.0, 0.0)
+    for k in range(wp.min(counts[p], neighbours.shape[1])):
+        pair = pairs[p, k]
+        j = neighbours[p, k]
+        d = pair[3]
+        s = widths[j]
+        if d >= 0.0 and d < CUTOFF_RATIO * s:
+            w = wp.exp(-0.5 * d * d / (s * s))
+            if c.geodesic == 0:
+                w = w * normal_filter(normals[p], normals[j])
+            force += w * d / masses[j] * wp.vec3(pair[0], pair[1], pair[2])
+    forces[p] = forces[p] + force
+
+
+@wp.func
+def normal_filter(a: wp.vec3, b: wp.vec3) -> float:
+    """Return Cates et al.'s weight: 1 for similar normals, with a cosine fall-off to 0 for opposite ones."""
+    cosine = wp.dot(a, b)
+    if cosine >= MIN_FILTER_COSINE:
+        return 1.0
+    return wp.cos(0.5 * wp.pi * (MIN_FILTER_COSINE - cosine) / (MIN_FILTER_COSINE + 1.0))

@@ -1,0 +1,399 @@
+"""The optimization loop: initial particles, iterations, splits, repairs, convergence."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.correspondence.engine import Engine, Particles, rotations
+from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
+from homolog.correspondence.initialization.registration import initial_particles
+from homolog.correspondence.initialization.splitting import split
+from homolog.correspondence.launcher import Launcher
+from homolog.correspondence.misplaced import relocate, relocate_misplaced
+from homolog.correspondence.poses import (
+    align_to_mean,
+    entropy_step,
+    generalized_procrustes,
+    inverse_matrices,
+    procrustes_step,
+    rescale,
+    scales_of,
+    transform_points,
+)
+from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, landmarks_on_device
+from homolog.correspondence.recorder import CheckpointCallback, RunRecorder
+from homolog.correspondence.schedule import StagePlan
+from homolog.correspondence.types import (
+    Checkpoint,
+    FrameCallback,
+    InitialParticles,
+    OptimizedParticles,
+    Reason,
+    Shape,
+    Stage,
+)
+from homolog.errors import Cancelled, InputError, NumericalError
+from homolog.progress import Tick, part_of
+from homolog.settings import OptimizeSettings, Procrustes
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["OptimizationLoop"]
+
+RECORD_INTERVAL = 20  # iterations between two records of the energies
+PLATEAU_RECORDS = 10  # records whose mean is compared with that of the same number before
+LOST_DISTANCE = 2.5  # distance from the mesh [optimizer lengths] from which a particle has left the surface
+MAX_LOST_FRACTION = 0.3  # of a shape's particles; beyond it mesh and distance field disagree
+SPLIT_OFFSET = 0.25  # of the Parzen width
+INITIAL_ROUNDS, ALIGNING_ROUNDS = 4, 5  # alternations of initial particles and poses, where poses are free
+MAX_POSE_REGULARIZATION = 0.1  # of H(Z) in the steps of the poses: few modes should explain the shapes
+TANGENTIAL_WEIGHT = 0.01  # of tangential distances in pose steps while particles are few
+
+
+class OptimizationLoop:
+    """The loop over stages and iterations.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        Those of the prepared cohort.
+    alignments : (M, 4, 4) array
+        As given by the caller. The result keeps their scales unless size is removed.
+    cohort : PreparedCohort
+    settings : OptimizeSettings
+    stages : sequence of StagePlan
+    initial : InitialParticles or None
+        None: particles are initialized by registration.
+    tick, observe, on_checkpoint
+        As in `homolog.correspondence.optimize`.
+
+    Attributes
+    ----------
+    engine : Engine
+        The particles; replaced at every split.
+    repaired : (M, n) int32 array
+        Iteration at which each particle was relocated, 0 if never; replaced with the engine.
+    """
+
+    engine: Engine
+    repaired: IntArray
+
+    def __init__(
+        self,
+        shapes: Sequence[Shape],
+        alignments: FloatArray,
+        cohort: PreparedCohort,
+        settings: OptimizeSettings,
+        stages: Sequence[StagePlan],
+        initial: InitialParticles | None,
+        tick: Tick,
+        observe: FrameCallback | None,
+        on_checkpoint: CheckpointCallback | None,
+    ) -> None:
+        self.cohort, self.settings, self.initial, self.stages = cohort, settings, initial, stages
+        self.alignments = alignments
+        scales = None if settings.procrustes is Procrustes.SIMILARITY else scales_of(alignments)
+        compared = np.stack([shape.alignment for shape in shapes])
+        self.log = RunRecorder(compared, scales, cohort.unit, observe, on_checkpoint)
+        self.landmarks = landmarks_on_device(shapes, cohort, stages[0].count)
+        self.initial_tick, self.tick = part_of(tick, 0.0, 0.05), part_of(tick, 0.05, 1.0)
+        self._progress = (0.0, "first particles")
+        self.launcher = Launcher(cohort.device, poll_cancel=lambda: self.tick(*self._progress))
+        free = 1.0 if initial is None or initial.free is None else float(initial.free.mean())
+        self.tolerance = settings.tolerance * free  # the objective is per particle, of all
+        self.poses = np.tile(np.eye(4), (len(cohort.names), 1, 1))
+        self.aligns = settings.procrustes not in (Procrustes.OFF, Procrustes.AUTO)
+        self.scaling = settings.procrustes.takes_size_out
+        self.free_poses: BoolArray = np.full(len(cohort.names), True)  # shapes whose pose may change
+        if initial is not None and initial.free is not None:
+            self.free_poses = np.all(initial.free, axis=1)
+        self._costs = np.array([plan.expected_iterations * (plan.count + 256.0) for plan in self.stages])
+
+    def run(self, resume: Checkpoint | None) -> Reason:
+        """Run all stages, or the remaining ones of a checkpoint."""
+        begin, done = 0, 0
+        if resume is None:
+            self._initialize()
+        else:
+            begin, done = self._stage_of(resume), resume.done
+            self.log.restore(resume)
+            self.poses = resume.poses
+            self._set_particles(self.stages[begin].count, _particles(resume), resume.repaired.copy())
+        reason = Reason.ITERATIONS
+        for index in range(begin, len(self.stages)):
+            plan = self.stages[index]
+            if plan.count != self.engine.count:
+                try:
+                    self._split(plan)
+                except Cancelled:
+                    if index > 0:
+                        self._checkpoint(index - 1, self.stages[index - 1].iterations)
+                    raise
+            reason = self._stage(index, done)
+            self._relocate_lost()
+            done = 0
+        return reason
+
+    def _initialize(self) -> None:
+        """Place the initial particles."""
+        count = self.stages[0].count
+        if self.initial is not None:
+            pairs = zip(self.cohort.to_optimizer, self.initial.local, strict=True)
+            points = np.stack([similarity.apply(local) for similarity, local in pairs])
+            if self.aligns and not self.free_poses.all():  # fixed shapes are aligned to their own mean
+                fixed = ~self.free_poses
+                self.poses[fixed] = generalized_procrustes(
+                    points[fixed], self.poses[fixed], scaling=self.scaling
+                )
+                self.poses = align_to_mean(points, self.poses, self.free_poses, scaling=self.scaling)
+            elif self.aligns:
+                self.poses = generalized_procrustes(points, self.poses, scaling=self.scaling)
+            self._set_particles(count, points)
+            return
+        rounds = INITIAL_ROUNDS if self.aligns else 1
+        for number in range(rounds):
+            meshes = [
+                TriangleMesh(transform_points(pose[None], mesh.vertices[None])[0], mesh.faces)
+                for pose, mesh in zip(self.poses, self.cohort.surface_set(count).meshes, strict=True)
+            ]
+            tick = part_of(self.initial_tick, number / rounds, (number + 1) / rounds)
+            landmarks = None if self.landmarks is None else transform_points(self.poses, self.landmarks)
+            aligned = initial_particles(meshes, count, self.settings.seed, tick, landmarks)
+            self._set_particles(count, transform_points(inverse_matrices(self.poses), aligned))
+            for _ in range(ALIGNING_ROUNDS):
+                self._align(tangential_weight=TANGENTIAL_WEIGHT)
+
+    def _stage_of(self, resume: Checkpoint) -> int:
+        index = len(self.stages) - 1 - resume.left
+        expected = (len(self.cohort.names), self.stages[max(index, 0)].count)
+        fits = index >= 0 and resume.positions.shape[:2] == expected
+        if fits:  # kernels do not check these indices
+            meshes = self.cohort.surface_set(expected[1]).meshes
+            rows = zip(resume.faces, meshes, strict=True)
+            fits = all(row.min() >= 0 and row.max() < len(mesh.faces) for row, mesh in rows)
+        if not fits:
+            raise InputError("the checkpoint belongs to another cohort or other settings; start a new run")
+        return index
+
+    def _set_particles(
+        self, count: int, particles: Particles | FloatArray, repaired: IntArray | None = None
+    ) -> None:
+        """Replace the engine; without `repaired` no particle counts as repaired."""
+        zeros = np.zeros((len(self.cohort.names), count), np.int32)
+        self.repaired = zeros if repaired is None else repaired
+        self.engine = Engine(
+            self.cohort.fields,
+            self.cohort.opening_fields,
+            self.cohort.surface_set(count),
+            particles,
+            geodesic=self.cohort.geodesic,
+            area=MEAN_AREA,
+            launcher=self.launcher,
+            poses=self.poses,
+            free=None if self.initial is None else self.initial.free,
+        )
+
+    def _align(self, tangential_weight: float = 1.0, regularization: float | None = None) -> None:
+        """Align the shapes during the run: by Procrustes analysis, or to lower H(Z)."""
+        if not self.aligns or not self.free_poses.any():
+            return
+        aligned = self.engine.aligned_positions(), self.engine.aligned_normals()
+        if regularization is not None:
+            self.poses = entropy_step(
+                aligned[0], self.poses, self.free_poses, scaling=self.scaling, regularization=regularization
+            )
+            self.engine.set_poses(self.poses)
+            return
+        self.poses = procrustes_step(
+            *aligned, self.poses, self.free_poses, scaling=self.scaling, tangential_weight=tangential_weight
+        )
+        self.engine.set_poses(self.poses)
+
+    def _split(self, plan: StagePlan) -> None:
+        old = self.engine
+        random = np.random.default_rng([self.settings.seed, plan.count])
+        scales = np.cbrt(np.linalg.det(self.poses[:, :3, :3]))
+        offset = SPLIT_OFFSET * old.width * scales * old.surface_set.sizes
+        aligned = split(old.aligned_positions(), old.aligned_normals(), plan.count, offset, random)
+        self._set_particles(plan.count, transform_points(inverse_matrices(self.poses), aligned))
+
+    def _stage(self, index: int, done: int) -> Reason:
+        plan = self.stages[index]
+        self.engine.start_stage([plan.weights(i) for i in range(plan.iterations)], done)
+        self.log.begin_stage()
+        if done == 0:
+            self._checkpoint(index, done)
+            if plan.until_converged:
+                self._relocate_misplaced(index, done)
+        elif (
+            self.repaired.max() < self.log.iteration
+            and self._has_converged(plan, done)
+            and self._is_done(index, done)
+        ):
+            return Reason.CONVERGED  # the run was cancelled while misplaced particles were relocated
+        while done < plan.iterations:
+            times = min(LIST_ITERATIONS, plan.iterations - done)
+            self._iterate(index, done, times)
+            done += times
+            self.log.iteration += times
+            if done % RECORD_INTERVAL == 0 or done == plan.iterations:
+                self._record(plan)
+                if self._is_done(index, done):
+                    return Reason.CONVERGED
+            self._report(index, done)
+        return Reason.ITERATIONS
+
+    def _is_done(self, index: int, done: int) -> bool:
+        """Return whether a stage has converged; if not, align the shapes."""
+        plan = self.stages[index]
+        if self._has_converged(plan, done) and not self._relocate_misplaced(index, done):
+            return True
+        if plan.stage is Stage.SPLITTING:
+            self._align(TANGENTIAL_WEIGHT)
+        else:
+            regularization = plan.weights(min(done, plan.iterations - 1)).regularization
+            self._align(regularization=min(regularization, MAX_POSE_REGULARIZATION))
+        return False
+
+    def _has_converged(self, plan: StagePlan, done: int) -> bool:
+        """Return whether the objective has converged or only fluctuates, at the newest record."""
+        if (
+            not plan.until_converged
+            or done < 2 * RECORD_INTERVAL
+            or (done % RECORD_INTERVAL and done < plan.iterations)
+        ):
+            return False
+        return self.log.objective_change() < self.tolerance or (
+            done >= 2 * PLATEAU_RECORDS * RECORD_INTERVAL
+            and self.log.has_plateaued(PLATEAU_RECORDS, self.tolerance)
+        )
+
+    def _relocate_misplaced(self, index: int, done: int) -> bool:
+        """Move misplaced particles to where the other shapes predict them; return whether there were any.
+
+        A particle is moved once before the stage settles and once in it, so that the loop terminates.
+        """
+        if not self.settings.method.uses_normals or 2 * done > self.stages[index].iterations:
+            return False  # in the second half of the stage particles are left alone
+        allowed = self.repaired <= self.log.iteration - done
+        if self.initial is not None and self.initial.free is not None:
+            allowed &= self.initial.free
+        before = self.engine.particles()
+        try:
+            moved = relocate_misplaced(self.engine, allowed)
+        except Cancelled:
+            self._checkpoint(index, done, before)
+            raise
+        self.repaired[moved] = self.log.iteration
+        return bool(moved.any())
+
+    def _iterate(self, index: int, done: int, times: int) -> None:
+        """Move the particles; if cancelled, checkpoint their positions from before."""
+        before = self.engine.particles() if self.launcher.device == "cpu" else None
+        try:
+            self.engine.iterate(times)
+        except Cancelled:
+            self._checkpoint(index, done, before)
+            raise
+
+    def _record(self, plan: StagePlan) -> None:
+        parts = self.engine.energy() * [1.0, plan.ensemble_weight, plan.normals_weight]
+        if not np.isfinite(parts).all():
+            raise NumericalError(
+                f"the objective is not a number at iteration {self.log.iteration}; run with another seed, or "
+                "on another device"
+            )
+        self.log.record(parts)
+
+    def _relocate_lost(self) -> None:
+        """Move particles that have left their surfaces back onto them.
+
+        Raises
+        ------
+        NumericalError
+            If there are so many that a subject's surface and distance field must disagree.
+        """
+        # Particles lie on the zero level, from which a coarse mesh deviates.
+        limits = np.array(
+            [[max(LOST_DISTANCE, 2.0 * mesh.mean_edge)] for mesh in self.engine.surface_set.meshes]
+        )
+        free = True if self.initial is None or self.initial.free is None else self.initial.free
+        if not ((self.engine.surface_distances() >= limits) & free).any():
+            return
+        self.engine.find_faces()  # the walk over the mesh may have been trapped
+        lost = (self.engine.surface_distances() >= limits) & free
+        if not lost.any():
+            return
+        if (too_many := lost.mean(axis=1) > MAX_LOST_FRACTION).any():
+            names = [name for name, bad in zip(self.cohort.names, too_many, strict=True) if bad]
+            raise NumericalError(
+                f"{', '.join(names)}: particles can't be kept on the surface, because it and its distance "
+                "field disagree; groom the subject again, or exclude it"
+            )
+        relocate(self.engine, lost)
+        self.repaired[lost] = max(self.log.iteration, 1)
+
+    def _report(self, index: int, done: int) -> None:
+        """Emit a frame, a checkpoint and the progress, when they are due."""
+        self.log.emit_frame(self.stages[index].stage, self.engine)
+        if self.log.checkpoint_is_due():
+            self._checkpoint(index, done)
+        plan = self.stages[index]
+        cost_done = self._costs[:index].sum() + self._costs[index] * min(1.0, done / plan.expected_iterations)
+        self._progress = (
+            cost_done / self._costs.sum(),
+            f"{plan.stage.value}: {plan.count} particles{self._repairs()}",
+        )
+        try:
+            self.tick(*self._progress)
+        except Cancelled:
+            self._checkpoint(index, done)
+            raise
+
+    def _repairs(self) -> str:
+        count, shapes = np.count_nonzero(self.repaired), np.count_nonzero(self.repaired.any(axis=1))
+        return f", {count} repaired on {shapes} shape{'s' if shapes > 1 else ''}" if count else ""
+
+    def _checkpoint(self, index: int, done: int, particles: Particles | None = None) -> None:
+        self.log.save(self.engine, len(self.stages) - 1 - index, done, self.repaired, particles)
+
+    def result(self, reason: Reason) -> OptimizedParticles:
+        """Return the particles in millimetres."""
+        positions = self.engine.host_positions().astype(np.float64)
+        local = np.stack(
+            [p.invert(points) for p, points in zip(self.cohort.to_optimizer, positions, strict=True)]
+        )
+        if self.initial is not None and self.initial.free is not None:
+            local = np.where(self.initial.free[..., None], local, self.initial.local)
+        alignments = self._alignments(local)
+        rotation_matrices = rotations(alignments) @ rotations(self.log.aligned(self.poses)).transpose(0, 2, 1)
+        return OptimizedParticles(
+            world=transform_points(alignments, local),
+            local=local,
+            normals=np.einsum("mij,mnj->mni", rotation_matrices, self.engine.aligned_normals()),
+            energies=self.log.energies,
+            alignments=alignments,
+            iterations=self.log.iteration,
+            reason=reason,
+            repaired=self.repaired,
+        )
+
+    def _alignments(self, local: FloatArray) -> FloatArray:
+        """Return the result's similarities from file to world coordinates, (M, 4, 4).
+
+        They are computed from the particles. Fixed shapes keep theirs; the others are aligned to their mean.
+        """
+        if not self.aligns:
+            return self.alignments
+        scaling = self.settings.procrustes is Procrustes.SIMILARITY
+        if self.free_poses.all():
+            similarities = self.log.aligned(self.poses)
+            if not scaling:
+                centres = transform_points(similarities, local).mean(axis=1)
+                similarities = rescale(similarities, scales_of(self.alignments), centres)
+            return generalized_procrustes(local, similarities, scaling=scaling)
+        return align_to_mean(local, self.alignments, self.free_poses, scaling=scaling)
+
+
+def _particles(saved: Checkpoint) -> Particles:
+    return Particles(saved.positions, saved.widths, saved.means, saved.faces)

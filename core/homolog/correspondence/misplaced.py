@@ -1,0 +1,179 @@
+"""Particles that came to lie on another wall of one shape than of most, or in each other's place: moved back.
+
+A particle that has slipped over a rim feels nothing on the flat wall behind it that would bring it back.
+Where the other shapes agree, they tell its place.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.interpolate import RBFInterpolator
+from scipy.spatial import cKDTree
+
+from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.correspondence.engine import Engine, rotations
+from homolog.correspondence.initialization.registration import farthest_point_sampling, features, snap_to_mesh
+from homolog.correspondence.poses import inverse_matrices, transform_points
+from homolog.errors import InputError
+
+__all__ = ["find_misplaced", "find_swapped", "predict_positions", "relocate", "relocate_misplaced"]
+
+MIN_ANGLE = np.radians(45.0)  # from the mean normal, of a stray …
+MIN_MEDIAN_RATIO = 3.0  # … and so many times the median over the shapes, which so have to agree
+MIN_SHAPES = 3  # shapes that it takes to say which of them is the odd one
+MAX_MISPLACED_FRACTION = (
+    0.1  # share of a shape's particles; where more disagree, it is matched differently as a whole
+)
+N_NEIGHBOURS = 8  # particles that tell where one between them ought to be
+MAX_PAIR_ERROR_RATIO, MAX_ERROR_RATIO = (
+    0.5,
+    0.8,
+)  # of the distances of two particles, and of either, from where they ought to be
+N_NEAR_CONTROL_POINTS, N_FAR_CONTROL_POINTS = (
+    300,
+    100,
+)  # particles around the misplaced ones that tell their place, and more all over the shape
+
+
+def find_misplaced(normals: FloatArray, means: FloatArray) -> BoolArray:
+    """Return which particles face another way than on most shapes, (M, N).
+
+    Parameters
+    ----------
+    normals : (M, N, 3) array
+        Unit normals as they are compared.
+    means : (N, 3) array
+        Their Fréchet means over the shapes.
+    """
+    angles = np.arccos(np.clip(np.einsum("mnd,nd->mn", normals, means), -1.0, 1.0))
+    misplaced: BoolArray = (angles > MIN_ANGLE) & (angles > MIN_MEDIAN_RATIO * np.median(angles, axis=0))
+    misplaced[misplaced.mean(axis=1) > MAX_MISPLACED_FRACTION] = False
+    return misplaced & (len(normals) >= MIN_SHAPES)
+
+
+def relocate_misplaced(engine: Engine, allowed: BoolArray) -> BoolArray:
+    """Move an engine's strays to where the other shapes have them; returns which were moved, (M, N).
+
+    Parameters
+    ----------
+    engine : Engine
+    allowed : (M, N) bool array
+        Particles that may be moved.
+    """
+    aligned, normals, means = engine.aligned_positions(), engine.aligned_normals(), engine.host_means()
+    misplaced = find_misplaced(normals, means) & allowed
+    partners = find_swapped(aligned, means)
+    swapped = (partners != np.arange(aligned.shape[1])) & allowed & ~misplaced
+    swapped &= np.take_along_axis(swapped, partners, axis=1)
+    if swapped.any():
+        order = np.where(swapped, partners, np.arange(aligned.shape[1]))
+        engine.set_positions(
+            np.take_along_axis(engine.host_positions().astype(np.float64), order[..., None], axis=1)
+        )
+    if misplaced.any():
+        relocate(engine, misplaced)
+    moved: BoolArray = misplaced | swapped
+    return moved
+
+
+def find_swapped(aligned: FloatArray, means: FloatArray) -> IntArray:
+    """Return the particle that stands in each one's place on its shape, itself for nearly all, (M, N).
+
+    Where a particle ought to be follows from the mean of all shapes and from how the particles around it
+    depart from theirs. Two that lie much nearer to each other's place than to their own are exchanged.
+
+    Parameters
+    ----------
+    posed : (M, N, 3) array
+        Particles as they are compared.
+    means : (N, 3) array
+        Mean unit normals.
+    """
+    n_shapes, count = aligned.shape[:2]
+    partners = np.tile(np.arange(count), (n_shapes, 1))
+    if n_shapes < MIN_SHAPES or count <= N_NEIGHBOURS + 2:
+        return partners
+    mean = aligned.mean(axis=0)
+    neighbours = np.asarray(
+        cKDTree(features(mean, means)).query(features(mean, means), k=N_NEIGHBOURS + 1)[1]
+    )[:, 1:]
+    for k in range(n_shapes):
+        deviation = aligned[k] - mean
+        expected = mean + np.median(deviation[neighbours], axis=1)
+        error = np.linalg.norm(aligned[k] - expected, axis=1)
+        nearest = np.asarray(cKDTree(aligned[k]).query(expected, k=2)[1])
+        first = np.where(nearest[:, 0] == np.arange(count), nearest[:, 1], nearest[:, 0])
+        mutual = np.flatnonzero((first[first] == np.arange(count)) & (np.arange(count) < first))
+        i, j = mutual, first[mutual]
+        other_i = np.linalg.norm(aligned[k, j] - expected[i], axis=1)
+        other_j = np.linalg.norm(aligned[k, i] - expected[j], axis=1)
+        is_swap = other_i + other_j < MAX_PAIR_ERROR_RATIO * (error[i] + error[j])
+        is_swap &= (other_i < MAX_ERROR_RATIO * error[i]) & (other_j < MAX_ERROR_RATIO * error[j])
+        partners[k, i[is_swap]], partners[k, j[is_swap]] = j[is_swap], i[is_swap]
+    return partners
+
+
+def relocate(engine: Engine, misplaced: BoolArray) -> None:
+    """Move misplaced particles (M, N) of an engine to where the other shapes have them.
+
+    Not all particles of a shape may be misplaced.
+    """
+    means = engine.host_means()
+    aligned = np.where(misplaced[..., None], 0.0, engine.aligned_positions())  # lost ones may not be numbers
+    targets = transform_points(
+        inverse_matrices(engine.poses), predict_positions(aligned, misplaced, engine.launch.poll_cancel)
+    )
+    normals = np.einsum("mji,nj->mni", rotations(engine.poses), means)
+    positions = engine.host_positions().astype(np.float64)
+    for k in np.flatnonzero(misplaced.any(axis=1)).tolist():
+        engine.launch.poll_cancel()
+        moved = misplaced[k]
+        positions[k, moved] = snap_to_mesh(targets[k, moved], normals[k, moved], engine.surface_set.meshes[k])
+    engine.set_positions(positions)
+
+
+def predict_positions(
+    world: FloatArray, misplaced: BoolArray, poll_cancel: Callable[[], None] = lambda: None
+) -> FloatArray:
+    """Return particles of which the misplaced ones are where the other subjects have them.
+
+    Parameters
+    ----------
+    world : (M, N, 3) array
+        Aligned particles.
+    misplaced : (M, N) bool array
+        Those to be moved.
+    breathe : callable
+        Called before each subject; it may raise to stop the work.
+
+    Returns
+    -------
+    (M, N, 3) array
+        For each subject the mean of the others is carried to it by a thin-plate map through the particles
+        that are in place, most of them around the misplaced ones.
+
+    Raises
+    ------
+    InputError
+        If on some subject none is in place.
+    """
+    result = world.copy()
+    for k in np.flatnonzero(misplaced.any(axis=1)).tolist():
+        poll_cancel()
+        trusted = ~misplaced
+        trusted[k] = False
+        trusted[:, ~trusted.any(axis=0)] = True  # misplaced on all others: better they than none
+        trusted[k] = False
+        weights = trusted / trusted.sum(axis=0)
+        others = np.einsum("mn,mnd->nd", weights, world)
+        if misplaced[k].all():
+            raise InputError(
+                "all particles of one subject are misplaced; fit the subject to the others instead"
+            )
+        target, source = np.flatnonzero(misplaced[k]), np.flatnonzero(~misplaced[k])
+        nearest = np.argsort(cKDTree(others[target]).query(others[source])[0])[:N_NEAR_CONTROL_POINTS]
+        far = farthest_point_sampling(others[source], min(N_FAR_CONTROL_POINTS, len(source)))
+        control = source[np.union1d(nearest, far)]
+        spline = RBFInterpolator(others[control], world[k, control], kernel="linear", degree=1)
+        result[k, target] = spline(others[target])
+    return result

@@ -1,0 +1,180 @@
+"""A cohort prepared for the optimization: fields, surfaces and geodesic tables on the device."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from homolog.arrays import BoolArray, FloatArray
+from homolog.correspondence.entropy.sampling import LIST_CUTOFF
+from homolog.correspondence.schedule import particle_counts
+from homolog.correspondence.surface_sets import (
+    Similarity,
+    SurfaceSet,
+    build_surface_set,
+    field_array,
+    length_unit,
+    morton_ordered,
+    opening_array,
+)
+from homolog.correspondence.types import Shape
+from homolog.errors import InputError
+from homolog.geodesics import GeodesicTable, solve_tables
+from homolog.progress import Tick, no_tick, part_of
+from homolog.settings import OptimizeSettings
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["MEAN_AREA", "GeodesicSolver", "PreparedCohort", "landmarks_on_device", "prepare_cohort"]
+
+GeodesicSolver = Callable[..., Sequence[GeodesicTable]]
+"""Has the signature of `homolog.geodesics.solve_tables`."""
+
+MEAN_AREA = 1.0e4
+"""Mean surface area in squared optimizer lengths, by definition of the unit."""
+MIN_FINE_PARTICLES = 300
+"""Number of particles from which the fine meshes are used; the coarse ones have 1500 vertices."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedCohort:
+    """The shapes on the device; constant while particles move.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The subjects.
+    unit : float
+        Optimizer's unit of length [mm of the world frame].
+    to_optimizer : tuple of Similarity
+        From local millimetres to the optimizer's coordinates, for each shape.
+    fields, opening_fields : wp.array of FieldData
+        Distances and opening angles.
+    coarse, fine : Level or None
+        For fewer than `MIN_FINE_PARTICLES` particles, and for more; None if the run has no such stage.
+    geodesic : bool
+        Whether the surface sets have geodesic tables.
+    device : str
+        Warp alias.
+    """
+
+    names: tuple[str, ...]
+    unit: float
+    to_optimizer: tuple[Similarity, ...]
+    fields: Any
+    opening_fields: Any
+    coarse: SurfaceSet | None
+    fine: SurfaceSet | None
+    geodesic: bool
+    device: str
+
+    def surface_set(self, count: int) -> SurfaceSet:
+        """Return the surface set on which `count` particles measure distances."""
+        surface_set = self.coarse if count < MIN_FINE_PARTICLES else self.fine
+        if surface_set is None:
+            raise ValueError(f"the shapes were not prepared for {count} particles")
+        return surface_set
+
+
+def prepare_cohort(
+    shapes: Sequence[Shape],
+    settings: OptimizeSettings,
+    *,
+    device: str,
+    counts: Sequence[int] | None = None,
+    free_shapes: BoolArray | None = None,
+    solve: GeodesicSolver = solve_tables,
+    tick: Tick = no_tick,
+) -> PreparedCohort:
+    """Compute the geodesic tables and bring all shapes to the device.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+    settings : OptimizeSettings
+    device : str
+        Warp alias.
+    counts : sequence of int, optional
+        Numbers of particles of the stages; by default those of a complete optimization.
+    free_shapes : (M,) bool array, optional
+        Shapes with free particles. The others get no tables, as no distances on them are needed.
+    solve : callable
+        Geodesic solver.
+    tick : Tick
+        Progress and cancelling.
+    """
+    unit = length_unit(shapes)
+    to_optimizer = tuple(Similarity(s.alignment[:3, :3] / unit, s.alignment[:3, 3] / unit) for s in shapes)
+    counts = particle_counts(settings.particles) if counts is None else counts
+    free = np.full(len(shapes), True) if free_shapes is None else free_shapes
+    geodesic = settings.method.uses_geodesics
+    few_counts = [n for n in counts if n < MIN_FINE_PARTICLES]
+    many_counts = [n for n in counts if n >= MIN_FINE_PARTICLES]
+    between = 1.0 if not many_counts else 0.4 if few_counts else 0.1
+
+    def surface_set(originals: Sequence[TriangleMesh], limits: Sequence[float], tick: Tick) -> SurfaceSet:
+        meshes = []
+        for mesh, shape in zip(originals, shapes, strict=True):
+            tick(0.0, f"mesh of {shape.name}")
+            meshes.append(morton_ordered(mesh))
+        tables: list[GeodesicTable | None] = [None] * len(shapes)
+        if geodesic:
+            solved_shapes = [k for k, is_free in enumerate(free) if is_free]
+            solved = solve(
+                [meshes[k] for k in solved_shapes],
+                [limits[k] for k in solved_shapes],
+                device=device,
+                names=[shapes[k].name for k in solved_shapes],
+                tick=tick,
+            )
+            for k, table in zip(solved_shapes, solved, strict=True):
+                tables[k] = table
+        return build_surface_set(meshes, tables, to_optimizer, device, free)
+
+    complete = [np.inf] * len(shapes)
+    cutoff = LIST_CUTOFF * math.sqrt(MEAN_AREA / (math.pi * min(many_counts))) if many_counts else 0.0
+    d_max = [  # in proportion to the particle spacing on each surface
+        cutoff * 0.01 * math.sqrt(s.mesh.area) + 2.0 * s.mesh.mean_edge for s in shapes
+    ]
+    opening = settings.opening_weight if settings.method.uses_normals else 0.0
+    return PreparedCohort(
+        names=tuple(shape.name for shape in shapes),
+        unit=unit,
+        to_optimizer=to_optimizer,
+        fields=field_array(shapes, to_optimizer, device, part_of(tick, 0.0, 0.08)),
+        opening_fields=opening_array(shapes, to_optimizer, opening, device, part_of(tick, 0.08, 0.1)),
+        coarse=surface_set([s.coarse_mesh for s in shapes], complete, part_of(tick, 0.1, between))
+        if few_counts
+        else None,
+        fine=surface_set([s.mesh for s in shapes], d_max, part_of(tick, between, 1.0))
+        if many_counts
+        else None,
+        geodesic=geodesic,
+        device=device,
+    )
+
+
+def landmarks_on_device(shapes: Sequence[Shape], cohort: PreparedCohort, count: int) -> FloatArray | None:
+    """Return the shapes' landmarks in the optimizer's coordinates, (M, L, 3); None if there are none.
+
+    Raises
+    ------
+    InputError
+        If they differ in number between shapes, or exceed the `count` initial particles.
+    """
+    landmarks = [shape.landmarks for shape in shapes if shape.landmarks is not None]
+    if not landmarks:
+        return None
+    counts_of_landmarks = {len(is_free) for is_free in landmarks}
+    if len(landmarks) < len(shapes) or len(counts_of_landmarks) > 1 or max(counts_of_landmarks) > count:
+        raise InputError(
+            f"landmarks must be the same on every shape and no more than the {count} initial particles; "
+            "give all shapes the same, or run without them"
+        )
+    return np.stack(
+        [
+            similarity.apply(is_free)
+            for similarity, is_free in zip(cohort.to_optimizer, landmarks, strict=True)
+        ]
+    )
