@@ -60,8 +60,8 @@ def optimize(
         Particles of an earlier result. Fewer than requested are split; if some of them are fixed, all must be
         given. By default particles are initialized by registration.
     resume : Checkpoint, optional
-        A checkpoint of an interrupted run with the same shapes, settings and initial particles. On the CPU the
-        result is bit-identical to that of an uninterrupted run.
+        A checkpoint of an interrupted run with the same shapes, settings and initial particles. The result is
+        that of an uninterrupted run, bit-identical on the CPU.
     solve : callable
         Geodesic solver.
 

@@ -51,7 +51,7 @@ class PreparedCohort:
         From local millimetres to the optimizer's coordinates, for each shape.
     fields, opening_fields : wp.array of FieldData
         Distances and opening angles.
-    coarse, fine : Level or None
+    coarse, fine : SurfaceSet or None
         For fewer than `MIN_FINE_PARTICLES` particles, and for more; None if the run has no such stage.
     geodesic : bool
         Whether the surface sets have geodesic tables.
