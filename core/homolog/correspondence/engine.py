@@ -219,8 +219,8 @@ class Engine:
     def energy(self) -> FloatArray:
         """Return H(P), H(Z) and H(V) of the last iteration, per particle and shape, (3,).
 
-        H(P) is -(mean log density); the objective is the weighted sum of the three. Shapes with fixed particles
-        only contribute nothing.
+        H(P) is -(mean log density); the objective is the weighted sum of the three. Shapes on which all
+        particles are fixed contribute nothing.
         """
         sampling = float(self.sampling.energies.numpy().mean(dtype=np.float64))
         return np.array([sampling, *self.coupling.entropies()])
