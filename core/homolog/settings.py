@@ -134,8 +134,7 @@ class GroomSettings(_Settings):
             ge=0.0,
             le=10.0,
             json_schema_extra=_unit("voxels"),
-            description="Tunnels through the shape that are narrower than this are filled: noise of labels, "
-            "which every subject has at another place. 0 keeps all.",
+            description="Fill tunnels narrower than this, which are noise of the labels; 0 keeps all.",
         ),
     ] = 3.0
     alignment: Annotated[

@@ -138,5 +138,7 @@ def _title(model: type[BaseModel]) -> str:
 
 def _help(one: Parameter) -> str:
     default = _AUTO if one.default is None else one.default
+    if one.kind is bool:
+        default = "on" if default else "off"
     facts = [one.bounds, one.unit, f"default {default}"]
     return f"{one.help} ({', '.join(fact for fact in facts if fact)})".replace("%", "%%")

@@ -58,7 +58,9 @@ def cohort_of(
     elif isinstance(shapes, Iterable):
         pairs = [(_name(shape, number), shape) for number, shape in enumerate(shapes, start=1)]
     else:
-        raise InputError(f"shapes: {type(shapes).__name__} is no cohort; give a folder or a list of shapes")
+        raise InputError(
+            f"shapes: {type(shapes).__name__} is not a cohort; give a folder or a list of shapes"
+        )
     names = [name for name, _ in pairs]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"several shapes are called {', '.join(twice[:5])}; give a dict with other names")
@@ -137,13 +139,13 @@ def _labels(
     else:
         labels, matrix = np.asarray(shape), np.eye(4)
         if labels.ndim == 3 and voxel_size is None:
-            raise InputError("is a label array, whose voxel_size [mm] is not given; give it")
+            raise InputError("is a label array without voxel_size [mm]; give it")
         size = np.broadcast_to(np.asarray(1.0 if voxel_size is None else voxel_size, np.float64), 3)
         if not (np.isfinite(size).all() and (size > 0.0).all()):
             raise InputError(f"voxel_size {voxel_size} must be one or three lengths above 0 [mm]")
         matrix[:3, :3] = np.diag(size)
     if labels.ndim != 3 or labels.dtype.kind not in "biuf":
-        raise InputError(f"{type(shape).__name__} is no shape; give {_KINDS}")
+        raise InputError(f"{type(shape).__name__} is not a shape; give {_KINDS}")
     return labels.astype(np.uint8) if labels.dtype.kind == "b" else labels, matrix
 
 

@@ -38,8 +38,8 @@ _NEXT = ".next"
 OUT_OF_DATE = "OUT_OF_DATE.txt"
 """Stands in a folder of statistics whose tables are of an earlier result."""
 _OUT_OF_DATE_WORDS = (
-    "The tables in this folder are of an earlier result of the project: particles were placed anew since.\n"
-    "Run homolog analyze with the same question, or homolog report, to compute them again.\n"
+    "The tables in this folder belong to an earlier result: particles have been placed again since.\n"
+    "Run the same analysis, or write the report, to compute them again.\n"
 )
 _COMPLETE = "complete"
 _WRITTEN = ("groomed", "geodesics", "particles", "model", "figures", "analysis", "report", "seeds", _NEXT)

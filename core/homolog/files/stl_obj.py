@@ -44,7 +44,7 @@ def _text(text: bytes, content: bytes) -> Polygons:
     words = [word for corner in _VERTEX.findall(text) for word in corner]
     counts = [len(re.findall(word, text)) for word in (rb"\bvertex\b", rb"\bendloop\b", rb"\bendfacet\b")]
     if b"endsolid" not in text or counts != [len(words) // 3, len(words) // 9, len(words) // 9]:
-        raise ValueError("cut short, or facets that are no triangles")
+        raise ValueError("cut short, or facets that are not triangles")
     return _of_corners(numbers_of(words, whole=False).reshape(-1, 3), content)
 
 

@@ -150,10 +150,10 @@ def _notes(solid: Solid, touching: BoolArray, dropped: int, share: float) -> tup
     widths = ", ".join(f"{one:.3g}" for one in ends[:4]) + (" …" if len(ends) > 4 else "")
     said = [
         (solid.welded, f"coincident vertices were merged ({solid.welded})"),
-        (solid.dropped, f"faces without area or listed twice were left out ({solid.dropped})"),
+        (solid.dropped, f"faces without area or listed twice were removed ({solid.dropped})"),
         (solid.turned, f"faces of opposite orientation were turned ({solid.turned})"),
         (pieces > 1, f"pieces that touch or overlap were united ({pieces})"),
-        (walls > _CRUMBS * len(solid.mesh.faces), f"faces inside the solid were left out ({walls})"),
+        (walls > _CRUMBS * len(solid.mesh.faces), f"faces inside the solid were removed ({walls})"),
         (len(ends), f"open ends were closed flat at their rims ({len(ends)}: {widths} mm wide)"),
         (holes, f"holes with flat rims were closed flat ({holes})"),
         (
