@@ -27,6 +27,7 @@ _COMMANDS = (
     "info",
     "table",
     "demo",
+    "sample",
     "beans",
     "analyze",
     "check",
