@@ -88,6 +88,15 @@ def test_info_tells_subjects_groups_and_an_unfinished_run(tmp_path, capsys):
     assert "none yet" in text
 
 
+def test_a_folder_in_place_of_a_command_opens_the_window_on_it(tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr("homolog_app.cli.open_window", lambda paths: opened.append(list(paths)) or 0)
+    assert main([str(tmp_path)]) == 0
+    assert opened == [[str(tmp_path)]]
+    with pytest.raises(SystemExit):
+        main([str(tmp_path / "nothing")])
+
+
 def test_info_of_another_folder_is_an_input_error(tmp_path, capsys):
     assert main(["info", str(tmp_path)]) == 2
     assert capsys.readouterr().err == f"homolog: {tmp_path}: is not a project (it contains no project.json)\n"

@@ -10,6 +10,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from types import ModuleType
 
 from homolog import __version__
@@ -51,7 +52,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         Arguments after the program's name; those of the process by default.
     """
     parser, modules = _parser()
-    arguments = parser.parse_args(argv)
+    given = sys.argv[1:] if argv is None else list(argv)
+    if given and given[0] not in modules and Path(given[0]).exists():
+        return open_window(given)
+    arguments = parser.parse_args(given)
     try:
         if arguments.command is None:
             return open_window([])
@@ -87,7 +91,7 @@ def _parser() -> tuple[argparse.ArgumentParser, dict[str, ModuleType]]:
     parser = argparse.ArgumentParser(
         prog="homolog",
         description="Statistical shape analysis: corresponding points on a cohort of shapes, shape models "
-        "and group tests. Without a command the window opens.",
+        "and group tests. Without a command the window opens; homolog FOLDER opens it on a project.",
     )
     parser.add_argument("--version", action="version", version=f"homolog {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")

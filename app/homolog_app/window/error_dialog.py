@@ -1,6 +1,7 @@
 """One dialog for what went wrong: what happened, what to do, details folded."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QLabel, QPlainTextEdit, QVBoxLayout, QWidget
@@ -13,10 +14,17 @@ __all__ = ["ErrorDialog"]
 
 
 class ErrorDialog(QDialog):
-    """Shows an error; the details can be unfolded and a report saved."""
+    """Shows an error; the details can be unfolded, a report saved, and remedies tried, each with a button."""
 
     def __init__(
-        self, parent: QWidget, theme: Theme, title: str, words: str, details: str, save: Callable[[str], None]
+        self,
+        parent: QWidget,
+        theme: Theme,
+        title: str,
+        words: str,
+        details: str,
+        save: Callable[[str], None],
+        remedies: Mapping[str, Callable[[], object]] = MappingProxyType({}),
     ) -> None:
         super().__init__(parent)
         self.setWindowTitle(title)
@@ -54,6 +62,12 @@ class ErrorDialog(QDialog):
         row.addStretch()
         row.addWidget(report)
         row.addWidget(close)
+        for words_of_one, remedy in remedies.items():
+            one = button(words_of_one)
+            one.setAutoDefault(False)
+            one.clicked.connect(self.accept)
+            one.clicked.connect(lambda _, remedy=remedy: remedy())
+            row.insertWidget(row.count() - 2, one)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
         layout.setSpacing(2 * GRID)

@@ -11,7 +11,7 @@ from homolog_app.window.quantities import millilitres
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
 from homolog_app.window.subjects import Groomed
-from homolog_app.window.widgets import Panel, button, label, rule, set_primary
+from homolog_app.window.widgets import ActionButton, Panel, label, rule, set_primary
 
 __all__ = ["GroomPanel"]
 
@@ -32,8 +32,7 @@ class GroomPanel(Panel):
         self.report.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.subject = label("", "SectionTitle", wrap=True)
         self.mirrored = label("", "Hint", wrap=True)
-        self.again = button("Groom this one again")
-        self.again.clicked.connect(actions["run.regroom"].trigger)
+        self.again = ActionButton("Groom this one again", actions["run.regroom"])
         self.body.addWidget(self.form)
         self.body.addWidget(self.mirrored)
         self.body.addWidget(rule())
@@ -41,10 +40,8 @@ class GroomPanel(Panel):
             self.body.addWidget(one)
         self.body.addStretch()
         self.progress = Progress(actions)
-        self.go = button("Groom", "primary")
-        self.go.clicked.connect(actions["run.groom"].trigger)
-        self.proceed = button("Next: Correspond", "primary")
-        self.proceed.clicked.connect(actions["view.correspond"].trigger)
+        self.go = ActionButton("Groom", actions["run.groom"], "primary")
+        self.proceed = ActionButton("Next: Correspond", actions["view.correspond"], "primary")
         for widget in (self.progress, self.go, self.proceed):
             self.footer.addWidget(widget)
         for signal in (session.study_changed, session.facts_changed, session.selection_changed):
@@ -63,7 +60,6 @@ class GroomPanel(Panel):
         idle = not self.progress.isVisibleTo(self)
         count = len(session.study.included)
         self.go.setText(f"Groom {count} subjects" if not session.is_groomed else "Groom all again")
-        self.go.setEnabled(count > 0)
         set_primary(self.go, not session.is_groomed)
         self.proceed.setVisible(idle and session.is_groomed)
         turned = [one for one, found in session.groomed.items() if mirrors(found.alignment)]

@@ -20,6 +20,7 @@ from homolog_app.window.shortcut_sheet import ShortcutSheet
 
 __all__ = ["Helping"]
 
+_AGAIN = {"groom": "run.groom", "run": "run.start"}
 _TITLES = {"groom": "Grooming stopped", "run": "The run stopped", "open": "The result can't be read"}
 
 
@@ -43,7 +44,27 @@ class Helping(Part):
         title = _TITLES.get(kind, "This did not work")
         words = words_for(error) or "This is a defect of the program. Please save a report and send it in."
         details = "".join(traceback.format_exception(error))
-        ErrorDialog(self._window, self._desk.theme, title, words, details, self.save_report).open()
+        remedies = self._remedies(kind, words)
+        ErrorDialog(self._window, self._desk.theme, title, words, details, self.save_report, remedies).open()
+
+    def _remedies(self, kind: str, words: str) -> dict[str, Callable[[], object]]:
+        """Return what can be done about the subject that an error of grooming or a run names."""
+        session, commands = self._desk.session, self._window.commands
+        names = [one.name for one in session.study.included if words.startswith(f"{one.name}: ")]
+        if kind not in _AGAIN or len(names) != 1:
+            return {}
+        (name,) = names
+
+        def show() -> None:
+            self._window.show_step("cohort")
+            session.select([name])
+
+        def leave_out() -> None:
+            session.select([name])
+            session.toggle_included()
+            commands[_AGAIN[kind]].trigger()
+
+        return {f"Show {name}": show, "Leave it out and go on": leave_out}
 
     def show_palette(self) -> None:
         """Let the user find a command by typing."""

@@ -59,7 +59,7 @@ class Views(QObject):
         commands, scene = self._window.commands, self.stage.scene
 
         def switch(name: str) -> Callable[[], object]:
-            return lambda: scene.switch(**{name: commands[f"view.{name}"].isChecked()})
+            return lambda: self._switch(name)
 
         return {
             **{f"view.grid{count}": partial(self.choose_layout, count) for count in LAYOUTS},
@@ -71,7 +71,7 @@ class Views(QObject):
             "view.reset": scene.fit,
             "view.slice": self._switch_slices,
             "view.screenshot": self.save_picture,
-            "view.copy": lambda: QApplication.clipboard().setImage(scene.picture()),
+            "view.copy": self.copy_picture,
             "run.play": self.play_or_stop,
         }
 
@@ -100,8 +100,17 @@ class Views(QObject):
             beside=self._explore.fitted.beside if self.shows_model else None,
         )  # fmt: skip
 
+    def copy_picture(self) -> None:
+        """Put a picture of what is seen on the clipboard."""
+        slices = self.stage.slices
+        picture = slices.grab().toImage() if self.shows_slices else self.stage.scene.picture()
+        QApplication.clipboard().setImage(picture)
+
     def save_picture(self) -> None:
-        """Ask how and where, and save a picture of the views as they are now."""
+        """Ask how and where, and save a picture of the views, or of the slices, as they are now."""
+        if self.shows_slices:
+            self._window.exporting.save_slices(self.stage.slices.grab())
+            return
         scene = self.stage.scene
         self._window.exporting.open_screenshot(scene.shown_now, scene.canvas, self.snapshot)
 
@@ -259,6 +268,15 @@ class Views(QObject):
         if self.shows_slices:
             self._show_slices()
             self._tell_page()
+
+    def _switch(self, name: str) -> None:
+        """Show or hide surfaces or particles; where slices are seen, leave them for what is asked for."""
+        command, slices = self._window.commands[f"view.{name}"], self._window.commands["view.slice"]
+        if self.shows_slices:
+            command.setChecked(True)
+            slices.setChecked(False)
+            self._switch_slices()
+        self.stage.scene.switch(**{name: command.isChecked()})
 
     def _switch_slices(self) -> None:
         self.stage.bar.opacity.setEnabled(not self.shows_slices)

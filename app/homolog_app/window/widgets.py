@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import Qt, Slot
+from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
     QComboBox,
     QFrame,
@@ -15,7 +16,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-__all__ = ["GRID", "NumberBox", "Panel", "button", "choice", "label", "rule", "set_primary"]
+__all__ = ["GRID", "ActionButton", "NumberBox", "Panel", "button", "choice", "label", "rule", "set_primary"]
 
 GRID = 8
 
@@ -35,6 +36,24 @@ def button(text: str, look: str = "") -> QPushButton:
     if look:
         result.setProperty(look, "true")
     return result
+
+
+class ActionButton(QPushButton):
+    """Triggers an action, can be pressed when it can, and says as it does what is missing."""
+
+    def __init__(self, text: str, action: QAction, look: str = "") -> None:
+        super().__init__(text)
+        if look:
+            self.setProperty(look, "true")
+        self._action = action
+        self.clicked.connect(action.trigger)
+        action.changed.connect(self._follow)
+        self._follow()
+
+    @Slot()
+    def _follow(self) -> None:
+        self.setEnabled(self._action.isEnabled())
+        self.setToolTip(self._action.toolTip())
 
 
 def set_primary(one: QPushButton, primary: bool) -> None:

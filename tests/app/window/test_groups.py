@@ -90,16 +90,47 @@ def test_what_is_not_significant_is_grey_with_a_line_around_it(compare, bean_pro
     page = compare(bean_project, "slim", "wide")
     (answer,) = page.answers
     scene = window.views.stage.scene
-    assert scene.shown[0].lines is None
-    page.significant.setChecked(True)
+    assert page.significant.isChecked()  # nothing stands coloured as firm that is not
     colours, firm = scene.shown[0].colours.astype(int), answer.difference.significant
-    assert (np.ptp(colours[~firm], axis=1) < 60).all()
+    assert (colours[~firm] == 150).all()
     if firm.any() and not firm.all():
         assert len(scene.shown[0].lines) > 0
     scale = scene.bar.scale
     assert scale.low == -scale.high
     assert scale.unit == "mm"
-    assert "grey" in scale.note
+    assert scale.grey_words == "p > 0.05, corrected over the surface"
+    page.significant.setChecked(False)
+    assert scene.shown[0].lines is None
+    assert not scene.bar.scale.grey_words
+
+
+def test_the_discriminant_is_grey_where_its_interval_holds_zero_or_the_test_finds_nothing(
+    compare, bean_project, window
+):
+    page = compare(bean_project, "slim", "wide")
+    (answer,) = page.answers
+    page.map.setCurrentText("Discriminant")
+    page.map.activated.emit(1)
+    assert "interval" in page.significant.toolTip()
+    assert "interval" in window.views.stage.scene.bar.scale.grey_words
+    if answer.pair.p_adjusted > 0.05:
+        assert not answer.discriminant.significant.any()
+        assert not page.to_significant.isEnabled()
+
+
+def test_a_button_goes_to_the_largest_significant_place(compare, bean_project, window):
+    page = compare(bean_project, "slim", "wide")
+    answer = page.answers[0]
+    firm = np.zeros_like(answer.difference.significant)
+    top, left = answer.shape.mean.vertices.argmax(axis=0)[[2, 0]]
+    near = np.linalg.norm(answer.shape.mean.vertices - answer.shape.mean.vertices[top], axis=1) < 8.0
+    firm[near] = firm[left] = True
+    page.answers = [replace(answer, difference=replace(answer.difference, significant=firm))]
+    page._show()
+    gone = []
+    page.place_wanted.connect(lambda _, place, __: gone.append(place))
+    page.to_significant.click()
+    assert np.linalg.norm(gone[0] - answer.shape.mean.vertices[top]) < 8.0
 
 
 def test_a_second_run_stands_below_with_the_same_colours_and_its_own_numbers(
@@ -144,6 +175,7 @@ def test_an_answer_whose_question_has_changed_is_dimmed_and_says_so(compare, bea
     assert page.asked.text() == "Form (size and shape)."
     assert page.is_current
     assert not page.stale.isVisible()
+    page.significant.setChecked(False)
     colours = np.ptp(scene.shown[0].colours.astype(int), axis=1).max()
     box = page.form.alignment
     box.setCurrentText("Shape: size removed (similarity)")

@@ -339,6 +339,43 @@ def test_enter_closes_an_error_and_does_not_unfold_it(window, wait):
 
 
 @pytest.mark.window
+def test_the_subject_that_an_error_names_can_be_shown_or_left_out(groomed, wait):
+    from PySide6.QtWidgets import QPushButton
+
+    from homolog_app.window.error_dialog import ErrorDialog
+
+    def pressed(text):
+        groomed.helping.show_error("run", InputError("c: its surface is open; close it"))
+        (dialog,) = groomed.findChildren(ErrorDialog)
+        next(one for one in dialog.findChildren(QPushButton) if one.text() == text).click()
+        wait(lambda: not groomed.findChildren(ErrorDialog))
+
+    groomed.show_step("correspond")
+    pressed("Show c")
+    assert groomed.step == "cohort"
+    assert groomed.desk.session.selection == ("c",)
+    pressed("Leave it out and go on")
+    assert [one.name for one in groomed.desk.session.study.included] == ["a", "b", "d"]
+    wait(lambda: groomed.desk.session.result is not None)
+    assert groomed.desk.session.result.result.names == ("a", "b", "d")
+
+
+@pytest.mark.window
+def test_buttons_can_be_pressed_only_when_their_command_can(groomed, wait):
+    go, again = groomed.inspector.groom.go, groomed.inspector.groom.again
+    groomed.desk.session.select(["a"])
+    assert go.isEnabled()
+    assert again.isEnabled()
+    groomed.commands["run.start"].trigger()
+    assert not go.isEnabled()
+    assert not again.isEnabled()
+    assert "Not now" in go.toolTip()
+    groomed.commands["run.cancel"].trigger()
+    wait(lambda: not groomed.desk.work.is_busy)
+    assert go.isEnabled()
+
+
+@pytest.mark.window
 def test_answers_of_an_earlier_result_are_listed_as_out_of_date(explored, tmp_path):
     from homolog.files.project import OUT_OF_DATE
     from homolog_app.report.request import Answered, StudyRequest, study_folder, write_request

@@ -160,12 +160,38 @@ def test_slices_go_from_subject_to_subject_and_switch_off_what_they_do_not_show(
     commands["view.next"].trigger()
     assert groomed.desk.session.selection == ("b",)
     assert footer.page.text() == "2 of 4"
-    for name in ("grid4", "raw", "groomed", "link", "front", "screenshot"):
+    for name in ("grid4", "link", "front"):
         assert not commands[f"view.{name}"].isEnabled(), name
         assert "Not now: " in commands[f"view.{name}"].toolTip()
     commands["view.slice"].trigger()
     assert commands["view.grid4"].isEnabled()
     assert commands["view.front"].isEnabled()
+
+
+@pytest.mark.window
+def test_surfaces_that_are_asked_for_take_the_place_of_slices(groomed):
+    commands, stage = groomed.commands, groomed.views.stage
+    for name in ("groomed", "raw"):
+        commands["view.slice"].trigger()
+        assert groomed.views.shows_slices
+        commands[f"view.{name}"].trigger()
+        assert not groomed.views.shows_slices
+        assert commands[f"view.{name}"].isChecked()
+        assert stage.scene.isVisible()
+
+
+@pytest.mark.window
+def test_slices_can_be_saved_as_a_picture(groomed, monkeypatch, tmp_path, errors):
+    from PySide6.QtGui import QImage
+
+    where = tmp_path / "slice.png"
+    monkeypatch.setattr("PySide6.QtWidgets.QFileDialog.getSaveFileName", lambda *_: (str(where), ""))
+    groomed.commands["view.slice"].trigger()
+    groomed.commands["view.screenshot"].trigger()
+    assert QImage(str(where)).size() == groomed.views.stage.slices.size()
+    where = tmp_path / "no" / "folder.png"
+    groomed.commands["view.screenshot"].trigger()
+    assert "can't be written" in str(errors[0][1])
 
 
 @pytest.mark.window

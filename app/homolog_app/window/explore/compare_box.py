@@ -4,7 +4,7 @@ from PySide6.QtWidgets import QHBoxLayout, QWidget
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.fitted import Fitted
-from homolog_app.window.widgets import GRID, button, label
+from homolog_app.window.widgets import GRID, ActionButton, button, label
 
 __all__ = ["CompareBox"]
 
@@ -15,9 +15,7 @@ class CompareBox(QWidget):
     def __init__(self, actions: Actions, fitted: Fitted) -> None:
         super().__init__()
         self._fitted = fitted
-        self.choose = button("Compare with…")
-        self.choose.setToolTip(actions["explore.compare"].toolTip())
-        self.choose.clicked.connect(actions["explore.compare"].trigger)
+        self.choose = ActionButton("Compare with…", actions["explore.compare"])
         self.leave = button("Show alone", "flat")
         self.leave.clicked.connect(fitted.compare_no_more)
         self.words = label("", "Hint", wrap=True)

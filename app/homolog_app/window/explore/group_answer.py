@@ -32,7 +32,8 @@ class GroupMap:
         Its part along the outward normals [mm].
     significant : (V,) bool array
         For the difference: family-wise corrected p of the nearest particle at most 0.05. For the
-        discriminant: the 95 % bootstrap bounds leave out zero.
+        discriminant: the 95 % bootstrap bounds leave out zero, and the test of the whole shape finds a
+        difference.
     """
 
     ways: Float32Array
@@ -152,7 +153,8 @@ def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, 
     if found is not None and len(found.modes):
         low, high = found.bounds(outward[1:])
         along = np.tensordot(found.weights.astype(np.float32), carried[2:], axes=1)
-        discriminant = GroupMap(along, found.weights.astype(np.float32) @ outward[1:], (low > 0) | (high < 0))
+        firm = ((low > 0) | (high < 0)) & (pair.p_adjusted <= LEVEL)
+        discriminant = GroupMap(along, found.weights.astype(np.float32) @ outward[1:], firm)
         places = found.scores / np.sqrt(len(pair.mean))
     elif way.values is not None:
         places = _along(result, request, pair, way.effect)

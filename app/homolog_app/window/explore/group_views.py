@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.arrays import Array, FloatArray
+from homolog_app.report.findings import LEVEL
 from homolog_app.window.explore.chosen import GroupsView
 from homolog_app.window.explore.model_content import Look, arrow_factor, model_content
 from homolog_app.window.scene.colour_scale import displacement_scale
@@ -16,9 +17,15 @@ if TYPE_CHECKING:
     from homolog_app.window.explore.group_answer import GroupAnswer, GroupMap
     from homolog_app.window.explore.model_shape import ModelShape
 
-__all__ = ["group_scene"]
+__all__ = ["GREY_WORDS", "group_scene"]
 
 _STAY = np.eye(4)
+GREY_WORDS = {
+    "difference": f"p > {LEVEL:g}, corrected over the surface",
+    "discriminant": "95 % bootstrap interval holds 0, or no difference found",
+    "both": f"difference: corrected p > {LEVEL:g}; discriminant: 95 % interval holds 0",
+}
+"""What grey means on each map."""
 _GREY, _LEFT_OF_COLOUR = 150.0, 0.2
 _Models = Sequence["ModelShape"]
 
@@ -48,12 +55,15 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     of = "" if first.values is None else f"{first.study.request.column} "
     words = [f"Outward difference from {of}{first.first} to {first.second}"]
     words += [f"arrows drawn {factor:g} × as long"] if factor > 1.0 else []
-    words += ["grey: not significant"] if view.only_significant else []
     words += [f"adjusted for {', '.join(first.study.request.covariates)}"] * bool(
         first.study.request.covariates
     )
     words += ["the question has changed"] if view.outdated else []
     scale = displacement_scale(limit, words[0], " · ".join(words[1:]))
+    if view.only_significant:
+        scale = replace(
+            scale, grey_words=GREY_WORDS["both" if view.count > 1 and first.values is None else view.map]
+        )
     if view.outdated:
         scale = replace(scale, table=_pale(scale.table))
     contents = []

@@ -25,7 +25,7 @@ from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.group_form import GroupForm
 from homolog_app.window.explore.group_plot import GroupPlot
 from homolog_app.window.explore.group_results import GroupResults, correction_sentence
-from homolog_app.window.explore.group_views import group_scene
+from homolog_app.window.explore.group_views import GREY_WORDS, group_scene
 from homolog_app.window.explore.group_words import number_rows
 from homolog_app.window.explore.group_work import (
     Answers,
@@ -38,12 +38,13 @@ from homolog_app.window.explore.group_work import (
 from homolog_app.window.explore.numbers_table import NumbersTable
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.player import Player
+from homolog_app.window.explore.regions import largest_region, middle_of
 from homolog_app.window.progress import Progress
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.widgets import GRID, button, choice, label, rule
 
 if TYPE_CHECKING:
-    from homolog_app.window.explore.group_answer import GroupAnswer
+    from homolog_app.window.explore.group_answer import GroupAnswer, GroupMap
 
 __all__ = ["GroupsPage"]
 
@@ -85,7 +86,10 @@ class GroupsPage(ExplorePage):
         self.numbers = NumbersTable()
         self.map = choice("Map", _MAPS)
         self.views: QComboBox = choice("Views", _LAYOUTS)
-        self.significant = QCheckBox("Grey where not significant")
+        self.significant = QCheckBox("Only what is significant")
+        self.significant.setChecked(True)
+        self.to_significant = button("Go to it")
+        self.to_significant.setToolTip("Look at the largest place where the map is significant")
         self.arrows = QCheckBox("Arrows")
         self.way = QSlider(Qt.Orientation.Horizontal)
         self.way.setMaximum(_WHOLE)
@@ -131,6 +135,7 @@ class GroupsPage(ExplorePage):
         for tick in (self.significant, self.arrows):
             ticks.addWidget(tick)
         ticks.addStretch()
+        ticks.addWidget(self.to_significant)
         answer.addLayout(ticks)
         answer.addWidget(self.player)
         answer.addWidget(rule())
@@ -156,10 +161,12 @@ class GroupsPage(ExplorePage):
         session.selection_changed.connect(lambda: self.chart.show_selection(session.selection))
         self.fitted.changed.connect(self._follow_models)
         self.desk.work.changed.connect(self._tell_work)
+        self.to_significant.clicked.connect(self._go_to_significant)
         self.way.valueChanged.connect(self._follow_way)
         self.player.swung.connect(lambda value: self.way.setValue(round(_WHOLE / 2 + value)))
         for box in (self.map, self.views):
             box.activated.connect(lambda _: self.shown_changed.emit())
+        self.map.activated.connect(lambda _: self._tell_map())
         for tick in (self.significant, self.arrows):
             tick.toggled.connect(self.shown_changed)
         self.chart.subject_chosen.connect(lambda name: session.select([name]))
@@ -302,6 +309,28 @@ class GroupsPage(ExplorePage):
         first, second = self.chart.ends
         self.way.setValue(round(_WHOLE * (x - first) / (second - first)))
 
+    @property
+    def _map(self) -> "GroupMap | None":
+        """The map that is chosen, of the open result."""
+        answer = self.answers[0] if self.answers else None
+        if answer is None:
+            return None
+        return answer.discriminant if self.map.currentData() == "discriminant" else answer.difference
+
+    def _tell_map(self) -> None:
+        """Say what grey means on the chosen map, and whether there is a place to go to."""
+        self.significant.setToolTip(f"Grey: {GREY_WORDS[self.map.currentData()]}")
+        self.to_significant.setEnabled(self._map is not None and bool(self._map.significant.any()))
+
+    def _go_to_significant(self) -> None:
+        """Have the views look at the largest connected place where the map is significant."""
+        found, (content, *_) = self._map, self.shown(()).contents or (None,)
+        if found is None or content is None:
+            return
+        largest = largest_region(self.answers[0].shape.mean.faces, found.significant)
+        place, normal = middle_of(self.answers[0].shape, largest)
+        self.place_wanted.emit(content.name, place, normal)
+
     def _tell_work(self) -> None:
         work = self.desk.work
         own = work.kind in ("groups", "model", "compare", "study", "seeds")
@@ -330,6 +359,7 @@ class GroupsPage(ExplorePage):
         self.second.setText(answers[0].second if answers else "")
         self.chart.show_answer(answers[0] if answers else None)
         self._tell_words()
+        self._tell_map()
         self._tell_work()
 
     def _tell_words(self) -> None:

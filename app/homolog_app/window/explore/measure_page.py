@@ -28,7 +28,7 @@ from homolog_app.window.explore.present import with_present_table
 from homolog_app.window.explore.subject_table import SORTED_BY, SubjectTable
 from homolog_app.window.quantities import signed
 from homolog_app.window.scene.content import Content, Shown
-from homolog_app.window.widgets import GRID, NumberBox, button, choice, label, rule
+from homolog_app.window.widgets import GRID, ActionButton, NumberBox, choice, label, rule
 
 if TYPE_CHECKING:
     from homolog_app.exports.measures import Measures
@@ -64,7 +64,7 @@ class MeasurePage(ExplorePage):
         self._rows.setSourceModel(self.table)
         self._rows.setSortRole(SORTED_BY)
         self.view = QTableView()
-        self.write_button = button("Export CSV…")
+        self.write_button = ActionButton("Export CSV…", actions["explore.table"])
         self.plots = self.charts = MeasurePlots(desk.theme)
         self._lay_out()
         self._connect(actions)
@@ -118,7 +118,6 @@ class MeasurePage(ExplorePage):
         self.mode.currentIndexChanged.connect(self._show_mode)
         self.place.valueChanged.connect(self._show_place)
         self.view.selectionModel().currentRowChanged.connect(self._select)
-        self.write_button.clicked.connect(actions["explore.table"].trigger)
         for plot in self.charts.each:
             plot.chosen.connect(lambda at: self.place.setValue(round(_STEPS * at)))
 

@@ -8,7 +8,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
 from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.page import ExplorePage
-from homolog_app.window.widgets import GRID, button, label
+from homolog_app.window.widgets import GRID, ActionButton, label
 
 __all__ = ["OverviewPage"]
 
@@ -40,10 +40,7 @@ class OverviewPage(ExplorePage):
         self.body.addSpacing(GRID)
         self.body.addWidget(label("What next", "SectionTitle"))
         for command, words in _NEXT.items():
-            one = button(words)
-            one.setToolTip(actions[command].toolTip())
-            one.clicked.connect(actions[command].trigger)
-            self.body.addWidget(one)
+            self.body.addWidget(ActionButton(words, actions[command]))
         self.body.addSpacing(GRID)
         self.kept_title = label("Answers kept in the project", "SectionTitle")
         self.kept = label("", wrap=True)
@@ -60,8 +57,7 @@ class OverviewPage(ExplorePage):
         self.body.addWidget(label("Files", "SectionTitle"))
         self.body.addWidget(self.files)
         self.body.addStretch()
-        self.save = button("Save project…", "primary")
-        self.save.clicked.connect(actions["file.save"].trigger)
+        self.save = ActionButton("Save project…", actions["file.save"], "primary")
         self.footer.addWidget(self.save)
         session.facts_changed.connect(self._show)
         desk.work.changed.connect(self._follow_work)

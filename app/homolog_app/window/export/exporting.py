@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from homolog.errors import InputError
 from homolog.files.names import file_stems
 from homolog_app.window.asking import Part, reported
 from homolog_app.window.explore.check_page import CheckPage
@@ -15,6 +16,8 @@ from homolog_app.window.export.kinds import KINDS
 from homolog_app.window.study_files import ViewRecord, save_project
 
 if TYPE_CHECKING:
+    from PySide6.QtGui import QPixmap
+
     from homolog_app.window.explore.chosen import Snapshot
     from homolog_app.window.export.dialog import Exported
     from homolog_app.window.scene.canvas import Canvas
@@ -42,6 +45,15 @@ class Exporting(Part):
             dialog.started_export.connect(lambda: self._desk.hold(None))
             dialog.finished_export.connect(lambda _: self._hold_again(folder))
         dialog.show()
+
+    @reported
+    def save_slices(self, picture: "QPixmap") -> None:
+        """Ask for a file and save a picture of the slices there."""
+        from PySide6.QtWidgets import QFileDialog
+
+        path, _ = QFileDialog.getSaveFileName(self._window, "Save picture", "slices.png", "Pictures (*.png)")
+        if path and not picture.save(path):
+            raise InputError(f"{path}: can't be written; choose another folder, or a name that ends in .png")
 
     @reported
     def open_screenshot(self, shown: "Shown", canvas: "Canvas", snapshot: "Snapshot | None") -> None:

@@ -39,7 +39,9 @@ class ColourBar(QWidget):
             words = (f"{scale.title} in {scale.unit}, from {short(scale.low)} {scale.low_words} "
                      f"to {short(scale.high)} {scale.high_words}")  # fmt: skip
             self.setAccessibleDescription(words)
-            self.setToolTip(words)
+            words += f"; grey: {scale.grey_words}" if scale.grey_words else ""
+            hollow = " On the inner wall of a hollow organ, out of the tissue makes the cavity smaller."
+            self.setToolTip(words + "." + hollow * ("tissue" in scale.high_words))
         self.update()
 
     def paint(self, colours: Colours) -> None:

@@ -6,10 +6,10 @@ import numpy as np
 
 from homolog.arrays import Array, BoolArray
 
-__all__ = ["ColourScale", "displacement_scale"]
+__all__ = ["GREY", "ColourScale", "displacement_scale"]
 
-_FADED = np.array([150.0, 150.0, 150.0])
-_FADING = 0.85
+GREY = (150, 150, 150)
+"""What has no value, or none that counts: neutral, and unlike every colour of the scales."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,9 +25,11 @@ class ColourScale:
     table : (256, 3) uint8 array
         Colours from low to high.
     low_words, high_words : str
-        What the ends mean, such as ``"contraction"`` and ``"expansion"``.
+        What the ends mean, such as ``"into the tissue"`` and ``"out of the tissue"``.
     note : str
         A further remark, such as how long arrows are drawn.
+    grey_words : str
+        What grey means, for a patch of it beside the scale; nothing if there is no grey.
     """
 
     title: str
@@ -38,6 +40,7 @@ class ColourScale:
     low_words: str = ""
     high_words: str = ""
     note: str = ""
+    grey_words: str = ""
 
     def colours(self, values: Array, faded: BoolArray | None = None) -> Array:
         """Return (V, 3) uint8 colours of values (V,); those marked in `faded` (V,) are greyed."""
@@ -45,8 +48,7 @@ class ColourScale:
         place = np.clip((values - self.low) * ((len(self.table) - 1) / span), 0, len(self.table) - 1)
         chosen = self.table[np.rint(place).astype(np.intp)]
         if faded is not None and faded.any():
-            pale = (1.0 - _FADING) * chosen[faded] + _FADING * _FADED
-            chosen[faded] = np.rint(pale)
+            chosen[faded] = GREY
         return chosen
 
 
@@ -56,11 +58,11 @@ def displacement_scale(limit: float, title: str = "Outward displacement", note: 
     Parameters
     ----------
     limit : float
-        End of the scale on both sides [mm]: blue at +limit is expansion, yellow at -limit contraction.
+        End of the scale on both sides [mm]: blue at +limit is out of the tissue, yellow at -limit into it.
     title, note : str
         See `ColourScale`.
     """
     from homolog_app.pictures.colours import diverging_table
 
     table = np.rint(255.0 * diverging_table()).astype(np.uint8)
-    return ColourScale(title, "mm", -limit, limit, table, "contraction", "expansion", note)
+    return ColourScale(title, "mm", -limit, limit, table, "into the tissue", "out of the tissue", note)

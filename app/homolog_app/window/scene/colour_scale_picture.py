@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from homolog_app.fonts import font_file, written
 from homolog_app.window.quantities import tick_words
-from homolog_app.window.scene.colour_scale import ColourScale
+from homolog_app.window.scene.colour_scale import GREY, ColourScale
 from homolog_app.window.scheme import Colours
 
 __all__ = ["HEIGHT", "MOST", "SIDE", "scale_picture"]
@@ -19,7 +19,7 @@ HEIGHT, MOST, SIDE = 64, 520, 120
 
 _BAR, _TOP = 12, 24
 _TICKS = 5
-_LETTERS = 12
+_LETTERS, _PATCH = 12, 18
 
 
 def scale_picture(
@@ -45,9 +45,22 @@ def scale_picture(
     size = round(_LETTERS * ratio)
     line = f"{scale.title} ({scale.unit})" if scale.unit else scale.title
     line += f" · {scale.note}" if scale.note else ""
-    own = font_file(line)  # groups may be named in any script
-    draw.text((width / 2, 12 * ratio), written(line, own), colours.text, _font(own, size), anchor="mm")
+    own = font_file(line + scale.grey_words)  # groups may be named in any script
+    grey = f" · {scale.grey_words}" if scale.grey_words else ""
+    patch = round(_PATCH * ratio) if grey else 0
+    words, letters = written(line, own), _font(own, size)
+    tail = written(grey, own)
+    start = (width - draw.textlength(words, letters) - draw.textlength(tail, letters) - patch) / 2
+    draw.text((start, 12 * ratio), words, colours.text, letters, anchor="lm")
     font = _font(font_file(), size)
+    if grey:
+        start += draw.textlength(f"{words} · ", letters)
+        side = _LETTERS * ratio
+        box = (start, 12 * ratio - side / 2, start + side, 12 * ratio + side / 2)
+        draw.rectangle(box, GREY, colours.dim, max(1, round(ratio)))
+        draw.text(
+            (start + patch, 12 * ratio), written(scale.grey_words, own), colours.text, letters, anchor="lm"
+        )
     length = round(min(MOST * ratio, width - 2 * SIDE * ratio))
     left, top = round((width - length) / 2), round(_TOP * ratio)
     bottom = top + round(_BAR * ratio)
