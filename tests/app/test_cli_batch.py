@@ -119,7 +119,7 @@ def test_a_new_subject_with_a_mask_for_each_structure_is_fitted_by_its_folder(tm
 
 def test_run_refuses_an_unknown_name_with_near_ones(scans, tmp_path, capsys):
     assert main(["run", str(scans), "--label", "oval", "--out", str(tmp_path / "p"), *QUIET]) == 2
-    assert "near that are Left-Oval" in capsys.readouterr().err
+    assert "similar names: Left-Oval" in capsys.readouterr().err
 
 
 def test_a_batch_makes_a_project_for_each_structure_and_goes_on_past_those_that_fail(finished):
@@ -196,5 +196,5 @@ def test_a_folder_with_other_files_is_no_place_for_a_batch(scans, tmp_path, caps
 
 def test_an_unknown_name_ends_a_batch_before_it_begins(scans, tmp_path, capsys):
     assert main(["batch", str(scans), "--labels", "oval,rare", "--out", str(tmp_path / "o"), *QUIET]) == 2
-    assert "no subject has a structure 'oval'; near that are Left-Oval" in capsys.readouterr().err
+    assert "no subject has a structure 'oval'; similar names: Left-Oval" in capsys.readouterr().err
     assert not (tmp_path / "o").exists()

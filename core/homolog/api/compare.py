@@ -96,7 +96,7 @@ def compare_groups(
     labels = np.array(["" if one is None or is_missing(one) else str(one) for one in groups])
     shapes = checked_particles(particles, names)
     if len(labels) != len(shapes):
-        raise InputError(f"groups: there are {len(labels)} for {len(shapes)} subjects; give one for each")
+        raise InputError(f"groups: {len(labels)} given for {len(shapes)} subjects; give one for each")
     order = tuple(between) if between is not None else tuple(dict.fromkeys(labels[labels != ""].tolist()))
     chosen = np.flatnonzero(np.isin(labels, order))
     called = None if names is None else [names[index] for index in chosen.tolist()]
@@ -138,7 +138,7 @@ def _columns(
     for title, values in covariates.items():
         if len(values) != subjects:
             raise InputError(
-                f"covariate {title!r}: there are {len(values)} values for {subjects} subjects; give each one"
+                f"covariate {title!r}: {len(values)} values for {subjects} subjects; give one for each"
             )
     return covariate_columns(
         {title: [values[index] for index in chosen] for title, values in covariates.items()}, names

@@ -70,7 +70,7 @@ def model_of_folder(folder: Path) -> ForeignModel:
         end = next((one for one in _ENDS if path.stem.endswith(one)), "")
         frames = found.setdefault(path.stem.removesuffix(end), {})
         if (frame := _ENDS.get(end, "world")) in frames:
-            raise InputError(f"{path}: there is {frames[frame].name} too; leave one of them")
+            raise InputError(f"{path}: {frames[frame].name} exists too; keep one of them")
         frames[frame] = path
     if not found:
         others = [one.name for one in sorted(folder.iterdir()) if one.suffix.lower() in (".swproj", ".xlsx")]
@@ -163,5 +163,5 @@ def _matrix(path: Path, text: str) -> FloatArray:
             f"{path}: a transform has {len(numbers)} numbers in place of 16; save the project again"
         )
     if not np.isfinite(matrix).all():
-        raise InputError(f"{path}: a transform holds values that aren't finite; save the project again")
+        raise InputError(f"{path}: a transform contains values that aren't finite; save the project again")
     return matrix

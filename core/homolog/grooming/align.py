@@ -110,7 +110,7 @@ def _notes(alignments: FloatArray, distances: FloatArray) -> tuple[str | None, .
                 f"typical subject, usually {100.0 * typical:.0f} %; check that it shows the same structure"
             )
         elif np.median(usual) < _TURNED < angle:
-            note = f"lay turned by {angle:.0f}° against most others and was turned to fit them; check it"
+            note = f"was rotated by {angle:.0f}° to match most others; check it"
         notes.append(note)
     return tuple(notes)
 
@@ -121,8 +121,7 @@ def _check_units(names: Sequence[str], sizes: Sequence[float]) -> None:
         if not middle / _OTHER_UNIT < size < middle * _OTHER_UNIT:
             times, word = (size / middle, "large") if size > middle else (middle / size, "small")
             raise InputError(
-                f"{name}: is {times:.0f} times as {word} as the others; if its unit is another, export it in "
-                "mm"
+                f"{name}: is {times:.0f} times as {word} as the others; if its unit differs, export it in mm"
             )
 
 

@@ -157,7 +157,7 @@ def groom_cohort(
                     continue
                 if cache and key != cached[subject.name]:
                     raise InputError(
-                        f"{subject.path}: was changed while it was read; run again when it is whole"
+                        f"{subject.path}: changed while it was read; run again when it is complete"
                     )
                 found[subject.name] = _noted(cache, done, key) if cache else done
                 if keys is not None:

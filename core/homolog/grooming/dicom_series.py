@@ -82,7 +82,7 @@ def _read(path: Path, *, without_pixels: bool) -> Any:  # noqa: ANN401 - pydicom
 
     syntax = pydicom.filereader.read_file_meta_info(path).get("TransferSyntaxUID")
     if syntax is not None and syntax.is_deflated:
-        raise InputError(f"{path}: is deflated as a whole; export it without that compression")
+        raise InputError(f"{path}: uses deflate compression; export it without that")
     return pydicom.dcmread(path, stop_before_pixels=without_pixels)
 
 
@@ -102,7 +102,7 @@ def _step(folder: Path, slices: Sequence[_Slice]) -> FloatArray:
         )
     if not alike or not length > 0.0 or np.abs(steps - usual).max() > _UNEVEN * length:
         raise InputError(
-            f"{folder}: its {len(slices)} slices are not alike, parallel and {length:.3g} mm apart "
+            f"{folder}: its {len(slices)} slices are not equal in size, parallel and {length:.3g} mm apart "
             "throughout; copy the missing ones, or export a label map of even slices"
         )
     whole: FloatArray = steps.mean(axis=0)  # places are rounded in many files: from the first to the last

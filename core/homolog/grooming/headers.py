@@ -23,7 +23,7 @@ _LONGEST = 2**20
 _MOST_FILES = 100_000
 _ZLIB_OR_GZIP = 47
 _MILLIMETRES = ("", "mm", "millimeter", "millimeters", "millimetre", "millimetres")
-_NO_SIZE = "its header does not say how large its voxels are; 1 mm was assumed"
+_NO_SIZE = "its header gives no voxel size; 1 mm was assumed"
 _RESCUE = "correct its header or export it again"
 
 

@@ -13,7 +13,7 @@ from homolog.grooming.volumes import Segment, Segmentation, Volume, check_size
 
 __all__ = ["Segment", "Segmentation", "Volume", "read_segmentation", "read_volume"]
 
-_NO_FRAME = "its header does not say how the patient lay (no LPS or RAS space); LPS axes were assumed"
+_NO_FRAME = "its header gives no patient orientation (no LPS or RAS space); LPS axes were assumed"
 
 
 def read_segmentation(path: Path, label: int | None, segment: str | None = None) -> Segmentation:

@@ -81,7 +81,7 @@ def align_cohort(
         if one.name in better:
             notes.append(
                 f"fits the others far better {'un' if one.name in plan.mirrored else ''}mirrored: its side "
-                "may be wrong or missing; say left or right in a column side of the cohort's table"
+                "may be wrong or missing; enter left or right in a column side of the cohort's table"
             )
         elif registered_as is not None:
             notes.append(registered_as)
@@ -120,8 +120,8 @@ class _Plan:
     def without_mirroring(self) -> "_Plan":
         """Return the plan for files that hold mirror images already."""
         note = (
-            "was not mirrored, although its name says another side than most: as it is, its shape fits "
-            "theirs; a column side of the cohort's table decides"
+            "was not mirrored although its name says the other side, because its shape already fits the "
+            "others; a column side of the cohort's table decides"
         )
         return _Plan(set(), dict.fromkeys(self.mirrored, note))
 
@@ -150,7 +150,7 @@ def _fewer(sides: Mapping[str, str], wish: Mirror, cohort: Cohort) -> str | None
     if wish is not Mirror.AUTO:
         if not sides:
             raise InputError(
-                f"{cohort.folder}: no subject's side is known, so there is no {wish} one to mirror; say left "
+                f"{cohort.folder}: no subject's side is known, so no {wish} one can be mirrored; enter left "
                 "or right in a column side of the cohort's table"
             )
         return str(wish.value)

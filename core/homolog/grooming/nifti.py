@@ -26,10 +26,10 @@ logger.setLevel(logging.CRITICAL + 1)  # what nibabel finds is said in messages,
 
 _TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _UNITS = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}
-_NO_PLACE = "its header does not say how the patient lay (no qform or sform); RAS axes were assumed"
+_NO_PLACE = "its header gives no patient orientation (no qform or sform); RAS axes were assumed"
 _HEADER, _FARTHEST = 348, 2**28  # bytes
 _MGH_HEADER = 284
-_NO_MGH_PLACE = "its header does not say how the patient lay; FreeSurfer's coronal axes were assumed"
+_NO_MGH_PLACE = "its header gives no patient orientation; FreeSurfer's coronal axes were assumed"
 _NAMED = re.compile(
     r"""<Label\s[^>]*?\bKey=["'](\d{1,9})["'][^>]*>\s*(?:<!\[CDATA\[(.{1,200}?)\]\]>|([^<]{1,200}))""",
     re.DOTALL,
@@ -72,7 +72,7 @@ def read_nifti(path: Path) -> Volume:
         shape.pop()
     kind = header.get_data_dtype()
     if kind.fields is not None or kind.kind not in "iuf":
-        raise InputError(f"{path}: has {kind} voxels, not single numbers; export a label map")
+        raise InputError(f"{path}: has {kind} voxels instead of single numbers; export a label map")
     proxy: Any = image.dataobj
     scaled = (proxy.slope, proxy.inter) != (1.0, 0.0)
     check_size(path, shape, kind.itemsize + (8.0 if scaled else kind.itemsize))
@@ -147,10 +147,13 @@ def _check_packing(path: Path) -> None:
     said = name.endswith((".gz", ".mgz"))
     right = {".nii": ".nii.gz", ".mgh": ".mgz", "i.gz": ".nii", ".mgz": ".mgh"}[name[-4:]]
     if packed and not said:
-        raise InputError(f"{path}: is compressed, unlike its name; rename it to end in {right}")
+        raise InputError(
+            f"{path}: is compressed, although its name does not say so; rename it to end in {right}"
+        )
     if said and not packed:
         raise InputError(
-            f"{path}: is not compressed, unlike its name; copy it again, or rename it to end in {right}"
+            f"{path}: is not compressed, although its name says so; copy it again, or rename it to end in "
+            f"{right}"
         )
 
 

@@ -128,7 +128,7 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
     found = matching(masks.items(), segment)
     if len(found) > 1:
         names = " and ".join(one.name for one in found)
-        raise InputError(f"{subject.path}: {segment!r} is {names}; give the whole name of one")
+        raise InputError(f"{subject.path}: {segment!r} is {names}; give the full name of one")
     if not found:
         alike = near(masks, segment)
         nearest = f"similar names: {', '.join(alike)}; " if alike else ""
@@ -237,12 +237,12 @@ def chosen_structures(structures: Sequence[Structure], wanted: Sequence[str]) ->
         if len(found) == 1:
             chosen.append(found[0])
         elif found:
-            wrong.append(
-                f"{text!r} is {' and '.join(one.title for one in found)}; give the whole name of one"
-            )
+            wrong.append(f"{text!r} is {' and '.join(one.title for one in found)}; give the full name of one")
         else:
             alike = near([one.name for one in structures], text)
-            nearest = f"near that are {', '.join(alike)}" if alike else "homolog labels lists what there is"
+            nearest = (
+                f"similar names: {', '.join(alike)}" if alike else "list the structures of the cohort first"
+            )
             wrong.append(f"no subject has a structure {text!r}; {nearest}")
     if wrong:
         raise InputError("\n".join(wrong))

@@ -248,7 +248,7 @@ def _field_of_voxels(
     if held < _LEAST_HELD:
         remedy = "choose a finer grid spacing" if settings.spacing else "segment it on a finer grid"
         raise InputError(
-            f"is too thin for its grid: only {100.0 * held:.0f} % of its volume hold together; {remedy}, "
+            f"is too thin for its grid: only {100.0 * held:.0f} % of its volume is connected; {remedy}, "
             "or exclude it"
         )
     return field, notes

@@ -68,7 +68,7 @@ def check_triangles(mesh: TriangleMesh, settings: GroomSettings) -> None:
     corners = mesh.vertices[np.unique(mesh.faces)]
     spread = np.linalg.svd(np.cov((corners - corners.mean(axis=0)).T), compute_uv=False)
     if spread[2] <= _THINNEST**2 * spread[0]:
-        raise InputError("the mesh is flat and encloses no volume; export the whole surface")
+        raise InputError("the mesh is flat and encloses no volume; export the complete surface")
     if settings.pieces is Pieces.LARGEST:
         found = clusters(mesh)
         _check_share(_share(mesh.face_areas, found == 0), int(found.max()) + 1)
@@ -136,9 +136,7 @@ def deviation(surface: TriangleMesh, groomed: TriangleMesh) -> str:
     )
 
 
-_NOTHING = (
-    "the mesh encloses no volume; export the whole surface, closed or with openings that are small against it"
-)
+_NOTHING = "the mesh encloses no volume; export the complete surface, closed or with small openings"
 
 
 def _notes(solid: Solid, touching: BoolArray, dropped: int, share: float) -> tuple[str, ...]:
@@ -151,7 +149,7 @@ def _notes(solid: Solid, touching: BoolArray, dropped: int, share: float) -> tup
     said = [
         (solid.welded, f"coincident vertices were merged ({solid.welded})"),
         (solid.dropped, f"faces without area or listed twice were removed ({solid.dropped})"),
-        (solid.turned, f"faces of opposite orientation were turned ({solid.turned})"),
+        (solid.turned, f"faces of opposite orientation were flipped ({solid.turned})"),
         (pieces > 1, f"pieces that touch or overlap were united ({pieces})"),
         (walls > _CRUMBS * len(solid.mesh.faces), f"faces inside the solid were removed ({walls})"),
         (len(ends), f"open ends were closed flat at their rims ({len(ends)}: {widths} mm wide)"),

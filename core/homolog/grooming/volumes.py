@@ -159,7 +159,9 @@ class Volume:
         named = tuple(Segment(name, value) for value, name in sorted(table.names.items()))
         if not table.is_known_list:
             return replace(self, named=named)
-        note = f"neither it nor a table next to it names its labels; {table.source}'s numbers were taken"
+        note = (
+            f"neither the file nor a table next to it names its labels; {table.source}'s numbers were taken"
+        )
         return replace(self, named=named, notes=(*self.notes, note))
 
     def segmentation(self, label: int | None, segment: str | None = None) -> Segmentation:
@@ -215,7 +217,7 @@ class Volume:
         listed = ", ".join(one.words for one in there[:_NAMED])
         more = f" and {len(there) - _NAMED} more" if len(there) > _NAMED else ""
         alike = near([one.name for one in there], name) if name else []
-        nearest = f"near that are {', '.join(alike)}; " if alike else ""
+        nearest = f"similar names: {', '.join(alike)}; " if alike else ""
         nameless = name and not any(one.name for one in there)
         remedy = "; put a table of the labels' names next to the files, or give a number" if nameless else ""
         return f"{nearest}it contains {listed}{more}{remedy}"

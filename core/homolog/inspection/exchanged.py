@@ -1,4 +1,4 @@
-"""Pairs of particles that stand in each other's place."""
+"""Pairs of particles that are exchanged."""
 
 import numpy as np
 

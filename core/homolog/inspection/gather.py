@@ -49,7 +49,7 @@ class Gatherer:
             own = np.concatenate([self._normals[m, pair], self._neighbours[m, pair], bad])
             if own.max() < 1.0:
                 continue
-            words = f"particles {pair[0]} and {pair[1]} stand in each other's place"
+            words = f"particles {pair[0]} and {pair[1]} are exchanged"
             total = np.array([own.sum()])  # no accident, so its signs add up plainly
             found.append(self._suspect(Kind.EXCHANGED, m, pair, total, words))
             normals[pair] = neighbours[pair] = triangles[touched] = 0.0

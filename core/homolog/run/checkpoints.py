@@ -47,7 +47,7 @@ def read_checkpoint(path: Path, fingerprint: str) -> Checkpoint | None:
             f"{path}: the settings or surfaces are not those of the interrupted run; start a new run"
         )
     if not _fits_together(stored):
-        raise InputError(f"{path}: is damaged: its arrays do not fit together; start a new run")
+        raise InputError(f"{path}: is damaged: its arrays do not match; start a new run")
     values: dict[str, Any] = {
         name: stored[name] if stored[name].ndim else stored[name].item() for name in names
     }

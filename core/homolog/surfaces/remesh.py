@@ -75,7 +75,7 @@ def _edges(faces: IntArray) -> _Edges:
     codes = low * (faces.max() + 1) + high
     order = np.argsort(codes, kind="stable")
     if len(order) % 2 or (codes[order[::2]] != codes[order[1::2]]).any():
-        raise NumericalError("its surface came out open or pinched; use another grid spacing")
+        raise NumericalError("its surface is open or pinched; use another grid spacing")
     twice = order.reshape(-1, 2)
     first = twice[:, 0]
     apex = np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])

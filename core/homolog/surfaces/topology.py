@@ -122,7 +122,7 @@ def _vertex_fault(mesh: TriangleMesh) -> str:
     ordered = mesh.vertices[np.lexsort(mesh.vertices.T)]
     twins = np.count_nonzero((ordered[1:] == ordered[:-1]).all(axis=1))
     if twins:
-        return f"is not welded: {twins} vertices lie exactly on another one; merge coincident vertices"
+        return f"is not welded: {twins} vertices coincide with another one; merge coincident vertices"
     return ""
 
 

@@ -54,10 +54,10 @@ def test_several_groups_are_tested_together_and_each_two_of_them(shapes):
 @pytest.mark.parametrize(
     ("arguments", "fault"),
     [
-        ({"groups": GROUPS[:5]}, "there are 5 for 18 subjects"),
+        ({"groups": GROUPS[:5]}, "5 given for 18 subjects"),
         ({"between": ("a", "z")}, "'z' has 0 of the two or more"),
         ({"between": ("a",)}, "two or more different groups"),
-        ({"covariates": {"age": [1.0]}}, "'age': there are 1 values for 18"),
+        ({"covariates": {"age": [1.0]}}, "'age': 1 values for 18"),
         (
             {"covariates": {"age": 18 * [np.nan]}, "names": list("ABCDEFGHIJKLMNOPQR")},
             "no value for B, C",

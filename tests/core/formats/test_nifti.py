@@ -163,7 +163,7 @@ def test_a_fourth_axis_of_one_is_no_hindrance_and_of_two_is(write, blocks):
 
 def test_colours_are_refused(write):
     colours = np.zeros((4, 4, 4), [("R", "u1"), ("G", "u1"), ("B", "u1")])
-    with pytest.raises(InputError, match="not single numbers"):
+    with pytest.raises(InputError, match="instead of single numbers"):
         read_segmentation(write(RAS, None, "rgb.nii", values=colours), None)
 
 

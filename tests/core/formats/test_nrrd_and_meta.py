@@ -40,7 +40,7 @@ def test_a_nrrd_is_put_where_its_space_says(blocks, write_nrrd, points, encoding
 def test_a_nrrd_of_no_anatomical_space_is_read_with_a_note(blocks, write_nrrd, points):
     found = read_segmentation(write_nrrd("a.nrrd", blocks, space="scanner-xyz"), None)
     assert np.allclose(points(found), expected(blocks))
-    assert "does not say how the patient lay" in found.notes[0]
+    assert "gives no patient orientation" in found.notes[0]
 
 
 @pytest.mark.parametrize("encoding", ["raw", "gzip"])
@@ -203,9 +203,7 @@ def test_a_metaimage_header_that_contradicts_itself_is_refused(write_meta, lines
 )
 def test_voxels_of_unknown_size_are_read_with_a_note(write_meta, blocks, points, spacing, note):
     found = read_segmentation(write_meta(**spacing), None)
-    assert said(found) == (
-        ("its header does not say how large its voxels are; 1 mm was assumed",) if note else ()
-    )
+    assert said(found) == (("its header gives no voxel size; 1 mm was assumed",) if note else ())
     assert found.spacing.tolist() == ([1.0, 1.0, 1.0] if note else [1.0, 2.0, 3.0])
 
 

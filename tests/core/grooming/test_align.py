@@ -164,5 +164,5 @@ def test_who_does_not_look_like_the_others_or_lay_otherwise_has_a_note(paw):
     odd = replace(paw, mesh=flattened, coarse_mesh=flattened)
     notes = register([*cohort, upside_down, odd], GroomSettings()).notes
     assert notes[:4] == (None,) * 4
-    assert "turned" in notes[4]
+    assert "180°" in notes[4]
     assert "does not look like the others" in notes[5]

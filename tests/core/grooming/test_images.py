@@ -81,7 +81,7 @@ def test_a_file_cut_short_is_refused(save, suffix):
     ("name", "message"),
     [
         ("a.nii", "is not a readable image"),
-        ("a.nii.gz", "is not compressed, unlike its name"),
+        ("a.nii.gz", "is not compressed, although its name says so"),
         ("a.nrrd", "is not a readable image"),
         ("a.tif", "has an unsupported type; convert it"),
         ("a.raw", "give its header if it has one"),
@@ -97,7 +97,8 @@ def test_something_else_under_an_image_name_is_refused(tmp_path, name, message):
 def test_a_compressed_file_under_a_plain_name_is_told_how_to_be_called(save):
     path = save(np.ones((4, 4, 4), np.uint8), "a.nii.gz")
     with pytest.raises(
-        InputError, match=r"b\.nii: is compressed, unlike its name; rename it to end in \.nii\.gz"
+        InputError,
+        match=r"b\.nii: is compressed, although its name does not say so; rename it to end in \.nii\.gz",
     ):
         read_segmentation(path.rename(path.with_name("b.nii")), None)
 

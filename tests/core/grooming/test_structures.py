@@ -102,7 +102,7 @@ def test_the_names_in_a_files_extension_go_before_every_table(nifti, brain, tmp_
 
 
 def test_an_unknown_name_is_refused_with_near_ones(nifti, brain):
-    with pytest.raises(InputError, match=r"called 'hippocampus'; near that are Left-Hippocampus, Right"):
+    with pytest.raises(InputError, match=r"called 'hippocampus'; similar names: Left-Hippocampus, Right"):
         read_source(Subject("a", nifti("a.nii.gz", brain)), GroomSettings(segment="hippocampus"))
 
 
@@ -176,7 +176,7 @@ def test_structures_are_chosen_by_name_number_or_all(nifti, brain, tmp_path):
     ]  # fmt: skip
     assert len(chosen_structures(found, ["All"])) == 3
     with pytest.raises(
-        InputError, match=r"no subject has a structure 'hippocampus'; near that are Left-Hipp"
+        InputError, match=r"no subject has a structure 'hippocampus'; similar names: Left-Hipp"
     ):
         chosen_structures(found, ["hippocampus"])
 

@@ -25,7 +25,7 @@ def test_two_exchanged_particles_head_the_list(known, good, subject, pair):
     assert first.subject == subject
     assert set(first.particles) == set(pair)
     assert first.severity > 2.0
-    assert "stand in each other's place" in first.words
+    assert "are exchanged" in first.words
 
 
 def test_exchanged_neighbours_are_told_from_others(known, good):
