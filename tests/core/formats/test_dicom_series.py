@@ -45,7 +45,9 @@ def test_slices_without_a_suffix_are_known_for_slices(series):
 
 def test_a_missing_slice_is_noticed(series):
     sorted(series.iterdir())[5].unlink()  # not one at an end
-    with pytest.raises(InputError, match="its 10 slices are not equal in size, parallel and 3 mm apart throughout"):
+    with pytest.raises(
+        InputError, match="its 10 slices are not equal in size, parallel and 3 mm apart throughout"
+    ):
         read_segmentation(series, None)
 
 
