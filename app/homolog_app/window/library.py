@@ -13,6 +13,7 @@ from homolog.files.atomic import replacing_folder
 from homolog.files.project import Project
 from homolog_app.window.asking import Part, ask, reported, waited
 from homolog_app.window.journal import Lost, find_lost
+from homolog_app.window.loaded import write_held
 from homolog_app.window.study import Study, found_subjects, with_table
 from homolog_app.window.study_files import ViewRecord, open_project, save_project, study_of
 
@@ -23,6 +24,10 @@ __all__ = ["Library", "dropped_paths"]
 
 _FILES = "Segmentations and surfaces (*.nrrd *.nhdr *.nii *.nii.gz *.mha *.mhd *.vtp *.vtk *.ply *.stl *.obj)"
 _TABLES, _READ = "Tables (*.csv)", "Tables (*.csv *.tsv *.txt *.xlsx)"
+_NOT_HELD = (
+    "Subjects, settings, particles, surfaces and the shape model were saved. Groomed volumes, kept answers, "
+    "figures and reports were only there and could not be saved."
+)
 _MODELS = "ShapeWorks projects, particles (*.swproj *.xlsx *.particles *.pts)"
 
 
@@ -115,9 +120,15 @@ class Library(Part):
         session, before = self._desk.session, self._desk.project
         if folder != session.folder and folder.exists() and any(folder.iterdir()):
             raise InputError(f"{folder}: is not empty; choose a new name for the project")
-        if session.result is not None and not (before.exists and before.read().result):
-            raise InputError(f"{before.folder}: was moved or deleted, and its result with it; put it back")
-        if folder != session.folder and before.folder.is_dir():
+        gone = session.result is not None and not (before.exists and before.read().result)
+        if gone and folder == session.folder:
+            raise InputError(
+                f"{before.folder}: was moved or deleted, and its result with it; put it back, or save "
+                "what is still in memory with Save as"
+            )
+        if gone:
+            self._write_held(folder)
+        elif folder != session.folder and before.folder.is_dir():
             waited(self._window, f"Saving to {folder.name}…", lambda: _copy(before.folder, folder))
         save_project(Project(folder), session.study, self._view())
         moved = folder != session.folder
@@ -131,6 +142,19 @@ class Library(Part):
         self.show_recent()
         session.project_changed.emit()
         self._window.status.say(f"Saved to {folder}")
+        if gone:
+            ask(self._window, "Saved from memory", f"{before.folder} is gone. {_NOT_HELD}", ("Close",))
+
+    def _write_held(self, folder: Path) -> None:
+        """Write what is in memory of a result whose folder is gone, whole or not at all."""
+        loaded, cohort = self._desk.session.result, self._desk.session.study.whole
+        assert loaded is not None, "there is nothing to write otherwise"
+
+        def write() -> None:
+            with replacing_folder(folder) as part:
+                write_held(Project(part), loaded, cohort)
+
+        waited(self._window, f"Saving to {folder.name}…", write)
 
     def may_leave(self) -> bool:
         """Ask about a run that goes on and about unsaved edits; return whether to go on."""

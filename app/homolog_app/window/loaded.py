@@ -6,15 +6,17 @@ from pathlib import Path
 import numpy as np
 
 from homolog.arrays import FloatArray, frozen
+from homolog.cohort import Cohort
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.project import Project
-from homolog.files.records import ResultRecord
+from homolog.files.records import ProjectRecord, ResultRecord
 from homolog.files.results import Result, read_result, read_surface
+from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Loaded", "RecordedFrame", "Recorder", "load_result"]
+__all__ = ["Loaded", "RecordedFrame", "Recorder", "load_result", "write_held"]
 
 _FRAMES = "frames.npz"
 _MOST_FRAMES = 200
@@ -122,6 +124,53 @@ def load_result(project: Project) -> Loaded:
     )
     summary += f"; {record.mirrored_words}" if record.mirrored_words else ""
     return Loaded(result, surfaces, _energies(project), _frames(project), summary, record)
+
+
+def write_held(project: Project, loaded: Loaded, cohort: Cohort, tick: Tick = no_tick) -> None:
+    """Write a result into a project from memory alone, for one whose own folder is gone.
+
+    Parameters
+    ----------
+    project : Project
+        Without a result.
+    loaded : Loaded
+        What is held of it; volumes of grooming are not.
+    cohort : Cohort
+        The subjects of the project.
+    tick : Tick
+        Progress and cancelling.
+
+    Raises
+    ------
+    InputError
+        If the folder can't be written to.
+    """
+    from homolog.analysis.shape_model import ShapeModel
+    from homolog.files.meshes import write_mesh
+    from homolog.files.particles import write_particles
+    from homolog.files.results import particle_file, surface_file
+    from homolog.files.tables import write_table
+    from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
+
+    result, record = loaded.result, loaded.record
+    model = ShapeModel.fit(result.world, names=result.names)
+    meshes = [loaded.surfaces[name][0] for name in result.names]
+    surface = surface_of_model(model, result.world, meshes, result.alignments, part_of(tick, 0.0, 0.5))
+    own = Cohort(tuple(one for one in cohort.subjects if one.name in result.names), cohort.folder)
+    with project.replacing_result() as new:
+        for index, one in enumerate(record.subjects):
+            write_particles(particle_file(new, one.file, "local"), result.local[index])
+            write_particles(particle_file(new, one.file, "world"), result.world[index])
+            write_mesh(surface_file(project, one.file), meshes[index])
+        write_model(new, own, model)
+        write_surfaces(new, model, surface, part_of(tick, 0.5, 1.0))
+        rows = ([int(row[0]), *row[1:]] for row in loaded.energies.tolist())
+        write_table(new.folder / "energies.csv", ["iteration", "sampling", "ensemble", "normals"], rows)
+        subjects = project.describe(cohort)
+        new.write(ProjectRecord(subjects=subjects, settings=record.settings, result=record))
+    recorder = Recorder()
+    recorder.frames = list(loaded.frames)
+    recorder.write(project)
 
 
 def _remarks(record: ResultRecord) -> str:

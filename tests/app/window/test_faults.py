@@ -8,6 +8,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from homolog.errors import InputError
@@ -93,17 +94,32 @@ def test_a_save_to_a_full_disk_is_told_and_leaves_the_project_as_it_was(explored
     assert Project(folder).read().subjects[0].group == "sick"
 
 
-def test_a_project_deleted_while_it_is_open_is_told_and_no_hollow_one_is_saved(explored, errors, tmp_path):
+def test_a_project_deleted_while_it_is_open_is_told_and_saved_from_memory_elsewhere(
+    explored, errors, tmp_path, monkeypatch
+):
+    from homolog.files.project import Project
+    from homolog.files.results import read_result
+
     folder = explored.desk.session.folder
     shutil.rmtree(folder)
     explored.desk.session.select(["a"])
     explored.desk.session.set_group("sick")
+    held = explored.desk.session.result
     explored.library.save()
-    explored.library.save_to(tmp_path / "elsewhere")
-    assert ["was moved or deleted" in str(error) for _, error in errors] == [True, True]
+    assert ["was moved or deleted" in str(error) for _, error in errors] == [True]
     assert explored.desk.is_changed
     assert not folder.exists()
-    assert not (tmp_path / "elsewhere").exists()
+    told = []
+    monkeypatch.setattr(
+        "homolog_app.window.library.ask", lambda _, __, words, answers: told.append(words) or answers[0]
+    )
+    explored.library.save_to(tmp_path / "elsewhere")
+    assert len(errors) == 1
+    assert "could not be saved" in told[0]
+    written = read_result(Project(tmp_path / "elsewhere"))
+    np.testing.assert_allclose(written.world, held.result.world, atol=1e-5)
+    assert written.groups[written.names.index("a")] == "sick"
+    assert not explored.desk.is_changed
 
 
 def test_a_journal_that_cannot_be_written_is_told_and_work_goes_on(beans, full_disk, caplog):
