@@ -5,6 +5,7 @@ from enum import StrEnum
 import numpy as np
 
 from homolog.arrays import FloatArray
+from homolog.geometry import fit_rotation, rms_radius
 
 __all__ = ["Alignment", "align", "aligned", "sizes"]
 
@@ -40,9 +41,7 @@ def sizes(particles: FloatArray) -> FloatArray:
     (M,) array
         Sizes [mm].
     """
-    centred = particles - particles.mean(axis=1, keepdims=True)
-    size: FloatArray = np.sqrt(np.square(centred).sum(axis=2).mean(axis=1))
-    return size
+    return rms_radius(particles)
 
 
 def align(
@@ -86,7 +85,6 @@ def align(
 
 def _rotations(shapes: FloatArray, target: FloatArray) -> FloatArray:
     """Return the rotation that brings each centred shape nearest to the target (Kabsch 1976), (M, 3, 3)."""
-    u, _, vt = np.linalg.svd(np.einsum("mni,nj->mij", shapes, target))
-    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-    rotations: FloatArray = u @ vt
+    left, right, _ = fit_rotation(np.einsum("mni,nj->mij", shapes, target))
+    rotations: FloatArray = left @ right
     return rotations

@@ -10,6 +10,7 @@ from scipy.spatial.distance import cdist
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.errors import NumericalError
+from homolog.geometry import farthest_point_sampling
 from homolog.progress import Tick, no_tick
 
 __all__ = [
@@ -94,13 +95,7 @@ def spread_centres(points: FloatArray, most: int) -> IntArray:
     """Return the indices of at most so many points, each as far from those before it as can be."""
     if len(points) <= most:
         return np.arange(len(points))
-    chosen = np.zeros(most, dtype=np.int64)
-    gap = np.full(len(points), np.inf)
-    for position in range(1, most):
-        newest = points[chosen[position - 1]]
-        gap = np.minimum(gap, np.square(points - newest).sum(axis=1))
-        chosen[position] = gap.argmax()
-    return np.sort(chosen)
+    return np.sort(farthest_point_sampling(points, most))
 
 
 def spline_weights(centres: FloatArray, targets: FloatArray, smoothing: float | FloatArray) -> FloatArray:

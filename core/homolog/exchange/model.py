@@ -10,8 +10,9 @@ from homolog.analysis.procrustes import align
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.files.particles import read_particles
+from homolog.geometry import fit_similarity, rms_radius, transform_points
 
-__all__ = ["ForeignModel", "ForeignSubject", "particles_of", "similarity", "with_alignments"]
+__all__ = ["ForeignModel", "ForeignSubject", "particles_of", "with_alignments"]
 
 _FARTHEST = 1e6  # mm
 _FITS = 1e-3  # of the size: rounding to six digits, but no other transform
@@ -115,7 +116,7 @@ def _check_near(name: str, points: FloatArray) -> None:
 def _world(subjects: tuple[ForeignSubject, ...]) -> list[FloatArray]:
     if all(one.world is not None or one.alignment is not None for one in subjects):
         return [
-            moved(one.local, one.alignment) if one.world is None else one.world  # type: ignore[arg-type]
+            transform_points(one.alignment, one.local) if one.world is None else one.world  # type: ignore[arg-type]
             for one in subjects
         ]
     if any(one.local is None for one in subjects):
@@ -126,37 +127,16 @@ def _world(subjects: tuple[ForeignSubject, ...]) -> list[FloatArray]:
 
 def _alignment(one: ForeignSubject, local: FloatArray, world: FloatArray) -> FloatArray:
     """Return the similarity from local to world: as the other program says if that is true, else fitted."""
-    size = float(np.sqrt(np.square(world - world.mean(axis=0)).sum(axis=1).mean()))
+    size = float(rms_radius(world))
     candidates = [] if one.alignment is None else [one.alignment]
-    for matrix in (*candidates, similarity(local, world), similarity(local, world, mirrored=True)):
+    fitted = (fit_similarity(local, world, scaling=True, mirrored=mirrored) for mirrored in (False, True))
+    for matrix in (*candidates, *fitted):
         matrix[3] = [0.0, 0.0, 0.0, 1.0]
         with np.errstate(all="ignore"):  # of a matrix that makes no sense
-            fits = np.abs(moved(local, matrix) - world).max() <= _FITS * size
+            fits = np.abs(transform_points(matrix, local) - world).max() <= _FITS * size
         if fits:
             return matrix
     raise InputError(
         f"{one.name}: its local and world particles are not the same shape; export the model again, or "
         "import its world particles alone"
     )
-
-
-def moved(points: FloatArray, matrix: FloatArray) -> FloatArray:
-    """Return points (N, 3) in the frame that a matrix leads to."""
-    result: FloatArray = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return result
-
-
-def similarity(start: FloatArray, target: FloatArray, *, mirrored: bool = False) -> FloatArray:
-    """Return the similarity that brings points nearest to others, least squares (Umeyama 1991), (4, 4)."""
-    middle, goal = start.mean(axis=0), target.mean(axis=0)
-    a, b = start - middle, target - goal
-    u, values, vt = np.linalg.svd(b.T @ a)
-    sign = np.sign(np.linalg.det(u @ vt)) * (-1.0 if mirrored else 1.0)
-    signs = np.array([1.0, 1.0, sign])
-    turn = u @ np.diag(signs) @ vt
-    spread = float(np.square(a).sum())
-    scale = float((values * signs).sum()) / spread if spread > 0.0 else 1.0
-    matrix = np.eye(4)
-    matrix[:3, :3] = scale * turn
-    matrix[:3, 3] = goal - scale * turn @ middle
-    return matrix

@@ -14,6 +14,7 @@ from homolog.errors import InputError, NumericalError
 from homolog.exchange.model import ForeignSubject
 from homolog.exchange.surfels import discs
 from homolog.files.meshes import read_mesh
+from homolog.geometry import rms_radius
 from homolog.grooming import groom_subject
 from homolog.grooming.distance_maps import read_distance_map
 from homolog.progress import Tick, no_tick
@@ -127,5 +128,5 @@ def _gap(mesh: TriangleMesh, points: FloatArray) -> float:
     """Return by how much most particles are farther from the surface than they may be [mm]."""
     places = np.concatenate([mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1)])
     distances = np.asarray(KDTree(places).query(points)[0])
-    size = np.sqrt(np.square(points - points.mean(axis=0)).sum(axis=1).mean())
+    size = rms_radius(points)
     return float(np.quantile(distances, _MOST) - _NEAR * size - 0.5 * mesh.mean_edge)

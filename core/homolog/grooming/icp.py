@@ -8,6 +8,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray, IntArray
+from homolog.geometry import fit_rotation, transform_points
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Cloud", "Fit", "axes_rotation", "cloud_of", "registered"]
@@ -147,7 +148,7 @@ def _iterated(own: _Half, other: _Half, pose: FloatArray, count: int, rounds: in
     for _ in range(rounds):
         scale = np.cbrt(np.linalg.det(pose[:3, :3]))
         turn = pose[:3, :3] / scale
-        there, onto = other.nearest(a @ pose[:3, :3].T + pose[:3, 3], na @ turn.T)
+        there, onto = other.nearest(transform_points(pose, a), na @ turn.T)
         back, from_ = own.nearest((b - pose[:3, 3]) @ turn / scale, nb @ turn)
         distances = np.concatenate([there, back * scale])
         before, distance = distance, float(np.median(distances))
@@ -166,10 +167,9 @@ def _best_fit(points: FloatArray, targets: FloatArray, weights: FloatArray) -> F
     share = weights / weights.sum()
     middle, goal = share @ points, share @ targets
     own, other = points - middle, targets - goal
-    u, _, vt = np.linalg.svd((other * share[:, None]).T @ own)
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    left, right, _ = fit_rotation((other * share[:, None]).T @ own)
     scale = float(np.sqrt((share @ np.square(other)).sum() / (share @ np.square(own)).sum()))
     pose = np.eye(4)
-    pose[:3, :3] = np.clip(scale, 1.0 / _LIMIT, _LIMIT) * (u * signs) @ vt
+    pose[:3, :3] = np.clip(scale, 1.0 / _LIMIT, _LIMIT) * left @ right
     pose[:3, 3] = goal - pose[:3, :3] @ middle
     return pose

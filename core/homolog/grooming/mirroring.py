@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 from homolog.arrays import FloatArray
 from homolog.cohort import FROM_NAMES, LEFT, RIGHT, Cohort, other_side, sides_of
 from homolog.errors import InputError
+from homolog.geometry import transform_points
 from homolog.grooming.align import Registration, medoid, register
 from homolog.grooming.icp import Cloud, cloud_of, registered
 from homolog.grooming.subject import GroomedSubject
@@ -214,8 +215,7 @@ def _thinned(cloud: Cloud, points: int) -> Cloud:
 
 def _moved(moving: Cloud, fixed: Cloud) -> FloatArray:
     """Return a cloud's points (N, 3) registered to another cloud."""
-    pose = registered(moving, fixed).pose
-    return np.asarray(moving.points @ pose[:3, :3].T + pose[:3, 3])
+    return transform_points(registered(moving, fixed).pose, moving.points)
 
 
 def _gap(points: FloatArray, fixed: Cloud) -> float:

@@ -12,6 +12,7 @@ from homolog.cohort import Cohort
 from homolog.correspondence import Shape
 from homolog.errors import InputError
 from homolog.files.markups import landmark_table, read_markups
+from homolog.geometry import rms_radius
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["check_landmarks", "with_landmarks"]
@@ -55,7 +56,7 @@ def check_landmarks(path: Path, name: str, points: FloatArray, mesh: TriangleMes
         Naming the file, the subject and how far.
     """
     gap = float(np.median(KDTree(mesh.vertices).query(points)[0]))
-    size = np.sqrt(np.square(mesh.vertices - mesh.vertices.mean(axis=0)).sum(axis=1).mean())
+    size = rms_radius(mesh.vertices)
     if gap > _FAR * size:
         raise InputError(
             f"{path}: its landmarks lie {gap:.0f} mm from the surface of {name}; give those of this subject, "

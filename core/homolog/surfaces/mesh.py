@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.geometry import transform_points
 
 __all__ = ["TriangleMesh"]
 
@@ -37,7 +38,7 @@ class TriangleMesh:
         """Return the surface in the frame that a (4, 4) matrix leads to; its faces still point outward."""
         mirrored = np.linalg.det(matrix[:3, :3]) < 0.0
         faces = self.faces[:, ::-1] if mirrored else self.faces
-        return TriangleMesh(self.vertices @ matrix[:3, :3].T + matrix[:3, 3], faces)
+        return TriangleMesh(transform_points(matrix, self.vertices), faces)
 
     @property
     def face_areas(self) -> FloatArray:
