@@ -18,8 +18,8 @@ import numpy as np
 from homolog.analysis.landmarks import landmark_errors
 from homolog.cohort import read_cohort
 from homolog.correspondence import Shape, optimize
-from homolog.correspondence.poses import transform_points
 from homolog.device import choose_device
+from homolog.geometry import transform_points
 from homolog.grooming import align, groom_cohort
 from homolog.grooming.icp import cloud_of, registered
 from homolog.settings import OptimizeSettings, RunSettings
@@ -49,7 +49,7 @@ def icp_errors(shapes, landmarks):
             if i != j:
                 pose = registered(source, target).set_poses
                 here = (landmarks[i] - clouds[i].centre) / clouds[i].size
-                there = transform_points(pose[None], here[None])[0] * clouds[j].size + clouds[j].centre
+                there = transform_points(pose, here) * clouds[j].size + clouds[j].centre
                 errors[i, j] = np.linalg.norm(snaps[j](there) - landmarks[j], axis=1)
     return errors
 

@@ -32,11 +32,11 @@ from homolog.beans.generate import NARROW, WIDE, draw_beans
 from homolog.correspondence import Shape, optimize
 from homolog.correspondence.engine import Engine
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
-from homolog.correspondence.initialization.registration import farthest_point_sampling
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.prepared_cohort import MEAN_AREA, prepare_cohort
 from homolog.correspondence.schedule import Weights
 from homolog.device import choose_device, describe_device
+from homolog.geometry import farthest_point_sampling
 from homolog.settings import GroomSettings, Method, OptimizeSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh

@@ -2,7 +2,6 @@
 
 from homolog.correspondence.launcher import load_kernels
 from homolog.correspondence.optimizer import optimize
-from homolog.correspondence.poses import fit_similarity, inverse_matrices, transform_points
 from homolog.correspondence.refit import initialize_fit, repair
 from homolog.correspondence.types import (
     Checkpoint,
@@ -24,11 +23,8 @@ __all__ = [
     "Reason",
     "Shape",
     "Stage",
-    "fit_similarity",
     "initialize_fit",
-    "inverse_matrices",
     "load_kernels",
     "optimize",
     "repair",
-    "transform_points",
 ]

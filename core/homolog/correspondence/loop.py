@@ -15,11 +15,9 @@ from homolog.correspondence.poses import (
     align_to_mean,
     entropy_step,
     generalized_procrustes,
-    inverse_matrices,
     procrustes_step,
     rescale,
     scales_of,
-    transform_points,
 )
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, landmarks_on_device
 from homolog.correspondence.recorder import CheckpointCallback, RunRecorder
@@ -34,6 +32,7 @@ from homolog.correspondence.types import (
     Stage,
 )
 from homolog.errors import Cancelled, InputError, NumericalError
+from homolog.geometry import inverse_matrices, transform_points
 from homolog.progress import Tick, part_of
 from homolog.settings import OptimizeSettings, Procrustes
 from homolog.surfaces.mesh import TriangleMesh
@@ -153,7 +152,7 @@ class OptimizationLoop:
         rounds = INITIAL_ROUNDS if self.aligns else 1
         for number in range(rounds):
             meshes = [
-                TriangleMesh(transform_points(pose[None], mesh.vertices[None])[0], mesh.faces)
+                TriangleMesh(transform_points(pose, mesh.vertices), mesh.faces)
                 for pose, mesh in zip(self.poses, self.cohort.surface_set(count).meshes, strict=True)
             ]
             tick = part_of(self.initial_tick, number / rounds, (number + 1) / rounds)

@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.engine import Engine, rotations
-from homolog.correspondence.initialization.registration import farthest_point_sampling, features, snap_to_mesh
-from homolog.correspondence.poses import inverse_matrices, transform_points
+from homolog.correspondence.initialization.registration import features, snap_to_mesh
 from homolog.errors import InputError
+from homolog.geometry import farthest_point_sampling, inverse_matrices, transform_points
 
 __all__ = ["find_misplaced", "find_swapped", "predict_positions", "relocate", "relocate_misplaced"]
 

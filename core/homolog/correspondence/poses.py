@@ -5,17 +5,15 @@ from scipy.spatial.transform import Rotation
 
 from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.entropy.dual import covariance, inverse_dual
+from homolog.geometry import fit_rotation, fit_similarity, transform_points
 
 __all__ = [
     "align_to_mean",
     "entropy_step",
-    "fit_similarity",
     "generalized_procrustes",
-    "inverse_matrices",
     "procrustes_step",
     "rescale",
     "scales_of",
-    "transform_points",
 ]
 
 N_SWEEPS = 3  # over the shapes, of poses by entropy
@@ -24,40 +22,6 @@ MAX_ROUNDS, CONVERGENCE = (
     100,
     1e-9,
 )  # of generalized Procrustes analysis: at most, and when the mean has come to rest
-
-
-def transform_points(matrices: FloatArray, points: FloatArray) -> FloatArray:
-    """Return the points (M, n, 3) of each shape mapped by its own (4, 4) matrix."""
-    rotated = [shape @ matrix[:3, :3].T for shape, matrix in zip(points, matrices, strict=True)]
-    result: FloatArray = np.stack(rotated) + matrices[:, None, :3, 3]
-    return result
-
-
-def inverse_matrices(matrices: FloatArray) -> FloatArray:
-    """Return the inverses of (M, 4, 4) matrices."""
-    inverses: FloatArray = np.asarray(np.linalg.inv(matrices), dtype=np.float64)
-    return inverses
-
-
-def fit_similarity(points: FloatArray, targets: FloatArray, *, scaling: bool) -> FloatArray:
-    """Return the similarity of points to targets with least squares (Umeyama 1991), shape (4, 4).
-
-    Parameters
-    ----------
-    points, targets : (n, 3) arrays
-        Corresponding positions.
-    scaling : bool
-        Whether the size may change; otherwise the motion is rigid. Reflections are not allowed.
-    """
-    centre, target_centre = points.mean(axis=0), targets.mean(axis=0)
-    centred_points = points - centre
-    u, values, vt = np.linalg.svd((targets - target_centre).T @ centred_points)
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    scale = float(values @ signs / np.square(centred_points).sum()) if scaling else 1.0
-    result = np.eye(4)
-    result[:3, :3] = scale * (u * signs) @ vt
-    result[:3, 3] = target_centre - result[:3, :3] @ centre
-    return result
 
 
 def scales_of(matrices: FloatArray) -> FloatArray:
@@ -224,7 +188,7 @@ def entropy_step(
             pull = np.einsum("m,mni->ni", weights[k], points) / weights[k, k]
             robust = _robust_weights(np.square(pull).sum(axis=1))[:, None, None] * np.eye(3)
             step = _weighted_step(points[k], points[k] - pull, robust, scaling)
-            points[k] = transform_points(step[None], points[k : k + 1])[0]
+            points[k] = transform_points(step, points[k])
             result[k] = step @ result[k]
     if scaling and free.all():
         centre = points.mean(axis=(0, 1))
@@ -263,6 +227,6 @@ def _robust_weights(squares: FloatArray) -> FloatArray:
 
 def _rotation(points: FloatArray, target: FloatArray) -> FloatArray:
     """Return the rotation of centred points to a centred target with least squares (Kabsch 1976)."""
-    u, _, vt = np.linalg.svd(target.T @ points)
-    rotation: FloatArray = (u * [1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    left, right, _ = fit_rotation(target.T @ points)
+    rotation: FloatArray = left @ right
     return rotation

@@ -12,11 +12,9 @@ from scipy.spatial import cKDTree
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.initialization.registration import (
     ThinPlateMap,
-    farthest_point_sampling,
     features,
     register,
     snap_to_mesh,
-    vertex_normals,
 )
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.misplaced import predict_positions
@@ -24,6 +22,7 @@ from homolog.correspondence.optimizer import optimize
 from homolog.correspondence.surface_sets import Similarity, length_unit, normalize_size
 from homolog.correspondence.types import FrameCallback, InitialParticles, OptimizedParticles, Shape
 from homolog.errors import InputError
+from homolog.geometry import farthest_point_sampling
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
@@ -169,7 +168,7 @@ def _transform_mesh(mesh: TriangleMesh, placement: Similarity) -> TriangleMesh:
 def _normals_at(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
     """Return the mesh's normals at points on it, (n, 3)."""
     nearest: IntArray = np.asarray(cKDTree(mesh.vertices).query(points)[1])
-    normals: FloatArray = vertex_normals(mesh)[nearest]
+    normals: FloatArray = mesh.vertex_normals[nearest]
     return normals
 
 
@@ -179,7 +178,7 @@ def _warp(
     """Return points and normals on one coarse mesh carried towards another, (n, 3) each."""
     control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
     maps = ThinPlateMap.fit(source.vertices[control], source.vertices)
-    deformed = register(source, control, target, vertex_normals(target), maps, tick=tick)
+    deformed = register(source, control, target, target.vertex_normals, maps, tick=tick)
     through = ThinPlateMap.fit(source.vertices[control], points)
-    near = cKDTree(features(source.vertices, vertex_normals(source))).query(features(points, normals))[1]
-    return through.apply(deformed.vertices[control], INTERPOLATION_SMOOTHING), vertex_normals(deformed)[near]
+    near = cKDTree(features(source.vertices, source.vertex_normals)).query(features(points, normals))[1]
+    return through.apply(deformed.vertices[control], INTERPOLATION_SMOOTHING), deformed.vertex_normals[near]

@@ -17,10 +17,11 @@ from homolog.arrays import BoolArray, DeviceArray, Float32Array, FloatArray, Int
 from homolog.correspondence.entropy.opening_angles import BALL_SIZE, opening_grid, openings_at
 from homolog.correspondence.kernels.functions import FieldData
 from homolog.correspondence.kernels.particles import Surface
-from homolog.correspondence.poses import rescale, scales_of, transform_points
+from homolog.correspondence.poses import rescale, scales_of
 from homolog.correspondence.types import Shape
 from homolog.errors import NumericalError
 from homolog.geodesics import GeodesicTable
+from homolog.geometry import transform_points
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -97,9 +98,7 @@ def normalize_size(shapes: Sequence[Shape]) -> list[Shape]:
     areas = np.array([shape.mesh.area for shape in shapes])
     scales = scales_of(alignments)
     sizes = scales * np.sqrt(areas)
-    centres = np.stack(
-        [transform_points(s.alignment[None], s.mesh.vertices[None])[0].mean(axis=0) for s in shapes]
-    )
+    centres = np.stack([transform_points(s.alignment, s.mesh.vertices).mean(axis=0) for s in shapes])
     common = np.exp(np.log(sizes).mean())
     grown = rescale(alignments, scales * common / sizes, centres)
     return [replace(shape, alignment=own) for shape, own in zip(shapes, grown, strict=True)]

@@ -6,6 +6,7 @@ import numpy as np
 
 from homolog.arrays import Array
 from homolog.errors import InputError
+from homolog.geometry import transform_points
 from homolog.grooming.images import read_volume
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.simplify import simplified
@@ -41,7 +42,7 @@ def read_distance_map(path: Path) -> TriangleMesh:
     padded = np.pad(values, 1, constant_values=float(values.max()))
     points, faces, _, _ = marching_cubes(padded, 0.0)
     matrix = volume.index_to_world
-    mesh = TriangleMesh((points - 1.0) @ matrix[:3, :3].T + matrix[:3, 3], faces)
+    mesh = TriangleMesh(transform_points(matrix, points - 1.0), faces)
     largest = mesh.faces[face_components(mesh.faces) == 0]
     used, numbers = np.unique(largest, return_inverse=True)
     mesh = TriangleMesh(mesh.vertices[used], numbers.reshape(-1, 3))

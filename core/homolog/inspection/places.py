@@ -16,6 +16,7 @@ from homolog.correspondence.surface_sets import Similarity, build_surface_set, m
 from homolog.errors import InputError
 from homolog.geodesics import distances_from, solve_table
 from homolog.geodesics.kernels.lookup import SurfacePoint
+from homolog.geometry import transform_points
 from homolog.inspection import kernels
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
@@ -126,7 +127,7 @@ def find_places(
         If particles are not on their subject's surface, or a surface is not closed.
     """
     count = local.shape[1]
-    world = np.einsum("mij,mnj->mni", alignments[:, :3, :3], local) + alignments[:, None, :3, 3]
+    world = transform_points(alignments, local)
     spacing = np.sqrt([mesh.area / count for mesh in meshes])
     normals, feet = np.empty_like(world), np.empty(world.shape[:2], np.int64)
     reaches, distances = [], []

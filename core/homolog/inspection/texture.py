@@ -4,6 +4,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from homolog.arrays import FloatArray
+from homolog.geometry import transform_points
 from homolog.inspection.neighbourhood import Neighbourhood
 from homolog.inspection.places import Places
 
@@ -23,7 +24,7 @@ def carried_places(places: Places, usual: Neighbourhood, subject: int) -> FloatA
     matrix, mesh = places.alignments[subject], places.meshes[subject]
     few = _GUIDES if len(usual.shape) > _MOST else None
     carry = RBFInterpolator(places.world[subject], usual.shape, neighbors=few, kernel="linear", degree=1)
-    return np.asarray(carry(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]), np.float64)
+    return np.asarray(carry(transform_points(matrix, mesh.vertices)), np.float64)
 
 
 def stripes(carried: FloatArray, shape: FloatArray, blur: float, bands: int = 8) -> FloatArray:

@@ -7,11 +7,12 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
-from homolog.correspondence import InitialParticles, Shape, fit_similarity, initialize_fit, transform_points
+from homolog.correspondence import InitialParticles, Shape, initialize_fit
 from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.files.records import ResultRecord
 from homolog.files.results import read_result
+from homolog.geometry import fit_similarity, transform_points
 from homolog.progress import Tick
 from homolog.run.identity import content_of
 from homolog.run.result import CANCELLED
@@ -89,7 +90,7 @@ def _agreed_move(here: FloatArray, there: FloatArray) -> FloatArray:
     """
     moves = [fit_similarity(own, goal, scaling=True) for own, goal in zip(here, there, strict=True)]
     errors = np.array(
-        [np.linalg.norm(here @ move[:3, :3].T + move[:3, 3] - there, axis=2).mean(axis=1) for move in moves]
+        [np.linalg.norm(transform_points(move, here) - there, axis=2).mean(axis=1) for move in moves]
     )
     best = errors[int(np.argmin(np.median(errors, axis=1)))]
     agreed = best <= 2.0 * np.median(best) + 1e-9

@@ -13,6 +13,7 @@ from homolog.errors import InputError
 from homolog.files.arrays import read_arrays
 from homolog.files.project import Project
 from homolog.files.records import ResultRecord, ResultSubject
+from homolog.geometry import transform_points
 from homolog.grooming import GroomedSubject
 from homolog.grooming.cache import load_groomed
 from homolog.progress import Tick, no_tick, part_of
@@ -98,7 +99,7 @@ def write_mended(project: Project, local: FloatArray, notes: Mapping[str, str], 
         groomed = [noted(one, notes[one.name]) if one.name in notes else one for one in study.groomed]
         assert before.result is not None, "a study was read"
         alignments = np.stack([one.alignment for one in study.shapes])
-        world = np.einsum("mij,mnj->mni", alignments[:, :3, :3], local) + alignments[:, None, :3, 3]
+        world = transform_points(alignments, local)
         outcome = Outcome(
             replace(study, groomed=groomed),
             world,

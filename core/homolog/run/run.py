@@ -5,12 +5,13 @@ import shutil
 import numpy as np
 
 from homolog.cohort import Cohort
-from homolog.correspondence import Checkpoint, Frame, inverse_matrices, transform_points
+from homolog.correspondence import Checkpoint, Frame
 from homolog.device import choose_device, cores, device_faults
 from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import writing
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord
+from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, Problem, check_cohort, check_sides, groom_cohort
 from homolog.progress import no_tick, patiently
 from homolog.run.base import Base, read_base

@@ -5,6 +5,7 @@ from scipy.spatial import KDTree
 
 from homolog.arrays import Array, BoolArray, FloatArray, IntArray
 from homolog.errors import InputError, NumericalError
+from homolog.geometry import transform_points
 from homolog.surfaces.closest import distances_to
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
@@ -67,7 +68,7 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
             "nothing is left of the shape after smoothing; use a finer grid or less smoothing"
         )
     nodes, faces = marching_cubes(field.values)
-    raw = TriangleMesh(nodes @ field.index_to_world[:3, :3].T + field.index_to_world[:3, 3], faces)
+    raw = TriangleMesh(transform_points(field.index_to_world, nodes), faces)
     inside = np.count_nonzero(field.values < 0.0) * abs(np.linalg.det(field.index_to_world[:3, :3]))
     if raw.volume < _SLIVER * inside:
         raise InputError("is too thin for its grid; use a finer grid spacing, or exclude it")

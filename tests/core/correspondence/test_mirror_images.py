@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from homolog.correspondence import InitialParticles, initialize_fit, optimize, repair, transform_points
+from homolog.correspondence import InitialParticles, initialize_fit, optimize, repair
+from homolog.geometry import transform_points
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mirroring import MIRROR
 

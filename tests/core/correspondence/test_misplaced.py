@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial import cKDTree
 
 from homolog.correspondence import InitialParticles, optimize, recorder
-from homolog.correspondence.initialization.registration import vertex_normals
 from homolog.correspondence.misplaced import find_misplaced, find_swapped, snap_to_mesh
 from homolog.errors import Cancelled
 from homolog.settings import Method, OptimizeSettings
@@ -72,7 +71,7 @@ def test_a_point_put_on_a_thin_wall_that_bends_stays_on_its_side(make_shape):
     points = np.random.default_rng(0).normal(size=(400, 3)) * [8.0, 7.0, 1.0]
     normals = np.tile([0.0, 0.0, 1.0], (400, 1))
     nearest = cKDTree(mesh.vertices).query(snap_to_mesh(points, normals, mesh))[1]
-    assert vertex_normals(mesh)[nearest, 2].min() > 0.0
+    assert mesh.vertex_normals[nearest, 2].min() > 0.0
 
 
 def test_a_particle_on_the_wrong_wall_is_put_right_and_the_run_says_so(discs, spoiled):

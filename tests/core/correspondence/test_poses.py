@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from homolog.correspondence import fit_similarity, inverse_matrices, optimize, transform_points
+from homolog.correspondence import optimize
 from homolog.correspondence.poses import procrustes_step
 from homolog.errors import Cancelled
+from homolog.geometry import fit_similarity, inverse_matrices, transform_points
 from homolog.settings import OptimizeSettings, Procrustes
 
 SETTINGS = OptimizeSettings(particles=60, split_iterations=40, anneal_iterations=100, settle_iterations=60)

@@ -4,11 +4,10 @@ import numpy as np
 
 from homolog.correspondence.initialization.registration import (
     ThinPlateMap,
-    farthest_point_sampling,
     initial_particles,
     medoid,
-    vertex_normals,
 )
+from homolog.geometry import farthest_point_sampling
 from homolog.surfaces.mesh import TriangleMesh
 
 
@@ -39,7 +38,7 @@ def test_a_smoothing_map_solves_the_thin_plate_system():
 
 def test_vertex_normals_of_a_sphere_point_outward(ball):
     outward = ball.mesh.vertices / np.linalg.norm(ball.mesh.vertices, axis=1, keepdims=True)
-    assert (vertex_normals(ball.mesh) * outward).sum(axis=1).min() > 0.98
+    assert (ball.mesh.vertex_normals * outward).sum(axis=1).min() > 0.98
 
 
 def test_spread_points_are_farther_apart_than_random_ones():

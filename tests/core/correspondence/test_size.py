@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from homolog.correspondence import InitialParticles, initialize_fit, optimize, transform_points
+from homolog.correspondence import InitialParticles, initialize_fit, optimize
 from homolog.correspondence.poses import entropy_step, scales_of
+from homolog.geometry import transform_points
 from homolog.settings import GroomSettings, OptimizeSettings, Procrustes, RunSettings
 
 SETTINGS = OptimizeSettings(

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from homolog.arrays import FloatArray, IntArray
+from homolog.geometry import farthest_point_sampling
 from homolog.progress import Tick, no_tick, part_of, patiently
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -98,7 +99,7 @@ def initial_particles(
     (M, count, 3) array
         On the meshes, or nearly.
     """
-    normals = [vertex_normals(mesh) for mesh in meshes]
+    normals = [mesh.vertex_normals for mesh in meshes]
     reference = medoid(meshes, tick=part_of(tick, 0.0, 0.1))
     source = meshes[reference]
     control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
@@ -124,7 +125,7 @@ def initial_particles(
             source, landmark_vertices[reference], mesh.vertices[landmark_vertices[index]]
         )
         deformed = register(source, control, mesh, own, maps, initial_guess, here)
-        result[index] = snap_to_mesh(deformed.vertices[chosen], vertex_normals(deformed)[chosen], mesh)
+        result[index] = snap_to_mesh(deformed.vertices[chosen], deformed.vertex_normals[chosen], mesh)
         result[index, : len(landmark_vertices[index])] = mesh.vertices[landmark_vertices[index]]
     return result
 
@@ -170,7 +171,7 @@ def register(
     tree = cKDTree(features(target.vertices, normals))
     for number, smoothing in enumerate(np.geomspace(FIRST_SMOOTHING, LAST_SMOOTHING, N_ROUNDS)):
         tick(number / N_ROUNDS, "first particles")
-        source_features = features(deformed.vertices, vertex_normals(deformed))
+        source_features = features(deformed.vertices, deformed.vertex_normals)
         nearest = tree.query(source_features[control], k=N_MATCHES)
         distances, vertices = np.asarray(nearest[0]), np.asarray(nearest[1])
         weights = np.exp(-0.5 * (np.square(distances) - np.square(distances[:, :1])) / MATCH_WIDTH**2)
@@ -183,32 +184,6 @@ def register(
 def features(vertices: FloatArray, normals: FloatArray) -> FloatArray:
     """Return what closest points are sought by: position and normal, shape (V, 6)."""
     return np.hstack([vertices, NORMAL_LENGTH * normals])
-
-
-def vertex_normals(mesh: TriangleMesh) -> FloatArray:
-    """Return unit normals at the vertices, faces weighted by area; shape (V, 3)."""
-    corners = mesh.vertices[mesh.faces]
-    weighted = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = np.zeros_like(mesh.vertices)
-    for corner in range(3):
-        np.add.at(total, mesh.faces[:, corner], weighted)
-    unit: FloatArray = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-30)
-    return unit
-
-
-def farthest_point_sampling(
-    points: FloatArray, count: int, begin: Sequence[int] | IntArray = (0,)
-) -> IntArray:
-    """Return indices of points far from each other, each the farthest from those before (Gonzalez 1985).
-
-    Those to begin with come first.
-    """
-    chosen = [int(index) for index in begin]
-    gap = cdist(points, points[chosen]).min(axis=1)
-    while len(chosen) < count:
-        chosen.append(int(gap.argmax()))
-        gap = np.minimum(gap, np.linalg.norm(points - points[chosen[-1]], axis=1))
-    return np.array(chosen)
 
 
 def medoid(
@@ -233,7 +208,7 @@ def medoid(
 
 def snap_to_mesh(points: FloatArray, normals: FloatArray, mesh: TriangleMesh) -> FloatArray:
     """Return points on a mesh near the given ones, on the side that faces as the normals do, (n, 3)."""
-    normals_of_mesh = vertex_normals(mesh)
+    normals_of_mesh = mesh.vertex_normals
     nearest: IntArray = np.asarray(
         cKDTree(features(mesh.vertices, normals_of_mesh)).query(features(points, normals))[1]
     )
