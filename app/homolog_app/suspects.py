@@ -12,7 +12,7 @@ from homolog.files.project import Project
 from homolog.files.records import IMPORTED
 from homolog.files.results import Result, read_result, read_surface
 from homolog.files.tables import write_table
-from homolog.inspection import Inspection, Suspect, find_places, inspect, judge
+from homolog.inspection import Inspection, Suspect, assess, inspect, locate_particles
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh
@@ -36,7 +36,7 @@ def inspect_project(project: Project, tick: Tick = no_tick) -> tuple[Result, Ins
     """
     result, record = read_result(project), project.read().result
     assert record is not None, "a result was read"
-    meshes = [read_surface(project, one) for one in record.subjects]
+    meshes = [read_surface(project, located) for located in record.subjects]
     if record.ended == IMPORTED:
         _check_surfaces(result.names, meshes)
     return result, inspect(result.local, meshes, result.alignments, names=result.names, tick=tick)
@@ -59,32 +59,38 @@ def mended(project: Project, inspection: Inspection, suspect: Suspect, tick: Tic
     Returns
     -------
     Inspection
-        Of the particles as they are then: ``places.local`` and ``places.world``.
+        Of the particles as they are then: ``located.local`` and ``located.world``.
     """
     from homolog.inspection import Kind
-    from homolog.run.mend import mend, read_study
+    from homolog.run.repair import read_inputs, repair_result
 
-    places, m = inspection.places, suspect.subject
+    located, m = inspection.located, suspect.subject
     tick(0.0, "reading surfaces")
-    study = read_study(project)
-    misplaced = np.zeros(places.world.shape[:2], dtype=bool)
+    inputs = read_inputs(project)
+    misplaced = np.zeros(located.world.shape[:2], dtype=bool)
     if suspect.kind is not Kind.UNCOVERED:
         misplaced[m, suspect.particles] = True
-    local = mend(study, places.local, inspection.movable(suspect), misplaced, part_of(tick, 0.0, 0.9))
-    name = study.shapes[m].name
-    one = find_places(local[m : m + 1], places.meshes[m : m + 1], places.alignments[m : m + 1], names=[name])
-    return judge(places.with_subject(m, one), part_of(tick, 0.95, 1.0))
+    local = repair_result(
+        inputs, located.local, inspection.movable(suspect), misplaced, part_of(tick, 0.0, 0.9)
+    )
+    name = inputs.shapes[m].name
+    located = locate_particles(
+        local[m : m + 1], located.meshes[m : m + 1], located.alignments[m : m + 1], names=[name]
+    )
+    return assess(located.with_subject(m, located), part_of(tick, 0.95, 1.0))
 
 
 def rows(inspection: Inspection, suspects: Sequence[Suspect], names: Sequence[str]) -> list[Row]:
     """Return what the table says of some suspects, one row each in the order of `COLUMNS`."""
     table: list[Row] = []
-    for one in suspects:
-        inverse = np.linalg.inv(inspection.places.alignments[one.subject])
-        x, y, z = (inverse[:3, :3] @ one.place + inverse[:3, 3]).round(3).tolist()
-        particles = " ".join(map(str, one.particles.tolist()))
-        severity, area = round(one.severity, 3), round(one.area, 3)
-        table.append((one.kind.value, names[one.subject], severity, particles, x, y, z, area, one.words))
+    for located in suspects:
+        inverse = np.linalg.inv(inspection.located.alignments[located.subject])
+        x, y, z = (inverse[:3, :3] @ located.place + inverse[:3, 3]).round(3).tolist()
+        particles = " ".join(map(str, located.particles.tolist()))
+        severity, area = round(located.severity, 3), round(located.area, 3)
+        table.append(
+            (located.kind.value, names[located.subject], severity, particles, x, y, z, area, located.words)
+        )
     return table
 
 
@@ -99,7 +105,7 @@ def write_suspects(path: Path, table: Sequence[Row]) -> None:
     if path.suffix.lower() == ".csv":
         write_table(path, COLUMNS, table)
     elif path.suffix.lower() == ".json":
-        objects = [dict(zip(COLUMNS, one, strict=True)) for one in table]
+        objects = [dict(zip(COLUMNS, located, strict=True)) for located in table]
         write_text(path, json.dumps(objects, indent=2, ensure_ascii=False) + "\n")
     else:
         raise InputError(f"{path}: the list is written as .csv or .json; name the file so")

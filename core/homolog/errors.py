@@ -1,6 +1,6 @@
-"""What can go wrong, by who can mend it."""
+"""Exceptions, grouped by who can fix the cause."""
 
-__all__ = ["Cancelled", "HomologError", "InputError", "NumericalError", "words_for"]
+__all__ = ["Cancelled", "HomologError", "InputError", "NumericalError", "user_message"]
 
 
 class HomologError(Exception):
@@ -22,10 +22,10 @@ class Cancelled(HomologError):
     """The user cancelled: raised by a callback to stop the work, never shown as an error."""
 
 
-def words_for(error: BaseException) -> str | None:
-    """Return what to tell the user of an error, or None if it is a defect of the program.
+def user_message(error: BaseException) -> str | None:
+    """Return the message for the user, or None if the error is a defect of the program.
 
-    What the system says of a file that it names, such as that it may not be read, the user can mend too.
+    An error of the system that names a file, such as missing permissions, is one that the user can fix.
     """
     if isinstance(error, InputError | NumericalError):
         return str(error)

@@ -1,18 +1,18 @@
-"""Progress and cancelling: one callback, called often by everything that takes long."""
+"""Progress and cancellation: one callback, which all long computations call often."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TypeVar
 
-__all__ = ["Tick", "no_tick", "part_of", "patiently"]
+__all__ = ["Tick", "no_tick", "part_of", "run_in_background"]
 
 Tick = Callable[[float, str], None]
-"""``tick(fraction, message)``: fraction of this piece of work done, in [0, 1], and what is being done.
+"""``tick(fraction, message)``: completed fraction of the work in [0, 1], and the current step.
 
 A tick raises `homolog.errors.Cancelled` to stop the work at once. Long functions call it at least every
 0.2 s, from the thread they were called in."""
 
-_PATIENCE_S = 0.05
+_TICK_INTERVAL_S = 0.05
 
 _Result = TypeVar("_Result")
 
@@ -30,18 +30,18 @@ def part_of(tick: Tick, start: float, stop: float) -> Tick:
     return inner
 
 
-def patiently(work: Callable[[Tick], _Result], tick: Tick, message: str) -> _Result:
-    """Do work that can't tick often enough beside this thread, which ticks meanwhile.
+def run_in_background(work: Callable[[Tick], _Result], tick: Tick, message: str) -> _Result:
+    """Run work that can't tick often enough in a background thread, while this thread ticks.
 
     Parameters
     ----------
     work : callable
-        Takes a tick of its own. It must change nothing that others see: if the work is cancelled it is left
-        to itself and ends at its next tick, or in its own time.
+        Takes its own tick. It must not change shared state: after cancellation it runs on in the background
+        until its next tick or its end.
     tick : Tick
-        Called every 0.05 s, and at the end, with what the work said last.
+        Called every 0.05 s, and at the end, with the newest progress of the work.
     message : str
-        What is being done, until the work says so itself.
+        Message until the work reports its own.
     """
     newest = (0.0, message)
     stopped: list[BaseException] = []
@@ -57,7 +57,7 @@ def patiently(work: Callable[[Tick], _Result], tick: Tick, message: str) -> _Res
         future = executor.submit(work, inner)
         done = False
         while not done:
-            done = bool(wait([future], _PATIENCE_S).done)
+            done = bool(wait([future], _TICK_INTERVAL_S).done)
             tick(*newest)
         return future.result()
     except BaseException as error:

@@ -49,8 +49,8 @@ def test_the_table_on_the_screen_is_the_one_in_the_file(small_demo):
     leak = next(line for line in text.splitlines() if "leakage" in line)
     assert f"{float(rows['leak']['proposed']):.2%}".replace("%", " %") in leak
     assert rows["leak"]["paper_original"] == "0.16"
-    assert rows["linear_in_truth"]["paper_original"] == ""
-    assert 0.0 < float(rows["linear_in_truth"]["proposed"]) <= 1.0
+    assert rows["ground_truth_r2"]["paper_original"] == ""
+    assert 0.0 < float(rows["ground_truth_r2"]["proposed"]) <= 1.0
 
 
 def test_progress_runs_once_from_start_to_end(small_demo):

@@ -117,12 +117,12 @@ BEAN_HEAD = (
 
 def bean_row(title, runs):
     """Print the medians over runs of (figures, seconds)."""
-    names = ("leak", "linear_in_truth", "r2_position", "r2_width", "var_per_particle", "slot_fill")
+    names = ("leak", "ground_truth_r2", "r2_position", "r2_width", "var_per_particle", "slot_fill")
     names += ("normals_over_90_pairs", "wall_swap", "distance_mean", "distance_p95", "nn_cv", "cover_max")
     median = {name: float(np.median([getattr(figures, name) for figures, _ in runs])) for name in names}
-    lowest = min(figures.linear_in_truth for figures, _ in runs)
+    lowest = min(figures.ground_truth_r2 for figures, _ in runs)
     print(
-        f"| {title} | {100 * median['leak']:.2f} | {100 * median['linear_in_truth']:.2f} "
+        f"| {title} | {100 * median['leak']:.2f} | {100 * median['ground_truth_r2']:.2f} "
         f"| {100 * lowest:.2f} | {median['r2_position']:.4f} | {median['r2_width']:.4f} "
         f"| {median['var_per_particle']:.1f} "
         f"| {median['slot_fill']:.2f} | {100 * median['normals_over_90_pairs']:.3f} "

@@ -30,7 +30,7 @@ from homolog.files.meshes import read_mesh
 from homolog.files.project import Project
 from homolog.files.results import read_result, surface_file
 from homolog.geodesics import distances_from
-from homolog.inspection import Inspection, find_places, inspect, judge
+from homolog.inspection import Inspection, assess, inspect, locate_particles
 
 Plant = Callable[[Inspection, int, np.random.Generator], tuple[FloatArray, IntArray]]
 
@@ -62,38 +62,40 @@ def main() -> None:
 
 
 def _trial(before: Inspection, plant: Plant, random: np.random.Generator) -> tuple[bool, bool, int, int]:
-    places = before.places
+    places = before.located
     m = int(random.integers(len(places.meshes)))
     points, moved = plant(before, m, random)
-    one = find_places(points[None], places.meshes[m : m + 1], places.alignments[m : m + 1], names=["planted"])
-    after = judge(places.with_subject(m, one))
+    one = locate_particles(
+        points[None], places.meshes[m : m + 1], places.alignments[m : m + 1], names=["planted"]
+    )
+    after = assess(places.with_subject(m, one))
     known = {(s.kind, s.subject, tuple(s.particles)) for s in before.suspects}
     new = [s for s in after.suspects if (s.kind, s.subject, tuple(s.particles)) not in known]
     exact = [s for s in new if s.subject == m and np.isin(s.particles, moved).any()]
-    near = before.usual.ring(before.usual.ring(moved))
+    near = before.consensus.ring(before.consensus.ring(moved))
     right = [s for s in new if s.subject == m and np.isin(s.particles, near).any()]
     first = bool(exact) and after.suspects[0] in exact
     return bool(exact), first, len(right), len(new)
 
 
 def _swap(found: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
-    pair = random.choice(found.places.local.shape[1], 2, replace=False)
+    pair = random.choice(found.located.local.shape[1], 2, replace=False)
     return _exchanged(found, m, pair)
 
 
 def _neighbours(found: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
-    i = int(random.integers(found.places.local.shape[1]))
-    return _exchanged(found, m, np.array([i, random.choice(found.usual.neighbours[i, :5])]))
+    i = int(random.integers(found.located.local.shape[1]))
+    return _exchanged(found, m, np.array([i, random.choice(found.consensus.neighbours[i, :5])]))
 
 
 def _exchanged(found: Inspection, m: int, pair: IntArray) -> tuple[FloatArray, IntArray]:
-    points = found.places.local[m].copy()
+    points = found.located.local[m].copy()
     points[pair] = points[pair[::-1]]
     return points, pair
 
 
 def _shift(found: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
-    points, mesh, spacing = found.places.local[m].copy(), found.places.meshes[m], found.places.spacing[m]
+    points, mesh, spacing = found.located.local[m].copy(), found.located.meshes[m], found.located.spacing[m]
     i = int(random.integers(len(points)))
     away = _distances(found, m, i)
     points[i] = mesh.vertices[random.choice(np.flatnonzero(np.abs(away - 3.0 * spacing) < 0.5 * spacing))]
@@ -101,23 +103,23 @@ def _shift(found: Inspection, m: int, random: np.random.Generator) -> tuple[Floa
 
 
 def _wall(found: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
-    points, mesh = found.places.local[m].copy(), found.places.meshes[m]
-    own = np.linalg.inv(found.places.alignments[m, :3, :3]) @ found.places.normals[m].T
+    points, mesh = found.located.local[m].copy(), found.located.meshes[m]
+    own = np.linalg.inv(found.located.alignments[m, :3, :3]) @ found.located.normals[m].T
     normals = (own / np.linalg.norm(own, axis=0)).T
     far = 1.0 * np.ptp(mesh.vertices)  # of a normal that is not opposite, so that the nearest is one that is
     tree = cKDTree(np.hstack([mesh.vertices, far * mesh.vertex_normals]))
     opposite = mesh.vertices[tree.query(np.hstack([points, -far * normals]))[1]]
     thickness = np.linalg.norm(opposite - points, axis=1)
     seed = random.choice(np.argsort(thickness)[: max(8, len(points) // 10)])
-    patch = np.concatenate([[seed], found.usual.neighbours[seed, :7]])
+    patch = np.concatenate([[seed], found.consensus.neighbours[seed, :7]])
     points[patch] = opposite[patch]
     return points, patch
 
 
 def _hole(found: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
-    points, mesh, spacing = found.places.local[m].copy(), found.places.meshes[m], found.places.spacing[m]
+    points, mesh, spacing = found.located.local[m].copy(), found.located.meshes[m], found.located.spacing[m]
     away = _distances(found, m, int(random.integers(len(points))))
-    corners = mesh.faces[found.places.feet[m]]
+    corners = mesh.faces[found.located.feet[m]]
     inside = np.flatnonzero(away[corners].min(axis=1) < 2.0 * spacing)
     rim = np.flatnonzero(np.abs(away - 2.2 * spacing) < 0.3 * spacing)
     nearest = cKDTree(mesh.vertices[rim]).query(points[inside])[1]
@@ -127,8 +129,8 @@ def _hole(found: Inspection, m: int, random: np.random.Generator) -> tuple[Float
 
 
 def _distances(found: Inspection, m: int, particle: int) -> FloatArray:
-    mesh = found.places.meshes[m]
-    return distances_from(mesh, [int(mesh.faces[found.places.feet[m, particle], 0])]).astype(np.float64)
+    mesh = found.located.meshes[m]
+    return distances_from(mesh, [int(mesh.faces[found.located.feet[m, particle], 0])]).astype(np.float64)
 
 
 PLANTS: dict[str, Plant] = {

@@ -4,7 +4,7 @@ import time
 import pytest
 
 from homolog.errors import Cancelled
-from homolog.progress import part_of, patiently
+from homolog.progress import part_of, run_in_background
 
 
 def test_a_part_of_a_tick_covers_its_span():
@@ -24,7 +24,7 @@ def test_patient_work_returns_its_result_and_its_progress_is_passed_on_in_the_ca
     def tick(fraction, message):
         heard.append((fraction, message, threading.get_ident()))
 
-    assert patiently(work, tick, "begin") == 42
+    assert run_in_background(work, tick, "begin") == 42
     assert heard[-1] == (0.5, "half", threading.get_ident())
     assert len(heard) >= 2
 
@@ -44,7 +44,7 @@ def test_patient_work_that_never_ticks_is_left_at_once_and_ends_by_itself_at_its
         raise Cancelled
 
     with pytest.raises(Cancelled):
-        patiently(work, tick, "begin")
+        run_in_background(work, tick, "begin")
     left.set()
     assert ended.wait(10)
 
@@ -54,4 +54,4 @@ def test_errors_of_patient_work_are_the_callers():
         raise ValueError("broken")
 
     with pytest.raises(ValueError, match="broken"):
-        patiently(work, lambda fraction, message: None, "begin")
+        run_in_background(work, lambda fraction, message: None, "begin")

@@ -9,7 +9,7 @@ from homolog.correspondence.engine import Engine
 from homolog.device import device_faults
 from homolog.errors import InputError
 from homolog.files.particles import read_particles
-from homolog.run.mend import mend, read_study
+from homolog.run.repair import repair_result, read_inputs
 
 LOST = "Warp CUDA error 719: unspecified launch failure (in function wp_cuda_launch_kernel)"
 FULL = "Failed to allocate 8589934592 bytes on device 'cuda:0'"
@@ -41,8 +41,8 @@ def test_a_run_that_loses_its_gpu_is_resumed_on_the_cpu(project, run_of, results
     ("place", "fault", "words"),
     [
         ("homolog.run.steps.load_kernels", LOST, "failed"),
-        ("homolog.run.tables.load_table", LOST, "failed"),
-        ("homolog.run.tables.solve_plan", FULL, "has too little memory"),
+        ("homolog.run.table_cache.load_table", LOST, "failed"),
+        ("homolog.run.table_cache.solve_plan", FULL, "has too little memory"),
         ("homolog.correspondence.prepared_cohort.field_array", FULL, "has too little memory"),
         ("homolog.correspondence.prepared_cohort.build_level", LOST, "failed"),
     ],
@@ -67,12 +67,12 @@ def test_a_gpu_that_is_lost_while_particles_are_repaired_changes_nothing(project
     def fail(*_, **__):
         raise RuntimeError(LOST)
 
-    whole, study = results(project.folder), read_study(project)
-    monkeypatch.setattr("homolog.run.mend.repair", fail)
+    whole, study = results(project.folder), read_inputs(project)
+    monkeypatch.setattr("homolog.run.repair.repair", fail)
     local = np.stack([read_particles(path) for path in sorted(project.particles.glob("*_local.particles"))])
     movable = np.full(local.shape[:2], True)
     with pytest.raises(InputError, match=r"cuda:0: failed \(Warp CUDA error 719"):
-        mend(replace(study, device="cuda:0"), local, movable, movable)
+        repair_result(replace(study, device="cuda:0"), local, movable, movable)
     assert results(project.folder) == whole
 
 

@@ -11,7 +11,7 @@ import pytest
 from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.files.results import read_result
-from homolog.run import tables
+from homolog.run import table_cache
 
 RUN = """
 import os, signal, sys
@@ -85,13 +85,13 @@ def test_a_run_killed_between_two_geodesic_tables_solves_only_those_it_lacks(
 ):
     whole, solved = results(project.folder), []
 
-    def solve(plan, real=tables.solve_plan, **how):
+    def solve(plan, real=table_cache.solve_plan, **how):
         solved.extend(task.name for task in plan.tasks)
         return real(plan, **how)
 
     killed_at("/geodesics/", 3)
     assert len([one for one in project.geodesics.iterdir() if not one.name.startswith(".")]) == 2
-    monkeypatch.setattr(tables, "solve_plan", solve)
+    monkeypatch.setattr(table_cache, "solve_plan", solve)
     run_of(project, resume=True).execute()
     assert solved == ["c", "d"]
     assert results(project.folder) == whole

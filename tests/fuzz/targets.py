@@ -160,7 +160,7 @@ def good_study(folder: Path) -> None:
     write_request(StudyRequest(between=("f", "m")), study, Answered(homolog="0", date="2026-11-23"))
 
 
-def read_study(folder: Path) -> object:
+def read_inputs(folder: Path) -> object:
     from homolog_app.report.request import read_requests
 
     return read_requests(Project(folder / "project"))
@@ -335,7 +335,7 @@ TARGETS = {
     "checkpoint.npz": Target(
         "checkpoint.npz", good_checkpoint, lambda folder: read_checkpoint(folder / "checkpoint.npz", "f")
     ),
-    "study.json": Target("project/analysis/study/study.json", good_study, read_study),
+    "study.json": Target("project/analysis/study/study.json", good_study, read_inputs),
     "window.json": Target("project/window.json", good_window, read_window),
     "journal.json": Target("sessions/one/journal.json", good_journal, read_journal),
     "preferences.ini": Target("preferences.ini", good_preferences, read_preferences),

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 
 from homolog import __version__
-from homolog.errors import Cancelled, InputError, NumericalError, words_for
+from homolog.errors import Cancelled, InputError, NumericalError, user_message
 
 __all__ = ["CANCELLED", "INPUT_ERROR", "OK", "PROGRAM_ERROR", "main", "open_window"]
 
@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return open_window([])
         return int(modules[arguments.command].run(arguments))
     except (InputError, NumericalError, OSError) as error:
-        words = words_for(error)
+        words = user_message(error)
         if words is None:
             raise
         _complain(words)

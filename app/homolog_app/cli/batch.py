@@ -56,7 +56,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 def run(arguments: argparse.Namespace) -> int:
     """Run the batch; returns the exit code."""
     from homolog.grooming.structures import chosen_structures, list_structures
-    from homolog.progress import patiently
+    from homolog.progress import run_in_background
     from homolog.run.batch import Batch, ItemState
     from homolog.run.events import FinishReason
     from homolog_app.cli import CANCELLED, OK, PROGRAM_ERROR
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = with_all_options(RunSettings(), arguments)
     cohort = cohort_of(arguments.cohort)
     with show_progress(arguments.progress) as progress:
-        found = patiently(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
+        found = run_in_background(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
     for message in found.problems.values():
         sys.stderr.write(f"homolog: skipped: {message}\n")
     if not found.structures:

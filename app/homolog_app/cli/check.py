@@ -82,7 +82,7 @@ def _repair(
 ) -> "tuple[Inspection, list[str]]":
     """Repair the most severe suspects one after another; keep what gets better."""
     from homolog.progress import part_of
-    from homolog.run.mend import write_mended
+    from homolog.run.repair import write_repaired
     from homolog_app.suspects import mended
 
     chosen = found.suspects[:count]
@@ -101,5 +101,5 @@ def _repair(
             found = after
             notes[name] = "particles of suspects were optimized again"
     if notes:
-        write_mended(project, found.places.local, notes, part_of(tick, 0.9, 1.0))
+        write_repaired(project, found.located.local, notes, part_of(tick, 0.9, 1.0))
     return found, lines

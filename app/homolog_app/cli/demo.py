@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the experiment; returns the exit code."""
     from homolog.beans.files import write_beans
     from homolog.beans.generate import draw_beans, draw_moments
-    from homolog.files.atomic import writing
+    from homolog.files.atomic import report_os_errors
     from homolog_app.cli.demo_table import table_text, write_comparison
 
     out = arguments.out
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
             settings = optimize.model_copy(update={"method": method})
             name = _NAMES[method]
             for done in projects.values():  # groomed alike, so that the second method finds it in its cache
-                with writing(out / name):
+                with report_os_errors(out / name):
                     shutil.copytree(done.groomed, out / name / done.groomed.name, dirs_exist_ok=True)
             projects[name] = _run_method(out / name, name, cohort, settings, part_of(tick, start, end))
         rows = write_comparison(out, projects, beans, part_of(tick, _ENDS[2], _ENDS[3]))
@@ -111,7 +111,7 @@ def _run_method(
 
 def _draw(out: Path, projects: dict[str, "Project"], tick: Tick) -> None:
     from homolog.analysis.shape_model import ShapeModel
-    from homolog.files.atomic import replacing
+    from homolog.files.atomic import atomic_write
     from homolog.files.results import read_modes, read_result
     from homolog_app.cli.figures import draw_figures
     from homolog_app.pictures import ModeSurfaces, draw_modes, write_picture
@@ -130,5 +130,5 @@ def _draw(out: Path, projects: dict[str, "Project"], tick: Tick) -> None:
             result.mean_surface, signs[:, None, None] * moves, model.explained_variance_ratio
         )
     tick(0.8, "drawing the comparison")
-    with replacing(out / "comparison.png") as part:
+    with atomic_write(out / "comparison.png") as part:
         write_picture(draw_modes(models, modes=range(_MODES), width=320), part)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from homolog.analysis.evaluation import generalization, specificity
 from homolog.analysis.shape_model import ShapeModel
-from homolog.beans.evaluate import BeanFigures, evaluate
+from homolog.beans.evaluate import BeanMetrics, evaluate
 from homolog.beans.generate import Bean
 from homolog.files.project import Project
 from homolog.files.results import read_result
@@ -46,7 +46,7 @@ class ComparisonRow:
 
 _FIGURES = (
     ("variance outside the first two modes (leakage)", "leak", ".2%"),
-    ("variance that slot position and width explain", "linear_in_truth", ".2%"),
+    ("variance that slot position and width explain", "ground_truth_r2", ".2%"),
     ("R² of slot position on the first two scores", "r2_position", ".3f"),
     ("R² of slot width on the first two scores", "r2_width", ".3f"),
     ("particles in the slot, of its share of the area", "slot_fill", ".0%"),
@@ -106,7 +106,7 @@ def _figures_of(project: Project, beans: Sequence[Bean], tick: Tick) -> dict[str
     result, record = read_result(project), project.read().result
     assert record is not None
     tick(0.0, "judging the correspondences")
-    figures: BeanFigures = evaluate(result.local, beans)
+    figures: BeanMetrics = evaluate(result.local, beans)
     tick(0.4, "judging the shape model")
     shares = figures.mode_shares
     named = {name: getattr(figures, name) for name in figures.__dataclass_fields__ if name != "mode_shares"}

@@ -30,11 +30,11 @@ def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
 def run(arguments: argparse.Namespace) -> int:
     """Write the meshes; returns the exit code."""
     settings = with_options(MeshSettings(), arguments)
-    from homolog.files.atomic import replacing_folder
+    from homolog.files.atomic import replace_folder
     from homolog_app.exports.meshes import write_meshes
 
     groups = tuple(arguments.group) if arguments.group else None
-    with exporting(arguments) as tick, replacing_folder(arguments.out) as folder:
+    with exporting(arguments) as tick, replace_folder(arguments.out) as folder:
         count = write_meshes(Project(arguments.project), folder, settings, groups, tick)
     sys.stderr.write(f"{arguments.out}: {count} surfaces\n")
     return 0

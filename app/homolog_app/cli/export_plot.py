@@ -35,14 +35,14 @@ def run(arguments: argparse.Namespace) -> int:
     settings = with_options(PlotSettings(), arguments)
     if arguments.out.suffix.lower() not in _SUFFIXES:
         raise InputError(f"--out {arguments.out}: must end in {', '.join(_SUFFIXES)}")
-    from homolog.files.atomic import replacing
+    from homolog.files.atomic import atomic_write
     from homolog_app.exports.plots import draw_plot
     from homolog_app.pictures import write_picture
 
     with exporting(arguments) as tick:
         groups = tuple(arguments.group) if arguments.group else None
         figure = draw_plot(Project(arguments.project), settings, groups, arguments.colour_by, tick)
-        with replacing(arguments.out) as part:
+        with atomic_write(arguments.out) as part:
             write_picture(figure, part)
     sys.stderr.write(f"{arguments.out}\n")
     return 0

@@ -47,9 +47,9 @@ def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the points; returns the exit code."""
-    from homolog.files.atomic import replacing_folder
+    from homolog.files.atomic import replace_folder
 
-    with exporting(arguments) as tick, replacing_folder(arguments.out) as folder:
+    with exporting(arguments) as tick, replace_folder(arguments.out) as folder:
         if arguments.what == "shapeworks":
             from homolog.exchange import write_shapeworks
 

@@ -29,11 +29,11 @@ def add_parser(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
 def run(arguments: argparse.Namespace) -> int:
     """Write the tables; returns the exit code."""
     settings = with_options(TableSettings(), arguments)
-    from homolog.files.atomic import replacing_folder
+    from homolog.files.atomic import replace_folder
     from homolog_app.exports.tables import write_tables
 
     groups = tuple(arguments.group) if arguments.group else None
-    with exporting(arguments) as tick, replacing_folder(arguments.out) as folder:
+    with exporting(arguments) as tick, replace_folder(arguments.out) as folder:
         write_tables(Project(arguments.project), folder, settings, groups, tick)
     sys.stderr.write(f"{arguments.out}\n")
     return 0

@@ -3,7 +3,7 @@
 from matplotlib.figure import Figure
 
 from homolog.analysis.shape_model import ShapeModel
-from homolog.files.atomic import replacing
+from homolog.files.atomic import atomic_write
 from homolog.files.project import Project
 from homolog.files.results import read_modes, read_result, read_surfaces
 from homolog.progress import Tick, no_tick
@@ -55,5 +55,5 @@ def draw_figures(project: Project, tick: Tick = no_tick) -> None:
 
 
 def _write(project: Project, name: str, figure: Figure) -> None:
-    with replacing(project.figures / name) as part:
+    with atomic_write(project.figures / name) as part:
         write_picture(figure, part)

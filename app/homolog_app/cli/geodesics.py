@@ -91,9 +91,9 @@ def _write(path: Path, table: Any) -> int:  # noqa: ANN401 - a GeodesicTable, sl
     """Write the matrix whole or not at all; return how many entries it has."""
     import scipy.sparse
 
-    from homolog.files.atomic import replacing
+    from homolog.files.atomic import atomic_write
 
     matrix = table.to_csr()
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         scipy.sparse.save_npz(part, matrix, compressed=False)
     return int(matrix.nnz)

@@ -35,11 +35,11 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 def run(arguments: argparse.Namespace) -> int:
     """List what there is; returns the exit code."""
     from homolog.grooming.structures import list_structures
-    from homolog.progress import patiently
+    from homolog.progress import run_in_background
 
     cohort = cohort_of(arguments.cohort)
     with show_progress(arguments.progress) as progress:
-        found = patiently(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
+        found = run_in_background(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
     if arguments.json:
         sys.stdout.write(json.dumps(_record(found), indent=2) + "\n")
     else:

@@ -9,7 +9,7 @@ import trimesh
 from trimesh.exchange.gltf import export_glb
 
 from homolog.arrays import Array, FloatArray
-from homolog.files.atomic import replacing
+from homolog.files.atomic import atomic_write
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["write_glb"]
@@ -53,5 +53,5 @@ def write_glb(
     placed[:3, :3] = _LPS_TO_GLTF
     scene = trimesh.Scene()
     scene.add_geometry(surface, node_name=path.stem, geom_name=path.stem, transform=placed)
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         part.write_bytes(export_glb(scene, include_normals=True))  # type: ignore[no-untyped-call]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from homolog.errors import InputError, NumericalError
-from homolog.files.atomic import replacing, replacing_folder
+from homolog.files.atomic import atomic_write, replace_folder
 from homolog.progress import Tick, no_tick
 
 __all__ = ["FILM_SUFFIXES", "write_film", "write_still"]
@@ -70,14 +70,14 @@ def write_film(
             yield _rgb(draw(index))
 
     if not suffix:
-        with replacing_folder(path) as folder:
+        with replace_folder(path) as folder:
             for index in range(frames):
                 tick(index / frames, f"frame {index + 1} of {frames}")
                 _save(draw(index), folder / f"{index + 1:0{len(str(frames))}d}.png")
         return
     height, width = draw(0).shape[:2]
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         if suffix == ".mp4":
             _encode([*source, *_H264, *_UNDATED], told(), part)
             return
@@ -95,7 +95,7 @@ def write_still(path: Path, picture: _Picture) -> None:
     """Write one picture as PNG, whole or not at all; raises InputError if it can't be written."""
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: pictures are written as .png; use that suffix")
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         _save(picture, part)
 
 

@@ -15,7 +15,7 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
 from homolog.arrays import Array
-from homolog.files.atomic import replacing
+from homolog.files.atomic import atomic_write
 from homolog_app.fonts import complete_texts
 from homolog_app.pictures.colours import LIGHT, Theme, diverging_table
 
@@ -166,5 +166,5 @@ def write_picture(figure: Figure, path: Path) -> None:
         figure.savefig(
             drawn, format=kind, dpi=_DPI, facecolor=figure.get_facecolor(), metadata=_UNDATED.get(path.suffix)
         )
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         part.write_bytes(drawn.getvalue())

@@ -7,7 +7,7 @@ from pathlib import Path
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.shape_model import ShapeModel
 from homolog.errors import InputError
-from homolog.files.atomic import replacing, write_text
+from homolog.files.atomic import atomic_write, write_text
 from homolog.files.project import Project
 from homolog.files.records import ResultRecord
 from homolog.files.results import Result, read_result
@@ -90,7 +90,7 @@ def write_report(project: Project, tick: Tick = no_tick) -> Path:
     _closing(page, project, record, studies, figures)
     for figure in figures:
         for suffix in ("svg", "pdf"):
-            with replacing(folder / "figures" / f"{figure.name}.{suffix}") as part_file:
+            with atomic_write(folder / "figures" / f"{figure.name}.{suffix}") as part_file:
                 write_picture(figure.figure, part_file)
     write_text(folder / "report.html", page.html)
     return folder / "report.html"

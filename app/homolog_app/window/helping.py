@@ -8,7 +8,7 @@ from PySide6.QtCore import Slot
 from PySide6.QtWidgets import QDialog, QFileDialog, QMessageBox
 
 from homolog import __version__
-from homolog.errors import words_for
+from homolog.errors import user_message
 from homolog.files.atomic import write_text
 from homolog_app.window.asking import Part, reported
 from homolog_app.window.error_dialog import ErrorDialog
@@ -42,7 +42,7 @@ class Helping(Part):
     def show_error(self, kind: str, error: BaseException) -> None:
         """Show what happened and what to do; a defect of the program asks for a report."""
         title = _TITLES.get(kind, "This did not work")
-        words = words_for(error) or "This is a defect of the program. Please save a report and send it in."
+        words = user_message(error) or "This is a defect of the program. Please save a report and send it in."
         details = "".join(traceback.format_exception(error))
         remedies = self._remedies(kind, words)
         ErrorDialog(self._window, self._desk.theme, title, words, details, self.save_report, remedies).open()

@@ -9,7 +9,7 @@ from PySide6.QtCore import QMimeData
 from PySide6.QtWidgets import QFileDialog, QInputDialog
 
 from homolog.errors import InputError
-from homolog.files.atomic import replacing_folder
+from homolog.files.atomic import replace_folder
 from homolog.files.project import Project
 from homolog_app.window.asking import Part, ask, reported, waited
 from homolog_app.window.journal import Lost, find_lost
@@ -366,5 +366,5 @@ class Library(Part):
 
 
 def _copy(old: Path, new: Path) -> None:
-    with replacing_folder(new) as part:
+    with replace_folder(new) as part:
         shutil.copytree(old, part, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".lock"))

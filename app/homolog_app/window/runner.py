@@ -9,9 +9,9 @@ from typing import Any, Protocol
 
 from PySide6.QtCore import QObject, QTimer, Signal
 
+from homolog.cancellation import CancelToken
 from homolog.errors import Cancelled
 from homolog.progress import Tick
-from homolog.reins import Reins
 
 __all__ = ["Ended", "Job", "Runner", "Status", "Task"]
 
@@ -72,7 +72,7 @@ class Task:
     def __init__(self, work: Callable[[Tick], Any], message: str) -> None:
         self._work = work
         self._status: Status = TaskStatus(message=message)
-        self._reins = Reins()
+        self._cancel_token = CancelToken()
 
     def execute(self) -> Any:  # noqa: ANN401
         """Do the work."""
@@ -85,15 +85,15 @@ class Task:
 
     def cancel(self) -> None:
         """End at the next tick."""
-        self._reins.cancel()
+        self._cancel_token.cancel()
 
     def set_paused(self, paused: bool) -> None:
         """Wait at the next tick, or go on."""
-        self._reins.set_paused(paused)
+        self._cancel_token.set_paused(paused)
 
     def _tick(self, fraction: float, message: str) -> None:
         self._status = TaskStatus(fraction=fraction, message=message)
-        self._reins.obey(lambda: self._say_waiting(fraction, message))
+        self._cancel_token.wait_while_paused(lambda: self._say_waiting(fraction, message))
 
     def _say_waiting(self, fraction: float, message: str) -> None:
         self._status = TaskStatus(fraction=fraction, message=message, paused=True)

@@ -159,4 +159,4 @@ def _checked(project: Project, loaded: Loaded, view: CheckView, contents: list[C
 def _place(view: CheckView, found: "Inspection", subject: int) -> np.ndarray | None:
     if view.place is not None:
         return np.array(view.place)
-    return None if view.particle is None else found.places.world[subject, view.particle]
+    return None if view.particle is None else found.located.world[subject, view.particle]

@@ -21,7 +21,7 @@ from homolog.cohort import Cohort
 from homolog.correspondence import Reason
 from homolog.device import choose_device
 from homolog.errors import InputError
-from homolog.files.atomic import writing
+from homolog.files.atomic import report_os_errors
 from homolog.files.names import file_stems
 from homolog.files.project import Project as Folder
 from homolog.files.results import surface_file
@@ -30,8 +30,8 @@ from homolog.grooming.cache import content_key, save_groomed
 from homolog.progress import no_tick
 from homolog.run.control import Control
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus
-from homolog.run.result import Outcome, model_of, write_result
-from homolog.run.steps import optimized, prepared
+from homolog.run.result import OptimizationOutcome, model_of, write_result
+from homolog.run.steps import prepare_inputs, run_optimization
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.workers import worker_processes
@@ -113,7 +113,7 @@ class Correspondence:
     iterations: int
     converged: bool
     notes: tuple[str, ...]
-    _outcome: Outcome = field(repr=False)
+    _outcome: OptimizationOutcome = field(repr=False)
     _keys: Mapping[str, str] = field(repr=False)
 
     def __repr__(self) -> str:
@@ -167,20 +167,22 @@ class Correspondence:
         """
         project = Folder(Path(folder))
         project.check_is_free()
-        study = self._outcome.study
+        inputs = self._outcome.inputs
         stems = dict(zip(self.names, file_stems(self.names), strict=True))
         subjects = [
             one
             if one.name in self._keys
             else replace(one, path=surface_file(project, stems[one.name]).absolute())
-            for one in study.cohort.subjects
+            for one in inputs.cohort.subjects
         ]
-        outcome = replace(self._outcome, study=replace(study, cohort=Cohort(tuple(subjects), project.folder)))
+        outcome = replace(
+            self._outcome, inputs=replace(inputs, cohort=Cohort(tuple(subjects), project.folder))
+        )
         with project.locked():
-            with writing(project.groomed):
+            with report_os_errors(project.groomed):
                 project.groomed.mkdir(exist_ok=True)
-            for one in study.groomed:
-                key = self._keys.get(one.name) or content_key(one.mesh, study.settings.groom)
+            for one in inputs.groomed:
+                key = self._keys.get(one.name) or content_key(one.mesh, inputs.settings.groom)
                 save_groomed(project.groomed, one, key)
             write_result(project, outcome, *self._modelled, no_tick)
         return Project(project.folder)
@@ -261,8 +263,8 @@ def correspond(
             cohort, chosen.groom, executor=executor, tick=control.tick, sources=sources, keys=keys
         )
     control.enter(Phase.ALIGNING, "aligning")
-    study = prepared(cohort, groomed, chosen, alias, control.tick)
-    outcome = optimized(study, control)
+    inputs = prepare_inputs(cohort, groomed, chosen, alias, control.tick)
+    outcome = run_optimization(inputs, control)
     control.finish(FinishReason.COMPLETED, "completed")
     return _correspondence(outcome, {name: key for name, key in keys.items() if name not in sources})
 
@@ -310,9 +312,9 @@ def _executor(workers: int) -> AbstractContextManager[Executor]:
     return ThreadPoolExecutor(1) if workers == 1 else worker_processes(workers)
 
 
-def _correspondence(outcome: Outcome, keys: Mapping[str, str]) -> Correspondence:
-    study = outcome.study
-    subjects = study.cohort.subjects
+def _correspondence(outcome: OptimizationOutcome, keys: Mapping[str, str]) -> Correspondence:
+    inputs = outcome.inputs
+    subjects = inputs.cohort.subjects
     columns = dict.fromkeys(column for one in subjects for column in one.columns)
     return Correspondence(
         names=tuple(one.name for one in subjects),
@@ -321,11 +323,11 @@ def _correspondence(outcome: Outcome, keys: Mapping[str, str]) -> Correspondence
         particles=frozen(outcome.local, np.float64),
         aligned=frozen(outcome.world, np.float64),
         alignments=frozen(outcome.alignments, np.float64),
-        meshes=tuple(one.mesh for one in study.shapes),
+        meshes=tuple(one.mesh for one in inputs.shapes),
         energies=frozen(outcome.energies, np.float64),
         iterations=outcome.iterations,
         converged=outcome.ended == Reason.CONVERGED,
-        notes=tuple(f"{one.name}: {note}" for one in study.groomed for note in one.report.notes),
+        notes=tuple(f"{one.name}: {note}" for one in inputs.groomed for note in one.report.notes),
         _outcome=outcome,
         _keys=keys,
     )

@@ -11,14 +11,14 @@ from homolog.arrays import FloatArray
 from homolog.beans.generate import Bean
 from homolog.beans.surface import BeanContact, closest_on_bean, surface_areas, surface_points
 
-__all__ = ["BeanFigures", "evaluate"]
+__all__ = ["BeanMetrics", "evaluate"]
 
 _NEAR = 12
 _SAME_SIDE = -0.5
 
 
 @dataclass(frozen=True, slots=True)
-class BeanFigures:
+class BeanMetrics:
     """What a set of particles makes of a bean cohort. Shares and R² are in [0, 1].
 
     Attributes
@@ -53,7 +53,7 @@ class BeanFigures:
     """
 
     leak: float
-    linear_in_truth: float
+    ground_truth_r2: float
     r2_position: float
     r2_width: float
     mode_shares: tuple[float, ...]
@@ -68,7 +68,7 @@ class BeanFigures:
     cover_max: float
 
 
-def evaluate(particles: FloatArray, beans: Sequence[Bean]) -> BeanFigures:
+def evaluate(particles: FloatArray, beans: Sequence[Bean]) -> BeanMetrics:
     """Judge particles on a bean cohort.
 
     Parameters
@@ -100,9 +100,9 @@ def evaluate(particles: FloatArray, beans: Sequence[Bean]) -> BeanFigures:
     )
     opposite, swapped = _disagreements(contacts)
     leak, linear, r2_position, r2_width, shares, variance = _modes(particles, beans)
-    return BeanFigures(
+    return BeanMetrics(
         leak=leak,
-        linear_in_truth=linear,
+        ground_truth_r2=linear,
         r2_position=r2_position,
         r2_width=r2_width,
         mode_shares=shares,

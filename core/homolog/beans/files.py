@@ -8,7 +8,7 @@ import numpy as np
 from homolog.beans.generate import Bean, voxelize
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
-from homolog.files.atomic import replacing
+from homolog.files.atomic import atomic_write
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick
 
@@ -64,7 +64,7 @@ def _write_volume(path: Path, bean: Bean) -> None:
     inside, index_to_world = voxelize(bean)
     image = SimpleITK.GetImageFromArray(inside.T.astype(np.uint8))
     image.SetOrigin(index_to_world[:3, 3].tolist())
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         try:
             SimpleITK.WriteImage(image, str(part), useCompression=True)
         except RuntimeError as error:

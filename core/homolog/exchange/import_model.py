@@ -13,9 +13,9 @@ from homolog.arrays import Array, FloatArray
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError, NumericalError
 from homolog.exchange.model import ForeignModel, ForeignSubject, with_alignments
-from homolog.exchange.shapes import Drawn, surfaces_of
+from homolog.exchange.shapes import SubjectSurface, surfaces_of
 from homolog.exchange.shapeworks_files import ShapeWorksProject, read_shapeworks_file
-from homolog.exchange.shapeworks_kept import keep
+from homolog.exchange.shapeworks_metadata import save_source_metadata
 from homolog.exchange.shapeworks_model import model_of_folder, model_of_project
 from homolog.files.markups import write_markups
 from homolog.files.meshes import write_mesh
@@ -26,7 +26,7 @@ from homolog.files.records import IMPORTED, ProjectRecord, ResultRecord, ResultS
 from homolog.files.results import particle_file, surface_file
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
-from homolog.run.identity import versions
+from homolog.run.fingerprints import versions
 from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
 from homolog.settings import Method, OptimizeSettings, RunSettings
 
@@ -81,7 +81,7 @@ def import_model(
     with project.locked():
         notes = _write(project, model, tick)
         if file is not None and domain is not None:
-            keep(project, file, domain)
+            save_source_metadata(project, file, domain)
     return [*model.notes, *notes]
 
 
@@ -118,30 +118,32 @@ def _write(project: Project, model: ForeignModel, tick: Tick) -> list[str]:
     if len(world[0]) < _FEWEST:
         raise InputError(f"{model.source}: has {len(world[0])} particles a shape; {_FEWEST} or more make one")
     stems = file_stems([one.name for one in model.subjects])
-    drawn = surfaces_of(model.subjects, local, world, alignments, part_of(tick, 0.1, 0.6))
-    cohort = _cohort(project, model, stems, drawn)
+    surfaces = surfaces_of(model.subjects, local, world, alignments, part_of(tick, 0.1, 0.6))
+    cohort = _cohort(project, model, stems, surfaces)
     shapes = ShapeModel.fit(np.array(world), names=[one.name for one in model.subjects])
     try:
-        surface = _mean(shapes, np.array(world), drawn, alignments, part_of(tick, 0.6, 0.7))
+        surface = _mean(shapes, np.array(world), surfaces, alignments, part_of(tick, 0.6, 0.7))
     except NumericalError as error:
         raise InputError(f"{model.source}: is not a shape model ({error}); export it again") from error
     with project.replacing_result() as new:
-        for stem, near, there, one in zip(stems, local, world, drawn, strict=True):
+        for stem, near, there, one in zip(stems, local, world, surfaces, strict=True):
             write_particles(particle_file(new, stem, "local"), near)
             write_particles(particle_file(new, stem, "world"), there)
             write_mesh(surface_file(project, stem), one.mesh)
         write_model(new, cohort, shapes)
         write_surfaces(new, shapes, surface, part_of(tick, 0.7, 1.0))
         write_table(new.folder / "energies.csv", ["iteration", "sampling", "ensemble", "normals"], [])
-        record = _record(model, cohort, stems, drawn, alignments, np.array(world), surface)
+        record = _record(model, cohort, stems, surfaces, alignments, np.array(world), surface)
         new.write(ProjectRecord(subjects=project.describe(cohort), settings=record.settings, result=record))
     return record.remarks
 
 
-def _cohort(project: Project, model: ForeignModel, stems: Sequence[str], drawn: Sequence[Drawn]) -> Cohort:
+def _cohort(
+    project: Project, model: ForeignModel, stems: Sequence[str], surfaces: Sequence[SubjectSurface]
+) -> Cohort:
     """Return the subjects as a later run would read them: the input, else the surface, else particles."""
     subjects = []
-    for one, stem, shape in zip(model.subjects, stems, drawn, strict=True):
+    for one, stem, shape in zip(model.subjects, stems, surfaces, strict=True):
         path = particle_file(project, stem, "local")
         if shape.path is not None:
             path = surface_file(project, stem)
@@ -163,17 +165,21 @@ def _landmarks(project: Project, model: ForeignModel, one: ForeignSubject, stem:
 
 
 def _mean(
-    shapes: ShapeModel, world: FloatArray, drawn: Sequence[Drawn], alignments: FloatArray, tick: Tick
+    shapes: ShapeModel,
+    world: FloatArray,
+    surfaces: Sequence[SubjectSurface],
+    alignments: FloatArray,
+    tick: Tick,
 ) -> MeanSurface:
-    own = [index for index, one in enumerate(drawn) if one.path is not None] or list(range(len(drawn)))
-    return surface_of_model(shapes, world[own], [drawn[one].mesh for one in own], alignments[own], tick)
+    own = [index for index, one in enumerate(surfaces) if one.path is not None] or list(range(len(surfaces)))
+    return surface_of_model(shapes, world[own], [surfaces[one].mesh for one in own], alignments[own], tick)
 
 
 def _record(
     model: ForeignModel,
     cohort: Cohort,
     stems: Sequence[str],
-    drawn: Sequence[Drawn],
+    surfaces: Sequence[SubjectSurface],
     alignments: FloatArray,
     world: FloatArray,
     surface: MeanSurface,
@@ -211,7 +217,7 @@ def _record(
                     notes=list(one.notes),
                 )
                 for subject, stem, one, alignment in zip(
-                    cohort.subjects, stems, drawn, alignments, strict=True
+                    cohort.subjects, stems, surfaces, alignments, strict=True
                 )
             ],
         }

@@ -12,7 +12,7 @@ from homolog.arrays import FloatArray
 from homolog.cohort import MESH_SUFFIXES, Subject, suffix_of
 from homolog.errors import InputError, NumericalError
 from homolog.exchange.model import ForeignSubject
-from homolog.exchange.surfels import discs
+from homolog.exchange.surfels import surfels
 from homolog.files.meshes import read_mesh
 from homolog.geometry import rms_radius
 from homolog.grooming import groom_subject
@@ -23,7 +23,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.simplify import simplified
 from homolog.surfaces.topology import check_mesh
 
-__all__ = ["Drawn", "surfaces_of"]
+__all__ = ["SubjectSurface", "surfaces_of"]
 
 _NEAR = 0.05  # of the size, beside half an edge: how far from vertices and faces' middles particles may be
 _MOST = 0.95  # of them
@@ -31,7 +31,7 @@ _VERTICES = 8000  # enough to see, and few enough to be carried by particles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
+class SubjectSurface:
     """A subject's surface in local coordinates, the file that it is of (None if of no file), and notes."""
 
     mesh: TriangleMesh
@@ -45,7 +45,7 @@ def surfaces_of(
     world: Sequence[FloatArray],
     alignments: FloatArray,
     tick: Tick = no_tick,
-) -> list[Drawn]:
+) -> list[SubjectSurface]:
     """Return a surface for every subject.
 
     A file's surface is used if the subject's particles lie on it. A subject without one gets the surface of
@@ -61,53 +61,55 @@ def surfaces_of(
         From local to world.
     tick : Tick
     """
-    found: list[Drawn | None] = []
+    found: list[SubjectSurface | None] = []
     refused: list[str] = []
-    for index, (one, points) in enumerate(zip(subjects, local, strict=True)):
-        tick(index / len(subjects), f"surface of {one.name}")
-        drawn, reason = _own(one, points)
-        found.append(drawn)
+    for index, (subject, points) in enumerate(zip(subjects, local, strict=True)):
+        tick(index / len(subjects), f"surface of {subject.name}")
+        surface, reason = _own(subject, points)
+        found.append(surface)
         refused.append(reason)
-    have = [index for index, drawn in enumerate(found) if drawn is not None]
+    have = [index for index, surface in enumerate(found) if surface is not None]
     if not have:
         return [
-            Drawn(
-                discs(points),
+            SubjectSurface(
+                surfels(points),
                 None,
                 (f"{reason}; shown as discs at its particles, can't be groomed or optimized",),
             )
             for points, reason in zip(local, refused, strict=True)
         ]
-    places = np.array(world)
-    template = have[medoid(places[have], places.mean(axis=0))]
+    positions = np.array(world)
+    template = have[medoid(positions[have], positions.mean(axis=0))]
     mesh = found[template]
     assert mesh is not None, "the template is one of those that were found"
-    there = mesh.mesh.placed(alignments[template])
+    template_mesh = mesh.mesh.placed(alignments[template])
     result = []
-    for index, drawn in enumerate(found):
-        if drawn is None:
-            warped = mean_surface(places[index], places[template], there.vertices, there.faces)
-            back = TriangleMesh(warped.vertices, there.faces).placed(np.linalg.inv(alignments[index]))
+    for index, surface in enumerate(found):
+        if surface is None:
+            warped = mean_surface(
+                positions[index], positions[template], template_mesh.vertices, template_mesh.faces
+            )
+            back = TriangleMesh(warped.vertices, template_mesh.faces).placed(np.linalg.inv(alignments[index]))
             note = (
                 f"{refused[index]}; shown with the surface of {subjects[template].name}, carried by particles"
             )
-            drawn = Drawn(back, None, (note,))
-        result.append(drawn)
+            surface = SubjectSurface(back, None, (note,))
+        result.append(surface)
     return result
 
 
-def _own(one: ForeignSubject, points: FloatArray) -> tuple[Drawn | None, str]:
+def _own(subject: ForeignSubject, points: FloatArray) -> tuple[SubjectSurface | None, str]:
     """Return the surface of the first file that holds one, or why there is none."""
     reason = "came without a surface"
-    for path in one.shapes:
+    for path in subject.shapes:
         try:
-            mesh = _read(one.name, path)
+            mesh = _read(subject.name, path)
             gap = _gap(mesh, points)
         except (InputError, NumericalError) as error:
-            reason = f"its surface can't be used ({str(error).removeprefix(f'{one.name}: ')})"
+            reason = f"its surface can't be used ({str(error).removeprefix(f'{subject.name}: ')})"
             continue
         if gap <= 0.0:
-            return Drawn(mesh, path), ""
+            return SubjectSurface(mesh, path), ""
         reason = f"its particles are not on the surface in {path.name}"
     return None, reason
 
@@ -126,7 +128,7 @@ def _read(name: str, path: Path) -> TriangleMesh:
 
 def _gap(mesh: TriangleMesh, points: FloatArray) -> float:
     """Return by how much most particles are farther from the surface than they may be [mm]."""
-    places = np.concatenate([mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1)])
-    distances = np.asarray(KDTree(places).query(points)[0])
+    positions = np.concatenate([mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1)])
+    distances = np.asarray(KDTree(positions).query(points)[0])
     size = rms_radius(points)
     return float(np.quantile(distances, _MOST) - _NEAR * size - 0.5 * mesh.mean_edge)

@@ -9,9 +9,9 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.exchange.shapeworks_files import INPUTS, Row, ShapeWorksProject
-from homolog.exchange.shapeworks_kept import kept, moved_paths
-from homolog.exchange.shapeworks_rules import complete, own_column, tables_of
-from homolog.files.atomic import replacing, write_text
+from homolog.exchange.shapeworks_metadata import load_source_metadata, moved_paths
+from homolog.exchange.shapeworks_rules import complete_row, escape_column, tables_of
+from homolog.files.atomic import atomic_write, write_text
 from homolog.files.names import file_stems
 from homolog.files.particles import write_particles
 from homolog.files.project import Project
@@ -50,7 +50,7 @@ def write_shapeworks(project: Project, folder: Path, tick: Tick = no_tick) -> Pa
     result = read_result(project)
     record = project.read().result
     assert record is not None, "a result that was read has a record"
-    source, domain = kept(project)
+    source, domain = load_source_metadata(project)
     (name,) = file_stems([project.folder.resolve().name])
     target = _Target(folder, name, domain)
     before = {row.get("name", ""): row for row in source.rows}
@@ -63,7 +63,7 @@ def write_shapeworks(project: Project, folder: Path, tick: Tick = no_tick) -> Pa
         row |= target.write_transforms(subject)
         row |= target.write_surface(row, surface_file(project, subject.file))
         rows.append(row)
-    rows = [complete(row, source.domains) for row in rows] if len(source.domains) > 1 else rows
+    rows = [complete_row(row, source.domains) for row in rows] if len(source.domains) > 1 else rows
     content = {"data": rows} | _settings(source, record, domain)
     path = folder / f"{name}.swproj"
     write_text(path, json.dumps(content, indent=4) + "\n")
@@ -97,7 +97,7 @@ class _Target:
         if not surface.is_file():
             return {}
         place = f"{self.name}_groomed/{surface.name}"
-        with replacing(self.folder / place) as part:
+        with atomic_write(self.folder / place) as part:
             part.write_bytes(surface.read_bytes())
         has_input = any(f"{prefix}{self.domain}" in row for prefix in INPUTS)
         return {f"groomed_{self.domain}": place} | ({} if has_input else {f"shape_{self.domain}": place})
@@ -108,7 +108,7 @@ def _described(row: Row, subject: ResultSubject) -> Row:
     columns, groups = {"name": subject.name}, [key for key in row if key.startswith("group_")]
     for key, value in subject.columns.items():
         group = f"group_{key}"
-        columns[group if group in row else key if key in row else own_column(key)] = value
+        columns[group if group in row else key if key in row else escape_column(key)] = value
     if subject.group is not None:  # in front of further ones: whoever imports takes the first for the group
         columns = {groups[0] if groups else "group_group": subject.group} | columns
     return columns

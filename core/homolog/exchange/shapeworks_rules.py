@@ -9,7 +9,7 @@ from typing import Any
 
 from homolog.exchange.shapeworks_files import INPUTS, PREFIXES, Row, ShapeWorksProject
 
-__all__ = ["complete", "own_column", "tables_of"]
+__all__ = ["complete_row", "escape_column", "tables_of"]
 
 _FLAGS = ("fixed", "excluded")
 _TAKEN = ("name", "local_particles", "world_particles", *(one for one in PREFIXES if one != "group_"))
@@ -21,12 +21,12 @@ _OF_EACH = {
 """Beginnings of columns that all anatomies have or none, and what stands for nothing."""
 
 
-def own_column(name: str) -> str:
+def escape_column(name: str) -> str:
     """Return under which name table data are written, so that ShapeWorks takes them for nothing else."""
     return f"_{name}" if name in _FLAGS or name.startswith(_TAKEN) else name
 
 
-def complete(row: Row, domains: Sequence[str]) -> Row:
+def complete_row(row: Row, domains: Sequence[str]) -> Row:
     """Return a subject's row with each kind of column for all anatomies or for none, inputs first.
 
     Paths that are missing are empty, transforms the identity. The order of inputs is that of the anatomies.

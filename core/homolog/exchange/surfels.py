@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from homolog.arrays import FloatArray
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["discs", "outward_directions"]
+__all__ = ["outward_directions", "surfels"]
 
 _NEIGHBOURS = 8
 _CORNERS = 8
@@ -51,7 +51,7 @@ def outward_directions(points: FloatArray) -> FloatArray:
     return normals
 
 
-def discs(points: FloatArray) -> TriangleMesh:
+def surfels(points: FloatArray) -> TriangleMesh:
     """Return a disc at each point, facing outward.
 
     Parameters

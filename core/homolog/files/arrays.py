@@ -8,7 +8,7 @@ import numpy as np
 
 from homolog.arrays import Array, frozen
 from homolog.errors import InputError
-from homolog.files.atomic import replacing
+from homolog.files.atomic import atomic_write
 from homolog.files.bounded import check_is_file
 from homolog.memory import check_fits
 
@@ -23,7 +23,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     InputError
         If the file can't be written.
     """
-    with replacing(path) as part, part.open("wb") as stream:
+    with atomic_write(path) as part, part.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, **arrays)
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from homolog.errors import InputError
 
-__all__ = ["is_left_over", "replacing", "replacing_folder", "write_text", "writing"]
+__all__ = ["atomic_write", "is_stale_temp", "replace_folder", "report_os_errors", "write_text"]
 
-_PART = ".part-"
+_TEMP_PREFIX = ".part-"
 
 
 @contextmanager
-def writing(path: Path) -> Iterator[None]:
+def report_os_errors(path: Path) -> Iterator[None]:
     """Turn what the system says about writing to `path` into an `InputError` with a remedy."""
     try:
         yield
@@ -26,7 +26,7 @@ def writing(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """Give a path to write to; it takes the place of `path` when the block ends well.
 
     Parameters
@@ -45,23 +45,23 @@ def replacing(path: Path) -> Iterator[Path]:
         If the folder can't be written to or the disk is full; `path` is then as it was.
     """
     path = Path(path)
-    part = path.with_name(f"{_PART}{os.getpid()}-{path.name}")
-    with writing(path):
+    temp = path.with_name(f"{_TEMP_PREFIX}{os.getpid()}-{path.name}")
+    with report_os_errors(path):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            part.unlink(missing_ok=True)  # what has that name is never written through
-            yield part
-            with part.open("rb+") as stream:
+            temp.unlink(missing_ok=True)  # what has that name is never written through
+            yield temp
+            with temp.open("rb+") as stream:
                 os.fsync(stream.fileno())
-            part.replace(path)
+            temp.replace(path)
         except InputError as error:
-            raise _in_place(error, part, path) from error
+            raise _in_place(error, temp, path) from error
         finally:
-            part.unlink(missing_ok=True)
+            temp.unlink(missing_ok=True)
 
 
 @contextmanager
-def replacing_folder(path: Path) -> Iterator[Path]:
+def replace_folder(path: Path) -> Iterator[Path]:
     """Give a folder to write to; it becomes `path` when the block ends well, and vanishes otherwise.
 
     Raises
@@ -72,31 +72,31 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     path = Path(path)
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise InputError(f"{path}: already exists; choose a new name or an empty folder")
-    part = path.with_name(f"{_PART}{os.getpid()}-{path.name}")
-    with writing(path):
+    temp = path.with_name(f"{_TEMP_PREFIX}{os.getpid()}-{path.name}")
+    with report_os_errors(path):
         try:
-            part.mkdir(parents=True)
-            yield part
+            temp.mkdir(parents=True)
+            yield temp
             if path.is_dir():
                 path.rmdir()
-            part.replace(path)
+            temp.replace(path)
         except InputError as error:
-            raise _in_place(error, part, path) from error
+            raise _in_place(error, temp, path) from error
         finally:
-            shutil.rmtree(part, ignore_errors=True)
+            shutil.rmtree(temp, ignore_errors=True)
 
 
-def _in_place(error: InputError, part: Path, path: Path) -> InputError:
+def _in_place(error: InputError, temp: Path, path: Path) -> InputError:
     """Return an error that names the file that was wanted, not the hidden one."""
-    return InputError(str(error).replace(str(part), str(path)))
+    return InputError(str(error).replace(str(temp), str(path)))
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a UTF-8 text file whole or not at all; raises as `replacing` does."""
-    with replacing(path) as part:
-        part.write_text(text, encoding="utf-8", newline="")
+    """Write a UTF-8 text file whole or not at all; raises as `atomic_write` does."""
+    with atomic_write(path) as temp:
+        temp.write_text(text, encoding="utf-8", newline="")
 
 
-def is_left_over(name: str) -> bool:
+def is_stale_temp(name: str) -> bool:
     """Return whether a file of this name was begun by another process, to be renamed when it is whole."""
-    return name.startswith(_PART) and not name.startswith(f"{_PART}{os.getpid()}-")
+    return name.startswith(_TEMP_PREFIX) and not name.startswith(f"{_TEMP_PREFIX}{os.getpid()}-")

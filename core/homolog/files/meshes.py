@@ -13,7 +13,7 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import InputError
-from homolog.files.atomic import replacing, write_text
+from homolog.files.atomic import atomic_write, write_text
 from homolog.files.legacy_vtk import read_legacy_vtk
 from homolog.files.ply import read_ply, write_ply
 from homolog.files.polygons import Polygons
@@ -124,7 +124,7 @@ def write_mesh(
     if suffix == ".vtk" or suffix == ".stl":
         writer.SetHeader(_LPS_HEADER)
         writer.SetFileTypeToBinary()
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         writer.SetFileName(os.fspath(part))
         if not writer.Write() or writer.GetErrorCode():
             raise OSError("the disk may be full")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from homolog.arrays import Array, FloatArray
-from homolog.files.atomic import replacing
+from homolog.files.atomic import atomic_write
 from homolog.files.polygons import Cells, Polygons
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -62,5 +62,5 @@ def write_ply(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array], c
         *(f"property double {axis}" for axis in "xyz"), *(f"property float {name}" for name in columns),
         f"element face {len(triangles)}", "property list uchar int vertex_indices", "end_header\n",
     ]  # fmt: skip
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         part.write_bytes("\n".join(header).encode() + points.tobytes() + triangles.tobytes())

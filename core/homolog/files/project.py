@@ -28,7 +28,7 @@ from pydantic import ValidationError
 
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
-from homolog.files.atomic import is_left_over, write_text, writing
+from homolog.files.atomic import is_stale_temp, report_os_errors, write_text
 from homolog.files.records import FORMAT_VERSION, ProjectRecord, SubjectRecord
 
 __all__ = ["OUT_OF_DATE", "Project"]
@@ -179,7 +179,7 @@ class Project:
         """
         if not (new or self.exists or self._is_swapping):
             raise self._missing
-        with writing(self.folder):
+        with report_os_errors(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
             path = self.folder.resolve() / ".lock"
             lock = FileLock(path, timeout=0, is_singleton=True, thread_local=False)
@@ -206,7 +206,7 @@ class Project:
                 link = folder / name
                 if link.is_symlink():
                     raise InputError(f"{link}: is a link that may lead elsewhere; put a folder in its place")
-            for name in filter(is_left_over, files):
+            for name in filter(is_stale_temp, files):
                 (folder / name).unlink(missing_ok=True)
 
     def recover(self) -> None:
@@ -232,7 +232,7 @@ class Project:
         following = Project(self.folder / _NEXT)
         shutil.rmtree(following.folder, ignore_errors=True)
         try:
-            with writing(following.folder):
+            with report_os_errors(following.folder):
                 for folder in (following.particles, following.model, following.figures):
                     folder.mkdir(parents=True)
             yield following
@@ -248,7 +248,7 @@ class Project:
         if not (following / _COMPLETE).is_file():
             shutil.rmtree(following, ignore_errors=True)
             return
-        with writing(self.folder):
+        with report_os_errors(self.folder):
             for entry in sorted(following.iterdir()):
                 target = self.folder / entry.name
                 if entry.name == _COMPLETE:

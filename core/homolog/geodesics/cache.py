@@ -10,7 +10,7 @@ import warp as wp
 from homolog.arrays import Array, DeviceArray
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays
-from homolog.files.atomic import replacing
+from homolog.files.atomic import atomic_write
 from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.geodesics.plan import TablePlan, Task
 from homolog.geodesics.table import GeodesicTable
@@ -46,7 +46,7 @@ def save_table(path: Path, table: GeodesicTable) -> None:
         arrays = {"present": np.packbits(present), "codes": codes[present]}
     else:
         arrays = {"codes": codes} | {name: getattr(table, name).numpy() for name in _INDEX}
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         np.savez(part, facts=facts, **arrays)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from homolog.arrays import Array
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays
-from homolog.files.atomic import replacing
+from homolog.files.atomic import atomic_write
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
 from homolog.grooming.images import Segmentation
@@ -103,7 +103,7 @@ def save_groomed(folder: Path, groomed: GroomedSubject, key: str) -> None:
         If the folder can't be written to.
     """
     write_mesh(_file(folder, groomed.name, "vtp"), groomed.mesh)
-    with replacing(_file(folder, groomed.name, "npz")) as part, part.open("wb") as stream:
+    with atomic_write(_file(folder, groomed.name, "npz")) as part, part.open("wb") as stream:
         np.savez(
             stream,
             key=key,

@@ -1,24 +1,24 @@
 """Where corresponding particles may not correspond: suspects, and how to mend them."""
 
 from homolog.inspection.energies import ParticleEnergies, particle_energies
-from homolog.inspection.find import inspect, judge
+from homolog.inspection.find import assess, inspect
+from homolog.inspection.located_particles import LocatedParticles, locate_particles
 from homolog.inspection.neighbourhood import Neighbourhood
-from homolog.inspection.places import Places, find_places
 from homolog.inspection.texture import carried_places, checkerboard, stripes
 from homolog.inspection.types import Inspection, Kind, Suspect
 
 __all__ = [
     "Inspection",
     "Kind",
+    "LocatedParticles",
     "Neighbourhood",
     "ParticleEnergies",
-    "Places",
     "Suspect",
+    "assess",
     "carried_places",
     "checkerboard",
-    "find_places",
     "inspect",
-    "judge",
+    "locate_particles",
     "particle_energies",
     "stripes",
 ]

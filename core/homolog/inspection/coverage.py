@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.geodesics import distances_from
-from homolog.inspection.places import Places
+from homolog.inspection.located_particles import LocatedParticles
 from homolog.inspection.types import Kind, Suspect
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.topology import edges
@@ -47,36 +47,36 @@ class _Gap:
     around: IntArray
 
 
-def uncovered(places: Places, tick: Tick = no_tick) -> list[Suspect]:
+def uncovered(located: LocatedParticles, tick: Tick = no_tick) -> list[Suspect]:
     """Return the regions of all subjects that are farther from any particle than is usual."""
-    apart = [reach / s for reach, s in zip(places.reaches, places.spacing, strict=True)]
-    usual = float(np.median(np.concatenate(apart)))
-    limit = max(_BEYOND * usual, _FAR)
+    apart = [reach / s for reach, s in zip(located.reaches, located.spacing, strict=True)]
+    consensus = float(np.median(np.concatenate(apart)))
+    limit = max(_BEYOND * consensus, _FAR)
     suspects = []
     for m, alone in enumerate(apart):
         tick(m / len(apart), "uncovered regions")
-        spacing = float(places.spacing[m])
-        for gap in _gaps(places, m, alone, limit) if alone.max() > limit else ():
+        spacing = float(located.spacing[m])
+        for gap in _gaps(located, m, alone, limit) if alone.max() > limit else ():
             wanting = max(1.0, gap.area / spacing**2)
-            linear, origin = places.alignments[m, :3, :3], places.alignments[m, :3, 3]
+            linear, origin = located.alignments[m, :3, :3], located.alignments[m, :3, 3]
             suspects.append(
                 Suspect(
                     kind=Kind.UNCOVERED,
                     subject=m,
                     particles=gap.around,
                     severity=gap.distance / limit * float(np.sqrt(wanting)),
-                    place=linear @ places.meshes[m].vertices[gap.centre] + origin,
+                    place=linear @ located.meshes[m].vertices[gap.centre] + origin,
                     area=gap.area,
                     words=f"{gap.area:.3g} mm² without particles, up to {gap.distance * spacing:.3g} mm from "
-                    f"the nearest; usual {usual * spacing:.2g} mm",
+                    f"the nearest; usual {consensus * spacing:.2g} mm",
                 )
             )
     return suspects
 
 
-def _gaps(places: Places, m: int, reach: FloatArray, limit: float) -> list[_Gap]:
+def _gaps(located: LocatedParticles, m: int, reach: FloatArray, limit: float) -> list[_Gap]:
     """Return the regions around the vertices of a mesh that are farther than the limit, in spacings."""
-    mesh, points, corners = places.meshes[m], places.local[m], places.meshes[m].faces[places.feet[m]]
+    mesh, points, corners = located.meshes[m], located.local[m], located.meshes[m].faces[located.faces[m]]
     shares = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3.0, 3), len(mesh.vertices))
     sides = edges(mesh.faces)
     sides = sides[(reach[sides] > _EDGE).all(axis=1)]

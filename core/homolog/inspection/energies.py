@@ -8,8 +8,8 @@ from scipy.sparse import csr_array
 
 from homolog.arrays import Float32Array, FloatArray, frozen
 from homolog.correspondence.entropy.dual import covariance
+from homolog.inspection.located_particles import LocatedParticles
 from homolog.inspection.neighbourhood import Neighbourhood
-from homolog.inspection.places import Places
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mirroring import scale_of
 
@@ -41,17 +41,19 @@ class ParticleEnergies:
     normals: FloatArray
 
 
-def particle_energies(places: Places, usual: Neighbourhood, settings: OptimizeSettings) -> ParticleEnergies:
+def particle_energies(
+    located: LocatedParticles, consensus: Neighbourhood, settings: OptimizeSettings
+) -> ParticleEnergies:
     """Return what each particle adds to the energies of a result."""
-    scale = scale_of(places.alignments)
-    areas = np.array([mesh.area for mesh in places.meshes]) * scale**2
+    scale = scale_of(located.alignments)
+    areas = np.array([mesh.area for mesh in located.meshes]) * scale**2
     unit = 0.01 * float(np.sqrt(areas.mean()))  # the optimizer's length
-    positions = (places.world - places.world.mean(axis=0)) / unit
-    cosine = np.clip(np.einsum("mni,ni->mn", places.normals, usual.normals), -1.0 + 1e-9, 1.0)
+    positions = (located.world - located.world.mean(axis=0)) / unit
+    cosine = np.clip(np.einsum("mni,ni->mn", located.normals, consensus.normals), -1.0 + 1e-9, 1.0)
     factor = 1.0 / np.sinc(np.arccos(cosine) / np.pi)
-    logs = factor[:, :, None] * (places.normals - cosine[:, :, None] * usual.normals)
+    logs = factor[:, :, None] * (located.normals - cosine[:, :, None] * consensus.normals)
     return ParticleEnergies(
-        frozen(_sampling(places.distances)),
+        frozen(_sampling(located.distances)),
         frozen(shared_entropy(positions, settings.regularization_end)),
         frozen(shared_entropy(logs, _NORMALS_REGULARIZATION)),
     )

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.inspection.coverage import uncovered
-from homolog.inspection.gather import Gatherer
+from homolog.inspection.located_particles import LocatedParticles, locate_particles
 from homolog.inspection.neighbourhood import neighbourhood_of
-from homolog.inspection.places import Places, find_places
+from homolog.inspection.suspects import SuspectCollector
 from homolog.inspection.types import Inspection
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["inspect", "judge"]
+__all__ = ["assess", "inspect"]
 
 _FEWEST = 3
 """Subjects that it takes to say which of them is the odd one."""
@@ -52,19 +52,19 @@ def inspect(
     """
     if len(meshes) < _FEWEST:
         raise InputError(f"suspects are found by comparing three or more subjects, not {len(meshes)}")
-    places = find_places(local, meshes, alignments, names=names, tick=part_of(tick, 0.0, 0.8))
-    return judge(places, part_of(tick, 0.8, 1.0))
+    located = locate_particles(local, meshes, alignments, names=names, tick=part_of(tick, 0.0, 0.8))
+    return assess(located, part_of(tick, 0.8, 1.0))
 
 
-def judge(places: Places, tick: Tick = no_tick) -> Inspection:
+def assess(located: LocatedParticles, tick: Tick = no_tick) -> Inspection:
     """Look for suspects among particles whose places are known; `inspect` from its second step on."""
     tick(0.0, "neighbours on most subjects")
-    usual = neighbourhood_of(places, part_of(tick, 0.0, 0.5))
-    gatherer = Gatherer(places, usual)
+    consensus = neighbourhood_of(located, part_of(tick, 0.0, 0.5))
+    collector = SuspectCollector(located, consensus)
     suspects = []
-    for m in range(len(places.meshes)):
-        tick(0.5 + 0.3 * m / len(places.meshes), "suspects")
-        suspects += gatherer.suspects(m)
-    suspects += uncovered(places, part_of(tick, 0.8, 1.0))
+    for m in range(len(located.meshes)):
+        tick(0.5 + 0.3 * m / len(located.meshes), "suspects")
+        suspects += collector.suspects(m)
+    suspects += uncovered(located, part_of(tick, 0.8, 1.0))
     suspects.sort(key=lambda one: -one.severity)
-    return Inspection(tuple(suspects), places, usual)
+    return Inspection(tuple(suspects), located, consensus)

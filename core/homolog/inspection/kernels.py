@@ -7,13 +7,13 @@ from homolog.geodesics.kernels.lookup import SurfacePoint, geodesic
 
 wp.set_module_options({"enable_backward": False})
 
-__all__ = ["feet_on", "pair_distances"]
+__all__ = ["closest_points_on", "pair_distances"]
 
 LOOKUP_SQUARED = wp.constant(0)
 
 
 @wp.kernel
-def feet_on(
+def closest_points_on(
     mesh: wp.uint64,
     reach: float,
     points: wp.array(dtype=wp.vec3),
@@ -42,11 +42,11 @@ def feet_on(
 @wp.kernel
 def pair_distances(
     surfaces: wp.array(dtype=Surface),
-    feet: wp.array(dtype=SurfacePoint),
+    closest: wp.array(dtype=SurfacePoint),
     pairs: wp.array(dtype=wp.vec2i),
     distances: wp.array(dtype=float),
 ):
     """Geodesic distance between the two particles of each pair, negative beyond the table's reach."""
     p = wp.tid()
     pair = pairs[p]
-    distances[p] = geodesic(surfaces[0].table, feet[pair[0]], feet[pair[1]], LOOKUP_SQUARED)[3]
+    distances[p] = geodesic(surfaces[0].table, closest[pair[0]], closest[pair[1]], LOOKUP_SQUARED)[3]

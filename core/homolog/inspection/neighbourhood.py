@@ -9,7 +9,7 @@ from scipy.spatial import Delaunay
 
 from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.errors import InputError
-from homolog.inspection.places import REACH, Places, mean_normals
+from homolog.inspection.located_particles import REACH, LocatedParticles, mean_normals
 from homolog.progress import Tick, no_tick
 
 __all__ = ["NEIGHBOURS", "Neighbourhood", "flattened", "neighbourhood_of"]
@@ -54,13 +54,13 @@ class Neighbourhood:
         return np.union1d(near.ravel(), particles)
 
 
-def neighbourhood_of(places: Places, tick: Tick = no_tick) -> Neighbourhood:
+def neighbourhood_of(located: LocatedParticles, tick: Tick = no_tick) -> Neighbourhood:
     """Return the consensus of all subjects."""
-    neighbours, usual = _nearest(places.distances)
-    shape = np.median(places.world, axis=0)
-    normals = mean_normals(places.normals)
-    triangles = _triangles(shape, normals, neighbours, usual, tick)
-    return Neighbourhood(*map(frozen, (neighbours, usual, shape, normals, triangles)))
+    neighbours, consensus = _nearest(located.distances)
+    shape = np.median(located.world, axis=0)
+    normals = mean_normals(located.normals)
+    triangles = _triangles(shape, normals, neighbours, consensus, tick)
+    return Neighbourhood(*map(frozen, (neighbours, consensus, shape, normals, triangles)))
 
 
 def _nearest(distances: Sequence[csr_array]) -> tuple[IntArray, FloatArray]:
@@ -80,12 +80,12 @@ def _nearest(distances: Sequence[csr_array]) -> tuple[IntArray, FloatArray]:
     rank = np.arange(len(particle)) - np.searchsorted(particle, particle)
     near = (rank < NEIGHBOURS) & (median < REACH)
     neighbours = np.tile(np.arange(n)[:, None], NEIGHBOURS)
-    usual = np.full((n, NEIGHBOURS), np.inf)
+    consensus = np.full((n, NEIGHBOURS), np.inf)
     neighbours[particle[near], rank[near]] = other[near]
-    usual[particle[near], rank[near]] = median[near]
-    if np.isfinite(usual[:, _FEWEST]).mean() < 0.5:
+    consensus[particle[near], rank[near]] = median[near]
+    if np.isfinite(consensus[:, _FEWEST]).mean() < 0.5:
         raise InputError("the subjects hardly agree on which particles are neighbours; run again")
-    return neighbours, usual
+    return neighbours, consensus
 
 
 def _keys(distances: csr_array) -> IntArray:
@@ -98,7 +98,7 @@ def _keys(distances: csr_array) -> IntArray:
 
 
 def _triangles(
-    shape: FloatArray, normals: FloatArray, neighbours: IntArray, usual: FloatArray, tick: Tick
+    shape: FloatArray, normals: FloatArray, neighbours: IntArray, consensus: FloatArray, tick: Tick
 ) -> IntArray:
     """Return the triangles that the local Delaunay triangulations around their corners agree on.
 
@@ -106,7 +106,7 @@ def _triangles(
     which they are seen, as far as the surface says.
     """
     found = []
-    for i, (others, far) in enumerate(zip(neighbours, usual, strict=True)):
+    for i, (others, far) in enumerate(zip(neighbours, consensus, strict=True)):
         tick(i / len(shape), "triangles of neighbours")
         there = np.isfinite(far)
         if there.sum() < 3:

@@ -5,8 +5,8 @@ from scipy.interpolate import RBFInterpolator
 
 from homolog.arrays import FloatArray
 from homolog.geometry import transform_points
+from homolog.inspection.located_particles import LocatedParticles
 from homolog.inspection.neighbourhood import Neighbourhood
-from homolog.inspection.places import Places
 
 __all__ = ["carried_places", "checkerboard", "stripes"]
 
@@ -16,14 +16,14 @@ _GUIDES = 60
 """… so many, those nearest to a vertex."""
 
 
-def carried_places(places: Places, usual: Neighbourhood, subject: int) -> FloatArray:
+def carried_places(located: LocatedParticles, consensus: Neighbourhood, subject: int) -> FloatArray:
     """Return where each vertex of a subject's mesh lies on the consensus shape, (V, 3) [mm].
 
     A thin-plate spline through the particles takes the subject to the consensus.
     """
-    matrix, mesh = places.alignments[subject], places.meshes[subject]
-    few = _GUIDES if len(usual.shape) > _MOST else None
-    carry = RBFInterpolator(places.world[subject], usual.shape, neighbors=few, kernel="linear", degree=1)
+    matrix, mesh = located.alignments[subject], located.meshes[subject]
+    few = _GUIDES if len(consensus.shape) > _MOST else None
+    carry = RBFInterpolator(located.world[subject], consensus.shape, neighbors=few, kernel="linear", degree=1)
     return np.asarray(carry(transform_points(matrix, mesh.vertices)), np.float64)
 
 
@@ -57,11 +57,11 @@ def checkerboard(carried: FloatArray, shape: FloatArray, blur: float, bands: int
     return np.asarray(np.clip(0.5 + 0.5 * sign.prod(axis=1) * gap.min(axis=1) / blur, 0.0, 1.0))
 
 
-def _cells(places: FloatArray, shape: FloatArray, bands: int) -> tuple[FloatArray, FloatArray]:
+def _cells(located: FloatArray, shape: FloatArray, bands: int) -> tuple[FloatArray, FloatArray]:
     """Return along each principal axis the sign of the band, in turn, and the distance to its border [mm]."""
     middle = shape.mean(axis=0)
     axes = np.linalg.svd(shape - middle, full_matrices=False)[2]
     width = np.ptp((shape - middle) @ axes[0]) / bands
-    along = (places - middle) @ axes.T / width
+    along = (located - middle) @ axes.T / width
     whole = np.floor(along)
     return 1.0 - 2.0 * (whole % 2.0), width * (0.5 - np.abs(along - whole - 0.5))

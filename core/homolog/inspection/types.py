@@ -6,8 +6,8 @@ from enum import StrEnum
 import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
+from homolog.inspection.located_particles import LocatedParticles
 from homolog.inspection.neighbourhood import Neighbourhood
-from homolog.inspection.places import Places
 
 __all__ = ["Inspection", "Kind", "Suspect"]
 
@@ -74,18 +74,18 @@ class Inspection:
     """
 
     suspects: tuple[Suspect, ...]
-    places: Places
-    usual: Neighbourhood
+    located: LocatedParticles
+    consensus: Neighbourhood
 
     def movable(self, suspect: Suspect, rings: int = 2) -> BoolArray:
         """Return which particles to optimize again so as to mend a suspect, (M, N).
 
         Those of the suspect and so many rings of neighbours around them, on the suspect's subject only.
         """
-        chosen = np.zeros(len(self.usual.shape), dtype=bool)
+        chosen = np.zeros(len(self.consensus.shape), dtype=bool)
         chosen[suspect.particles] = True
         for _ in range(rings):
-            chosen[self.usual.ring(np.flatnonzero(chosen))] = True
-        result = np.zeros(self.places.world.shape[:2], dtype=bool)
+            chosen[self.consensus.ring(np.flatnonzero(chosen))] = True
+        result = np.zeros(self.located.world.shape[:2], dtype=bool)
         result[suspect.subject] = chosen
         return result

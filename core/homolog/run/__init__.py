@@ -1,7 +1,7 @@
 """The pipeline as a state machine; the command line and the window drive the same one."""
 
-from homolog.run.base import adds_particles
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus
+from homolog.run.prior_result import adds_particles
 from homolog.run.reuse import is_result_of
 from homolog.run.run import Run
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from homolog.cohort import Cohort
-from homolog.errors import InputError, words_for
+from homolog.errors import InputError, user_message
 from homolog.files.atomic import write_text
 from homolog.files.names import file_stems
 from homolog.files.project import Project
@@ -184,7 +184,7 @@ class Batch:
                 self._job.cancel()
             reason = self._job.execute(watch)
         except Exception as error:  # noqa: BLE001 - whatever is wrong with one structure, others may do
-            message = words_for(error)
+            message = user_message(error)
             if message is None:
                 _log.exception("%s failed", item.structure.title)
                 message = f"{type(error).__name__}: {error}"

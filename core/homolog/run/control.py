@@ -1,9 +1,9 @@
-"""The reins of a run: progress out, pause and cancel in, from any thread."""
+"""Control of a run from any thread: progress, pause, cancel."""
 
 import time
 from dataclasses import replace
 
-from homolog.reins import Reins
+from homolog.cancellation import CancelToken
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
 
 __all__ = ["Control"]
@@ -25,19 +25,20 @@ _ETA_AFTER_S = 2.0
 
 
 class Control:
-    """The status of one run, and the wishes of those who watch it.
+    """The status of a run, and its cancel token.
 
-    The working thread calls `enter`, `tick` and `finish`; any thread may pull the `reins` and read `status`.
+    The working thread calls `enter`, `tick` and `finish`. Any thread may use the `cancel_token` and read the
+    `status`.
     """
 
     def __init__(self) -> None:
         self.observer: Observer = ignore
         self.seconds: dict[str, float] = {}
         self._status = RunStatus()
-        self.reins = Reins()
+        self.cancel_token = CancelToken()
         self._span = (0.0, 0.0)
         self._entered = self._reported = time.monotonic()
-        self._pace_from = (self._entered, 0.0)
+        self._eta_origin = (self._entered, 0.0)
 
     @property
     def status(self) -> RunStatus:
@@ -52,7 +53,7 @@ class Control:
         self._span = (max(start, self._status.fraction), stop)
         self.move_to(phase)
         if phase in (Phase.READING, Phase.GEODESICS):  # cached grooming says nothing about what follows
-            self._pace_from = (self._entered, self._span[0])
+            self._eta_origin = (self._entered, self._span[0])
         self.tick(0.0, message)
 
     def move_to(self, phase: Phase) -> None:
@@ -65,21 +66,21 @@ class Control:
         """Take the progress of the phase; wait while paused, raise `Cancelled` if cancelled."""
         began = time.monotonic()
         waiting = replace(self._status, message=message, eta_s=None, paused=True)
-        if self.reins.obey(lambda: self._tell(waiting)):
-            self._forget(time.monotonic() - began)
+        if self.cancel_token.wait_while_paused(lambda: self._notify(waiting)):
+            self._exclude_idle(time.monotonic() - began)
         now = time.monotonic()
         if now - self._reported < _REPORT_S and fraction < 1.0:
             return
         self._reported = now
         start, stop = self._span
         whole = max(self._status.fraction, start + (stop - start) * min(max(fraction, 0.0), 1.0))
-        self._tell(replace(self._status, fraction=whole, message=message, eta_s=self._eta(now, whole)))
+        self._notify(replace(self._status, fraction=whole, message=message, eta_s=self._eta(now, whole)))
 
     def finish(self, reason: FinishReason, message: str) -> None:
         """Say how the run ended; the last thing the observer hears."""
         self._close_phase()
         fraction = 1.0 if reason is FinishReason.COMPLETED else self._status.fraction
-        self._tell(RunStatus(self._status.phase, fraction, message, reason=reason))
+        self._notify(RunStatus(self._status.phase, fraction, message, reason=reason))
 
     def _close_phase(self) -> None:
         now = time.monotonic()
@@ -87,19 +88,19 @@ class Control:
         self.seconds[phase] = round(self.seconds.get(phase, 0.0) + now - self._entered, 3)
         self._entered = now
 
-    def _tell(self, status: RunStatus) -> None:
+    def _notify(self, status: RunStatus) -> None:
         self._status = status
         self.observer(status)
 
-    def _forget(self, idle: float) -> None:
-        """Take seconds of waiting out of the account."""
+    def _exclude_idle(self, idle: float) -> None:
+        """Exclude seconds of waiting from times and estimates."""
         self._entered += idle
-        self._pace_from = (self._pace_from[0] + idle, self._pace_from[1])
+        self._eta_origin = (self._eta_origin[0] + idle, self._eta_origin[1])
         self._reported = 0.0
         self._status = replace(self._status, paused=False)
 
     def _eta(self, now: float, whole: float) -> float | None:
-        since, start = self._pace_from
+        since, start = self._eta_origin
         if now - since < _ETA_AFTER_S or whole - start < 0.01:
             return None
         return (now - since) * (1.0 - whole) / (whole - start)

@@ -22,17 +22,17 @@ from homolog.files.results import particle_file, surface_file
 from homolog.files.tables import write_table
 from homolog.grooming import GroomedSubject
 from homolog.progress import Tick, part_of
-from homolog.run.identity import content_of, versions
+from homolog.run.fingerprints import surface_hash, versions
 from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
 from homolog.settings import Mirror, RunSettings
 
 __all__ = [
     "CANCELLED",
-    "Outcome",
-    "Study",
+    "OptimizationInput",
+    "OptimizationOutcome",
+    "add_note",
+    "add_repair_notes",
     "model_of",
-    "noted",
-    "with_repairs",
     "write_result",
 ]
 
@@ -41,8 +41,8 @@ CANCELLED = "cancelled"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Study:
-    """What an optimization starts from.
+class OptimizationInput:
+    """The input of an optimization.
 
     Attributes
     ----------
@@ -65,8 +65,8 @@ class Study:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
-    """What it has come to.
+class OptimizationOutcome:
+    """Result of an optimization.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Outcome:
         Time by phase.
     """
 
-    study: Study
+    inputs: OptimizationInput
     world: FloatArray
     local: FloatArray
     alignments: FloatArray
@@ -94,15 +94,15 @@ class Outcome:
     seconds: Mapping[str, float]
 
 
-def noted(groomed: GroomedSubject, note: str) -> GroomedSubject:
+def add_note(groomed: GroomedSubject, note: str) -> GroomedSubject:
     """Return a subject with one more note in its report."""
     return replace(groomed, report=replace(groomed.report, notes=(*groomed.report.notes, note)))
 
 
-def with_repairs(study: Study, found: OptimizedParticles) -> Study:
+def add_repair_notes(inputs: OptimizationInput, found: OptimizedParticles) -> OptimizationInput:
     """Return the study with a note on every subject whose particles were repaired, if any were."""
     if not found.repaired.any():
-        return study
+        return inputs
     subjects: BoolArray = np.any(found.repaired > 0, axis=1)
     objective = found.energies[:, 1:].sum(axis=1)
     first = found.repaired[found.repaired > 0].min()
@@ -112,11 +112,11 @@ def with_repairs(study: Study, found: OptimizedParticles) -> Study:
         f"repaired: {np.count_nonzero(found.repaired)} on {subjects.sum()} subjects in total "
         f"(objective {before:.4f} at the first repair, {objective[-1]:.4f} at the end)"
     )
-    groomed = [noted(one, note) if odd else one for one, odd in zip(study.groomed, subjects, strict=True)]
-    return replace(study, groomed=groomed)
+    groomed = [add_note(one, note) if odd else one for one, odd in zip(inputs.groomed, subjects, strict=True)]
+    return replace(inputs, groomed=groomed)
 
 
-def model_of(outcome: Outcome, tick: Tick) -> tuple[ShapeModel, MeanSurface]:
+def model_of(outcome: OptimizationOutcome, tick: Tick) -> tuple[ShapeModel, MeanSurface]:
     """Return the outcome's shape model and the surface that follows it.
 
     Raises
@@ -124,14 +124,14 @@ def model_of(outcome: Outcome, tick: Tick) -> tuple[ShapeModel, MeanSurface]:
     NumericalError
         If particles coincide, so that no surface can be carried by them.
     """
-    shapes, world = outcome.study.shapes, outcome.world
+    shapes, world = outcome.inputs.shapes, outcome.world
     model = ShapeModel.fit(world, names=[one.name for one in shapes])
     meshes = [one.mesh for one in shapes]
     return model, surface_of_model(model, world, meshes, outcome.alignments, tick)
 
 
 def write_result(
-    project: Project, outcome: Outcome, model: ShapeModel, surface: MeanSurface, tick: Tick
+    project: Project, outcome: OptimizationOutcome, model: ShapeModel, surface: MeanSurface, tick: Tick
 ) -> None:
     """Let the outcome take the place of the project's last result.
 
@@ -149,12 +149,12 @@ def write_result(
     InputError
         If the project can't be written to; its last result is then as it was.
     """
-    study = outcome.study
-    stems = file_stems([one.name for one in study.shapes])
+    inputs = outcome.inputs
+    stems = file_stems([one.name for one in inputs.shapes])
     with project.replacing_result() as new:
         _write_subjects(new, project, outcome, stems, part_of(tick, 0.0, 0.6))
         tick(0.6, "shape model")
-        write_model(new, study.cohort, model)
+        write_model(new, inputs.cohort, model)
         write_surfaces(new, model, surface, part_of(tick, 0.7, 1.0))
         write_table(
             new.folder / "energies.csv",
@@ -163,8 +163,8 @@ def write_result(
         )
         new.write(
             ProjectRecord(
-                subjects=project.describe(study.cohort),
-                settings=study.settings,
+                subjects=project.describe(inputs.cohort),
+                settings=inputs.settings,
                 unfinished=outcome.ended == CANCELLED,
                 result=_record(outcome, stems, surface),
             )
@@ -172,19 +172,19 @@ def write_result(
 
 
 def _write_subjects(
-    new: Project, project: Project, outcome: Outcome, stems: Sequence[str], tick: Tick
+    new: Project, project: Project, outcome: OptimizationOutcome, stems: Sequence[str], tick: Tick
 ) -> None:
-    for index, (stem, shape) in enumerate(zip(stems, outcome.study.shapes, strict=True)):
+    for index, (stem, shape) in enumerate(zip(stems, outcome.inputs.shapes, strict=True)):
         tick(index / len(stems), f"writing {shape.name}")
         write_particles(particle_file(new, stem, "local"), outcome.local[index])
         write_particles(particle_file(new, stem, "world"), outcome.world[index])
         write_mesh(surface_file(project, stem), shape.mesh)
 
 
-def _record(outcome: Outcome, stems: Sequence[str], surface: MeanSurface) -> ResultRecord:
-    study = outcome.study
-    mirror = study.settings.groom.mirror
-    sides: Mapping[str, Any] = {} if mirror is Mirror.OFF else sides_of(study.cohort).of
+def _record(outcome: OptimizationOutcome, stems: Sequence[str], surface: MeanSurface) -> ResultRecord:
+    inputs = outcome.inputs
+    mirror = inputs.settings.groom.mirror
+    sides: Mapping[str, Any] = {} if mirror is Mirror.OFF else sides_of(inputs.cohort).of
     subjects = [
         ResultSubject(
             name=subject.name,
@@ -192,12 +192,12 @@ def _record(outcome: Outcome, stems: Sequence[str], surface: MeanSurface) -> Res
             group=subject.group,
             columns=dict(subject.columns),
             side=sides.get(subject.name, ""),
-            content=content_of(shape),
+            content=surface_hash(shape),
             alignment=alignment.tolist(),
             notes=list(groomed.report.notes),
         )
         for subject, stem, shape, alignment, groomed in zip(
-            study.cohort.subjects, stems, study.shapes, outcome.alignments, study.groomed, strict=True
+            inputs.cohort.subjects, stems, inputs.shapes, outcome.alignments, inputs.groomed, strict=True
         )
     ]
     return ResultRecord(
@@ -205,13 +205,13 @@ def _record(outcome: Outcome, stems: Sequence[str], surface: MeanSurface) -> Res
         ended=outcome.ended,
         iterations=outcome.iterations,
         particles=outcome.world.shape[1],
-        metric="geodesic" if study.settings.optimize.method.uses_geodesics else "euclidean",
+        metric="geodesic" if inputs.settings.optimize.method.uses_geodesics else "euclidean",
         folded_faces=surface.folded,
         smoothed_particles=surface.smoothed,
-        settings=study.settings,
-        device=describe_device(study.device),
+        settings=inputs.settings,
+        device=describe_device(inputs.device),
         versions=versions(),
         seconds=dict(outcome.seconds),
-        fingerprint=study.fingerprint,
+        fingerprint=inputs.fingerprint,
         subjects=subjects,
     )

@@ -8,19 +8,19 @@ from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Frame
 from homolog.device import choose_device, cores, device_faults
 from homolog.errors import Cancelled, InputError
-from homolog.files.atomic import writing
+from homolog.files.atomic import report_os_errors
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, Problem, check_cohort, check_sides, groom_cohort
-from homolog.progress import no_tick, patiently
-from homolog.run.base import Base, read_base
+from homolog.progress import no_tick, run_in_background
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.control import Control
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
-from homolog.run.result import CANCELLED, Outcome, Study, model_of, write_result
-from homolog.run.steps import optimized, prepared
-from homolog.run.tables import KeptTables
+from homolog.run.prior_result import PriorResult, read_prior_result
+from homolog.run.result import CANCELLED, OptimizationInput, OptimizationOutcome, model_of, write_result
+from homolog.run.steps import prepare_inputs, run_optimization
+from homolog.run.table_cache import TableCache
 from homolog.settings import RunSettings
 from homolog.workers import worker_processes
 
@@ -75,7 +75,7 @@ class Run:
         self._skip_bad = skip_bad
         self._control = Control()
         self._frame: Frame | None = None
-        self._study: Study | None = None
+        self._study: OptimizationInput | None = None
         self._energies = np.empty((0, 4))
         self._notes: list[str] = []
 
@@ -96,11 +96,11 @@ class Run:
 
     def cancel(self) -> None:
         """End the run as soon as possible; what is done so far stays for `resume`."""
-        self._control.reins.cancel()
+        self._control.cancel_token.cancel()
 
     def set_paused(self, paused: bool) -> None:
         """Hold the run, or let it go on."""
-        self._control.reins.set_paused(paused)
+        self._control.cancel_token.set_paused(paused)
 
     def execute(self, observer: Observer = ignore) -> FinishReason:
         """Do the work; returns whether it was completed or cancelled.
@@ -142,13 +142,13 @@ class Run:
         InputError
             If the project can't be written to.
         """
-        study, frame = self._study, self._frame
-        if study is None or frame is None or frame.world.shape[1] < _FEWEST or self._from_result:
+        inputs, frame = self._study, self._frame
+        if inputs is None or frame is None or frame.world.shape[1] < _FEWEST or self._from_result:
             return False
         world = frame.world.astype(np.float64)
         local = transform_points(inverse_matrices(frame.alignments), world)
-        outcome = Outcome(
-            study,
+        outcome = OptimizationOutcome(
+            inputs,
             world,
             local,
             frame.alignments,
@@ -165,14 +165,16 @@ class Run:
         device = choose_device(self._settings.device)
         cohort = self._checked()
         with self.project.locked(), device_faults("cpu"):
-            base = self._base(cohort)
-            self._claim(cohort)
+            prior = self._base(cohort)
+            self._write_run_record(cohort)
             cohort, groomed = self._groomed(cohort)
             self._control.enter(Phase.ALIGNING, "aligning")
-            self._study = prepared(cohort, groomed, self._settings, device, self._control.tick, base=base)
-            outcome = self._optimized(self._study, base)
+            self._study = prepare_inputs(
+                cohort, groomed, self._settings, device, self._control.tick, prior=prior
+            )
+            outcome = self._optimized(self._study, prior)
             self._control.enter(Phase.MODELING, "principal components")
-            model, surface = patiently(
+            model, surface = run_in_background(
                 lambda tick: model_of(outcome, tick), self._control.tick, "principal components"
             )
             self._control.enter(Phase.WRITING, "writing")
@@ -197,19 +199,19 @@ class Run:
             message = f"{cohort.folder}: has {count} usable subject; a shape model needs two or more"
             raise InputError("\n".join([*self._notes, message]))
 
-    def _base(self, cohort: Cohort) -> Base | None:
+    def _base(self, cohort: Cohort) -> PriorResult | None:
         if self._resume and self.project.exists:
             self._from_result = self.project.read().from_result
         if not self._from_result:
             return None
-        base = read_base(self.project)
-        base.check([one.name for one in cohort.subjects], self._settings)
-        return base
+        prior = read_prior_result(self.project)
+        prior.check([one.name for one in cohort.subjects], self._settings)
+        return prior
 
-    def _claim(self, cohort: Cohort) -> None:
+    def _write_run_record(self, cohort: Cohort) -> None:
         """Write down what is about to be done, so that a killed run can be resumed from the folder alone."""
         before = self.project.read() if self.project.exists else ProjectRecord()
-        with writing(self.project.groomed):
+        with report_os_errors(self.project.groomed):
             self.project.groomed.mkdir(exist_ok=True)
         if not self._resume:
             self.project.checkpoint.unlink(missing_ok=True)
@@ -240,10 +242,10 @@ class Run:
             self._notes += [one.message for one in left_out]
             cohort = cohort.without({one.subject for one in left_out})
             self._check_number(cohort)
-            self._claim(cohort)
+            self._write_run_record(cohort)
         return cohort, groomed
 
-    def _optimized(self, study: Study, base: Base | None) -> Outcome:
+    def _optimized(self, inputs: OptimizationInput, prior: PriorResult | None) -> OptimizationOutcome:
         path = self.project.checkpoint
 
         def observe(frame: Frame) -> None:
@@ -251,14 +253,14 @@ class Run:
 
         def save(checkpoint: Checkpoint) -> None:
             self._energies = checkpoint.energies
-            write_checkpoint(path, checkpoint, study.fingerprint)
+            write_checkpoint(path, checkpoint, inputs.fingerprint)
 
-        return optimized(
-            study,
+        return run_optimization(
+            inputs,
             self._control,
             observe=observe,
             checkpoint=save,
-            base=base,
-            resume=read_checkpoint(path, study.fingerprint) if self._resume else None,
-            solve=KeptTables(self.project.geodesics).solve,
+            prior=prior,
+            resume=read_checkpoint(path, inputs.fingerprint) if self._resume else None,
+            solve=TableCache(self.project.geodesics).solve,
         )

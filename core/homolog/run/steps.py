@@ -8,27 +8,27 @@ from homolog.correspondence.prepared_cohort import GeodesicSolver
 from homolog.device import device_faults
 from homolog.geodesics import solve_tables
 from homolog.grooming import GroomedSubject, align_cohort
-from homolog.progress import Tick, patiently
-from homolog.run.base import Base
+from homolog.progress import Tick, run_in_background
 from homolog.run.control import Control
 from homolog.run.events import Phase
-from homolog.run.identity import fingerprint_of
+from homolog.run.fingerprints import run_fingerprint
 from homolog.run.landmarks import with_landmarks
-from homolog.run.result import Outcome, Study, with_repairs
+from homolog.run.prior_result import PriorResult
+from homolog.run.result import OptimizationInput, OptimizationOutcome, add_repair_notes
 from homolog.settings import RunSettings
 
-__all__ = ["optimized", "prepared"]
+__all__ = ["prepare_inputs", "run_optimization"]
 
 
-def prepared(
+def prepare_inputs(
     cohort: Cohort,
     groomed: Sequence[GroomedSubject],
     settings: RunSettings,
     device: str,
     tick: Tick,
     *,
-    base: Base | None = None,
-) -> Study:
+    prior: PriorResult | None = None,
+) -> OptimizationInput:
     """Bring groomed subjects into one frame, with the landmarks that first particles are put on.
 
     Parameters
@@ -53,32 +53,34 @@ def prepared(
     InputError
         If shapes are of other sizes or sides than can be compared, or landmarks do not fit.
     """
-    known = None if base is None else base.alignments
-    noted, alignments = patiently(
+    known = None if prior is None else prior.alignments
+    add_note, alignments = run_in_background(
         lambda inner: align_cohort(cohort, groomed, settings.groom, inner, known=known), tick, "aligning"
     )
     tick(1.0, "aligned")
     shapes = [
         Shape(one.name, one.field, one.mesh, one.coarse_mesh, alignment)
-        for one, alignment in zip(noted, alignments, strict=True)
+        for one, alignment in zip(add_note, alignments, strict=True)
     ]
-    if base is not None:
-        shapes = base.shapes(shapes)
+    if prior is not None:
+        shapes = prior.shapes(shapes)
     elif settings.optimize.landmarks:
         shapes = with_landmarks(shapes, cohort)
-    return Study(cohort, settings, noted, shapes, fingerprint_of(settings.placing, shapes, tick), device)
+    return OptimizationInput(
+        cohort, settings, add_note, shapes, run_fingerprint(settings.placing, shapes, tick), device
+    )
 
 
-def optimized(
-    study: Study,
+def run_optimization(
+    inputs: OptimizationInput,
     control: Control,
     *,
     observe: FrameCallback | None = None,
     checkpoint: Callable[[Checkpoint], None] | None = None,
-    base: Base | None = None,
+    prior: PriorResult | None = None,
     resume: Checkpoint | None = None,
     solve: GeodesicSolver = solve_tables,
-) -> Outcome:
+) -> OptimizationOutcome:
     """Place the particles.
 
     Parameters
@@ -102,7 +104,7 @@ def optimized(
     NumericalError
         If a particle is lost.
     """
-    geodesic = study.settings.optimize.method.uses_geodesics
+    geodesic = inputs.settings.optimize.method.uses_geodesics
     first = Phase.GEODESICS if geodesic else Phase.SPLITTING
     control.enter(first, "distances on the surfaces", until=Phase.OPTIMIZING)
 
@@ -112,20 +114,20 @@ def optimized(
         if (phase := Phase(frame.stage.value)) is not control.status.phase:
             control.move_to(phase)
 
-    with device_faults(study.device):
-        patiently(lambda _: load_kernels(study.device), control.tick, "preparing compute kernels")
+    with device_faults(inputs.device):
+        run_in_background(lambda _: load_kernels(inputs.device), control.tick, "preparing compute kernels")
         found = optimize(
-            study.shapes,
-            study.settings.placing,
-            device=study.device,
+            inputs.shapes,
+            inputs.settings.placing,
+            device=inputs.device,
             tick=control.tick,
             observe=follow,
             checkpoint=checkpoint,
-            initial=None if base is None else base.initial(study.shapes, control.tick),
+            initial=None if prior is None else prior.initial(inputs.shapes, control.tick),
             resume=resume,
             solve=solve,
         )
-    return Outcome(
-        with_repairs(study, found), found.world, found.local, found.alignments, found.energies,
+    return OptimizationOutcome(
+        add_repair_notes(inputs, found), found.world, found.local, found.alignments, found.energies,
         found.iterations, found.reason.value, control.seconds,
     )  # fmt: skip

@@ -95,7 +95,7 @@ def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
     settled(checking, wait)
     assert not any(one.subject == SUBJECT and set(PAIR) & set(one.particles) for one in page.rows.suspects)
     true = read_result(Project(converged)).local[SUBJECT]
-    spacing = page.checked.inspection.places.spacing[SUBJECT]
+    spacing = page.checked.inspection.located.spacing[SUBJECT]
     assert np.linalg.norm(session.result.result.local[SUBJECT] - true, axis=1)[PAIR].max() < 0.5 * spacing
     assert (swapped / "model" / "scores.csv").read_bytes() == on_disk
     assert page.keep.isVisible()
@@ -187,7 +187,7 @@ def test_neighbours_are_coloured_by_the_distances_of_their_own_shape(checking, w
     page.look.particle.setValue(7)
     show(checking, wait, "neighbours")
     names = checking.desk.session.result.result.names
-    places = page.checked.inspection.places
+    places = page.checked.inspection.located
     for m, name in enumerate(names[:4]):
         tints = scene._grid.tints[name]
         near = places.distances[m][[7]].toarray()[0] > 0.0
@@ -210,7 +210,7 @@ def test_distances_along_the_surface_stand_beside_straight_ones_on_one_scale(che
     # another place is picked on the surface
     from homolog_app.window.scene.picking import Pick
 
-    place = page.checked.inspection.places.world[0, 30]
+    place = page.checked.inspection.located.world[0, 30]
     page.take_pick(Pick(scene.shown[1].name, place, None))
     settled(checking, wait)
     again = page.look.marks.distances
@@ -222,7 +222,7 @@ def test_the_last_of_several_places_clicked_in_a_row_is_the_one_that_is_measured
     from homolog_app.window.scene.picking import Pick
 
     page, names = page_of(checking), checking.desk.session.result.result.names
-    world = page.checked.inspection.places.world
+    world = page.checked.inspection.located.world
     page.look.show_what.setCurrentIndex(page.look.show_what.findData("distances"))
     for m, particle in ((0, 3), (1, 30), (2, 50)):
         page.take_pick(Pick(names[m], world[m, particle], particle))

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from homolog.cohort import read_cohort
-from homolog.errors import InputError, words_for
+from homolog.errors import InputError, user_message
 from homolog_app.cli import main
 from homolog_app.window.quantities import millilitres
 
@@ -223,7 +223,7 @@ def test_what_the_system_refuses_is_said_with_the_file(window, errors, monkeypat
     monkeypatch.setattr("homolog_app.window.study.read_cohort", refuse)
     window.library.take([tmp_path])
     ((_, error),) = errors
-    assert words_for(error).startswith(f"{tmp_path}: Permission denied; see who")
+    assert user_message(error).startswith(f"{tmp_path}: Permission denied; see who")
 
 
 @pytest.mark.window

@@ -10,7 +10,7 @@ from homolog.beans.surface import closest_on_bean, surface_areas, surface_points
 def test_perfect_correspondence_has_the_floors_figures(ideal_particles, wide_beans):
     figures = evaluate(ideal_particles, wide_beans)
     assert 0.002 < figures.leak < 0.02
-    assert figures.linear_in_truth > 0.98
+    assert figures.ground_truth_r2 > 0.98
     assert figures.r2_position > 0.999
     assert figures.r2_width > 0.99
     assert figures.wall_swap == 0.0
@@ -54,7 +54,7 @@ def test_a_scrambled_shape_hides_from_leakage_but_not_from_linear_in_truth(ideal
     particles[3] = np.random.default_rng(0).permutation(particles[3])
     figures = evaluate(particles, wide_beans)
     assert figures.leak < 0.02
-    assert figures.linear_in_truth < 0.7
+    assert figures.ground_truth_r2 < 0.7
     assert figures.normals_over_90_pairs > 0.05
     assert figures.var_per_particle > 100.0
 
@@ -73,7 +73,7 @@ def test_shares_are_of_the_total_variance_whatever_its_size(ideal_particles, wid
     figures = asdict(evaluate(ideal_particles, wide_beans))
     mean = ideal_particles.mean(axis=0)
     doubled = asdict(evaluate(mean + 2.0 * (ideal_particles - mean), wide_beans))
-    for name in ("leak", "linear_in_truth", "r2_position", "r2_width"):
+    for name in ("leak", "ground_truth_r2", "r2_position", "r2_width"):
         np.testing.assert_allclose(figures[name], doubled[name])
     np.testing.assert_allclose(doubled["var_per_particle"], 4.0 * figures["var_per_particle"])
 

@@ -7,7 +7,7 @@ import pytest
 
 from homolog.exchange import import_model, write_shapeworks
 from homolog.exchange.shapeworks_files import read_shapeworks_file
-from homolog.exchange.shapeworks_rules import complete, own_column
+from homolog.exchange.shapeworks_rules import complete_row, escape_column
 from homolog.files.project import Project
 from homolog.files.results import read_result
 
@@ -78,7 +78,7 @@ def test_tables_hold_texts_only_whatever_was_imported(two, tmp_path):
 
 
 def test_a_subject_that_only_one_anatomy_knows_has_places_for_all():
-    row = complete({"name": "a", "shape_b": "b.ply", "landmarks_file_b": "b.txt"}, ["a", "b", "c"])
+    row = complete_row({"name": "a", "shape_b": "b.ply", "landmarks_file_b": "b.txt"}, ["a", "b", "c"])
     assert list(row)[:3] == ["shape_a", "shape_b", "shape_c"]
     assert [row[f"landmarks_file_{one}"] for one in "abc"] == ["", "b.txt", ""]
     assert counts_as_read(row, list("abc")) == [3, 0, 3, 0, 0, 0, 0, 0]
@@ -88,12 +88,12 @@ def test_a_subject_that_only_one_anatomy_knows_has_places_for_all():
     "name", ["shape_volume", "mesh_by", "name2", "fixed", "image_date", "world_particles"]
 )
 def test_table_data_are_not_taken_for_files_or_flags(name):
-    kept = own_column(name)
+    kept = escape_column(name)
     assert kept.endswith(name)
     assert not kept.startswith(("name", *(one for kind in KINDS for one in kind)))
-    assert own_column(kept) == kept
-    assert own_column("age") == "age"
-    assert own_column("group_sex") == "group_sex"
+    assert escape_column(kept) == kept
+    assert escape_column("age") == "age"
+    assert escape_column("group_sex") == "group_sex"
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 import pytest
 
 from homolog.errors import InputError
-from homolog.files.atomic import replacing, replacing_folder, write_text
+from homolog.files.atomic import atomic_write, replace_folder, write_text
 
 
 def _write_half(path):
@@ -19,7 +19,7 @@ def test_a_text_is_replaced_whole(tmp_path):
 def test_a_write_that_breaks_off_leaves_the_old_file_and_nothing_else(tmp_path):
     path = tmp_path / "a.txt"
     write_text(path, "old")
-    with pytest.raises(ZeroDivisionError), replacing(path) as part:
+    with pytest.raises(ZeroDivisionError), atomic_write(path) as part:
         _write_half(part)
     assert path.read_text() == "old"
     assert [one.name for one in tmp_path.iterdir()] == ["a.txt"]
@@ -28,7 +28,7 @@ def test_a_write_that_breaks_off_leaves_the_old_file_and_nothing_else(tmp_path):
 def test_a_full_disk_is_an_input_error_that_names_the_file(tmp_path):
     path = tmp_path / "a.txt"
     write_text(path, "old")
-    with pytest.raises(InputError, match=r"a\.txt: can't be written: No space left"), replacing(path):
+    with pytest.raises(InputError, match=r"a\.txt: can't be written: No space left"), atomic_write(path):
         raise OSError(28, "No space left on device")
     assert path.read_text() == "old"
 
@@ -42,13 +42,13 @@ def test_a_file_where_the_folder_should_be_is_an_input_error(tmp_path):
 def test_a_folder_appears_whole_and_one_that_holds_anything_is_not_touched(tmp_path):
     path = tmp_path / "a" / "series"
     for _ in range(2):  # the second time the folder is there, and empty
-        with replacing_folder(path) as part:
+        with replace_folder(path) as part:
             (part / "1.txt").write_text("one")
             assert not path.exists() or not any(path.iterdir())
         assert [one.name for one in path.iterdir()] == ["1.txt"]
-        with pytest.raises(InputError, match="already exists"), replacing_folder(path):
+        with pytest.raises(InputError, match="already exists"), replace_folder(path):
             pass
         (path / "1.txt").unlink()
-    with pytest.raises(ZeroDivisionError), replacing_folder(path) as part:
+    with pytest.raises(ZeroDivisionError), replace_folder(path) as part:
         _write_half(part / "half.txt")
     assert [one.name for one in path.parent.iterdir()] == ["series"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from homolog.inspection import find_places, inspect, judge
+from homolog.inspection import assess, inspect, locate_particles
 from homolog.surfaces.mesh import TriangleMesh
 
 PARTICLES = 160
@@ -30,7 +30,7 @@ def mesh_of(axes, n=2000):
 
 @dataclass
 class Known:
-    """Particles (M, N, 3), surfaces and alignments; `places` are the unit vectors that they came from."""
+    """Particles (M, N, 3), surfaces and alignments; `located` are the unit vectors that they came from."""
 
     local: np.ndarray
     meshes: list
@@ -52,8 +52,10 @@ class Known:
 
     def again(self, good, local, m):
         """Look at one subject again, the others being as they were."""
-        one = find_places(local[m : m + 1], self.meshes[m : m + 1], self.alignments[m : m + 1], names=["x"])
-        return judge(good.places.with_subject(m, one))
+        one = locate_particles(
+            local[m : m + 1], self.meshes[m : m + 1], self.alignments[m : m + 1], names=["x"]
+        )
+        return assess(good.located.with_subject(m, one))
 
 
 @pytest.fixture(scope="session")

@@ -27,7 +27,7 @@ def test_crowded_and_misplaced_particles_have_the_largest_energies(known):
     local[2, 60] += 0.8 * (local[2, nearest] - local[2, 60])
     local[4, [8, 100]] = local[4, [100, 8]]
     found = known.inspect(local)
-    energies = particle_energies(found.places, found.usual, OptimizeSettings())
+    energies = particle_energies(found.located, found.consensus, OptimizeSettings())
     crowded = np.unravel_index(energies.sampling.argmax(), energies.sampling.shape)
     assert crowded in {(2, 60), (2, nearest)}
     for part in (energies.ensemble, energies.normals):
@@ -38,8 +38,8 @@ def test_crowded_and_misplaced_particles_have_the_largest_energies(known):
 def test_a_pattern_is_carried_to_the_same_places(make_known):
     good = make_known([(20, 16, 12), (10, 16, 12), (20, 8, 6)]).inspect()
     for m, axes in enumerate([(20, 16, 12), (10, 16, 12), (20, 8, 6)]):
-        carried = carried_places(good.places, good.usual, m)
-        matrix, mesh = good.places.alignments[m], good.places.meshes[m]
+        carried = carried_places(good.located, good.consensus, m)
+        matrix, mesh = good.located.alignments[m], good.located.meshes[m]
         unit = (mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]) / axes
         np.testing.assert_allclose(
             carried, unit * np.median([(20, 16, 12), (10, 16, 12), (20, 8, 6)], axis=0), atol=0.2
@@ -47,7 +47,7 @@ def test_a_pattern_is_carried_to_the_same_places(make_known):
 
 
 def test_stripes_run_across_the_longest_axis_and_checks_along_all(good):
-    shape = good.usual.shape
+    shape = good.consensus.shape
     along = np.linspace(-19, 19, 2000)[:, None] * [1.0, 0.0, 0.0]
     turned = np.linspace(-11, 11, 2000)[:, None] * [0.0, 0.0, 1.0] + np.array([2.0, 2.0, 0.0])
     assert np.abs(np.diff(stripes(along, shape, 0.1))).sum() == pytest.approx(8, abs=1)

@@ -29,7 +29,7 @@ def test_two_exchanged_particles_head_the_list(known, good, subject, pair):
 
 
 def test_exchanged_neighbours_are_told_from_others(known, good):
-    neighbours = good.usual.neighbours
+    neighbours = good.consensus.neighbours
     for particle in (5, 90, 150):
         pair = [particle, int(neighbours[particle, 0])]
         first = known.again(good, exchanged(known.local, 1, pair), 1).suspects[0]
@@ -52,8 +52,8 @@ def test_a_particle_that_went_astray_is_found_by_its_neighbours(known, good):
 
 def test_a_particle_on_the_other_wall_has_the_wrong_normal(thin):
     local = thin.local.copy()
-    top = int(thin.places[:, 2].argmax())
-    opposite = thin.places[top] * [1, 1, -1]
+    top = int(thin.located[:, 2].argmax())
+    opposite = thin.located[top] * [1, 1, -1]
     world = opposite * [20 + 0.9, 18 - 0.6, 1.15]
     matrix = np.linalg.inv(thin.alignments[3])
     local[3, top] = matrix[:3, :3] @ world + matrix[:3, 3]
@@ -64,7 +64,7 @@ def test_a_particle_on_the_other_wall_has_the_wrong_normal(thin):
 
 def test_a_particle_beyond_its_neighbour_folds_triangles(known, good):
     local = known.local.copy()
-    beyond = int(good.usual.neighbours[33, 0])
+    beyond = int(good.consensus.neighbours[33, 0])
     goal = local[1, beyond] + 0.6 * (local[1, beyond] - local[1, 33])
     nearest = np.linalg.norm(known.meshes[1].vertices - goal, axis=1).argmin()
     local[1, 33] = known.meshes[1].vertices[nearest]
@@ -78,8 +78,8 @@ def test_a_particle_beyond_its_neighbour_folds_triangles(known, good):
 def test_a_region_without_particles_is_found_with_its_area(known, good):
     local, m = known.local.copy(), 0
     pole = np.array([1.0, 0.0, 0.0])
-    inside = np.flatnonzero(known.places @ pole > np.cos(0.6))
-    rim = known.places[inside] - np.outer(known.places[inside] @ pole, pole)
+    inside = np.flatnonzero(known.located @ pole > np.cos(0.6))
+    rim = known.located[inside] - np.outer(known.located[inside] @ pole, pole)
     rim /= np.maximum(np.linalg.norm(rim, axis=1, keepdims=True), 1e-9)
     moved = np.cos(0.62) * pole + np.sin(0.62) * rim
     matrix = np.linalg.inv(known.alignments[m])
@@ -101,7 +101,7 @@ def test_severity_knows_no_millimetres(known):
         100.0 * local,
         [TriangleMesh(100.0 * mesh.vertices, mesh.faces) for mesh in known.meshes],
         known.alignments @ np.diag([0.01, 0.01, 0.01, 1.0]),
-        known.places,
+        known.located,
     ).inspect()
     np.testing.assert_allclose(
         [one.severity for one in large.suspects], [one.severity for one in small], rtol=0.02
@@ -112,7 +112,7 @@ def test_the_order_of_subjects_does_not_matter(known):
     local = exchanged(known.local, 2, [8, 100])
     order = [3, 2, 5, 0, 1, 4]
     turned = type(known)(
-        local[order], [known.meshes[m] for m in order], known.alignments[order], known.places
+        local[order], [known.meshes[m] for m in order], known.alignments[order], known.located
     )
     first, second = known.inspect(local).suspects[0], turned.inspect().suspects[0]
     assert order[second.subject] == first.subject
@@ -124,7 +124,7 @@ def test_looking_at_one_subject_again_gives_what_looking_at_all_gives(known, goo
     again = known.again(good, local, 4)
     anew = known.inspect(local)
     assert [s.words for s in again.suspects] == [s.words for s in anew.suspects]
-    np.testing.assert_array_equal(again.places.normals, anew.places.normals)
+    np.testing.assert_array_equal(again.located.normals, anew.located.normals)
 
 
 def test_a_suspect_names_who_may_move(known, good):
@@ -136,7 +136,7 @@ def test_a_suspect_names_who_may_move(known, good):
 
 
 def test_fewer_than_three_subjects_are_refused(known):
-    pair = type(known)(known.local[:2], known.meshes[:2], known.alignments[:2], known.places)
+    pair = type(known)(known.local[:2], known.meshes[:2], known.alignments[:2], known.located)
     with pytest.raises(InputError, match="three or more subjects"):
         pair.inspect()
 

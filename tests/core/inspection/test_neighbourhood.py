@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from homolog.inspection.places import mean_normals
+from homolog.inspection.located_particles import mean_normals
 
 
 def test_distances_of_a_sphere_are_arcs(make_known):
-    places = make_known([(10, 10, 10)] * 3).inspect().places
+    places = make_known([(10, 10, 10)] * 3).inspect().located
     vectors = places.world[0] / 10.0
     rows, columns = places.distances[0].nonzero()
     arcs = 10.0 * np.arccos(np.clip(np.einsum("ij,ij->i", vectors[rows], vectors[columns]), -1, 1))
@@ -17,20 +17,20 @@ def test_distances_of_a_sphere_are_arcs(make_known):
 
 
 def test_normals_of_a_sphere_point_outward_in_aligned_coordinates(make_known):
-    places = make_known([(10, 10, 10)] * 3).inspect().places
+    places = make_known([(10, 10, 10)] * 3).inspect().located
     np.testing.assert_allclose(places.normals, places.world / 10.0, atol=0.02)
 
 
 def test_neighbours_are_never_taken_through_a_thin_wall(thin):
     found = thin.inspect()
-    top = thin.places[:, 2] > 0.93
-    across = thin.places[found.usual.neighbours[top]][:, :, 2] < -0.3
+    top = thin.located[:, 2] > 0.93
+    across = thin.located[found.consensus.neighbours[top]][:, :, 2] < -0.3
     assert not across.any()
-    assert np.isfinite(found.usual.distances[top]).all()
+    assert np.isfinite(found.consensus.distances[top]).all()
 
 
 def test_the_triangles_cover_the_surface_once_and_face_outward(good):
-    usual = good.usual
+    usual = good.consensus
     assert abs(len(usual.triangles) - 2 * len(usual.shape)) <= 0.04 * len(usual.shape)
     a, b, c = usual.shape[usual.triangles].transpose(1, 0, 2)
     outward = np.einsum("ti,ti->t", np.cross(b - a, c - a), a)
@@ -40,9 +40,9 @@ def test_the_triangles_cover_the_surface_once_and_face_outward(good):
 def test_the_usual_shape_is_not_shifted_by_one_wrong_particle(known, good):
     local = known.local.copy()
     local[0, [3, 120]] = local[0, [120, 3]]
-    shape = known.inspect(local).usual.shape
-    spread = np.linalg.norm(good.places.world[:, 3] - good.usual.shape[3], axis=1).max()
-    assert np.linalg.norm(shape[3] - good.usual.shape[3]) < spread
+    shape = known.inspect(local).consensus.shape
+    spread = np.linalg.norm(good.located.world[:, 3] - good.consensus.shape[3], axis=1).max()
+    assert np.linalg.norm(shape[3] - good.consensus.shape[3]) < spread
 
 
 @pytest.mark.parametrize("angle", [0.1, 1.0, 1.5])

@@ -67,20 +67,20 @@ def test_only_the_last_status_has_a_reason(control):
 
 def test_a_cancelled_run_ends_at_its_next_tick(control):
     control.enter(Phase.READING, "begin")
-    control.reins.cancel()
-    control.reins.cancel()
+    control.cancel_token.cancel()
+    control.cancel_token.cancel()
     with pytest.raises(Cancelled):
         control.tick(0.5, "work")
 
 
 def test_a_paused_run_waits_and_goes_on(control):
     control.enter(Phase.READING, "begin")
-    control.reins.set_paused(True)
+    control.cancel_token.set_paused(True)
     worker = threading.Thread(target=lambda: control.tick(1.0, "work"))
     worker.start()
     until(lambda: control.status.paused)
     assert worker.is_alive()
-    control.reins.set_paused(False)
+    control.cancel_token.set_paused(False)
     worker.join(10.0)
     assert not worker.is_alive()
     assert not control.status.paused
@@ -89,7 +89,7 @@ def test_a_paused_run_waits_and_goes_on(control):
 
 def test_a_paused_run_can_be_cancelled(control):
     control.enter(Phase.READING, "begin")
-    control.reins.set_paused(True)
+    control.cancel_token.set_paused(True)
     ended = []
 
     def work():
@@ -101,7 +101,7 @@ def test_a_paused_run_can_be_cancelled(control):
     worker = threading.Thread(target=work)
     worker.start()
     until(lambda: control.status.paused)
-    control.reins.cancel()
+    control.cancel_token.cancel()
     worker.join(10.0)
     assert ended == [True]
 
@@ -109,8 +109,8 @@ def test_a_paused_run_can_be_cancelled(control):
 def test_waiting_while_paused_is_not_counted_as_work(control):
     began = time.monotonic()
     control.enter(Phase.READING, "begin")
-    control.reins.set_paused(True)
-    threading.Timer(0.3, control.reins.set_paused, [False]).start()
+    control.cancel_token.set_paused(True)
+    threading.Timer(0.3, control.cancel_token.set_paused, [False]).start()
     control.tick(0.5, "work")
     control.finish(FinishReason.COMPLETED, "done")
     assert control.seconds[Phase.READING] < time.monotonic() - began - 0.25

@@ -17,7 +17,7 @@ from homolog.files.results import read_result, read_surface, read_surfaces
 from homolog.grooming import align_cohort, groom_cohort
 from homolog.inspection import inspect
 from homolog.run import Run
-from homolog.run.mend import mend, read_study
+from homolog.run.repair import repair_result, read_inputs
 from homolog.settings import GroomSettings, Mirror, OptimizeSettings, RunSettings
 
 NAMES = ("a_R", "b_L", "c_R", "d_L", "e_R")
@@ -142,7 +142,7 @@ def test_nothing_is_suspect_about_mirrored_subjects(both, result):
 def test_particles_that_are_optimized_again_keep_their_frame(both, result, tmp_path):
     movable = np.zeros(result.local.shape[:2], dtype=bool)
     movable[1, :4] = True
-    local = mend(read_study(both), result.local, movable, np.zeros_like(movable))
+    local = repair_result(read_inputs(both), result.local, movable, np.zeros_like(movable))
     assert np.array_equal(local[~movable], result.local[~movable])
     assert np.abs(local[1] - result.local[1]).max() < 6.0
 

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from homolog.correspondence import OptimizedParticles, Reason
-from homolog.run.mend import read_study
-from homolog.run.result import with_repairs
+from homolog.run.repair import read_inputs
+from homolog.run.result import add_repair_notes
 
 
 @pytest.fixture
-def study(finished):
-    return read_study(finished)
+def inputs(finished):
+    return read_inputs(finished)
 
 
 @pytest.fixture
-def found(study):
+def found(inputs):
     """Return an optimization of the study's subjects in which nothing was put right."""
-    shapes = len(study.shapes)
+    shapes = len(inputs.shapes)
     energies = np.array([[20, -1.0, 0.5, 0.2], [40, -1.0, 0.4, 0.2], [60, -1.0, 0.3, 0.1]])
     points = np.zeros((shapes, 8, 3))
     repaired = np.zeros((shapes, 8), np.int32)
@@ -26,19 +26,19 @@ def found(study):
     return OptimizedParticles(points, points, points, energies, poses, 60, Reason.CONVERGED, repaired)
 
 
-def test_subjects_with_repaired_particles_say_so_and_what_became_of_the_objective(study, found):
+def test_subjects_with_repaired_particles_say_so_and_what_became_of_the_objective(inputs, found):
     repaired = found.repaired.copy()
     repaired[1, [2, 5]] = 40
     repaired[2, 3] = 60
-    noted = with_repairs(study, replace(found, repaired=repaired))
+    add_note = add_repair_notes(inputs, replace(found, repaired=repaired))
     notes = [
         one.report.notes[len(old.report.notes) :]
-        for one, old in zip(noted.groomed, study.groomed, strict=True)
+        for one, old in zip(add_note.groomed, inputs.groomed, strict=True)
     ]
-    assert [len(each) for each in notes] == [int(k in (1, 2)) for k in range(len(study.shapes))]
+    assert [len(each) for each in notes] == [int(k in (1, 2)) for k in range(len(inputs.shapes))]
     for part in ("3 on 2 subjects", "-0.4000", "-0.6000"):
         assert part in notes[1][0]
 
 
-def test_where_nothing_was_repaired_nothing_is_noted(study, found):
-    assert with_repairs(study, found) is study
+def test_where_nothing_was_repaired_nothing_is_noted(inputs, found):
+    assert add_repair_notes(inputs, found) is inputs

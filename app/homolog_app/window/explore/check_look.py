@@ -101,7 +101,7 @@ class LookAt(QWidget):
             self._names = names
             self.subject.clear()
             self.subject.addItems(list(names))
-        self._quietly(lambda: self.particle.setRange(-1, len(found.usual.shape) - 1 if found else -1))
+        self._quietly(lambda: self.particle.setRange(-1, len(found.consensus.shape) - 1 if found else -1))
         self.setEnabled(found is not None)
         self._refresh()
 
@@ -131,7 +131,7 @@ class LookAt(QWidget):
         if self._picked is not None or self._found is None or self.chosen is None:
             return self._picked
         m = self.subject.currentIndex()
-        return m, self._found.places.world[m, self.chosen]
+        return m, self._found.located.world[m, self.chosen]
 
     @property
     def _is_measured(self) -> bool:
@@ -172,7 +172,7 @@ class LookAt(QWidget):
         self._refresh()
         if self._found is not None and self.chosen is not None:
             m = self.subject.currentIndex()
-            self.wanted.emit(m, self._found.places.world[m, self.chosen])
+            self.wanted.emit(m, self._found.located.world[m, self.chosen])
 
     def _refresh(self) -> None:
         self.advice.setText(str(self.show_what.currentData(_HINT)))

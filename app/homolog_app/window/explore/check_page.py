@@ -169,7 +169,7 @@ class CheckPage(ExplorePage):
     def _show_marks(self) -> None:
         found, particle = self.checked.inspection, self.look.chosen
         if found is not None and particle is not None:
-            normals, mean = found.places.normals[:, particle], found.usual.normals[particle]
+            normals, mean = found.located.normals[:, particle], found.consensus.normals[particle]
             self.sphere.show_normals(particle, self._names, normals, mean)
         else:
             self.sphere.show_nothing()
@@ -192,9 +192,9 @@ class CheckPage(ExplorePage):
     def _go(self, subject: int, place: FloatArray) -> None:
         found = self.checked.inspection
         if found is not None:
-            nearest = int(np.linalg.norm(found.places.world[subject] - place, axis=1).argmin())
+            nearest = int(np.linalg.norm(found.located.world[subject] - place, axis=1).argmin())
             self.desk.session.select([self._names[subject]])
-            self.place_wanted.emit(self._names[subject], place, found.places.normals[subject, nearest])
+            self.place_wanted.emit(self._names[subject], place, found.located.normals[subject, nearest])
 
     def _show_mended(self, suspect: "Suspect") -> None:
         """Say what came of it, and stay where it was."""

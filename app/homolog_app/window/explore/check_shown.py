@@ -53,7 +53,7 @@ class Marks:
     Attributes
     ----------
     show : str
-        ``"places"``, ``"neighbours"``, ``"distances"``, a key of `ENERGIES`, or ``"texture"``.
+        ``"located"``, ``"neighbours"``, ``"distances"``, a key of `ENERGIES`, or ``"texture"``.
     particle : int or None
         The chosen one; ringed on all shapes.
     subject : int or None
@@ -107,7 +107,7 @@ def checked_scene(
 def _neighbours(
     inspection: "Inspection", names: Sequence[str], particle: int
 ) -> tuple[ColourScale, Mapping[str, Array]]:
-    places = inspection.places
+    places = inspection.located
     rows = [one[[particle]].toarray()[0] * s for one, s in zip(places.distances, places.spacing, strict=True)]
     limit = max(float(row.max()) for row in rows)
     title = f"Distance from particle {particle} along the surface"
@@ -163,7 +163,7 @@ def _rings(inspection: "Inspection", m: int, marks: Marks) -> FloatArray | None:
         chosen += [int(one) for one in marks.others if one != marks.particle]
     if not chosen:
         return None
-    places = inspection.places
+    places = inspection.located
     return _circles(inspection, m, places.world[m, chosen], places.normals[m, chosen])
 
 
@@ -171,7 +171,7 @@ def _circles(inspection: "Inspection", m: int, points: FloatArray, normals: Floa
     """Return circles around points (n, 3) on a subject's surface, as segments (S, 2, 3)."""
     from homolog.inspection.neighbourhood import plane_of
 
-    places = inspection.places
+    places = inspection.located
     spacing = places.spacing[m] * float(scale_of(places.alignments[m]))
     angles = np.linspace(0.0, 2.0 * np.pi, _SIDES + 1)
     circle = _RING * spacing * np.stack([np.cos(angles), np.sin(angles)], axis=1)

@@ -99,7 +99,7 @@ class Checked(QObject):
             from homolog_app.suspects import mended
 
             after = mended(project, inspection, suspect, part_of(tick, 0.0, 0.8))
-            places = after.places
+            places = after.located
             model, last = ShapeModel.fit(places.world), part_of(tick, 0.8, 1.0)
             surface = surface_of_model(model, places.world, places.meshes, places.alignments, last)
             result = replace(
@@ -127,9 +127,9 @@ class Checked(QObject):
             return
 
         def work(tick: Tick) -> Loaded:
-            from homolog.run.mend import write_mended
+            from homolog.run.repair import write_repaired
 
-            write_mended(project, version.loaded.result.local, version.notes, tick)
+            write_repaired(project, version.loaded.result.local, version.notes, tick)
             recorder = Recorder()
             recorder.frames = list(version.loaded.frames)
             recorder.write(project)

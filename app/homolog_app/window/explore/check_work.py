@@ -22,12 +22,12 @@ def distances_on(
 ) -> Distances:
     """Return the distances of a subject's surface from a place (3,) on it, in aligned coordinates."""
     from homolog.geodesics import distances_from
-    from homolog.inspection.places import feet_on
+    from homolog.inspection.located_particles import closest_points_on
 
-    places = inspection.places
-    mesh, matrix = places.meshes[subject], places.alignments[subject]
+    located = inspection.located
+    mesh, matrix = located.meshes[subject], located.alignments[subject]
     local = np.linalg.solve(matrix[:3, :3], place - matrix[:3, 3])
-    normals, faces, _ = feet_on(mesh, local[None])
+    normals, faces, _ = closest_points_on(mesh, local[None])
     normal = matrix[:3, :3] @ normals[0]
     corners = mesh.faces[faces[0]]
     away = np.linalg.norm(mesh.vertices[corners] - local, axis=1)
@@ -44,7 +44,7 @@ def energies_of(inspection: "Inspection", project: Project, tick: Tick) -> "Part
     record = project.read().result
     if record is None:
         raise InputError(f"{project.folder}: has no result any more; run again")
-    return particle_energies(inspection.places, inspection.usual, record.settings.optimize)
+    return particle_energies(inspection.located, inspection.consensus, record.settings.optimize)
 
 
 def textures_of(
@@ -56,9 +56,9 @@ def textures_of(
     found: dict[str, dict[str, FloatArray]] = {"checkerboard": {}, "stripes": {}}
     for m, name in enumerate(names):
         tick(m / len(names), f"texture on {name}")
-        carried = carried_places(inspection.places, inspection.usual, m)
-        matrix = inspection.places.alignments[m]
-        blur = inspection.places.meshes[m].mean_edge * float(scale_of(matrix))
-        found["checkerboard"][name] = checkerboard(carried, inspection.usual.shape, blur)
-        found["stripes"][name] = stripes(carried, inspection.usual.shape, blur)
+        carried = carried_places(inspection.located, inspection.consensus, m)
+        matrix = inspection.located.alignments[m]
+        blur = inspection.located.meshes[m].mean_edge * float(scale_of(matrix))
+        found["checkerboard"][name] = checkerboard(carried, inspection.consensus.shape, blur)
+        found["stripes"][name] = stripes(carried, inspection.consensus.shape, blur)
     return found

@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.geometry import farthest_point_sampling
-from homolog.progress import Tick, no_tick, part_of, patiently
+from homolog.progress import Tick, no_tick, part_of, run_in_background
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["initial_particles", "snap_to_mesh"]
@@ -109,7 +109,7 @@ def initial_particles(
     else:
         begin = int(np.random.default_rng(seed).integers(len(source.vertices)))
         chosen = farthest_point_sampling(source.vertices, count, [begin])
-    maps = patiently(
+    maps = run_in_background(
         lambda _: ThinPlateMap.fit(source.vertices[control], source.vertices),
         part_of(tick, 0.1, 0.1),
         "first particles",

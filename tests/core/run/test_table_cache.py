@@ -3,8 +3,8 @@ import pytest
 
 from homolog.errors import InputError
 from homolog.geodesics import solve_tables
-from homolog.run import tables
-from homolog.run.tables import KeptTables
+from homolog.run import table_cache
+from homolog.run.table_cache import TableCache
 from homolog.surfaces.mesh import TriangleMesh
 
 CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
@@ -18,7 +18,7 @@ def solve(tmp_path):
 
     def run(meshes=MESHES):
         names = [f"{number}" for number in range(len(meshes))]
-        kept = KeptTables(tmp_path / "geodesics")
+        kept = TableCache(tmp_path / "geodesics")
         return kept.solve(meshes, [np.inf] * len(meshes), device="cpu", names=names)
 
     return run
@@ -34,23 +34,23 @@ def test_short_runs_write_nothing(solve, tmp_path):
 
 
 def test_what_took_long_is_read_the_next_time(solve, tmp_path, monkeypatch):
-    monkeypatch.setattr(tables, "_WORTH_S", 0.0)
+    monkeypatch.setattr(table_cache, "_WORTH_S", 0.0)
     first = solve(MESHES[:2])
     assert len(list((tmp_path / "geodesics").iterdir())) == 2
-    monkeypatch.setattr(tables, "solve_plan", None)
+    monkeypatch.setattr(table_cache, "solve_plan", None)
     assert codes(solve(MESHES[:2])) == codes(first)
 
 
 def test_tables_without_room_are_not_kept_and_that_is_told(solve, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(tables, "_WORTH_S", 0.0)
-    monkeypatch.setattr(tables.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 100}))
+    monkeypatch.setattr(table_cache, "_WORTH_S", 0.0)
+    monkeypatch.setattr(table_cache.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 100}))
     assert len(solve()) == 3
     assert list((tmp_path / "geodesics").iterdir()) == []
     assert "are not kept, as 0.0 GB are free" in caplog.messages[0]
 
 
 def test_a_place_that_cannot_be_written_to_is_named(solve, tmp_path, monkeypatch):
-    monkeypatch.setattr(tables, "_WORTH_S", 0.0)
+    monkeypatch.setattr(table_cache, "_WORTH_S", 0.0)
     (tmp_path / "geodesics").touch()
     with pytest.raises(InputError, match="geodesics: can't be written: "):
         solve()

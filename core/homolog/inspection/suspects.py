@@ -5,13 +5,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
-from homolog.inspection import signs
-from homolog.inspection.exchanged import exchanged_pairs
+from homolog.inspection import indicators as signs
+from homolog.inspection.located_particles import LocatedParticles
 from homolog.inspection.neighbourhood import Neighbourhood
-from homolog.inspection.places import Places
+from homolog.inspection.swapped_pairs import swapped_pairs
 from homolog.inspection.types import Kind, Suspect
 
-__all__ = ["Gatherer"]
+__all__ = ["SuspectCollector"]
 
 _CANDIDATE = 0.6
 """Severity of a sign from which its particles may be of an exchanged pair."""
@@ -20,14 +20,14 @@ _MOST = 200
 """Particles of a subject that are tried in each other's place: of more the worst."""
 
 
-class Gatherer:
+class SuspectCollector:
     """Turns the severities of particles and triangles into suspects, neighbouring ones into one."""
 
-    def __init__(self, places: Places, usual: Neighbourhood) -> None:
-        self._places, self._usual = places, usual
-        self._angles = signs.normal_angles(places, usual)
-        self._misfits = signs.misfits(signs.stretches(places, usual))
-        distortions = signs.distortions(places, usual)
+    def __init__(self, located: LocatedParticles, consensus: Neighbourhood) -> None:
+        self._located, self._consensus = located, consensus
+        self._angles = signs.normal_angles(located, consensus)
+        self._misfits = signs.distance_residuals(signs.log_distance_ratios(located, consensus))
+        distortions = signs.distortions(located, consensus)
         self._folded = distortions > signs.DISTORTION
         self._normals = signs.severity(self._angles, signs.ANGLE)
         self._neighbours = signs.severity(self._misfits, signs.STRETCH)
@@ -35,7 +35,7 @@ class Gatherer:
 
     def suspects(self, m: int) -> list[Suspect]:
         """Return the suspects of a subject; an exchange accounts for all signs of its two particles."""
-        corners = self._usual.triangles
+        corners = self._consensus.triangles
         normals, neighbours, triangles = (
             one[m].copy() for one in (self._normals, self._neighbours, self._triangles)
         )
@@ -43,7 +43,7 @@ class Gatherer:
         np.maximum.at(worst, corners.ravel(), np.repeat(triangles, 3))
         found = []
         candidates = np.argsort(-worst, kind="stable")[: min(_MOST, int((worst > _CANDIDATE).sum()))]
-        for pair in exchanged_pairs(m, candidates, self._places, self._usual):
+        for pair in swapped_pairs(m, candidates, self._located, self._consensus):
             touched = np.isin(corners, pair).any(axis=1)
             bad = self._triangles[m][touched & (self._triangles[m] >= 1.0)]
             own = np.concatenate([self._normals[m, pair], self._neighbours[m, pair], bad])
@@ -66,8 +66,8 @@ class Gatherer:
     def _folds(self, m: int, severities: FloatArray) -> list[Suspect]:
         """Return the patches of folded or extremely distorted triangles that touch each other."""
         bad = np.flatnonzero(severities >= 1.0)
-        corners = self._usual.triangles[bad]
-        inside = np.zeros(len(self._usual.shape), dtype=bool)
+        corners = self._consensus.triangles[bad]
+        inside = np.zeros(len(self._consensus.shape), dtype=bool)
         inside[corners] = True
         found = []
         for patch in self._patches(inside):
@@ -87,7 +87,7 @@ class Gatherer:
         self, kind: Kind, m: int, particles: IntArray, severities: FloatArray, words: str, area: float = 0.0
     ) -> Suspect:
         total = float(np.sqrt(np.square(severities).sum()))
-        return Suspect(kind, m, particles, total, self._places.world[m, particles[0]], area, words)
+        return Suspect(kind, m, particles, total, self._located.world[m, particles[0]], area, words)
 
     def _outlier_words(self, m: int, particles: IntArray) -> str:
         angle = np.degrees(self._angles[:, particles[0]])
@@ -104,12 +104,12 @@ class Gatherer:
         )
 
     def _area(self, m: int, corners: IntArray) -> float:
-        a, b, c = (self._places.local[m, corners[:, k]] for k in range(3))
+        a, b, c = (self._located.local[m, corners[:, k]] for k in range(3))
         return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
     def _patches(self, flagged: BoolArray) -> list[IntArray]:
         """Return the flagged particles, those together that are corners of one triangle."""
-        corners = self._usual.triangles
+        corners = self._consensus.triangles
         sides = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
         sides = sides[flagged[sides].all(axis=1)]
         graph = coo_array((np.ones(len(sides)), tuple(sides.T)), shape=(len(flagged),) * 2)

@@ -9,7 +9,7 @@ from homolog.analysis.shape_model import ShapeModel
 from homolog.errors import InputError
 from homolog.files.project import Project
 from homolog.files.results import read_result
-from homolog.run.mend import read_study, write_mended
+from homolog.run.repair import read_inputs, write_repaired
 from homolog.run.shape_files import surface_of_model
 
 
@@ -30,7 +30,7 @@ def moved(local):
 
 def test_a_written_result_is_read_back_with_its_note_and_its_history(project):
     before, local = project.read(), moved(read_result(project).local)
-    write_mended(project, local, {"a": "exchanged by a test"})
+    write_repaired(project, local, {"a": "exchanged by a test"})
     after, result = project.read(), read_result(project)
     np.testing.assert_array_equal(result.local, local)
     world = np.einsum("mij,mnj->mni", result.alignments[:, :3, :3], local) + result.alignments[:, None, :3, 3]
@@ -51,7 +51,7 @@ def test_a_result_that_cannot_be_written_leaves_the_former_one(project, monkeypa
 
     monkeypatch.setattr("homolog.run.result.write_table", fails)
     with pytest.raises(InputError, match="disk is full"):
-        write_mended(project, moved(read_result(project).local), {})
+        write_repaired(project, moved(read_result(project).local), {})
     after = {path: path.read_bytes() for path in project.folder.rglob("*") if path.is_file()}
     assert {path: after.get(path) for path in before} == before
 
@@ -60,20 +60,20 @@ def test_the_input_files_are_not_needed(project):
     record = project.read()
     gone = [one.model_copy(update={"path": f"../nowhere/{one.name}.nrrd"}) for one in record.subjects]
     project.write(record.model_copy(update={"subjects": gone}))
-    study = read_study(project)
-    assert [one.name for one in study.shapes] == ["a", "b", "c", "d"]
-    np.testing.assert_array_equal(study.shapes[1].alignment, read_result(project).alignments[1])
+    inputs = read_inputs(project)
+    assert [one.name for one in inputs.shapes] == ["a", "b", "c", "d"]
+    np.testing.assert_array_equal(inputs.shapes[1].alignment, read_result(project).alignments[1])
 
 
 def test_a_missing_surface_is_named(project):
     (project.groomed / "c.npz").unlink()
     with pytest.raises(InputError, match=r"c\.npz"):
-        read_study(project)
+        read_inputs(project)
 
 
 def test_the_mean_surface_is_the_one_that_the_run_made(project):
-    study, result = read_study(project), read_result(project)
-    meshes = [one.mesh for one in study.shapes]
+    inputs, result = read_inputs(project), read_result(project)
+    meshes = [one.mesh for one in inputs.shapes]
     mean = surface_of_model(ShapeModel.fit(result.world), result.world, meshes, result.alignments)
     np.testing.assert_allclose(mean.vertices, result.mean_surface.vertices, atol=1e-4)
     np.testing.assert_allclose(mean.smoothing, result.smoothing)

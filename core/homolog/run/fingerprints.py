@@ -10,12 +10,12 @@ from homolog.correspondence import Shape
 from homolog.progress import Tick, no_tick
 from homolog.settings import OptimizeSettings
 
-__all__ = ["content_of", "fingerprint_of", "versions"]
+__all__ = ["run_fingerprint", "surface_hash", "versions"]
 
 _PACKAGES = ("numpy", "scipy", "scikit-image", "SimpleITK", "warp-lang")
 
 
-def content_of(shape: Shape) -> str:
+def surface_hash(shape: Shape) -> str:
     """Return a hash of the surface that the optimizer sees; name and alignment are not in it."""
     digest = hashlib.blake2b(digest_size=16)
     for array in (
@@ -28,12 +28,12 @@ def content_of(shape: Shape) -> str:
     return digest.hexdigest()
 
 
-def fingerprint_of(settings: OptimizeSettings, shapes: Sequence[Shape], tick: Tick = no_tick) -> str:
+def run_fingerprint(settings: OptimizeSettings, shapes: Sequence[Shape], tick: Tick = no_tick) -> str:
     """Return a hash of the settings and of the shapes in their order; the device is not in it."""
     contents = []
     for index, shape in enumerate(shapes):
         tick(index / len(shapes), f"surface of {shape.name}")
-        contents.append(content_of(shape))
+        contents.append(surface_hash(shape))
     places = [repr(shape.alignment.tolist()) for shape in shapes]
     marks = [repr(shape.landmarks.tolist()) for shape in shapes if shape.landmarks is not None]
     text = "\n".join([settings.model_dump_json(), *contents, *places, *marks])

@@ -17,12 +17,12 @@ from homolog.geometry import transform_points
 from homolog.grooming import GroomedSubject
 from homolog.grooming.cache import load_groomed
 from homolog.progress import Tick, no_tick, part_of
-from homolog.run.result import Outcome, Study, model_of, noted, write_result
+from homolog.run.result import OptimizationInput, OptimizationOutcome, add_note, model_of, write_result
 
-__all__ = ["mend", "read_study", "write_mended"]
+__all__ = ["read_inputs", "repair_result", "write_repaired"]
 
 
-def read_study(project: Project) -> Study:
+def read_inputs(project: Project) -> OptimizationInput:
     """Return what the project's result was optimized from; input files are not needed.
 
     Raises
@@ -40,18 +40,24 @@ def read_study(project: Project) -> Study:
         for one, subject in zip(groomed, result.subjects, strict=True)
     ]
     device = choose_device(result.settings.device)
-    return Study(_cohort(project, result), result.settings, groomed, shapes, result.fingerprint, device)
+    return OptimizationInput(
+        _cohort(project, result), result.settings, groomed, shapes, result.fingerprint, device
+    )
 
 
-def mend(
-    study: Study, local: FloatArray, movable: BoolArray, misplaced: BoolArray, tick: Tick = no_tick
+def repair_result(
+    inputs: OptimizationInput,
+    local: FloatArray,
+    movable: BoolArray,
+    misplaced: BoolArray,
+    tick: Tick = no_tick,
 ) -> FloatArray:
     """Optimize some particles of a result again; the others stay as they are.
 
     Parameters
     ----------
     study : Study
-        As `read_study` gives it.
+        As `read_inputs` gives it.
     local : (M, N, 3) array
         All particles in file coordinates [mm].
     movable, misplaced : (M, N) bool arrays
@@ -64,19 +70,21 @@ def mend(
     (M, N, 3) array
         The particles in file coordinates [mm].
     """
-    with device_faults(study.device):
+    with device_faults(inputs.device):
         return repair(
-            study.shapes,
-            study.settings.placing,
+            inputs.shapes,
+            inputs.settings.placing,
             local,
             movable,
             misplaced=misplaced,
-            device=study.device,
+            device=inputs.device,
             tick=tick,
         ).local
 
 
-def write_mended(project: Project, local: FloatArray, notes: Mapping[str, str], tick: Tick = no_tick) -> None:
+def write_repaired(
+    project: Project, local: FloatArray, notes: Mapping[str, str], tick: Tick = no_tick
+) -> None:
     """Let other particles take the place of those of the project's result, with a new shape model.
 
     Parameters
@@ -95,13 +103,13 @@ def write_mended(project: Project, local: FloatArray, notes: Mapping[str, str], 
     """
     with project.locked(new=False):
         before = project.read()
-        study = read_study(project)
-        groomed = [noted(one, notes[one.name]) if one.name in notes else one for one in study.groomed]
+        inputs = read_inputs(project)
+        groomed = [add_note(one, notes[one.name]) if one.name in notes else one for one in inputs.groomed]
         assert before.result is not None, "a study was read"
-        alignments = np.stack([one.alignment for one in study.shapes])
+        alignments = np.stack([one.alignment for one in inputs.shapes])
         world = transform_points(alignments, local)
-        outcome = Outcome(
-            replace(study, groomed=groomed),
+        outcome = OptimizationOutcome(
+            replace(inputs, groomed=groomed),
             world,
             local,
             alignments,

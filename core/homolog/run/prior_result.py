@@ -14,15 +14,15 @@ from homolog.files.records import ResultRecord
 from homolog.files.results import read_result
 from homolog.geometry import fit_similarity, transform_points
 from homolog.progress import Tick
-from homolog.run.identity import content_of
+from homolog.run.fingerprints import surface_hash
 from homolog.run.result import CANCELLED
 from homolog.settings import RunSettings
 
-__all__ = ["Base", "adds_particles", "read_base"]
+__all__ = ["PriorResult", "adds_particles", "read_prior_result"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Base:
+class PriorResult:
     """The particles of a result, by subject.
 
     Attributes
@@ -66,7 +66,7 @@ class Base:
             If a known subject's surface is not the one that the particles lie on.
         """
         contents = {one.name: one.content for one in self.record.subjects}
-        changed = [one.name for one in shapes if contents.get(one.name, "") not in ("", content_of(one))]
+        changed = [one.name for one in shapes if contents.get(one.name, "") not in ("", surface_hash(one))]
         if changed:
             raise InputError(f"{', '.join(changed)}: the surface is not that of the result; start a new run")
         known = [one for one in shapes if one.name in self.local]
@@ -109,12 +109,12 @@ def adds_particles(record: ResultRecord, cohort: Cohort, settings: RunSettings) 
     )
 
 
-def read_base(project: Project) -> Base:
+def read_prior_result(project: Project) -> PriorResult:
     """Read the result of a project as a base; raises InputError if there is none or it is damaged."""
     result = read_result(project)
     record = project.read().result
     assert record is not None, "a result was read"
-    return Base(
+    return PriorResult(
         record,
         dict(zip(result.names, result.local, strict=True)),
         dict(zip(result.names, result.alignments, strict=True)),

@@ -3,18 +3,18 @@
 import numpy as np
 
 from homolog.arrays import IntArray
+from homolog.inspection.indicators import distance_residuals, swap_log_ratios
+from homolog.inspection.located_particles import LocatedParticles
 from homolog.inspection.neighbourhood import Neighbourhood
-from homolog.inspection.places import Places
-from homolog.inspection.signs import misfits, stretch_of
 
-__all__ = ["exchanged_pairs"]
+__all__ = ["swapped_pairs"]
 
 _BOTH, _EITHER = 0.5, 0.8
 """An exchange has to leave no more than this part of the misfit of both together, and of either."""
 
 
-def exchanged_pairs(
-    subject: int, candidates: IntArray, places: Places, usual: Neighbourhood
+def swapped_pairs(
+    subject: int, candidates: IntArray, located: LocatedParticles, consensus: Neighbourhood
 ) -> list[IntArray]:
     """Return pairs of a subject's particles that fit much better in each other's place, the clearest first.
 
@@ -26,13 +26,15 @@ def exchanged_pairs(
     """
     if len(candidates) < 2:
         return []
-    now = misfits(stretch_of(candidates, candidates, subject, places, usual))
+    now = distance_residuals(swap_log_ratios(candidates, candidates, subject, located, consensus))
     candidates, now = candidates[now > 0.0], now[now > 0.0]
     n = len(candidates)
     if n < 2:
         return []
-    standing, stands_for = (one.ravel() for one in np.meshgrid(candidates, candidates, indexing="ij"))
-    fit = misfits(stretch_of(standing, stands_for, subject, places, usual)).reshape(n, n)
+    occupant, counterpart = (one.ravel() for one in np.meshgrid(candidates, candidates, indexing="ij"))
+    fit = distance_residuals(swap_log_ratios(occupant, counterpart, subject, located, consensus)).reshape(
+        n, n
+    )
     left = (fit + fit.T) / (now[:, None] + now[None, :])
     left[np.maximum(fit / now[None, :], fit.T / now[:, None]) > _EITHER] = np.inf
     pairs = []

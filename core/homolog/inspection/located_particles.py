@@ -1,4 +1,4 @@
-"""Where corresponding particles are on their surfaces: normals there, and distances along the surfaces."""
+"""Particles located on their surfaces: normals there, and geodesic distances between neighbours."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,14 +23,14 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.simplify import simplified
 from homolog.surfaces.topology import longest_edge
 
-__all__ = ["REACH", "Places", "feet_on", "find_places", "mean_normals"]
+__all__ = ["REACH", "LocatedParticles", "closest_points_on", "locate_particles", "mean_normals"]
 
 REACH = 3.0
-"""How far neighbours are looked for, in mean spacings of the particles."""
+"""Cutoff of geodesic distances, in mean spacings of the particles."""
 _VERTICES = 2.0
-"""Vertices of the mesh that distances are measured on, for each particle …"""
+"""Vertices per particle of the mesh on which distances are computed."""
 _FEWEST_VERTICES = 1500
-"""… but no fewer than these."""
+"""Minimum number of its vertices."""
 _T = TypeVar("_T")
 _MEAN_ROUNDS = 20
 _LOST = 1.0
@@ -39,8 +39,8 @@ _MOST_OFF = 0.02  # of the particles: a few may be off the mesh where it cuts a 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Places:
-    """Particles of all subjects as seen along the surfaces; arrays are read-only.
+class LocatedParticles:
+    """Particles of all subjects with their normals and geodesic distances; arrays are read-only.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Places:
         Positions [mm] in the coordinates of the files, and aligned.
     normals : (M, N, 3) float64 array
         Outward unit normals in aligned coordinates.
-    feet : (M, N) int array
+    faces : (M, N) int array
         The face of the subject's mesh that each particle is on.
     spacing : (M,) float64 array
         Root of a subject's surface area per particle [mm of its file].
@@ -68,26 +68,26 @@ class Places:
     local: FloatArray
     world: FloatArray
     normals: FloatArray
-    feet: IntArray
+    faces: IntArray
     spacing: FloatArray
     reaches: tuple[FloatArray, ...]
     distances: tuple[csr_array, ...]
 
-    def with_subject(self, index: int, other: "Places") -> "Places":
-        """Return these places with those of one subject replaced by the only ones of another set."""
+    def with_subject(self, index: int, other: "LocatedParticles") -> "LocatedParticles":
+        """Return a copy in which one subject is replaced by the only one of `other`."""
 
         def put(name: str) -> Array:
             changed: Array = getattr(self, name).copy()
             changed[index] = getattr(other, name)[0]
             return frozen(changed)
 
-        return Places(
+        return LocatedParticles(
             meshes=_put(self.meshes, index, other.meshes),
             alignments=put("alignments"),
             local=put("local"),
             world=put("world"),
             normals=put("normals"),
-            feet=put("feet"),
+            faces=put("faces"),
             spacing=put("spacing"),
             reaches=_put(self.reaches, index, other.reaches),
             distances=_put(self.distances, index, other.distances),
@@ -98,14 +98,14 @@ def _put(whole: tuple[_T, ...], index: int, other: tuple[_T, ...]) -> tuple[_T, 
     return (*whole[:index], other[0], *whole[index + 1 :])
 
 
-def find_places(
+def locate_particles(
     local: FloatArray,
     meshes: Sequence[TriangleMesh],
     alignments: FloatArray,
     *,
     names: Sequence[str],
     tick: Tick = no_tick,
-) -> Places:
+) -> LocatedParticles:
     """Find normals and distances of particles.
 
     Parameters
@@ -129,12 +129,12 @@ def find_places(
     count = local.shape[1]
     world = transform_points(alignments, local)
     spacing = np.sqrt([mesh.area / count for mesh in meshes])
-    normals, feet = np.empty_like(world), np.empty(world.shape[:2], np.int64)
+    normals, faces = np.empty_like(world), np.empty(world.shape[:2], np.int64)
     reaches, distances = [], []
     for m, (points, mesh, name) in enumerate(zip(local, meshes, names, strict=True)):
         part = part_of(tick, m / len(meshes), (m + 1) / len(meshes))
         part(0.0, f"{name}: distances between particles")
-        own, feet[m], away = feet_on(mesh, points)
+        own, faces[m], away = closest_points_on(mesh, points)
         off = ~(away < _LOST * spacing[m])
         if off.mean() > _MOST_OFF:
             raise InputError(
@@ -143,26 +143,26 @@ def find_places(
             )
         normals[m] = own @ alignments[m, :3, :3].T
         distances.append(_distances(points, own, mesh, float(spacing[m]), name, part_of(part, 0.0, 0.9)))
-        corners = mesh.faces[feet[m]]
+        corners = mesh.faces[faces[m]]
         start = np.linalg.norm(mesh.vertices[corners] - points[:, None], axis=2)
         part(0.9, f"{name}: coverage")
         reach = distances_from(mesh, corners.ravel().tolist(), start.ravel().tolist(), name=name)
         reaches.append(frozen(reach, np.float64))
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-    return Places(
+    return LocatedParticles(
         tuple(meshes),
         frozen(alignments, np.float64),
         frozen(local, np.float64),
         frozen(world),
         frozen(normals),
-        frozen(feet),
+        frozen(faces),
         frozen(spacing),
         tuple(reaches),
         tuple(distances),
     )
 
 
-def feet_on(mesh: TriangleMesh, points: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
+def closest_points_on(mesh: TriangleMesh, points: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return a mesh's normals (n, 3) and faces (n,) next to points (n, 3), and its distances (n,) [mm]."""
     middle = mesh.vertices.mean(axis=0)  # single precision: keep the numbers small
     reach = float(np.ptp(np.concatenate([mesh.vertices, points]), axis=0).sum())
@@ -172,10 +172,12 @@ def feet_on(mesh: TriangleMesh, points: FloatArray) -> tuple[FloatArray, IntArra
             indices=wp.array(mesh.faces.ravel(), dtype=wp.int32),
         )
         own = wp.array(mesh.vertex_normals.astype(np.float32), dtype=wp.vec3)
-        places = wp.array((points - middle).astype(np.float32), dtype=wp.vec3)
+        located = wp.array((points - middle).astype(np.float32), dtype=wp.vec3)
         normals = wp.zeros(len(points), dtype=wp.vec3)
         faces, away = wp.zeros(len(points), dtype=int), wp.zeros(len(points), dtype=float)
-        wp.launch(kernels.feet_on, len(points), [surface.id, reach, places, own, normals, faces, away])
+        wp.launch(
+            kernels.closest_points_on, len(points), [surface.id, reach, located, own, normals, faces, away]
+        )
     return normals.numpy().astype(np.float64), faces.numpy().astype(np.int64), away.numpy().astype(np.float64)
 
 
@@ -207,18 +209,18 @@ def _distances(
     light = morton_ordered(simplified(mesh, max(_FEWEST_VERTICES, round(_VERTICES * len(points)))))
     table = solve_table(light, reach + 2.0 * longest_edge(light), device="cpu", name=name, tick=tick)
     middle = light.vertices.mean(axis=0)
-    level = build_surface_set([light], [table], [Similarity(np.eye(3), -middle)], "cpu")
+    surface_set = build_surface_set([light], [table], [Similarity(np.eye(3), -middle)], "cpu")
     pairs: IntArray = cKDTree(points).query_pairs(reach, output_type="ndarray")  # straight ≤ geodesic
     with wp.ScopedDevice("cpu"):
-        faces = wp.array(nearest_faces(level.meshes[0], points - middle, normals), dtype=int)
+        faces = wp.array(nearest_faces(surface_set.meshes[0], points - middle, normals), dtype=int)
         positions = wp.array((points - middle).astype(np.float32), dtype=wp.vec3)
         toward = wp.array(normals.astype(np.float32), dtype=wp.vec3)
-        feet = wp.zeros(len(points), dtype=SurfacePoint)
+        closest = wp.zeros(len(points), dtype=SurfacePoint)
         launch = Launcher("cpu", threads=1)
-        launch(locate, len(points), [len(points), level.surfaces, positions, toward, faces, feet])
+        launch(locate, len(points), [len(points), surface_set.surfaces, positions, toward, faces, closest])
         ends = wp.array(pairs.astype(np.int32), dtype=wp.vec2i)
         lengths = wp.zeros(len(pairs), dtype=float)
-        wp.launch(kernels.pair_distances, len(pairs), [level.surfaces, feet, ends, lengths])
+        wp.launch(kernels.pair_distances, len(pairs), [surface_set.surfaces, closest, ends, lengths])
     found = lengths.numpy().astype(np.float64)
     near = (found >= 0.0) & (found <= reach)
     (i, j), d = pairs[near].T, np.maximum(found[near] / spacing, 1e-3)

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from homolog.files.atomic import writing
+from homolog.files.atomic import report_os_errors
 from homolog.geodesics import GeodesicTable, plan_tables, solve_plan
 from homolog.geodesics.cache import load_table, save_table, table_path
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["KeptTables"]
+__all__ = ["TableCache"]
 
 _log = logging.getLogger(__name__)
 
@@ -23,7 +23,7 @@ _SHAPES_ON_GPU = 32
 """Solved at once on a GPU, a second's work of large ones; a CPU solves one after another anyway."""
 
 
-class KeptTables:
+class TableCache:
     """Solves tables a few shapes at a time, and keeps in a folder what took long.
 
     Parameters
@@ -72,7 +72,7 @@ class KeptTables:
         self._seconds += seconds
         if self._seconds < _WORTH_S:
             return
-        with writing(self._folder):
+        with report_os_errors(self._folder):
             self._folder.mkdir(parents=True, exist_ok=True)
             room = shutil.disk_usage(self._folder).free
         if (needed := sum(table.nbytes for table in self._unsaved.values())) > room / 2:
