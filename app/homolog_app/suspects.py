@@ -36,7 +36,7 @@ def inspect_project(project: Project, tick: Tick = no_tick) -> tuple[Result, Ins
     """
     result, record = read_result(project), project.read().result
     assert record is not None, "a result was read"
-    meshes = [read_surface(project, located) for located in record.subjects]
+    meshes = [read_surface(project, subject) for subject in record.subjects]
     if record.ended == IMPORTED:
         _check_surfaces(result.names, meshes)
     return result, inspect(result.local, meshes, result.alignments, names=result.names, tick=tick)
@@ -74,22 +74,22 @@ def mended(project: Project, inspection: Inspection, suspect: Suspect, tick: Tic
         inputs, located.local, inspection.movable(suspect), misplaced, part_of(tick, 0.0, 0.9)
     )
     name = inputs.shapes[m].name
-    located = locate_particles(
+    subject = locate_particles(
         local[m : m + 1], located.meshes[m : m + 1], located.alignments[m : m + 1], names=[name]
     )
-    return assess(located.with_subject(m, located), part_of(tick, 0.95, 1.0))
+    return assess(located.with_subject(m, subject), part_of(tick, 0.95, 1.0))
 
 
 def rows(inspection: Inspection, suspects: Sequence[Suspect], names: Sequence[str]) -> list[Row]:
     """Return what the table says of some suspects, one row each in the order of `COLUMNS`."""
     table: list[Row] = []
-    for located in suspects:
-        inverse = np.linalg.inv(inspection.located.alignments[located.subject])
-        x, y, z = (inverse[:3, :3] @ located.place + inverse[:3, 3]).round(3).tolist()
-        particles = " ".join(map(str, located.particles.tolist()))
-        severity, area = round(located.severity, 3), round(located.area, 3)
+    for suspect in suspects:
+        inverse = np.linalg.inv(inspection.located.alignments[suspect.subject])
+        x, y, z = (inverse[:3, :3] @ suspect.place + inverse[:3, 3]).round(3).tolist()
+        particles = " ".join(map(str, suspect.particles.tolist()))
+        severity, area = round(suspect.severity, 3), round(suspect.area, 3)
         table.append(
-            (located.kind.value, names[located.subject], severity, particles, x, y, z, area, located.words)
+            (suspect.kind.value, names[suspect.subject], severity, particles, x, y, z, area, suspect.words)
         )
     return table
 
@@ -105,7 +105,7 @@ def write_suspects(path: Path, table: Sequence[Row]) -> None:
     if path.suffix.lower() == ".csv":
         write_table(path, COLUMNS, table)
     elif path.suffix.lower() == ".json":
-        objects = [dict(zip(COLUMNS, located, strict=True)) for located in table]
+        objects = [dict(zip(COLUMNS, row, strict=True)) for row in table]
         write_text(path, json.dumps(objects, indent=2, ensure_ascii=False) + "\n")
     else:
         raise InputError(f"{path}: the list is written as .csv or .json; name the file so")

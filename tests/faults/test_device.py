@@ -9,7 +9,7 @@ from homolog.correspondence.engine import Engine
 from homolog.device import device_faults
 from homolog.errors import InputError
 from homolog.files.particles import read_particles
-from homolog.run.repair import repair_result, read_inputs
+from homolog.run.repair import read_inputs, repair_result
 
 LOST = "Warp CUDA error 719: unspecified launch failure (in function wp_cuda_launch_kernel)"
 FULL = "Failed to allocate 8589934592 bytes on device 'cuda:0'"

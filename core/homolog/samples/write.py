@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort, read_cohort
 from homolog.errors import InputError
-from homolog.files.atomic import replacing
+from homolog.files.atomic import atomic_write
 from homolog.files.meshes import write_mesh
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick
@@ -133,7 +133,7 @@ def _write_labels(path: Path, mesh: TriangleMesh, voxel: float, noise: Waves) ->
     image = SimpleITK.GetImageFromArray((level < 0.0).T.astype(np.uint8))
     image.SetOrigin(low.tolist())
     image.SetSpacing([voxel] * 3)
-    with replacing(path) as part:
+    with atomic_write(path) as part:
         try:
             SimpleITK.WriteImage(image, str(part), useCompression=True)
         except RuntimeError as error:

@@ -30,12 +30,12 @@ def mesh_of(axes, n=2000):
 
 @dataclass
 class Known:
-    """Particles (M, N, 3), surfaces and alignments; `located` are the unit vectors that they came from."""
+    """Particles (M, N, 3), surfaces and alignments; `directions` are their unit vectors."""
 
     local: np.ndarray
     meshes: list
     alignments: np.ndarray
-    places: np.ndarray
+    directions: np.ndarray
 
     @property
     def names(self):

@@ -52,8 +52,8 @@ def test_a_particle_that_went_astray_is_found_by_its_neighbours(known, good):
 
 def test_a_particle_on_the_other_wall_has_the_wrong_normal(thin):
     local = thin.local.copy()
-    top = int(thin.located[:, 2].argmax())
-    opposite = thin.located[top] * [1, 1, -1]
+    top = int(thin.directions[:, 2].argmax())
+    opposite = thin.directions[top] * [1, 1, -1]
     world = opposite * [20 + 0.9, 18 - 0.6, 1.15]
     matrix = np.linalg.inv(thin.alignments[3])
     local[3, top] = matrix[:3, :3] @ world + matrix[:3, 3]
@@ -78,8 +78,8 @@ def test_a_particle_beyond_its_neighbour_folds_triangles(known, good):
 def test_a_region_without_particles_is_found_with_its_area(known, good):
     local, m = known.local.copy(), 0
     pole = np.array([1.0, 0.0, 0.0])
-    inside = np.flatnonzero(known.located @ pole > np.cos(0.6))
-    rim = known.located[inside] - np.outer(known.located[inside] @ pole, pole)
+    inside = np.flatnonzero(known.directions @ pole > np.cos(0.6))
+    rim = known.directions[inside] - np.outer(known.directions[inside] @ pole, pole)
     rim /= np.maximum(np.linalg.norm(rim, axis=1, keepdims=True), 1e-9)
     moved = np.cos(0.62) * pole + np.sin(0.62) * rim
     matrix = np.linalg.inv(known.alignments[m])
@@ -101,7 +101,7 @@ def test_severity_knows_no_millimetres(known):
         100.0 * local,
         [TriangleMesh(100.0 * mesh.vertices, mesh.faces) for mesh in known.meshes],
         known.alignments @ np.diag([0.01, 0.01, 0.01, 1.0]),
-        known.located,
+        known.directions,
     ).inspect()
     np.testing.assert_allclose(
         [one.severity for one in large.suspects], [one.severity for one in small], rtol=0.02
@@ -112,7 +112,7 @@ def test_the_order_of_subjects_does_not_matter(known):
     local = exchanged(known.local, 2, [8, 100])
     order = [3, 2, 5, 0, 1, 4]
     turned = type(known)(
-        local[order], [known.meshes[m] for m in order], known.alignments[order], known.located
+        local[order], [known.meshes[m] for m in order], known.alignments[order], known.directions
     )
     first, second = known.inspect(local).suspects[0], turned.inspect().suspects[0]
     assert order[second.subject] == first.subject
@@ -136,7 +136,7 @@ def test_a_suspect_names_who_may_move(known, good):
 
 
 def test_fewer_than_three_subjects_are_refused(known):
-    pair = type(known)(known.local[:2], known.meshes[:2], known.alignments[:2], known.located)
+    pair = type(known)(known.local[:2], known.meshes[:2], known.alignments[:2], known.directions)
     with pytest.raises(InputError, match="three or more subjects"):
         pair.inspect()
 

@@ -23,8 +23,8 @@ def test_normals_of_a_sphere_point_outward_in_aligned_coordinates(make_known):
 
 def test_neighbours_are_never_taken_through_a_thin_wall(thin):
     found = thin.inspect()
-    top = thin.located[:, 2] > 0.93
-    across = thin.located[found.consensus.neighbours[top]][:, :, 2] < -0.3
+    top = thin.directions[:, 2] > 0.93
+    across = thin.directions[found.consensus.neighbours[top]][:, :, 2] < -0.3
     assert not across.any()
     assert np.isfinite(found.consensus.distances[top]).all()
 

@@ -17,7 +17,7 @@ from homolog.files.results import read_result, read_surface, read_surfaces
 from homolog.grooming import align_cohort, groom_cohort
 from homolog.inspection import inspect
 from homolog.run import Run
-from homolog.run.repair import repair_result, read_inputs
+from homolog.run.repair import read_inputs, repair_result
 from homolog.settings import GroomSettings, Mirror, OptimizeSettings, RunSettings
 
 NAMES = ("a_R", "b_L", "c_R", "d_L", "e_R")
@@ -133,7 +133,7 @@ def test_nothing_is_suspect_about_mirrored_subjects(both, result):
     found = inspect(result.local, meshes, result.alignments, names=result.names)
     outward = [
         np.einsum("ni,ni->n", normals, points - points.mean(axis=0)).mean()
-        for normals, points in zip(found.places.normals, result.world, strict=True)
+        for normals, points in zip(found.located.normals, result.world, strict=True)
     ]
     assert min(outward) > 0.0
     assert not [one for one in found.suspects if one.kind.value != "uncovered"]
