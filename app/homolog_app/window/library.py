@@ -151,7 +151,7 @@ class Library(Part):
         assert loaded is not None, "there is nothing to write otherwise"
 
         def write() -> None:
-            with replacing_folder(folder) as part:
+            with replace_folder(folder) as part:
                 write_held(Project(part), loaded, cohort)
 
         waited(self._window, f"Saving to {folder.name}…", write)
