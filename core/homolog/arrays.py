@@ -3,9 +3,18 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Array", "BoolArray", "DeviceArray", "Float32Array", "FloatArray", "IntArray", "frozen"]
+__all__ = [
+    "Array",
+    "ArrayLike",
+    "BoolArray",
+    "DeviceArray",
+    "Float32Array",
+    "FloatArray",
+    "IntArray",
+    "frozen",
+]
 
 Array = NDArray[Any]
 FloatArray = NDArray[np.float64]

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from homolog.arrays import FloatArray, frozen
+from homolog.arrays import ArrayLike, FloatArray, frozen
 from homolog.errors import InputError
 
 __all__ = ["checked_particles", "refuse_duplicates"]
 
 
-def checked_particles(particles: FloatArray, names: Sequence[str] | None = None) -> FloatArray:
+def checked_particles(particles: ArrayLike, names: Sequence[str] | None = None) -> FloatArray:
     """Return the particles as a read-only float64 array, or say what is wrong with them.
 
     Parameters

@@ -10,7 +10,7 @@ from scipy import linalg
 
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.procrustes import align, sizes
-from homolog.arrays import FloatArray, frozen
+from homolog.arrays import ArrayLike, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 
@@ -74,7 +74,7 @@ class ShapeModel:
 
     @classmethod
     def fit(
-        cls, particles: FloatArray, *, scaling: bool = False, names: Sequence[str] | None = None
+        cls, particles: ArrayLike, *, scaling: bool = False, names: Sequence[str] | None = None
     ) -> "ShapeModel":
         """Fit mean and modes to the corresponding particles of a cohort.
 
@@ -116,7 +116,7 @@ class ShapeModel:
         shares: FloatArray = self.explained_variance / self.explained_variance.sum()
         return shares
 
-    def transform(self, particles: FloatArray) -> FloatArray:
+    def transform(self, particles: ArrayLike) -> FloatArray:
         """Return the scores of aligned particles.
 
         Parameters
@@ -133,7 +133,7 @@ class ShapeModel:
         scores: FloatArray = np.einsum("...ni,kni->...k", apart, self.components)
         return scores
 
-    def inverse_transform(self, scores: FloatArray) -> FloatArray:
+    def inverse_transform(self, scores: ArrayLike) -> FloatArray:
         """Return the shape of given scores.
 
         Parameters
@@ -146,11 +146,11 @@ class ShapeModel:
         (..., N, 3) array
             Positions [mm].
         """
-        scores = np.asarray(scores, dtype=np.float64)
-        shape: FloatArray = self.mean + np.tensordot(scores, self.components[: scores.shape[-1]], axes=1)
+        known = np.asarray(scores, dtype=np.float64)
+        shape: FloatArray = self.mean + np.tensordot(known, self.components[: known.shape[-1]], axes=1)
         return shape
 
-    def instance(self, deviations: FloatArray) -> FloatArray:
+    def instance(self, deviations: ArrayLike) -> FloatArray:
         """Return the shape at given multiples of the modes' standard deviations.
 
         Parameters
@@ -163,8 +163,8 @@ class ShapeModel:
         (..., N, 3) array
             Positions [mm].
         """
-        deviations = np.asarray(deviations, dtype=np.float64)
-        return self.inverse_transform(deviations * self.standard_deviations[: deviations.shape[-1]])
+        multiples = np.asarray(deviations, dtype=np.float64)
+        return self.inverse_transform(multiples * self.standard_deviations[: multiples.shape[-1]])
 
     def sample(self, count: int, seed: int | None = None) -> FloatArray:
         """Draw shapes whose scores are independent and normally distributed.

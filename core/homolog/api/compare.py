@@ -12,7 +12,7 @@ from homolog.analysis.covariates import covariate_columns, is_missing
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.studies import compare_groups as compare_several
 from homolog.analysis.studies import compare_two_groups
-from homolog.arrays import FloatArray
+from homolog.arrays import Array, ArrayLike, FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
 
@@ -20,11 +20,11 @@ __all__ = ["compare_groups"]
 
 
 def compare_groups(
-    particles: FloatArray,
+    particles: ArrayLike,
     groups: Sequence[str | None],
     between: Sequence[str] | None = None,
     *,
-    covariates: Mapping[str, Sequence[str | float]] | None = None,
+    covariates: Mapping[str, Sequence[str | float] | Array] | None = None,
     alignment: Literal["rigid", "similarity", "as-it-lies"] = "rigid",
     modes: int | None = None,
     permutations: int = 10_000,
@@ -127,7 +127,7 @@ def compare_groups(
 
 
 def _columns(
-    covariates: Mapping[str, Sequence[str | float]] | None,
+    covariates: Mapping[str, Sequence[str | float] | Array] | None,
     chosen: Sequence[int],
     subjects: int,
     names: Sequence[str] | None,

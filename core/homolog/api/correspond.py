@@ -16,7 +16,7 @@ from homolog.analysis.reconstruction import MeanSurface
 from homolog.analysis.shape_model import ShapeModel
 from homolog.api.inputs import cohort_of
 from homolog.api.project import Project, surface_at
-from homolog.arrays import FloatArray, frozen
+from homolog.arrays import ArrayLike, FloatArray, frozen
 from homolog.cohort import Cohort
 from homolog.correspondence import Reason
 from homolog.device import choose_device
@@ -126,7 +126,7 @@ class Correspondence:
     def _modelled(self) -> tuple[ShapeModel, MeanSurface]:
         return model_of(self._outcome, no_tick)
 
-    def surface(self, particles: FloatArray | None = None) -> TriangleMesh:
+    def surface(self, particles: ArrayLike | None = None) -> TriangleMesh:
         """Return the surface of aligned particles: the mesh of a typical subject, warped to them.
 
         Parameters
@@ -209,8 +209,9 @@ def correspond(
     shapes : Cohort, path, mapping or iterable
         Two or more shapes: a `Cohort` (`read_cohort`), the path of a folder or table, a list of shapes, or a
         dict of them by name. Each shape is the path of a segmentation or mesh, a `TriangleMesh`, a trimesh or
-        pyvista mesh, a pair (vertices (V, 3), faces (F, 3)) of arrays, a label array (I, J, K) with
-        `voxel_size`, or a pair (labels, index_to_world (4, 4)). Meshes are in mm; they need not be clean.
+        pyvista mesh, a pair (vertices (V, 3), faces (F, 3)) of arrays, a SimpleITK image, a label array
+        (I, J, K) with `voxel_size`, or a pair (labels, index_to_world (4, 4)). Lengths are mm; meshes need
+        not be clean.
     n_particles : int
         Corresponding points on every shape.
     voxel_size : float or three floats, optional

@@ -18,8 +18,8 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["as_mesh", "cohort_of"]
 
 _KINDS = (
-    "a path, a TriangleMesh, a trimesh or pyvista mesh, a pair (vertices, faces), a label array, or a pair "
-    "(labels, index_to_world)"
+    "a path, a TriangleMesh, a trimesh or pyvista mesh, a pair (vertices, faces), a SimpleITK image, a label "
+    "array, or a pair (labels, index_to_world)"
 )
 
 
@@ -132,7 +132,14 @@ def _labels(
     voxel_size: float | Iterable[float] | None,
 ) -> tuple[Array, FloatArray]:
     """Return a label array (I, J, K), and the matrix from its indices to millimetres."""
-    if isinstance(shape, tuple | list) and len(shape) == 2:
+    if hasattr(shape, "GetDirection") and hasattr(shape, "GetSpacing"):  # SimpleITK
+        import SimpleITK
+
+        labels, matrix = SimpleITK.GetArrayFromImage(shape).T, np.eye(4)
+        if labels.ndim == 3:
+            matrix[:3, :3] = np.reshape(shape.GetDirection(), (3, 3)) * shape.GetSpacing()
+            matrix[:3, 3] = shape.GetOrigin()
+    elif isinstance(shape, tuple | list) and len(shape) == 2:
         labels, matrix = np.asarray(shape[0]), np.asarray(shape[1], np.float64)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
             raise InputError("the matrix of a label array must be (4, 4), from indices to LPS millimetres")

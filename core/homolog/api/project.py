@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from homolog.analysis.reconstruction import carried
-from homolog.arrays import FloatArray
+from homolog.arrays import ArrayLike, FloatArray
 from homolog.files.project import Project as Folder
 from homolog.files.records import ResultRecord
 from homolog.files.results import read_result, read_surface
@@ -97,7 +97,7 @@ class Project:
         """The smoothed surfaces that the particles lie on, each in its own frame; read on first use."""
         return tuple(read_surface(self._folder, one) for one in self._record.subjects)
 
-    def surface(self, particles: FloatArray | None = None) -> TriangleMesh:
+    def surface(self, particles: ArrayLike | None = None) -> TriangleMesh:
         """Return the surface of aligned particles: the project's mean surface, warped to them.
 
         Parameters
@@ -114,7 +114,7 @@ class Project:
 
 
 def surface_at(
-    mean: FloatArray, surface: TriangleMesh, smoothing: FloatArray, particles: FloatArray | None
+    mean: FloatArray, surface: TriangleMesh, smoothing: FloatArray, particles: ArrayLike | None
 ) -> TriangleMesh:
     """Return a mean surface, warped to particles.
 

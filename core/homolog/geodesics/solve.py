@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from scipy.sparse import csr_array
 
-from homolog.arrays import Array
+from homolog.arrays import ArrayLike
 from homolog.device import choose_device, cores
 from homolog.errors import InputError
 from homolog.geodesics.cache import load_table, save_table, table_path
@@ -151,7 +151,9 @@ def solve_table(
     return solve_plan(plan, device=device, tick=tick)[0]
 
 
-def geodesic_distances(vertices: Array, faces: Array, d_max: float, *, device: str = "auto") -> csr_array:
+def geodesic_distances(
+    vertices: ArrayLike, faces: ArrayLike, d_max: float, *, device: str = "auto"
+) -> csr_array:
     """Return the geodesic distances between all vertices of a closed triangle mesh up to d_max.
 
     Parameters

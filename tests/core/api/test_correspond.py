@@ -5,11 +5,13 @@ import pytest
 import pyvista
 import SimpleITK
 import trimesh
+from scipy.spatial.transform import Rotation
 
 import homolog as hl
 from homolog.api.inputs import as_mesh, cohort_of
 from homolog.cohort import MESH_SUFFIXES
 from homolog.files.project import Project as Folder
+from homolog.grooming.images import read_segmentation
 from homolog.run import Run
 from homolog.settings import GroomSettings
 
@@ -135,6 +137,18 @@ def test_label_arrays_lie_where_their_voxel_size_or_matrix_says():
     _, by_matrix = cohort_of([(array, matrix)], None, GroomSettings())
     assert by_size["shape_1"].volume == by_matrix["shape_1"].volume == 36 * 6.0
     np.testing.assert_allclose(by_matrix["shape_1"].origin - by_size["shape_1"].origin, 7.0)
+
+
+def test_an_image_of_simpleitk_lies_as_its_file_does(tmp_path):
+    image = SimpleITK.GetImageFromArray(np.pad(np.ones((4, 5, 6), np.uint8), 2))
+    image.SetSpacing((1.0, 0.5, 2.0))
+    image.SetOrigin((3.0, -7.0, 11.0))
+    image.SetDirection(Rotation.from_euler("xyz", [20, 30, 40], degrees=True).as_matrix().ravel())
+    SimpleITK.WriteImage(image, tmp_path / "image.nrrd")
+    _, sources = cohort_of([image], None, GroomSettings())
+    of_file = read_segmentation(tmp_path / "image.nrrd", None)
+    for part in ("mask", "rotation", "spacing", "origin"):
+        np.testing.assert_allclose(getattr(sources["shape_1"], part), getattr(of_file, part), atol=1e-6)
 
 
 def test_one_label_of_several_is_taken():

@@ -1,13 +1,16 @@
 """The examples of the documentation run, and print what they promise."""
 
+import os
 import re
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
+ROOT = Path(__file__).parents[3]
+EXAMPLES = ROOT / "docs" / "examples"
 
 
 @pytest.fixture
@@ -49,6 +52,14 @@ def test_a_project_is_opened(example, finished_run):
     printed = example("open_project.py", finished_run.folder)
     assert "4 subjects, 48 particles, geodesic-normals" in printed
     assert re.search(r"a: group None, 1\.\d\d ml", printed)
+
+
+@pytest.mark.timeout(300)
+def test_type_checkers_agree_with_the_examples():
+    places = {"cwd": ROOT, "env": {**os.environ, "MYPYPATH": str(ROOT / "core")}}
+    command = [sys.executable, "-m", "mypy", *map(str, sorted(EXAMPLES.glob("*.py")))]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, **places)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_every_example_is_run():
