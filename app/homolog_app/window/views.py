@@ -164,7 +164,7 @@ class Views(QObject):
             groomed, survey = session.groomed.get(one.name), session.surveys.get(one.name)
             key += [groomed, survey.surface if survey else None]
         if len(key) != len(self._shown) or any(a is not b for a, b in zip(key, self._shown, strict=True)):
-            new_result = session.result is not self._result
+            new_result, former = session.result is not self._result, self._result
             self._result = session.result
             had_smooth = any(isinstance(one, Groomed | Loaded) for one in self._shown)
             smooth = bool(session.groomed or session.result)
@@ -178,8 +178,9 @@ class Views(QObject):
             if new_result:
                 self.run.take_result()
             self._display()
-            if new_result and session.result is not None:
-                stage.scene.fit()
+            same_run = former and session.result and former.record is session.result.record
+            if new_result and session.result is not None and not same_run:
+                stage.scene.fit()  # a close-up stays when particles are optimized again, or that is undone
         if not session.study.members:
             stage.show_hint(
                 "No subjects yet", "Drop segmentations or surfaces here, or add files with Ctrl+Shift+N."

@@ -7,6 +7,7 @@ from PySide6.QtGui import QAction
 from PySide6.QtWidgets import (
     QComboBox,
     QFrame,
+    QGraphicsOpacityEffect,
     QLabel,
     QPushButton,
     QScrollArea,
@@ -16,7 +17,18 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-__all__ = ["GRID", "ActionButton", "NumberBox", "Panel", "button", "choice", "label", "rule", "set_primary"]
+__all__ = [
+    "GRID",
+    "ActionButton",
+    "NumberBox",
+    "Panel",
+    "button",
+    "choice",
+    "label",
+    "rule",
+    "set_dimmed",
+    "set_primary",
+]
 
 GRID = 8
 
@@ -54,6 +66,19 @@ class ActionButton(QPushButton):
     def _follow(self) -> None:
         self.setEnabled(self._action.isEnabled())
         self.setToolTip(self._action.toolTip())
+
+
+_DIMMED = 0.4
+
+
+def set_dimmed(widget: QWidget, dimmed: bool) -> None:
+    """Draw a widget pale, or as usual."""
+    effect = widget.graphicsEffect()
+    if effect is None:
+        effect = QGraphicsOpacityEffect(widget)
+        effect.setOpacity(_DIMMED)
+        widget.setGraphicsEffect(effect)
+    effect.setEnabled(dimmed)
 
 
 def set_primary(one: QPushButton, primary: bool) -> None:

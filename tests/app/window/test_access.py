@@ -308,6 +308,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         if page.plots is not None:
             look(f"plots of {page.title}", page.plots)
     page = panels.explore.page_of(GroupsPage)
+    page.form.alignment.setCurrentIndex(page.form.alignment.findData(None))  # form and shape: several results
     for question in ("group", "size (as a number)"):
         page.form.column.setCurrentText(question)
         page.form.column.activated.emit(page.form.column.currentIndex())

@@ -116,6 +116,39 @@ def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
     assert not errors
 
 
+def test_all_suspects_are_optimized_again_in_one_step_that_can_be_undone(checking, errors, wait):
+    page, session = page_of(checking), checking.desk.session
+    before, count = session.result, len(page.rows.suspects)
+    checking.commands["check.mend_all"].trigger()
+    wait(lambda: session.result is not before)
+    settled(checking, wait)
+    assert not any(one.subject == SUBJECT and set(PAIR) & set(one.particles) for one in page.rows.suspects)
+    if count > 1:
+        assert f"{len(page.rows.suspects)} are left" in page.words.text()
+    checking.commands["edit.undo"].trigger()
+    assert session.result is before
+    assert not errors
+
+
+def test_the_close_up_on_a_suspect_stays_when_something_else_is_shown_or_undone(checking, errors, wait):
+    page, session, scene = page_of(checking), checking.desk.session, checking.views.stage.scene
+    checking.commands["check.next"].trigger()
+    camera = scene.canvas.cameras[0]
+    page.look.show_what.setCurrentIndex(page.look.show_what.findData("distances"))
+    wait(lambda: page.look.marks.distances is not None and not checking.desk.work.is_busy)
+    assert scene.canvas.cameras[0] == camera
+    page.look.show_what.setCurrentIndex(page.look.show_what.findData("places"))
+    assert scene.canvas.cameras[0] == camera
+    before = session.result
+    checking.commands["check.mend"].trigger()
+    wait(lambda: session.result is not before)
+    settled(checking, wait)
+    camera = scene.canvas.cameras[0]
+    checking.commands["edit.undo"].trigger()
+    assert scene.canvas.cameras[0] == camera
+    assert not errors
+
+
 def test_particles_that_could_not_be_written_count_as_unsaved(checking, monkeypatch, errors, wait):
     from homolog.errors import InputError
 

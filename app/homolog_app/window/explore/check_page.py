@@ -1,6 +1,7 @@
 """Where the correspondence may be wrong, and looking into it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ from homolog_app.window.explore.check_table import SuspectModel, suspect_table
 from homolog_app.window.explore.chosen import CheckView
 from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.page import ExplorePage
+from homolog_app.window.progress import Progress
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.widgets import GRID, button, label
 
@@ -44,8 +46,10 @@ class CheckPage(ExplorePage):
         self.state, self.words = label("", "Hint", wrap=True), label("", wrap=True)
         self.again, self.export = button("Look for suspects"), button("Export list…")
         self.mend = button("Optimize again here", "primary")
+        self.mend_all_button = button("Optimize again at all")
         self.keep = button("Keep in the project")
         self.unsaved = label("Particles have changed; the project has the former ones.", "Hint", wrap=True)
+        self.progress = Progress(actions)
         self.look = LookAt(desk)
         self.plots = self.sphere = NormalSphere(desk.theme)
         self._lay_out()
@@ -67,7 +71,9 @@ class CheckPage(ExplorePage):
     def shown(self, subjects: Sequence[Content]) -> Shown:
         """Return the shapes with what is marked and coloured."""
         found = self.checked.inspection
-        return checked_scene(subjects, found, self._names, self.look.marks) if found else Shown(subjects)
+        if found is None:
+            return Shown(subjects)
+        return replace(checked_scene(subjects, found, self._names, self.look.marks), stays=True)
 
     @property
     def chosen(self) -> CheckView | None:
@@ -89,9 +95,13 @@ class CheckPage(ExplorePage):
         """Optimize the particles around the chosen suspect again."""
         suspect = self._suspect
         if suspect is not None:
-            self.checked.mend(suspect)
+            self.checked.mend([suspect])
         else:
             self.words.setText("Choose a suspect in the list first.")
+
+    def mend_all(self) -> None:
+        """Optimize the particles around all suspects again, one after the other."""
+        self.checked.mend(self.rows.suspects)
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -114,7 +124,7 @@ class CheckPage(ExplorePage):
         self.body.addLayout(row)
         self.body.addSpacing(GRID)
         self.body.addWidget(self.look)
-        for widget in (self.unsaved, self.keep, self.mend):
+        for widget in (self.progress, self.unsaved, self.keep, self.mend_all_button, self.mend):
             self.footer.addWidget(widget)
 
     def _connect(self) -> None:
@@ -125,6 +135,7 @@ class CheckPage(ExplorePage):
         self.table.selectionModel().currentRowChanged.connect(lambda now, _: self._choose(now.row()))
         for one, command in (
             (self.again, "check.look"), (self.export, "check.export"), (self.mend, "check.mend"),
+            (self.mend_all_button, "check.mend_all"),
             (self.keep, "check.keep"),
         ):  # fmt: skip
             one.setToolTip(self.actions_[command].toolTip())
@@ -147,6 +158,8 @@ class CheckPage(ExplorePage):
         for widget in (self.table, self.export):
             widget.setEnabled(found is not None)
         self.mend.setEnabled(self._suspect is not None and not work.is_busy)
+        self.mend_all_button.setEnabled(found is not None and bool(found.suspects) and not work.is_busy)
+        self.progress.show_status(work.status if work.kind == "mend" else None)
         self.again.setVisible(found is None and self.checked.is_possible)
         for one in (self.keep, self.unsaved):
             one.setVisible(not self.checked.is_written)
@@ -196,11 +209,18 @@ class CheckPage(ExplorePage):
             self.desk.session.select([self._names[subject]])
             self.place_wanted.emit(self._names[subject], place, found.located.normals[subject, nearest])
 
-    def _show_mended(self, suspect: "Suspect") -> None:
+    def _show_mended(self, suspects: "Sequence[Suspect]") -> None:
         """Say what came of it, and stay where it was."""
         found = self.checked.inspection
         if found is None:
             return
+        if len(suspects) > 1:
+            self.words.setText(
+                f"Optimized again at {len(suspects)} suspects; {len(found.suspects)} are left. Undo takes it "
+                "back; saving keeps it."
+            )
+            return
+        (suspect,) = suspects
         self.look.mark(int(suspect.particles[0]), suspect.subject, suspect.particles)
         near = [
             one

@@ -1,5 +1,6 @@
 """What is known of the open result's correspondence, and particles optimized again, with undo."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -81,15 +82,15 @@ class Checked(QObject):
         """Inspect no further results by itself."""
         self._wanted = False
 
-    def mend(self, suspect: "Suspect") -> None:
-        """Optimize the particles around a suspect again; `mended` follows, and it can be undone."""
+    def mend(self, suspects: "Sequence[Suspect]") -> None:
+        """Optimize the particles around suspects again; `mended` follows; one undo takes it back."""
         version, desk = self._version, self._desk
-        if version is None:
+        if version is None or not suspects:
             return
         project, inspection = desk.project, version.inspection
 
-        name = version.loaded.result.names[suspect.subject]
-        notes = version.notes | {name: "particles were optimized again where they were suspect"}
+        names = list(dict.fromkeys(version.loaded.result.names[one.subject] for one in suspects))
+        notes = version.notes | dict.fromkeys(names, "particles were optimized again where they were suspect")
 
         def work(tick: Tick) -> _Version:
             from homolog.analysis.shape_model import ShapeModel
@@ -98,7 +99,11 @@ class Checked(QObject):
             from homolog.surfaces.mesh import TriangleMesh
             from homolog_app.suspects import mended
 
-            after = mended(project, inspection, suspect, part_of(tick, 0.0, 0.8))
+            after = inspection
+            for index, one in enumerate(suspects):
+                part = part_of(tick, 0.8 * index / len(suspects), 0.8 * (index + 1) / len(suspects))
+                if any(_same(one, other) for other in after.suspects):  # or a neighbour's repair cured it
+                    after = mended(project, after, one, part)
             places = after.located
             model, last = ShapeModel.fit(places.world), part_of(tick, 0.8, 1.0)
             surface = surface_of_model(model, places.world, places.meshes, places.alignments, last)
@@ -114,9 +119,9 @@ class Checked(QObject):
         def take(after: _Version) -> None:
             self._versions.append(after)
             desk.session.undo.push(
-                _Exchange(desk.session, version.loaded, after.loaded, f"Optimize again: {name}")
+                _Exchange(desk.session, version.loaded, after.loaded, f"Optimize again: {', '.join(names)}")
             )
-            self.mended.emit(suspect)
+            self.mended.emit(tuple(suspects))
 
         desk.work.compute("mend", work, "optimizing particles again", take)
 
@@ -190,6 +195,11 @@ class Checked(QObject):
             self.changed.emit()
 
         work.compute("check", inspect, "looking for suspects", take)
+
+
+def _same(one: "Suspect", other: "Suspect") -> bool:
+    shared = np.isin(one.particles, other.particles).any()
+    return one.kind is other.kind and one.subject == other.subject and bool(shared)
 
 
 class _Exchange(QUndoCommand):

@@ -12,12 +12,22 @@ from homolog_app.report.findings import (
     percent_words,
     region_words,
 )
+from homolog_app.report.request import SIZE_WORDS, StudyRequest
 from homolog_app.window.quantities import short, signed
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.group_answer import GroupAnswer
 
-__all__ = ["number_rows"]
+__all__ = ["asked_words", "number_rows"]
+
+
+def asked_words(request: StudyRequest) -> str:
+    """Return alignment, covariates and who is left out, as they stand below the headline."""
+    how = SIZE_WORDS[request.alignment]
+    words = [f"{how[0].upper()}{how[1:]}"]
+    words += [f"adjusted for {', '.join(request.covariates)}"] if request.covariates else []
+    words += ["subjects with missing values left out"] if request.complete_cases else []
+    return f"{', '.join(words)}."
 
 
 def number_rows(answers: "list[GroupAnswer]") -> list[tuple[str, ...]]:

@@ -8,7 +8,6 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
-    QGraphicsOpacityEffect,
     QHBoxLayout,
     QSlider,
     QVBoxLayout,
@@ -16,7 +15,6 @@ from PySide6.QtWidgets import (
 )
 
 from homolog.progress import Tick
-from homolog_app.report.request import SIZE_WORDS, StudyRequest
 from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
 from homolog_app.window.explore.chosen import GroupsView
@@ -26,7 +24,7 @@ from homolog_app.window.explore.group_form import GroupForm
 from homolog_app.window.explore.group_plot import GroupPlot
 from homolog_app.window.explore.group_results import GroupResults, correction_sentence
 from homolog_app.window.explore.group_views import GREY_WORDS, group_scene
-from homolog_app.window.explore.group_words import number_rows
+from homolog_app.window.explore.group_words import asked_words, number_rows
 from homolog_app.window.explore.group_work import (
     Answers,
     answer_question,
@@ -41,7 +39,7 @@ from homolog_app.window.explore.player import Player
 from homolog_app.window.explore.regions import largest_region, middle_of
 from homolog_app.window.progress import Progress
 from homolog_app.window.scene.content import Content, Shown
-from homolog_app.window.widgets import GRID, button, choice, label, rule
+from homolog_app.window.widgets import GRID, button, choice, label, rule, set_dimmed
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.group_answer import GroupAnswer, GroupMap
@@ -52,7 +50,6 @@ _MAPS = {"Mean difference": "difference", "Discriminant": "discriminant"}
 _LAYOUTS = {"The map": 1, "Ends and maps": 4}
 _WHOLE = 100
 _SEEDS = 5
-_DIMMED = 0.4
 
 
 class GroupsPage(ExplorePage):
@@ -368,7 +365,7 @@ class GroupsPage(ExplorePage):
         self.answer.setVisible(bool(answers))
         self.stale.setVisible(not self._current)
         for widget in (self.answer, self.chart):
-            _dim(widget, not self._current)
+            set_dimmed(widget, not self._current)
         if not answers or self.all is None:
             return
         from homolog_app.report.findings import cautions, findings
@@ -377,7 +374,7 @@ class GroupsPage(ExplorePage):
         found = dict(zip(study.comparisons, findings(study), strict=True))
         first = found[answers[0].pair]
         self.verdict.setText(first.verdict.replace(" - ", " − "))
-        self.asked.setText(_asked_words(study.request))
+        self.asked.setText(asked_words(study.request))
         self.results.show_answers(self.all, self._mapped)
         self.others.setText(correction_sentence(self.all, len(self._asked - self.all.question.titles)))
         self.others.setVisible(bool(self.others.text()))
@@ -385,22 +382,3 @@ class GroupsPage(ExplorePage):
         self.cautions.setText("\n".join(cautions(study)))
         self.cautions.setVisible(bool(self.cautions.text()))
         self.numbers.show_rows([one.shape.title for one in answers], number_rows(answers))
-
-
-def _asked_words(request: StudyRequest) -> str:
-    """Return alignment, covariates and who is left out, as they stand below the headline."""
-    how = SIZE_WORDS[request.alignment]
-    words = [f"{how[0].upper()}{how[1:]}"]
-    words += [f"adjusted for {', '.join(request.covariates)}"] if request.covariates else []
-    words += ["subjects with missing values left out"] if request.complete_cases else []
-    return f"{', '.join(words)}."
-
-
-def _dim(widget: QWidget, dimmed: bool) -> None:
-    """Draw a widget pale, or as usual."""
-    effect = widget.graphicsEffect()
-    if effect is None:
-        effect = QGraphicsOpacityEffect(widget)
-        effect.setOpacity(_DIMMED)
-        widget.setGraphicsEffect(effect)
-    effect.setEnabled(dimmed)

@@ -39,6 +39,7 @@ class Exploring(Part):
             "check.look": self._check.checked.want,
             "check.next": self._next_suspect,
             "check.mend": self._check.mend_chosen,
+            "check.mend_all": self._check.mend_all,
             "check.keep": self._check.checked.write,
             "check.export": self.write_suspects,
             "explore.mean": self._modes.sliders.reset.click,

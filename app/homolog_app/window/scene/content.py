@@ -90,6 +90,8 @@ class Shown:
     tints : (N, 3) uint8 array, mapping of str to such arrays, or None
         Colours of the particles, the same on all contents or of each by name; None gives each its colour by
         place.
+    stays : bool
+        Whether a close-up of what was shown before stays, if that said so too.
     """
 
     contents: Sequence[Content]
@@ -97,3 +99,4 @@ class Shown:
     scale: ColourScale | None = None
     particles: Mapping[str, FloatArray] | None = None
     tints: Array | Mapping[str, Array] | None = None
+    stays: bool = False

@@ -113,6 +113,7 @@ class Scene(QWidget):
             At most sixteen contents if it has columns.
         """
         had, before = self._grid.contents, self._grid.shape
+        stays = shown.stays and self._shown.stays and self._fit != self._looks
         if not self._grid.columns:
             self._left_at = self._grid.page
         self._shown = shown
@@ -122,7 +123,8 @@ class Scene(QWidget):
         if shown.contents and (not had or not self._fitted):
             self.look("corner")
         elif self._grid.shape != before:
-            self.fit()
+            if not stays:
+                self.fit()
         elif len(shown.contents) != len(had):
             self._keep_whole()
         elif self._fit == self._looks:
