@@ -76,30 +76,39 @@ def _documented(member: Any) -> Iterator[str]:  # noqa: ANN401 - a class or a fu
     yield from _markdown(inspect.getdoc(member) or "")
     if not inspect.isclass(member) or issubclass(member, Exception):
         return
-    own = {one: value for one, value in vars(member).items() if not one.startswith("_")}
-    properties = {one: value for one, value in own.items() if isinstance(value, property | cached_property)}
+    own = {attribute: value for attribute, value in vars(member).items() if not attribute.startswith("_")}
+    properties = {
+        attribute: value for attribute, value in own.items() if isinstance(value, property | cached_property)
+    }
     if properties:
         yield "**Properties**\n"
-        yield from (f"- `{one}`: {_plain(inspect.getdoc(value) or '')}" for one, value in properties.items())
+        yield from (
+            f"- `{attribute}`: {_plain(inspect.getdoc(value) or '')}"
+            for attribute, value in properties.items()
+        )
         yield ""
-    for one, value in own.items():
+    for attribute, value in own.items():
         function = getattr(value, "__func__", value)
         if inspect.isfunction(function):
-            yield f"#### `{name}.{one}{_signature(function)}`\n"
+            yield f"#### `{name}.{attribute}{_signature(function)}`\n"
             yield from _markdown(inspect.getdoc(function) or "")
 
 
 def _signature(function: Any) -> str:  # noqa: ANN401
     """Return names and defaults; types are in the docstring."""
     shown, starred = [], False
-    for one in inspect.signature(function).parameters.values():
-        if one.name in ("self", "cls"):
+    for parameter in inspect.signature(function).parameters.values():
+        if parameter.name in ("self", "cls"):
             continue
-        if one.kind is one.KEYWORD_ONLY and not starred:
+        if parameter.kind is parameter.KEYWORD_ONLY and not starred:
             starred = True
             shown.append("*")
-        prefix = "**" if one.kind is one.VAR_KEYWORD else ""
-        shown.append(prefix + one.name + ("" if one.default is one.empty else f"={one.default!r}"))
+        prefix = "**" if parameter.kind is parameter.VAR_KEYWORD else ""
+        shown.append(
+            prefix
+            + parameter.name
+            + ("" if parameter.default is parameter.empty else f"={parameter.default!r}")
+        )
     return f"({', '.join(shown)})"
 
 
@@ -119,7 +128,7 @@ def _markdown(text: str) -> Iterator[str]:
 
 
 def _paragraphs(text: str) -> str:
-    return "\n\n".join(_plain(one) for one in re.split(r"\n\s*\n", text.strip())) + "\n"
+    return "\n\n".join(_plain(block) for block in re.split(r"\n\s*\n", text.strip())) + "\n"
 
 
 def _entries(body: str) -> Iterator[str]:
@@ -127,7 +136,7 @@ def _entries(body: str) -> Iterator[str]:
     for entry in re.split(r"\n(?=\S)", body.strip("\n")):
         head, _, text = entry.partition("\n")
         name, colon, kind = head.partition(" : ")
-        parts = [_plain(one) for one in (kind if colon else "", text) if one.strip()]
+        parts = [_plain(part) for part in (kind if colon else "", text) if part.strip()]
         yield ": ".join([f"- `{name}`", ". ".join(parts)]) if parts else f"- `{name}`"
 
 
@@ -148,12 +157,12 @@ def _settings() -> Iterator[str]:
     yield "| name | default | values | unit | |"
     yield "|---|---|---|---|---|"
     for model in (GroomSettings, OptimizeSettings):
-        for one in parameters(model):
-            if one.name == "particles":
+        for setting in parameters(model):
+            if setting.name == "particles":
                 continue
-            values = ", ".join(one.choices) if one.choices else one.bounds
-            default = getattr(one.default, "value", one.default)
-            yield f"| `{one.name}` | `{default!r}` | {values} | {one.unit} | {one.help} |"
+            values = ", ".join(setting.choices) if setting.choices else setting.bounds
+            default = getattr(setting.default, "value", setting.default)
+            yield f"| `{setting.name}` | `{default!r}` | {values} | {setting.unit} | {setting.help} |"
     yield ""
 
 

@@ -8,7 +8,10 @@ import homolog as hl
 # Ellipsoids of which one semi-axis varies, from trimesh. Files, arrays and pyvista meshes do as well.
 ball = trimesh.creation.icosphere(subdivisions=3)
 lengths = [8.0, 9.0, 10.0, 11.0]
-meshes = {f"length {one:g}": trimesh.Trimesh(ball.vertices * [one, 7.0, 6.0], ball.faces) for one in lengths}
+meshes = {
+    f"length {length:g}": trimesh.Trimesh(ball.vertices * [length, 7.0, 6.0], ball.faces)
+    for length in lengths
+}
 
 result = hl.correspond(
     meshes,

@@ -13,14 +13,14 @@ shapes[12:, :5] *= 1.1
 groups = 12 * ["control"] + 12 * ["patient"]
 ages = random.uniform(20.0, 80.0, size=24)
 
-found = hl.compare_groups(
+comparison = hl.compare_groups(
     shapes, groups, ("control", "patient"), covariates={"age": ages}, permutations=999, seed=0
 )
 
-print(f"{found.title}: p = {found.p_adjusted:.3f} over the whole shape")
-where = np.flatnonzero(found.p_family < 0.05)  # corrected over the surface
-outward = np.einsum("ni,ni->n", found.local.effect[0], directions)
+print(f"{comparison.title}: p = {comparison.p_adjusted:.3f} over the whole shape")
+where = np.flatnonzero(comparison.p_family < 0.05)  # corrected over the surface
+outward = np.einsum("ni,ni->n", comparison.local.effect[0], directions)
 print(f"particles that differ: {where}, by {outward[where].round(2)} mm along the normal")
-if found.discriminant is not None:
-    accuracy = found.discriminant.accuracy
+if comparison.discriminant is not None:
+    accuracy = comparison.discriminant.accuracy
     print(f"balanced accuracy {accuracy.value:.2f} (95 % CI {accuracy.low:.2f} to {accuracy.high:.2f})")

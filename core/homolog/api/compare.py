@@ -89,11 +89,11 @@ def compare_groups(
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     >>> shapes = 10.0 * directions + random.normal(scale=0.05, size=(12, 40, 3))
     >>> shapes[6:, 7] *= 1.2
-    >>> found = hl.compare_groups(shapes, 6 * ["plain"] + 6 * ["bump"], permutations=999)
-    >>> found.title, int(np.argmin(found.p_family))
+    >>> comparison = hl.compare_groups(shapes, 6 * ["plain"] + 6 * ["bump"], permutations=999)
+    >>> comparison.title, int(np.argmin(comparison.p_family))
     ('bump - plain', 7)
     """
-    labels = np.array(["" if one is None or is_missing(one) else str(one) for one in groups])
+    labels = np.array(["" if group is None or is_missing(group) else str(group) for group in groups])
     shapes = checked_particles(particles, names)
     if len(labels) != len(shapes):
         raise InputError(f"groups: {len(labels)} given for {len(shapes)} subjects; give one for each")
@@ -120,8 +120,8 @@ def compare_groups(
             here, own, order, covariates=columns, options=options, names=called, tick=tick
         )
 
-    def of_all(one: Comparison) -> Comparison:
-        return replace(one, subjects=chosen[one.subjects])
+    def of_all(comparison: Comparison) -> Comparison:
+        return replace(comparison, subjects=chosen[comparison.subjects])
 
     return replace(of_all(overall), pairs=tuple(map(of_all, pairs)))
 

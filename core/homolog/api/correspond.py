@@ -170,10 +170,10 @@ class Correspondence:
         inputs = self._outcome.inputs
         stems = dict(zip(self.names, file_stems(self.names), strict=True))
         subjects = [
-            one
-            if one.name in self._keys
-            else replace(one, path=surface_file(project, stems[one.name]).absolute())
-            for one in inputs.cohort.subjects
+            subject
+            if subject.name in self._keys
+            else replace(subject, path=surface_file(project, stems[subject.name]).absolute())
+            for subject in inputs.cohort.subjects
         ]
         outcome = replace(
             self._outcome, inputs=replace(inputs, cohort=Cohort(tuple(subjects), project.folder))
@@ -181,9 +181,9 @@ class Correspondence:
         with project.locked():
             with report_os_errors(project.groomed):
                 project.groomed.mkdir(exist_ok=True)
-            for one in inputs.groomed:
-                key = self._keys.get(one.name) or content_key(one.mesh, inputs.settings.groom)
-                save_groomed(project.groomed, one, key)
+            for groomed in inputs.groomed:
+                key = self._keys.get(groomed.name) or content_key(groomed.mesh, inputs.settings.groom)
+                save_groomed(project.groomed, groomed, key)
             write_result(project, outcome, *self._modelled, no_tick)
         return Project(project.folder)
 
@@ -255,7 +255,7 @@ def correspond(
         control.observer = _observer(callback)
     control.enter(Phase.READING, "reading")
     if bad := check_cohort(cohort, chosen.groom, control.tick, sources=sources):
-        raise InputError("\n".join(one.message for one in bad))
+        raise InputError("\n".join(problem.message for problem in bad))
     check_sides(cohort, chosen.groom)
     control.enter(Phase.GROOMING, "grooming")
     keys: dict[str, str] = {}
@@ -295,8 +295,8 @@ def run_settings(given: dict[str, Any], n_particles: int, device: str, workers: 
     except ValidationError as error:
         names = {"particles": "n_particles"}
         lines = [
-            f"{names.get(str(one['loc'][-1]), one['loc'][-1])}={one['input']!r}: {one['msg']}"
-            for one in error.errors()
+            f"{names.get(str(fault['loc'][-1]), fault['loc'][-1])}={fault['input']!r}: {fault['msg']}"
+            for fault in error.errors()
         ]
         raise InputError("\n".join(lines)) from error
 
@@ -316,19 +316,21 @@ def _executor(workers: int) -> AbstractContextManager[Executor]:
 def _correspondence(outcome: OptimizationOutcome, keys: Mapping[str, str]) -> Correspondence:
     inputs = outcome.inputs
     subjects = inputs.cohort.subjects
-    columns = dict.fromkeys(column for one in subjects for column in one.columns)
+    columns = dict.fromkeys(column for subject in subjects for column in subject.columns)
     return Correspondence(
-        names=tuple(one.name for one in subjects),
-        groups=tuple(one.group for one in subjects),
-        covariates={column: tuple(one.columns.get(column, "") for one in subjects) for column in columns},
+        names=tuple(subject.name for subject in subjects),
+        groups=tuple(subject.group for subject in subjects),
+        covariates={
+            column: tuple(subject.columns.get(column, "") for subject in subjects) for column in columns
+        },
         particles=frozen(outcome.local, np.float64),
         aligned=frozen(outcome.world, np.float64),
         alignments=frozen(outcome.alignments, np.float64),
-        meshes=tuple(one.mesh for one in inputs.shapes),
+        meshes=tuple(shape.mesh for shape in inputs.shapes),
         energies=frozen(outcome.energies, np.float64),
         iterations=outcome.iterations,
         converged=outcome.ended == Reason.CONVERGED,
-        notes=tuple(f"{one.name}: {note}" for one in inputs.groomed for note in one.report.notes),
+        notes=tuple(f"{subject.name}: {note}" for subject in inputs.groomed for note in subject.report.notes),
         _outcome=outcome,
         _keys=keys,
     )

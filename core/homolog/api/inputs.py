@@ -91,7 +91,7 @@ def as_mesh(shape: Any) -> TriangleMesh | None:  # noqa: ANN401 - meshes of any 
         surface = shape.triangulate()
         return _checked(surface.points, np.asarray(surface.faces).reshape(-1, 4)[:, 1:])
     if isinstance(shape, tuple | list) and len(shape) == 2:
-        first, second = (np.asarray(one) for one in shape)
+        first, second = (np.asarray(part) for part in shape)
         if first.ndim == 2 and second.ndim == 2:
             return _checked(first, second)
     return None

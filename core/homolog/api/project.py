@@ -72,13 +72,15 @@ class Project:
         self.folder = Path(folder)
         self._folder = Folder(self.folder)
         result = read_result(self._folder)
-        columns = dict.fromkeys(column for one in result.columns for column in one)
+        columns = dict.fromkeys(column for own in result.columns for column in own)
         self.names, self.groups = result.names, result.groups
-        self.covariates = {column: tuple(one.get(column, "") for one in result.columns) for column in columns}
+        self.covariates = {column: tuple(own.get(column, "") for own in result.columns) for column in columns}
         self.particles, self.aligned, self.alignments = result.local, result.world, result.alignments
         self.settings = self._record.settings
         self.converged = self._record.ended == "converged"
-        self.notes = tuple(f"{one.name}: {note}" for one in self._record.subjects for note in one.notes)
+        self.notes = tuple(
+            f"{subject.name}: {note}" for subject in self._record.subjects for note in subject.notes
+        )
         self._mean_surface, self._smoothing = result.mean_surface, result.smoothing
 
     def __repr__(self) -> str:
@@ -95,7 +97,7 @@ class Project:
     @cached_property
     def meshes(self) -> tuple[TriangleMesh, ...]:
         """The smoothed surfaces that the particles lie on, each in its own frame; read on first use."""
-        return tuple(read_surface(self._folder, one) for one in self._record.subjects)
+        return tuple(read_surface(self._folder, subject) for subject in self._record.subjects)
 
     def surface(self, particles: ArrayLike | None = None) -> TriangleMesh:
         """Return the surface of aligned particles: the project's mean surface, warped to them.

@@ -56,7 +56,7 @@ def repair_result(
 
     Parameters
     ----------
-    study : Study
+    inputs : OptimizationInput
         As `read_inputs` gives it.
     local : (M, N, 3) array
         All particles in file coordinates [mm].

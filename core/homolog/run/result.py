@@ -70,7 +70,7 @@ class OptimizationOutcome:
 
     Attributes
     ----------
-    study : Study
+    inputs : OptimizationInput
     world, local : (M, N, 3) float64 arrays
         Particles in aligned and in file coordinates [mm].
     alignments : (M, 4, 4) float64 array

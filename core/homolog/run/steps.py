@@ -40,13 +40,12 @@ def prepare_inputs(
     device : str
         Warp alias.
     tick : Tick
-    base : Base, optional
+    prior : PriorResult, optional
         Result that is started from; it gives alignments and first particles.
 
     Returns
     -------
-    Study
-        What the optimization starts from.
+    OptimizationInput
 
     Raises
     ------
@@ -54,20 +53,20 @@ def prepare_inputs(
         If shapes are of other sizes or sides than can be compared, or landmarks do not fit.
     """
     known = None if prior is None else prior.alignments
-    add_note, alignments = run_in_background(
+    annotated, alignments = run_in_background(
         lambda inner: align_cohort(cohort, groomed, settings.groom, inner, known=known), tick, "aligning"
     )
     tick(1.0, "aligned")
     shapes = [
-        Shape(one.name, one.field, one.mesh, one.coarse_mesh, alignment)
-        for one, alignment in zip(add_note, alignments, strict=True)
+        Shape(subject.name, subject.field, subject.mesh, subject.coarse_mesh, alignment)
+        for subject, alignment in zip(annotated, alignments, strict=True)
     ]
     if prior is not None:
         shapes = prior.shapes(shapes)
     elif settings.optimize.landmarks:
         shapes = with_landmarks(shapes, cohort)
     return OptimizationInput(
-        cohort, settings, add_note, shapes, run_fingerprint(settings.placing, shapes, tick), device
+        cohort, settings, annotated, shapes, run_fingerprint(settings.placing, shapes, tick), device
     )
 
 
@@ -85,17 +84,17 @@ def run_optimization(
 
     Parameters
     ----------
-    study : Study
+    inputs : OptimizationInput
     control : Control
         Takes phases, progress and times.
     observe, checkpoint, resume, solve
         As of `homolog.correspondence.optimize`.
-    base : Base, optional
+    prior : PriorResult, optional
         Result that is started from.
 
     Returns
     -------
-    Outcome
+    OptimizationOutcome
 
     Raises
     ------
@@ -116,7 +115,7 @@ def run_optimization(
 
     with device_faults(inputs.device):
         run_in_background(lambda _: load_kernels(inputs.device), control.tick, "preparing compute kernels")
-        found = optimize(
+        result = optimize(
             inputs.shapes,
             inputs.settings.placing,
             device=inputs.device,
@@ -128,6 +127,6 @@ def run_optimization(
             solve=solve,
         )
     return OptimizationOutcome(
-        add_repair_notes(inputs, found), found.world, found.local, found.alignments, found.energies,
-        found.iterations, found.reason.value, control.seconds,
+        add_repair_notes(inputs, result), result.world, result.local, result.alignments, result.energies,
+        result.iterations, result.reason.value, control.seconds,
     )  # fmt: skip
