@@ -44,7 +44,7 @@ def test_a_run_that_loses_its_gpu_is_resumed_on_the_cpu(project, run_of, results
         ("homolog.run.table_cache.load_table", LOST, "failed"),
         ("homolog.run.table_cache.solve_plan", FULL, "has too little memory"),
         ("homolog.correspondence.prepared_cohort.field_array", FULL, "has too little memory"),
-        ("homolog.correspondence.prepared_cohort.build_level", LOST, "failed"),
+        ("homolog.correspondence.prepared_cohort.build_surface_set", LOST, "failed"),
     ],
 )
 def test_a_gpu_that_is_lost_or_full_at_any_other_moment_leaves_the_last_result(
