@@ -242,8 +242,8 @@ class Engine:
         distances: FloatArray = np.linalg.norm(offsets, axis=1).reshape(self.shapes, self.count)
         return np.where(np.isfinite(distances), distances, np.inf)
 
-    def _project(self, newton_steps: int = NEWTON_STEPS) -> None:
-        given = [self.count, newton_steps, self.free, self.fields, self.opening_fields]
+    def _project(self, newton_steps: int = NEWTON_STEPS, *, only_free: bool = False) -> None:
+        given = [self.count, newton_steps, int(only_free), self.free, self.fields, self.opening_fields]
         made = [self.positions, self.normals, self.shape_operators, self.openings]
         self.launch(kernels.project, self.total, [*given, *made])
 
@@ -290,7 +290,7 @@ class Engine:
             self.total,
             [self.count, *parameters, self.ensemble_part, self._poses, self.normals, *widths, self.positions],
         )
-        self._project()
+        self._project(only_free=True)
         wp.launch(step_kernels.next_iteration, dim=1, inputs=[self.iteration], device=self.launch.device)
 
 

@@ -42,7 +42,7 @@ def projected(shape, placement, points, steps=3):
     opening_fields = opening_array([shape], [placement], 1.0, "cpu")
     openings = flat_openings(len(points))
     given, made = (
-        [len(points), steps, free, fields, opening_fields],
+        [len(points), steps, 0, free, fields, opening_fields],
         [positions, normals, shape_operators, openings],
     )
     LAUNCHER(kernels.project, len(points), [*given, *made])

@@ -78,6 +78,7 @@ def project(
     first: int,
     per_shape: int,
     newton_steps: int,
+    only_free: int,
     free: wp.array(dtype=int),
     fields: wp.array(dtype=FieldData),
     opening_fields: wp.array(dtype=FieldData),
@@ -89,9 +90,11 @@ def project(
     """Project onto the zero level by Newton steps; compute the normal n and the shape operator dn/dx.
 
     dn/dx = (I - nn') Hess (I - nn') / |grad|. Where opening angles are in use, their gradient and value are
-    computed too.
+    computed too. With `only_free` nothing changes for fixed particles.
     """
     p = first + wp.tid()
+    if only_free == 1 and free[p] == 0:
+        return
     field = fields[p // per_shape]
     x = positions[p]
     limit = 1.5 / wp.length(wp.vec3(field.to_index[0, 0], field.to_index[1, 0], field.to_index[2, 0]))

@@ -86,6 +86,9 @@ def combine(
     so that a common motion stays common.
     """
     p = first + wp.tid()
+    if free[p] == 0:
+        steps[p] = wp.vec3(0.0, 0.0, 0.0)
+        return
     n = normals[p]
     shape_operator = shape_operators[p]
     pose = poses[p // c.per_shape]
@@ -108,11 +111,7 @@ def combine(
         * stiffness[0]
         * (shape_operator * shape_operator + wp.outer(slope, slope))
     )
-    steps[p] = (
-        float(free[p])
-        * tau
-        * (pose.rotation * (wp.inverse(wp.identity(n=3, dtype=float) + stiffness_matrix) * total))
-    )
+    steps[p] = tau * (pose.rotation * (wp.inverse(wp.identity(n=3, dtype=float) + stiffness_matrix) * total))
 
 
 @wp.kernel
