@@ -25,7 +25,7 @@ from homolog.analysis.local_map import LocalStatistic
 from homolog.analysis.mode_test import ModeStatistic
 from homolog.analysis.permutation import counted_p, relabellings
 from homolog.analysis.studentized import identity
-from homolog.analysis.threads import on_one_thread
+from homolog.threads import on_one_thread
 
 PARTICLES = 128
 PERMUTATIONS = 199

@@ -8,10 +8,10 @@ from scipy import stats
 from homolog.analysis.effects import CONFIDENCE, Effect
 from homolog.analysis.permutation import counted_p
 from homolog.analysis.shape_model import principal_components
-from homolog.analysis.threads import on_one_thread
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
+from homolog.threads import on_one_thread
 
 __all__ = ["Discriminant", "discriminant", "shrunk_covariance"]
 

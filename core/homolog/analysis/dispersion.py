@@ -11,8 +11,8 @@ import numpy as np
 from homolog.analysis.design import Design, Exchange
 from homolog.analysis.permutation import counted_p, relabelling_count, relabellings
 from homolog.analysis.studentized import identity
-from homolog.analysis.threads import on_one_thread
 from homolog.arrays import BoolArray, FloatArray, frozen
+from homolog.threads import on_one_thread
 
 __all__ = ["Dispersion", "dispersion_test"]
 

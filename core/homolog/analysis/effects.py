@@ -9,8 +9,8 @@ from scipy import optimize, stats
 from homolog.analysis.design import Design
 from homolog.analysis.permutation import counted_p, relabelling_count, relabellings
 from homolog.analysis.studentized import identity, null_weights, studentized_ratio
-from homolog.analysis.threads import on_one_thread
 from homolog.arrays import BoolArray, FloatArray
+from homolog.threads import on_one_thread
 
 __all__ = ["CONFIDENCE", "Effect", "corrected_distance", "effect_bounds", "size_effect"]
 

@@ -23,11 +23,11 @@ from homolog.analysis.permutation import (
     relabellings,
 )
 from homolog.analysis.studentized import identity, null_weights
-from homolog.analysis.threads import on_one_thread
 from homolog.analysis.wilks import wilks_p
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
+from homolog.threads import on_one_thread
 
 __all__ = ["LocalMap", "LocalStatistic", "local_map"]
 

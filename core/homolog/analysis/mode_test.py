@@ -20,11 +20,11 @@ from homolog.analysis.design import Design, Exchange
 from homolog.analysis.parallel import Null, ParallelAnalysis, parallel_analysis
 from homolog.analysis.permutation import Relabelling, counted_p, relabelling_count, relabellings
 from homolog.analysis.studentized import identity, studentized_ratio
-from homolog.analysis.threads import on_one_thread
 from homolog.analysis.wilks import hotelling, rao_f, wilks_p
 from homolog.arrays import FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
+from homolog.threads import on_one_thread
 
 __all__ = ["ModeStatistic", "ModeTest", "mode_test"]
 

@@ -16,10 +16,10 @@ from homolog.analysis.design import Design
 from homolog.analysis.local_map import LocalStatistic
 from homolog.analysis.mode_test import ModeStatistic
 from homolog.analysis.permutation import counted_p, relabelling_count, relabellings
-from homolog.analysis.threads import on_one_thread
 from homolog.analysis.wilks import wilks_p
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, no_tick
+from homolog.threads import on_one_thread
 
 __all__ = ["WHOLE_SHAPE_F", "WHOLE_SHAPE_PERMUTATION", "FalseAlarms", "null_simulation"]
 

@@ -5,9 +5,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from homolog.analysis.threads import on_one_thread
 from homolog.arrays import FloatArray, frozen
 from homolog.progress import Tick, no_tick
+from homolog.threads import on_one_thread
 
 __all__ = ["Null", "ParallelAnalysis", "parallel_analysis"]
 

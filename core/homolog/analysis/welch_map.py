@@ -6,10 +6,10 @@ import numpy as np
 from scipy import stats
 
 from homolog.analysis.permutation import counted_p
-from homolog.analysis.threads import on_one_thread
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
+from homolog.threads import on_one_thread
 
 __all__ = ["WelchMap", "welch_map"]
 

@@ -23,6 +23,7 @@ from homolog.errors import InputError
 from homolog.geodesics import solve_tables
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
+from homolog.threads import blas_threads
 
 __all__ = ["optimize"]
 
@@ -70,10 +71,6 @@ def optimize(
     OptimizedParticles
         Particles, normals, alignments and energies.
 
-    Returns
-    -------
-    OptimizedParticles
-
     Raises
     ------
     InputError
@@ -110,7 +107,8 @@ def optimize(
         shapes, alignments, cohort, settings, stages, initial, loop_tick, observe, checkpoint
     )
     try:
-        reason = loop.run(resume)
+        with blas_threads(len(shapes)):
+            reason = loop.run(resume)
     finally:
         loop.launcher.close()
     return images.result(loop.result(reason))
