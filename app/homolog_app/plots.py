@@ -88,7 +88,7 @@ def plot_scores(
     """
     figure, axes = _page(4.2, 3.6, theme)
     for index, group in enumerate(sorted(set(groups))):  # as in the window
-        members = np.array([one == group for one in groups])
+        members = np.array([item == group for item in groups])
         colour, marker = _COLOURS[(index + index // 7) % 7], _MARKERS[index % 7]  # no two look alike
         x, y = scores[members][:, list(modes)].T
         label = f"{group or 'no group'} ({len(x)})"

@@ -55,7 +55,7 @@ class Parameter:
     @property
     def choices(self) -> tuple[str, ...]:
         """The values of a closed set; empty for anything else."""
-        return tuple(str(one.value) for one in self.kind) if issubclass(self.kind, Enum) else ()
+        return tuple(str(item.value) for item in self.kind) if issubclass(self.kind, Enum) else ()
 
     @property
     def bounds(self) -> str:
@@ -77,10 +77,10 @@ def parameters(model: type[BaseModel]) -> list[Parameter]:
 def _parameter(name: str, field: FieldInfo) -> Parameter:
     kind, automatic = _kind(field.annotation)
     bounds = {
-        bound: getattr(one, bound)
-        for one in field.metadata
+        bound: getattr(item, bound)
+        for item in field.metadata
         for bound in ("ge", "gt", "le", "lt")
-        if getattr(one, bound, None) is not None
+        if getattr(item, bound, None) is not None
     }
     extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
     return Parameter(
@@ -101,5 +101,5 @@ def _kind(annotation: Any) -> tuple[type, bool]:  # noqa: ANN401 - annotations h
     """Return the type that a value has when it is not left to the program, and whether it may be."""
     if get_origin(annotation) not in (Union, UnionType):
         return annotation, False
-    (kind,) = [one for one in get_args(annotation) if one is not type(None)]
+    (kind,) = [get_arg for get_arg in get_args(annotation) if get_arg is not type(None)]
     return kind, True

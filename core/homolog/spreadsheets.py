@@ -52,7 +52,7 @@ def read_rows(path: Path) -> tuple[list[str], list[tuple[int, Row]]]:
             )
         if any(values):
             filled = [*values, *[""] * (len(columns) - len(values))]
-            rows.append((number, {key: one for key, one in zip(columns, filled, strict=False) if key}))
+            rows.append((number, {key: item for key, item in zip(columns, filled, strict=False) if key}))
     return columns, rows
 
 
@@ -85,7 +85,7 @@ def _sheet_lines(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
     lines: list[tuple[int, list[str]]] = []
     try:
         with zipfile.ZipFile(path) as archive:
-            if sum(one.file_size for one in archive.infolist()) > _LARGEST_UNPACKED:
+            if sum(item.file_size for item in archive.infolist()) > _LARGEST_UNPACKED:
                 raise InputError(f"{path}: is too large for a table; choose another file")
         with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
             sheet = book.worksheets[0]
@@ -93,7 +93,7 @@ def _sheet_lines(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
             for number, row in enumerate(sheet.iter_rows(values_only=True, max_col=_MOST_COLUMNS), start=1):
                 if number > _MOST_ROWS:
                     raise InputError(f"{path}: has more than {_MOST_ROWS} rows; choose another file")
-                values = [_cell(one) for one in row]
+                values = [_cell(item) for item in row]
                 while values and not values[-1]:
                     values.pop()
                 if values or lines:

@@ -125,7 +125,7 @@ def _barycentric(triangles: np.ndarray, points: _Points) -> np.ndarray:
     a, u, v = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     w = points - a
     uu, uv, vv, wu, wv = (
-        (one * other).sum(axis=1) for one, other in ((u, u), (u, v), (v, v), (w, u), (w, v))
+        (item * other).sum(axis=1) for item, other in ((u, u), (u, v), (v, v), (w, u), (w, v))
     )
     scale = np.maximum(uu * vv - uv * uv, 1e-30)
     found = np.stack([np.zeros(len(a)), (vv * wu - uv * wv) / scale, (uu * wv - uv * wu) / scale], axis=1)

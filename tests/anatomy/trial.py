@@ -109,7 +109,7 @@ def _faults(groomed: GroomedSubject) -> list[str]:
     faults = []
     field = groomed.field
     sides = [np.moveaxis(field.values, axis, 0)[[0, -1]] for axis in range(3)]
-    if not np.isfinite(field.values).all() or min(one.min() for one in sides) <= 0.0:
+    if not np.isfinite(field.values).all() or min(side.min() for side in sides) <= 0.0:
         faults.append("the field is not finite, or not positive at its border")
     for name, mesh in (("mesh", groomed.mesh), ("coarse mesh", groomed.coarse_mesh)):
         try:

@@ -28,13 +28,13 @@ def brain(axes, *, rare, clipped):
     grid = np.indices((26, 22, 40))
     values = np.zeros((26, 22, 40), np.uint8)
     inside = (
-        sum(((one - at) / half) ** 2 for one, at, half in zip(grid, (12, 10, 10), axes, strict=True)) <= 1
+        sum(((item - at) / half) ** 2 for item, at, half in zip(grid, (12, 10, 10), axes, strict=True)) <= 1
     )
     values[inside] = OVAL
     low = 36 if clipped else 30
-    values[sum((one - at) ** 2 for one, at in zip(grid, (12, 10, low), strict=True)) <= axes[0] ** 2 / 2] = (
-        ROUND
-    )
+    values[
+        sum((item - at) ** 2 for item, at in zip(grid, (12, 10, low), strict=True)) <= axes[0] ** 2 / 2
+    ] = ROUND
     values[1:3, 1:3, 36:39] = ROUND
     if rare:
         values[20:24, 17:21, 1:5] = RARE
@@ -72,7 +72,7 @@ def test_labels_lists_names_numbers_subjects_volumes_and_the_border(scans, capsy
     assert (rows["Round_Body"][:2], rows["Round_Body"][-1]) == (["2", "4/4"], "1")
     assert main(["labels", str(scans), "--progress", "none", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["structures"]
-    assert [one["at_border"] for one in found] == [[], ["d"], [], ["a", "b", "c", "d"]]
+    assert [item["at_border"] for item in found] == [[], ["d"], [], ["a", "b", "c", "d"]]
 
 
 def test_run_takes_a_structure_by_name(scans, tmp_path):
@@ -114,7 +114,7 @@ def test_a_new_subject_with_a_mask_for_each_structure_is_fitted_by_its_folder(tm
     words = ["run", str(tmp_path / "scans"), "--label", "LIVER", "--out", str(project)]
     assert main([*words, *QUICK, *QUIET]) == 0
     assert main(["run", str(project), "--fit", str(new), *QUIET]) == 0
-    assert [one.name for one in Project(project).read().result.subjects] == ["a", "b", "c", "new"]
+    assert [subject.name for subject in Project(project).read().result.subjects] == ["a", "b", "c", "new"]
 
 
 def test_run_refuses_an_unknown_name_with_near_ones(scans, tmp_path, capsys):
@@ -126,7 +126,7 @@ def test_a_batch_makes_a_project_for_each_structure_and_goes_on_past_those_that_
     code, out = finished
     assert code == 1  # one failed
     record = json.loads((out / "batch.json").read_text())["structures"]
-    assert {name: one["state"] for name, one in record.items()} == {
+    assert {name: item["state"] for name, item in record.items()} == {
         "Left-Oval": "finished", "Round_Body": "finished", "Rare": "too few subjects", "Tiny": "failed",
     }  # fmt: skip
     assert "2 subjects have it" in record["Rare"]["message"]

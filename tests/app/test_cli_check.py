@@ -43,7 +43,7 @@ def test_an_exchange_is_printed_first_and_written_as_csv_and_json(swapped, tmp_p
     local = read_result(swapped).local[1, 7]
     place = [float(rows[0][name]) for name in ("x_mm", "y_mm", "z_mm")]
     np.testing.assert_allclose(place, local, atol=1e-3)
-    assert [one["words"] for one in json.loads(objects.read_text())] == [one["words"] for one in rows]
+    assert [load["words"] for load in json.loads(objects.read_text())] == [row["words"] for row in rows]
 
 
 def test_only_severe_suspects_are_listed_if_asked_for(swapped, capsys):

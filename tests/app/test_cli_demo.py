@@ -23,7 +23,7 @@ def small_demo(tmp_path_factory):
 def test_the_demo_leaves_both_projects_the_cohort_and_the_comparison(small_demo):
     code, out, _ = small_demo
     assert code == 0
-    assert sorted(one.name for one in out.iterdir()) == [
+    assert sorted(path.name for path in out.iterdir()) == [
         "cohort", "comparison.csv", "comparison.png", "original", "proposed",
     ]  # fmt: skip
     records = [json.loads((out / name / "project.json").read_text()) for name in ("original", "proposed")]
@@ -68,7 +68,7 @@ def test_a_folder_with_other_files_is_left_alone(tmp_path, capsys):
     (tmp_path / "thesis.txt").write_text("years of work")
     assert main(["demo", "--out", str(tmp_path)]) == 2
     assert "contains other files" in capsys.readouterr().err
-    assert [one.name for one in tmp_path.iterdir()] == ["thesis.txt"]
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
 
 
 def test_too_few_particles_are_refused_before_anything_is_written(tmp_path, capsys):

@@ -150,7 +150,7 @@ def test_meshes_are_the_projects_own_surfaces_with_displacement(export, project,
     code, folder, said = export("meshes", "meshes", *words, *QUICK)
     assert code == 0, said
     listed = {row["file"]: row for row in rows(folder / "meshes.csv")}
-    assert set(listed) == {one.name for one in folder.iterdir()} - {"meshes.csv"}
+    assert set(listed) == {item.name for item in folder.iterdir()} - {"meshes.csv"}
     assert len(listed) == 1 + 2 + 2 + 12
     assert all(row["coordinates"].startswith("LPS mm") for row in listed.values())
     result, subjects = read_result(project), read_surfaces(project)
@@ -225,11 +225,13 @@ def test_tables_hold_scores_modes_measures_and_a_study(export, project):
         np.var([float(row["mode_1_mm"]) for row in scores], ddof=1), float(modes[0]["variance_mm2"])
     )
     volumes = [float(row["volume_mm3"]) for row in subjects]
-    np.testing.assert_allclose(volumes, [one.volume for one in read_surfaces(project)], rtol=1e-6)
+    np.testing.assert_allclose(
+        volumes, [read_surface.volume for read_surface in read_surfaces(project)], rtol=1e-6
+    )
     assert volumes[1] == pytest.approx(4.0 / 3.0 * np.pi * AXES.prod() * 1.1 * 1.01, rel=0.03)
     assert subjects[0]["group"] == "short"
     assert subjects[0]["x"] == "1"
-    (study,) = [one for one in folder.iterdir() if one.is_dir()]
+    (study,) = [path for path in folder.iterdir() if path.is_dir()]
     assert rows(study / "tests.csv")[0]["comparison"] == "long - short"
 
 
@@ -250,7 +252,7 @@ def test_points_are_the_results_particles(export, project):
     np.testing.assert_allclose(read_particles(folder / "mean_world.particles"), result.world.mean(axis=0))
     _, folder, _ = export("markups", "markups", "--progress", "none")
     (markup,) = json.loads((folder / "s02.mrk.json").read_text())["markups"]
-    positions = [one["position"] for one in markup["controlPoints"]]
+    positions = [item["position"] for item in markup["controlPoints"]]
     np.testing.assert_array_equal(positions, result.world[2])
     assert markup["coordinateSystem"] == "LPS"
 
@@ -271,7 +273,7 @@ def test_a_folder_that_holds_anything_is_not_written_to(export, tmp_path):
     code, folder, said = export("particles", "mine", "--progress", "none")
     assert code == 2
     assert "already exists" in said
-    assert [one.name for one in folder.iterdir()] == ["notes.txt"]
+    assert [path.name for path in folder.iterdir()] == ["notes.txt"]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="processes can't be asked to end there")

@@ -65,11 +65,14 @@ def test_landmark_errors_are_in_info_and_report(finished_run, ellipsoids, tmp_pa
     shutil.copytree(ellipsoids, tmp_path / "scans")
     shutil.copytree(finished_run.folder, tmp_path / "project")
     project = Project(tmp_path / "project")
-    for name, points in zip(*[getattr(read_result(project), one) for one in ("names", "local")], strict=True):
+    for name, points in zip(
+        *[getattr(read_result(project), item) for item in ("names", "local")], strict=True
+    ):
         write_markups(tmp_path / "scans" / f"{name}.mrk.json", points[[2, 9]], ("tip <b>", "base"))
     record = project.read()
     subjects = [
-        one.model_copy(update={"landmarks": f"../scans/{one.name}.mrk.json"}) for one in record.subjects
+        subject.model_copy(update={"landmarks": f"../scans/{subject.name}.mrk.json"})
+        for subject in record.subjects
     ]
     project.write(record.model_copy(update={"subjects": subjects}))
     assert main(["info", str(project.folder)]) == 0

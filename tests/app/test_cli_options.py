@@ -20,10 +20,10 @@ def parser():
 def test_every_setting_is_an_option_with_its_help_bounds_and_unit(parser):
     text = " ".join(parser.format_help().split())
     for model in (OptimizeSettings, GroomSettings, RunSettings):
-        for one in parameters(model):
-            assert f"--{one.name.replace('_', '-')}" in text
-            assert " ".join(one.help.split()) in text
-            assert f"({one.bounds}" in text
+        for parameter in parameters(model):
+            assert f"--{parameter.name.replace('_', '-')}" in text
+            assert " ".join(parameter.help.split()) in text
+            assert f"({parameter.bounds}" in text
 
 
 def test_options_that_are_not_given_leave_the_settings_as_they_are(parser):

@@ -60,12 +60,12 @@ def test_a_project_runs_again_with_other_settings_and_gets_pictures(project, cap
     assert main(words) == 0
     *records, last = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert {"phase", "fraction", "message", "eta_s"} == set(records[0])
-    assert [one["fraction"] for one in records if one["phase"]][-1] == 1.0
+    assert [item["fraction"] for item in records if item["phase"]][-1] == 1.0
     assert last == {"reason": "completed", "project": str(project.folder)}
     record = project.read()
     assert (record.result.particles, record.result.metric) == (24, "euclidean")
     assert record.settings.optimize.anneal_iterations == 20
-    assert {one.name for one in project.figures.iterdir()} == {"mean.png", "modes.png", "subjects_01.png"}
+    assert {path.name for path in project.figures.iterdir()} == {"mean.png", "modes.png", "subjects_01.png"}
 
 
 def test_ctrl_c_stops_at_once_and_says_how_to_go_on(begin, project):
@@ -157,7 +157,7 @@ BAD = ["cut", "empty", "flat", "nan", "open", "series", "text"]
 
 
 def test_each_bad_file_gets_a_line_with_its_name_and_nothing_is_written(mixed, tmp_path, capsys):
-    names = [one.name for one in sorted(mixed.iterdir())]
+    names = [path.name for path in sorted(mixed.iterdir())]
     rows = [f"{name.split('.')[0]},scans/{name}" for name in [*names, "gone.nrrd"]]
     (tmp_path / "cohort.csv").write_text("\n".join(["name,path", *rows]))
     assert main(["run", str(tmp_path / "cohort.csv"), "--out", str(tmp_path / "new"), *QUIET]) == 2

@@ -35,7 +35,7 @@ def options(short_settings):
 
 def bytes_of(project):
     """Return all particles of a project, as they are on the disk."""
-    stems = [one.file for one in project.read().result.subjects]
+    stems = [subject.file for subject in project.read().result.subjects]
     return [
         particle_file(project, stem, frame).read_bytes() for stem in stems for frame in ("local", "world")
     ]
@@ -66,7 +66,7 @@ def test_a_table_changes_groups_and_covariates_but_no_particle(project, table, c
 
 def test_everything_that_reads_groups_sees_the_new_ones(project, table, capsys):
     main(["table", str(project.folder), str(table)])
-    assert [one.group for one in project.read().result.subjects] == ["case", "control", "case", None]
+    assert [subject.group for subject in project.read().result.subjects] == ["case", "control", "case", None]
     lines = (project.model / "scores.csv").read_text(encoding="utf-8").splitlines()
     assert [line.split(",")[1] for line in lines[1:]] == ["case", "control", "case", ""]
     capsys.readouterr()

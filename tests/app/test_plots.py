@@ -65,7 +65,7 @@ def test_the_score_plot_shows_each_group_once_with_its_size():
     scores = np.arange(10.0).reshape(5, 2)
     figure = plot_scores(scores, np.array([0.7, 0.3]), ["a", "b", "a", "a", "b"])
     axes = figure.axes[0]
-    assert [one.get_text() for one in axes.get_legend().get_texts()] == ["a (3)", "b (2)"]
+    assert [get_text.get_text() for get_text in axes.get_legend().get_texts()] == ["a (3)", "b (2)"]
     np.testing.assert_array_equal(axes.collections[0].get_offsets(), scores[[0, 2, 3]])
     assert axes.get_xlabel() == "mode 1 (70 %), score (mm)"
 
@@ -75,4 +75,4 @@ def test_the_discriminant_plot_keeps_the_groups_apart():
     axes = plot_discriminant(scores, np.array([False, False, True, True]), ("n", "h")).axes[0]
     np.testing.assert_array_equal(axes.collections[0].get_offsets()[:, 0], [-2.0, -1.0])
     np.testing.assert_array_equal(axes.collections[1].get_offsets()[:, 0], [1.0, 2.0])
-    assert [one.get_text() for one in axes.get_yticklabels()] == ["n", "h"]
+    assert [get_yticklabel.get_text() for get_yticklabel in axes.get_yticklabels()] == ["n", "h"]

@@ -10,7 +10,7 @@ import trimesh
 
 ROOT = Path(__file__).parents[2]
 SHORT = "32, spacing=1.0, mesh_edge=2.0, anneal_iterations=20, settle_iterations=20"
-ROOTS = os.pathsep.join(str(ROOT / one) for one in ("core", "app", "resources"))
+ROOTS = os.pathsep.join(str(ROOT / item) for item in ("core", "app", "resources"))
 
 
 def test_the_readme_example_prints_shares_and_a_p_value_and_makes_a_project(ellipsoids, tmp_path):
@@ -27,4 +27,4 @@ def test_the_readme_example_prints_shares_and_a_p_value_and_makes_a_project(elli
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(r"\[0\.\d+ +0\.\d+ +0\.\d+ *\]\ny - x [01]\.\d+", done.stdout.strip())
-    assert {"mode_1.ply", "PROJECT"} <= {one.name for one in tmp_path.iterdir()}
+    assert {"mode_1.ply", "PROJECT"} <= {path.name for path in tmp_path.iterdir()}

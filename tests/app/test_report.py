@@ -170,9 +170,9 @@ def test_each_p_is_printed_with_no_more_digits_than_it_has():
 
 def test_a_group_that_scatters_more_raises_a_caution_where_answers_are_read(project, capsys):
     record = project.read().result
-    for index, one in enumerate(record.subjects):
-        if one.group == "A":
-            place = particle_file(project, one.file, "world")
+    for index, subject in enumerate(record.subjects):
+        if subject.group == "A":
+            place = particle_file(project, subject.file, "world")
             shape = read_particles(place)
             generator = np.random.default_rng(index)
             push = 3.0 * np.tanh(np.linalg.norm(shape, axis=1, keepdims=True)) * generator.normal(size=(1, 3))
@@ -213,7 +213,7 @@ def test_tables_say_what_they_are_of_and_what_each_column_holds(project):
     kept = json.loads((folder / "study.json").read_text())
     assert kept["answered"]["fingerprint"] == "abc"
     meanings = _rows(folder / "columns.csv")
-    assert {row["file"] for row in meanings} == {one.name for one in folder.glob("*.csv")} - {"columns.csv"}
+    assert {row["file"] for row in meanings} == {path.name for path in folder.glob("*.csv")} - {"columns.csv"}
     assert all(row["meaning"] for row in meanings)
     assert not [row for row in meanings if row["meaning"] == "the column that was asked about"][1:]
     particle = _rows(folder / "particles_C_-_A.csv")[0]
@@ -245,8 +245,8 @@ def test_numbers_that_are_declared_categories_become_columns(project):
             name
         )
     folders = sorted((project.folder / "analysis").iterdir())
-    dof = [int(float(_rows(one / "tests.csv")[0]["f_dof_denominator"])) for one in folders]
-    modes = [int(_rows(one / "tests.csv")[0]["modes"]) for one in folders]
+    dof = [int(float(_rows(folder / "tests.csv")[0]["f_dof_denominator"])) for folder in folders]
+    modes = [int(_rows(folder / "tests.csv")[0]["modes"]) for folder in folders]
     assert dof[0] + modes[0] == dof[1] + modes[1] + 1
 
 
@@ -258,8 +258,8 @@ def test_a_covariate_that_is_the_same_within_one_pair_of_groups_is_told_not_refu
 def test_a_column_called_size_is_the_users_own(project, capsys):
     record = project.read()
     subjects = [
-        one.model_copy(update={"columns": {**one.columns, "size": str(index % 5)}})
-        for index, one in enumerate(record.result.subjects)
+        subject.model_copy(update={"columns": {**subject.columns, "size": str(index % 5)}})
+        for index, subject in enumerate(record.result.subjects)
     ]
     project.write(
         record.model_copy(update={"result": record.result.model_copy(update={"subjects": subjects})})
@@ -273,7 +273,7 @@ def test_a_column_called_size_is_the_users_own(project, capsys):
 
 
 def test_no_answer_overwrites_that_of_another_question(project):
-    long = [f"{'a very long name of a group ' * 5}{one}" for one in "AB"]
+    long = [f"{'a very long name of a group ' * 5}{item}" for item in "AB"]
     questions = [
         StudyRequest(between=tuple(long)),
         StudyRequest(between=(long[0], long[0] + "C")),
@@ -286,13 +286,15 @@ def test_no_answer_overwrites_that_of_another_question(project):
         StudyRequest(seed=4),
     ]
     folders = []
-    for one in questions:
-        folders.append(study_folder(project, one))
-        write_request(one, folders[-1], Answered.now(project))
+    for entry in questions:
+        folders.append(study_folder(project, entry))
+        write_request(entry, folders[-1], Answered.now(project))
     assert len(set(folders)) == len(questions)
-    assert [study_folder(project, one) for one in questions] == folders
-    assert max(len(one.name) for one in folders) < 140
-    assert sorted(one.question for one in read_requests(project)) == sorted(one.question for one in questions)
+    assert [study_folder(project, question) for question in questions] == folders
+    assert max(len(folder.name) for folder in folders) < 140
+    assert sorted(read_request.question for read_request in read_requests(project)) == sorted(
+        question.question for question in questions
+    )
 
 
 def test_a_question_of_an_earlier_version_is_answered_and_the_change_is_told(project):
@@ -321,11 +323,13 @@ def test_the_size_of_shapes_that_the_run_brought_to_one_is_still_compared(projec
     record = project.read().result
     before = column_of(read_result(project), "shape-size")
     subjects = []
-    for index, one in enumerate(record.subjects):
+    for index, subject in enumerate(record.subjects):
         scale = 1.0 + 0.1 * (index % 4)
-        place = particle_file(project, one.file, "world")
+        place = particle_file(project, subject.file, "world")
         write_particles(place, read_particles(place) * scale)
-        subjects.append(one.model_copy(update={"alignment": np.diag([scale, scale, scale, 1.0]).tolist()}))
+        subjects.append(
+            subject.model_copy(update={"alignment": np.diag([scale, scale, scale, 1.0]).tolist()})
+        )
     project.write(ProjectRecord(result=record.model_copy(update={"subjects": subjects})))
     after = column_of(read_result(project), "shape-size")
     np.testing.assert_allclose(np.array(after, float), np.array(before, float), rtol=1e-6)

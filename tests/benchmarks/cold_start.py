@@ -50,11 +50,11 @@ def one_round(folder: Path, programs: int) -> int:
         for index in range(programs)
     ]  # fmt: skip
     bad = 0
-    for one in started:
-        words = one.communicate()[1]
-        if one.returncode != 0:
+    for item in started:
+        words = item.communicate()[1]
+        if item.returncode != 0:
             bad += 1
-            print(f"exit code {one.returncode}: {words[-2000:]}", flush=True)
+            print(f"exit code {item.returncode}: {words[-2000:]}", flush=True)
     return bad
 
 

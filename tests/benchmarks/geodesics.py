@@ -100,7 +100,7 @@ def growth(picture: Path, sizes: tuple[int, ...] = (1000, 2000, 4000, 8000, 16_0
             ax.loglog(x, values, "o-", label=f"{name}: slope {slope:.2f}")
             print(f"{name} against {label}: slope {slope:.2f}; {', '.join(f'{v:.3g}' for v in values)}")
         ax.set_xlabel(label)
-        ax.set_xticks(x, [f"{one:g}" for one in x])
+        ax.set_xticks(x, [f"{item:g}" for item in x])
         ax.minorticks_off()
         ax.legend()
         ax.grid(alpha=0.3)

@@ -55,12 +55,12 @@ def compare(name: str, mesh: TriangleMesh, share: float, device: str) -> None:
     d_max = reach_of(mesh, share)
     tables = [solve_tables([mesh], d_max, device=where)[0] for where in ("cpu", device, device)]
     dense = [np.asarray(table.to_csr().todense()) / table.unit for table in tables]
-    for label, one, other in (("CPU/GPU", dense[0], dense[1]), ("GPU/GPU", dense[1], dense[2])):
-        both = (one > 0) & (other > 0)
-        codes = np.abs(one - other)[both]
+    for label, item, other in (("CPU/GPU", dense[0], dense[1]), ("GPU/GPU", dense[1], dense[2])):
+        both = (item > 0) & (other > 0)
+        codes = np.abs(item - other)[both]
         print(
             f"agree  {name:10s} V {len(mesh.vertices):6d} {tables[1].storage} {label} pairs {both.sum():9d} "
-            f"in one only {((one > 0) != (other > 0)).sum():5d} codes: max {codes.max():4.1f} "
+            f"in one only {((item > 0) != (other > 0)).sum():5d} codes: max {codes.max():4.1f} "
             f"over 2: {100 * (codes > 2.5).mean():.4f} %",
             flush=True,
         )

@@ -41,7 +41,9 @@ def exact_rows(mesh: TriangleMesh, limit: float, sources: np.ndarray) -> np.ndar
     """Return exact distances up to a limit; not for timing, since it builds the mesh for each source."""
     everywhere, faces = np.arange(len(mesh.vertices), dtype=np.int32), mesh.faces.astype(np.int32)
     starts = [np.array([source], np.int32) for source in sources]
-    rows = [gdist.compute_gdist(mesh.vertices, faces, one, everywhere, max_distance=limit) for one in starts]
+    rows = [
+        gdist.compute_gdist(mesh.vertices, faces, start, everywhere, max_distance=limit) for start in starts
+    ]
     return np.stack(rows)
 
 

@@ -77,11 +77,11 @@ def main() -> None:
                 tries.append(one)
     print("| killed while | tries | project unreadable | lost at most s | resumed, unlike the whole run |")
     print("|---|---|---|---|---|")
-    for phase in (*Counter(one.phase for one in tries), "all"):
-        rows = [one for one in tries if phase in (one.phase, "all")]
-        bad, unlike = sum(not one.readable for one in rows), sum(not one.equal for one in rows)
+    for phase in (*Counter(item.phase for item in tries), "all"):
+        rows = [item for item in tries if phase in (item.phase, "all")]
+        bad, unlike = sum(not row.readable for row in rows), sum(not row.equal for row in rows)
         print(f"| {phase} | {len(rows)} | {bad} | {max(one.lost_s for one in rows):.1f} | {unlike} |")
-    sys.exit(not all(one.readable and one.equal and one.lost_s <= 30.0 for one in tries))
+    sys.exit(not all(item.readable and item.equal and item.lost_s <= 30.0 for item in tries))
 
 
 def start(source: Path, *how: object) -> subprocess.Popen[str]:
@@ -119,8 +119,8 @@ def one_try(folder: Path, phase: str, spans: dict[str, float], after: float) -> 
     began = time.time()
     reached, killed_at = kill_in(start(project.folder), phase, (after, max(0.5 * spans[phase], after)))
     kept = (project.checkpoint, *project.groomed.glob("*.npz"), *project.geodesics.glob("[!.]*.npz"))
-    saved = [one.stat().st_mtime for one in kept if one.is_file()]
-    lost = killed_at - max(one for one in (*saved, began) if one <= killed_at)
+    saved = [item.stat().st_mtime for item in kept if item.is_file()]
+    lost = killed_at - max(item for item in (*saved, began) if item <= killed_at)
     readable = is_readable(project)
     dict(follow(start(project.folder, *(["--resume"] if project.read().unfinished else []))))
     return Try(reached, readable, lost, contents(project.folder) == whole)

@@ -67,8 +67,8 @@ def main():
     groomed = groom_cohort(read_cohort(FOLDER / "labels"), settings.groom)
     alignments = align(groomed, settings.groom)
     shapes = [
-        Shape(one.name, one.field, one.mesh, one.coarse_mesh, alignment)
-        for one, alignment in zip(groomed, alignments, strict=True)
+        Shape(item.name, item.field, item.mesh, item.coarse_mesh, alignment)
+        for item, alignment in zip(groomed, alignments, strict=True)
     ]
     landmarks = expert_landmarks([shape.name for shape in shapes])
     if arguments.icp:

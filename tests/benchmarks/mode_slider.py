@@ -97,9 +97,9 @@ def content(shape, deviations):
 def timed(name: str, work, arguments) -> dict[str, list[float]]:
     """Return how long each call takes, on the clock and of the processors [ms]."""
     clock, spent = [], []
-    for one in arguments:
+    for argument in arguments:
         began, used = time.perf_counter(), time.process_time()
-        work(one)
+        work(argument)
         clock.append(1000.0 * (time.perf_counter() - began))
         spent.append(1000.0 * (time.process_time() - used))
     return {name: clock, f"{name}, CPU": spent}

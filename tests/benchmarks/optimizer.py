@@ -73,13 +73,13 @@ def save(path, cohort, settings):
 
     start = time.perf_counter()
     groomed = groom_cohort(cohort, settings, cache=None)
-    arrays = {"names": [one.name for one in groomed], "alignments": align(groomed, settings)}
-    for k, one in enumerate(groomed):
-        values = np.clip(one.field.values, -5 * one.field.spacing, 5 * one.field.spacing)
-        arrays |= {f"values{k}": values.astype(np.float16), f"grid{k}": one.field.index_to_world}
-        arrays |= {f"vertices{k}": one.mesh.vertices.astype(np.float32), f"faces{k}": one.mesh.faces}
-        arrays |= {f"coarse_vertices{k}": one.coarse_mesh.vertices.astype(np.float32)}
-        arrays |= {f"coarse_faces{k}": one.coarse_mesh.faces}
+    arrays = {"names": [item.name for item in groomed], "alignments": align(groomed, settings)}
+    for k, entry in enumerate(groomed):
+        values = np.clip(entry.field.values, -5 * entry.field.spacing, 5 * entry.field.spacing)
+        arrays |= {f"values{k}": values.astype(np.float16), f"grid{k}": entry.field.index_to_world}
+        arrays |= {f"vertices{k}": entry.mesh.vertices.astype(np.float32), f"faces{k}": entry.mesh.faces}
+        arrays |= {f"coarse_vertices{k}": entry.coarse_mesh.vertices.astype(np.float32)}
+        arrays |= {f"coarse_faces{k}": entry.coarse_mesh.faces}
     np.savez_compressed(path, **arrays)
     print(f"{path.name}: {len(groomed)} shapes, {time.perf_counter() - start:.1f} s", flush=True)
 

@@ -27,9 +27,9 @@ def by_kernel(engine):
     for _ in range(LIST_ITERATIONS):
         engine._move()
     spent, launches = collections.Counter(), collections.Counter()
-    for one in wp.timing_end():
-        name = one.name.removeprefix("forward kernel ")
-        spent[name] += one.elapsed / LIST_ITERATIONS
+    for item in wp.timing_end():
+        name = item.name.removeprefix("forward kernel ")
+        spent[name] += item.elapsed / LIST_ITERATIONS
         launches[name] += 1 / LIST_ITERATIONS
     return spent, launches
 

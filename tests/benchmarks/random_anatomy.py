@@ -95,7 +95,7 @@ def print_tables(done: list[Trial]) -> None:
     )
     for (kind, reason), count in reasons.most_common():
         print(f"| {kind} | {reason} | {count} |")
-    for trial in sorted((trial for trial in done if trial.outcome == "bad"), key=lambda one: one.reason):
+    for trial in sorted((trial for trial in done if trial.outcome == "bad"), key=lambda item: item.reason):
         print(f'bad: --again "{trial.family}" {trial.seed}: {trial.reason}')
 
 

@@ -80,11 +80,11 @@ def verdict(rows: np.ndarray) -> tuple[list[str], bool]:
     growth = last / warm - 1.0
     lines = [
         row_of("", COLUMNS),
-        row_of(f"runs {_WARM + 1}-{_WARM + _TEN}", [f"{one:.1f}" for one in warm]),
-        row_of("last ten", [f"{one:.1f}" for one in last]),
-        row_of("growth %", [f"{100 * one:.2f}" for one in growth]),
+        row_of(f"runs {_WARM + 1}-{_WARM + _TEN}", [f"{item:.1f}" for item in warm]),
+        row_of("last ten", [f"{item:.1f}" for item in last]),
+        row_of("growth %", [f"{100 * item:.2f}" for item in growth]),
     ]
-    grown = [name for name, one in zip(COLUMNS, growth, strict=True) if one >= MOST]
+    grown = [name for name, item in zip(COLUMNS, growth, strict=True) if item >= MOST]
     return [*lines, f"NOT flat: {', '.join(grown)}" if grown else "flat"], not grown
 
 

@@ -80,7 +80,7 @@ def _spread(labels: list[str], doubled: str = "") -> np.ndarray:
 def groups(*counts: int, doubled: str = "", kind: str = "normal", related: bool = False) -> Callable:
     labels = _counted(*counts)
     order = sorted(set(labels))
-    members = {one: np.array(labels) == one for one in order}
+    members = {item: np.array(labels) == item for item in order}
 
     def make(shapes: Shapes) -> tuple[np.ndarray, Design, dict]:
         data, column = shapes.drawn(_spread(labels, doubled), kind), None
@@ -158,7 +158,7 @@ def called(data: np.ndarray, design: Design, members: dict, seed: int) -> list[b
         1.0 if found is None else found.p,
         1.0 if spread is None else spread.p,
     ]
-    return [one <= ALPHA for one in p]
+    return [item <= ALPHA for item in p]
 
 
 def rates(make: Callable, repeats: int, seed: int, effect: float = 0.0) -> list[float]:
@@ -187,14 +187,14 @@ def main() -> None:
     for name, make in STUDIES.items():
         if arguments.only in name:
             found = rates(make, repeats, seed=1)
-            print(f"| {name} |", " | ".join(f"{one:.1f}" for one in found), "|", flush=True)
+            print(f"| {name} |", " | ".join(f"{item:.1f}" for item in found), "|", flush=True)
     fewer = max(repeats // 4, 10)
     print(f"\nPower in %, effect of 0.3 x a smooth pattern of 1 mm, {fewer} repeats\n")
     print("| study |", " | ".join(TESTS[:3]), "|\n|---|---|---|---|", sep="")
     for name, make in STUDIES.items():
         if arguments.only in name:
             found = rates(make, fewer, seed=2, effect=0.3)[:3]
-            print(f"| {name} |", " | ".join(f"{one:.0f}" for one in found), "|", flush=True)
+            print(f"| {name} |", " | ".join(f"{item:.0f}" for item in found), "|", flush=True)
 
 
 if __name__ == "__main__":

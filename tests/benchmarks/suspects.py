@@ -45,7 +45,7 @@ def main() -> None:
     for folder in arguments.projects:
         project = Project(folder)
         result, record = read_result(project), project.read().result
-        meshes = [read_mesh(surface_file(project, one.file)) for one in record.subjects]
+        meshes = [read_mesh(surface_file(project, subject.file)) for subject in record.subjects]
         began, cpu = time.perf_counter(), time.process_time()
         found = inspect(result.local, meshes, result.alignments, names=result.names)
         spent = f"{time.perf_counter() - began:.1f} s, {time.process_time() - cpu:.1f} CPU s"

@@ -22,7 +22,7 @@ def facing(shape, particles, normals):
     grid = shape.field.index_to_world
     order = np.argmax(np.abs(grid[:3, :3]), axis=1)  # the grid's axis along x, y and z
     inside = shape.field.values.transpose(order) < 0.0
-    slices = [ndimage.binary_fill_holes(one) for one in np.moveaxis(inside, 2, 0)]
+    slices = [ndimage.binary_fill_holes(item) for item in np.moveaxis(inside, 2, 0)]
     cavity = np.stack(slices, axis=2) & ~inside
     to_index = np.linalg.inv(grid)
     at = ((particles + PROBE_MM * normals) @ to_index[:3, :3].T + to_index[:3, 3])[:, order]

@@ -152,8 +152,8 @@ def remains(app) -> list[int]:
 
     gc.collect()
     alive = gc.get_objects()
-    timers = sum(isinstance(one, QTimer) and isValid(one) and one.isActive() for one in alive)
-    vtk = sum(isinstance(one, vtkObjectBase) for one in alive)
+    timers = sum(isinstance(item, QTimer) and isValid(item) and item.isActive() for item in alive)
+    vtk = sum(isinstance(item, vtkObjectBase) for item in alive)
     files = len(os.listdir("/proc/self/fd"))
     return [threading.active_count(), timers, len(app.allWidgets()), vtk, files, memory()]
 

@@ -23,9 +23,9 @@ def table(folder, text, name="cohort.csv"):
 
 def test_a_folder_gives_its_images_and_meshes_by_name(folder):
     cohort = read_cohort(folder)
-    assert [one.name for one in cohort.subjects] == ["C", "a", "b"]
-    assert [one.is_mesh for one in cohort.subjects] == [True, False, False]
-    assert all(one.group is None and one.path.is_absolute() for one in cohort.subjects)
+    assert [subject.name for subject in cohort.subjects] == ["C", "a", "b"]
+    assert [subject.is_mesh for subject in cohort.subjects] == [True, False, False]
+    assert all(subject.group is None and subject.path.is_absolute() for subject in cohort.subjects)
     assert cohort.folder == folder
 
 
@@ -45,7 +45,7 @@ def test_a_table_may_hold_absolute_paths(folder):
 
 
 def test_subjects_can_be_left_out(folder):
-    assert [one.name for one in read_cohort(folder).without({"a", "C"}).subjects] == ["b"]
+    assert [subject.name for subject in read_cohort(folder).without({"a", "C"}).subjects] == ["b"]
 
 
 def test_subjects_survive_pickling(folder):
@@ -97,7 +97,7 @@ PLAIN = "name,path,group,age\nÄnne,a.nrrd,HCM,61\ny,sub/b.nii.gz,,\n"
         PLAIN.replace("name,path,group", "Name,PATH,Group").encode(),
         (PLAIN.replace("\n", ",,\n") + ",,,\n\n , , \n").encode(),
         PLAIN.replace("sub/b", "sub\\b").encode(),
-        "\n".join(",".join(f'"{one}"' for one in line.split(",")) for line in PLAIN.splitlines()).encode(),
+        "\n".join(",".join(f'"{part}"' for part in line.split(",")) for line in PLAIN.splitlines()).encode(),
     ],
 )
 def test_a_table_may_be_saved_by_any_spreadsheet_program(folder, content):
@@ -134,7 +134,7 @@ def place(folder, *names):
 
 def test_a_folder_above_the_one_with_the_files_will_do(tmp_path):
     place(tmp_path, "subjects.csv", "labels/b.nrrd", "labels/a.nii.gz", "figures/a.png")
-    assert [(one.name, one.path) for one in read_cohort(tmp_path).subjects] == [
+    assert [(subject.name, subject.path) for subject in read_cohort(tmp_path).subjects] == [
         ("a", tmp_path / "labels" / "a.nii.gz"), ("b", tmp_path / "labels" / "b.nrrd"),
     ]  # fmt: skip
 
@@ -142,7 +142,9 @@ def test_a_folder_above_the_one_with_the_files_will_do(tmp_path):
 def test_folders_of_one_file_each_name_the_subjects(tmp_path):
     place(tmp_path, "anna/mask.nii.gz", "anna/scan.txt", "bert/mask.nii.gz", ".trash/x/mask.nii.gz")
     place(tmp_path, "bert/mask.mrk.json")
-    assert [(one.name, one.path, one.landmarks) for one in read_cohort(tmp_path).subjects] == [
+    assert [
+        (subject.name, subject.path, subject.landmarks) for subject in read_cohort(tmp_path).subjects
+    ] == [
         ("anna", tmp_path / "anna" / "mask.nii.gz", None),
         ("bert", tmp_path / "bert" / "mask.nii.gz", tmp_path / "bert" / "mask.mrk.json"),
     ]
@@ -192,7 +194,9 @@ def test_a_file_name_that_is_no_text_is_refused(folder, name):
 
 
 def paths_of(folder):
-    return {one.name: one.path.relative_to(folder).as_posix() for one in read_cohort(folder).subjects}
+    return {
+        subject.name: subject.path.relative_to(folder).as_posix() for subject in read_cohort(folder).subjects
+    }
 
 
 def test_subjects_with_a_file_for_each_structure_are_their_folders(tmp_path):
@@ -210,7 +214,7 @@ def test_a_folder_of_segmentations_goes_before_the_scan_beside_it(tmp_path):
 
 def test_scans_beside_the_one_label_map_of_each_subject_are_left_out(tmp_path):
     for name in ("BraTS20_001", "BraTS20_002"):
-        place(tmp_path, *(f"{name}/{name}_{one}.nii.gz" for one in ("flair", "t1", "t1ce", "t2", "seg")))
+        place(tmp_path, *(f"{name}/{name}_{item}.nii.gz" for item in ("flair", "t1", "t1ce", "t2", "seg")))
     assert paths_of(tmp_path) == {
         name: f"{name}/{name}_seg.nii.gz" for name in ("BraTS20_001", "BraTS20_002")
     }
@@ -223,5 +227,5 @@ def test_freesurfers_subjects_are_their_aseg(tmp_path):
 
 
 def test_labels_are_taken_where_images_lie_in_the_folder_beside(tmp_path):
-    place(tmp_path, *(f"{kind}/{one}.nii.gz" for kind in ("imagesTr", "labelsTr") for one in "ab"))
+    place(tmp_path, *(f"{kind}/{item}.nii.gz" for kind in ("imagesTr", "labelsTr") for item in "ab"))
     assert paths_of(tmp_path) == {"a": "labelsTr/a.nii.gz", "b": "labelsTr/b.nii.gz"}

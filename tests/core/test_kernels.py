@@ -22,6 +22,6 @@ TURING = 75  # the oldest GPUs that CUDA 13, so Warp, supports
 @pytest.mark.parametrize("name", MODULES)
 def test_kernels_compile_for_the_oldest_gpus_too(name, tmp_path):
     parts = vars(import_module(name)).values()
-    kernel = next(one for one in parts if isinstance(one, wp.Kernel) and one.module.name == name)
+    kernel = next(part for part in parts if isinstance(part, wp.Kernel) and part.module.name == name)
     wp.compile_aot_module(kernel.module, arch=TURING, module_dir=tmp_path, use_ptx=True)
     assert list(tmp_path.glob("*.ptx"))

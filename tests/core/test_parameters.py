@@ -6,17 +6,21 @@ from pydantic import BaseModel, Field
 from homolog.parameters import Parameter, parameters
 from homolog.settings import Alignment, GroomSettings, Method, OptimizeSettings, RunSettings
 
-ALL = [one for model in (RunSettings, GroomSettings, OptimizeSettings) for one in parameters(model)]
+ALL = [
+    parameter for model in (RunSettings, GroomSettings, OptimizeSettings) for parameter in parameters(model)
+]
 LENGTHS = {"spacing", "mesh_edge"}
 
 
-@pytest.mark.parametrize("one", ALL, ids=lambda one: one.name)
+@pytest.mark.parametrize("one", ALL, ids=lambda item: item.name)
 def test_every_setting_says_what_it_does(one):
     assert len(one.help) > 20
     assert one.help.endswith(".")
 
 
-@pytest.mark.parametrize("one", [one for one in ALL if one.kind in (int, float)], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "one", [item for item in ALL if item.kind in (int, float)], ids=lambda item: item.name
+)
 def test_every_number_has_bounds_and_lengths_have_a_unit(one):
     assert one.low is not None
     assert one.high is not None
@@ -24,7 +28,7 @@ def test_every_number_has_bounds_and_lengths_have_a_unit(one):
 
 
 def test_names_are_unique_across_the_models_so_that_each_can_be_an_option():
-    assert len({one.name for one in ALL}) == len(ALL)
+    assert len({item.name for item in ALL}) == len(ALL)
 
 
 def test_a_field_is_described_in_full():
@@ -39,7 +43,7 @@ def test_a_field_is_described_in_full():
 
 
 def test_closed_sets_list_their_choices():
-    by_name = {one.name: one for one in ALL}
+    by_name = {item.name: item for item in ALL}
     assert by_name["method"].choices == tuple(Method)
     assert by_name["alignment"].choices == tuple(Alignment)
     assert by_name["method"].default is Method.GEODESIC_NORMALS

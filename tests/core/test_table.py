@@ -29,10 +29,10 @@ def read(tmp_path):
 
 def test_new_columns_and_groups_are_added_and_replaced(read):
     found = read("name,group,age,sex\np01_ED,HCM,62,F\np02_ED,NOR,48,M\n")
-    assert [one.group for one in found.subjects] == ["HCM", "NOR", "NOR"]
+    assert [subject.group for subject in found.subjects] == ["HCM", "NOR", "NOR"]
     assert found.subjects[0].columns == {"age": "62", "sex": "F"}
     assert found.added == {"group": 1, "age": 1, "sex": 2}
-    assert [(one.column, one.before, one.after) for one in found.replaced] == [
+    assert [(item.column, item.before, item.after) for item in found.replaced] == [
         ("group", "DCM", "HCM"),
         ("age", "61", "62"),
     ]
@@ -98,7 +98,7 @@ def test_a_workbook_is_read_with_its_numbers(tmp_path):
         book.active.append(row)
     book.save(tmp_path / "table.xlsx")
     found = with_table(SUBJECTS, tmp_path / "table.xlsx")
-    assert [one.columns.get("age") for one in found.subjects] == ["62", "48", None]
+    assert [subject.columns.get("age") for subject in found.subjects] == ["62", "48", None]
     assert found.subjects[0].columns["dose"] == "0.5"
 
 

@@ -90,7 +90,7 @@ def test_a_run_killed_between_two_geodesic_tables_solves_only_those_it_lacks(
         return real(plan, **how)
 
     killed_at("/geodesics/", 3)
-    assert len([one for one in project.geodesics.iterdir() if not one.name.startswith(".")]) == 2
+    assert len([path for path in project.geodesics.iterdir() if not path.name.startswith(".")]) == 2
     monkeypatch.setattr(table_cache, "solve_plan", solve)
     run_of(project, resume=True).execute()
     assert solved == ["c", "d"]
@@ -123,10 +123,10 @@ def test_the_workers_of_a_killed_program_end_with_it(tmp_path, search_path):
     (tmp_path / "program.py").write_text(SPAWN)
     command = [sys.executable, tmp_path / "program.py"]
     with subprocess.Popen(command, env=search_path, stdout=subprocess.PIPE, text=True) as parent:
-        workers = [int(one) for one in parent.stdout.readline().split()]
+        workers = [int(part) for part in parent.stdout.readline().split()]
         parent.kill()
     deadline = time.monotonic() + 20.0
-    while any(is_alive(one) for one in workers):
+    while any(is_alive(worker) for worker in workers):
         assert time.monotonic() < deadline, "workers live on"
         time.sleep(0.05)
     assert workers

@@ -112,10 +112,12 @@ def _writes(arguments: tuple[object, ...]) -> bool:
 
 def _places(arguments: tuple[object, ...]) -> list[Path]:
     """Return the paths among an event's arguments; a number after them is the folder that they start from."""
-    texts = [os.fsdecode(one) for one in arguments[:2] if isinstance(one, str | bytes | os.PathLike)]
-    numbers = [one for one in arguments[1:] if isinstance(one, int) and one > 2]
+    texts = [
+        os.fsdecode(argument) for argument in arguments[:2] if isinstance(argument, str | bytes | os.PathLike)
+    ]
+    numbers = [argument for argument in arguments[1:] if isinstance(argument, int) and argument > 2]
     base = Path(f"/proc/self/fd/{numbers[0]}").resolve() if numbers else Path()
-    return [base / one for one in texts]
+    return [base / text for text in texts]
 
 
 def _allowed(place: Path) -> bool:

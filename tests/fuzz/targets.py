@@ -66,7 +66,7 @@ def good_xlsx(folder: Path) -> None:
     rows = json.loads((folder / "a.swproj").read_text())["data"]
     book = openpyxl.Workbook()
     book.active.title = "data"
-    for row in (list(rows[0]), *(list(one.values()) for one in rows)):
+    for row in (list(rows[0]), *(list(item.values()) for item in rows)):
         book["data"].append(row)
     book.save(folder / "a.xlsx")
 
@@ -93,7 +93,7 @@ def good_checkpoint(folder: Path) -> None:
         "repaired": np.zeros((2, 5), np.int32),
         "energies": np.zeros((1, 4)),
     }
-    counts = {one.name: 1 for one in fields(Checkpoint) if one.name not in arrays}
+    counts = {field.name: 1 for field in fields(Checkpoint) if field.name not in arrays}
     write_checkpoint(folder / "checkpoint.npz", Checkpoint(**arrays, **counts), "f")
 
 
@@ -111,7 +111,7 @@ def read_journal(folder: Path) -> object:
     from homolog_app.window.journal import find_lost
     from homolog_app.window.study_files import study_of
 
-    return [study_of(one.record.study, one.base) for one in find_lost(folder / "sessions")]
+    return [study_of(item.record.study, item.base) for item in find_lost(folder / "sessions")]
 
 
 def good_journal(folder: Path) -> None:
@@ -211,11 +211,11 @@ def good_seg(folder: Path) -> None:
     good_series(folder)
     sources = [pydicom.dcmread(path) for path in sorted((folder / "series").iterdir())]
     shutil.rmtree(folder / "series")
-    for one in sources:
+    for source in sources:
         for name in ("PatientName", "PatientBirthDate", "PatientSex", "StudyDate", "StudyTime", "StudyID"):
-            setattr(one, name, "")
-        one.PatientID = one.AccessionNumber = one.ReferringPhysicianName = ""
-        one.FrameOfReferenceUID, one.SliceThickness, one.PixelSpacing = "1.2.9", 1.0, [1.0, 1.0]
+            setattr(source, name, "")
+        source.PatientID = source.AccessionNumber = source.ReferringPhysicianName = ""
+        source.FrameOfReferenceUID, source.SliceThickness, source.PixelSpacing = "1.2.9", 1.0, [1.0, 1.0]
     organ = highdicom.seg.SegmentDescription(1, "all", codes.SCT.Organ, codes.SCT.Liver, "MANUAL")
     highdicom.seg.Segmentation(
         sources, np.ones((6, 8, 9), np.uint8), "BINARY", [organ], "1.2.5", 1, "1.2.5.1", 1, "m", "m", "1", "1"
@@ -343,8 +343,8 @@ TARGETS = {
 """Readers written in Python, or used in every session."""
 
 NATIVE = {
-    one.file: one
-    for one in (
+    item.file: item
+    for item in (
         *map(image, ("a.nrrd", "packed.nrrd", "a.nhdr", "a.nii", "a.nii.gz", "a.mha", "packed.mha", "a.mhd")),
         *map(mesh, ("a.vtp", "a.vtk", "a.ply", "a.stl", "a.obj")),
         Target("series/3.dcm", good_series, lambda folder: read_segmentation(folder / "series", None)),

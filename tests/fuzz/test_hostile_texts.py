@@ -51,7 +51,7 @@ def test_a_page_shows_every_text_as_it_is_and_runs_none():
     page.links([f"figures/{EVIL}.svg"], f"links {EVIL}")
     seen = Seen(page.html)
     assert "script" not in seen.tags
-    assert not {one for one in seen.attributes if one.startswith("on")}
+    assert not {attribute for attribute in seen.attributes if attribute.startswith("on")}
     places = ("title", "notice", "heading", "paragraph", "caution", "point", "rest", "column", "cell")
     for place in (*places, "summary", "links", "caption"):
         assert f"{place} {EVIL}" in seen.words
@@ -68,10 +68,10 @@ def test_a_report_about_hostile_names_runs_none_and_stays_in_its_project(tmp_pat
     project.write(record.model_copy(update={"result": record.result.model_copy(update=changes)}))
     with watched(project.folder) as done:
         path = write_report(project)
-    assert [one for one in done if "matplotlib" not in one] == []
+    assert [item for item in done if "matplotlib" not in item] == []
     seen = Seen(path.read_text(encoding="utf-8"))
     assert "script" not in seen.tags
-    assert not {one for one in seen.attributes if one.startswith("on")}
+    assert not {attribute for attribute in seen.attributes if attribute.startswith("on")}
     assert EVIL in seen.words
 
 
@@ -81,13 +81,13 @@ def test_landmarks_with_hostile_names_run_nothing_in_a_report(tmp_path):
     points = octahedron().vertices @ np.diag([9.0, 7.0, 5.0])
     record = project.read()
     subjects = []
-    for number, one in enumerate(record.subjects):
+    for number, subject in enumerate(record.subjects):
         write_markups(tmp_path / f"{number}.mrk.json", points[:2] * 1.01, [EVIL, f"other {EVIL}"], title=EVIL)
-        subjects.append(one.model_copy(update={"landmarks": f"../{number}.mrk.json"}))
+        subjects.append(subject.model_copy(update={"landmarks": f"../{number}.mrk.json"}))
     project.write(record.model_copy(update={"subjects": subjects}))
     seen = Seen(write_report(project).read_text(encoding="utf-8"))
     assert "script" not in seen.tags
-    assert not {one for one in seen.attributes if one.startswith("on")}
+    assert not {attribute for attribute in seen.attributes if attribute.startswith("on")}
     assert f"other {EVIL}" in seen.words
 
 
@@ -127,14 +127,14 @@ def test_a_workbook_that_claims_a_million_columns_is_read_or_refused_at_once(tmp
     good_xlsx(tmp_path)
     bloated = io.BytesIO()
     with zipfile.ZipFile(tmp_path / "a.xlsx") as source, zipfile.ZipFile(bloated, "w") as target:
-        for one in source.infolist():
-            data = source.read(one)
-            if one.filename.endswith("sheet1.xml"):
+        for item in source.infolist():
+            data = source.read(item)
+            if item.filename.endswith("sheet1.xml"):
                 assert b'<dimension ref="' in data
                 start = data.index(b'<dimension ref="') + 16
                 data = data[:start] + b"A1:XFD1048576" + data[data.index(b'"', start) :]
                 data = data.replace(b"</sheetData>", b'<row r="90000"><c r="XFD90000"/></row></sheetData>')
-            target.writestr(one, data)
+            target.writestr(item, data)
     (tmp_path / "a.xlsx").write_bytes(bloated.getvalue())
     began = time.process_time()
     import_model(tmp_path / "a.xlsx", Project(tmp_path / "project"))

@@ -103,13 +103,16 @@ def run(arguments: argparse.Namespace) -> int:
     with project.locked(new=False), show_progress(arguments.progress) as progress:
         result = read_result(project)
         carrier = SurfaceCarrier.of(result)
-        requests = [_request(arguments, result, one, len(alignments)) for one in alignments]
+        requests = [_request(arguments, result, alignment, len(alignments)) for alignment in alignments]
         for index, request in enumerate(requests):
             own = part_of(progress.tick, 0.0, 1.0 / arguments.seeds)
             tick = part_of(own, index / len(requests), (index + 1) / len(requests))
             study = run_study(result, request, tick)
             folder = keep_study(project, study, result, carrier)
-            lines += [request.title, *(f"  {one.verdict} {one.numbers}" for one in findings(study))]
+            lines += [
+                request.title,
+                *(f"  {finding.verdict} {finding.numbers}" for finding in findings(study)),
+            ]
             lines += [f"  Caution: {words}" for words in cautions(study)]
             lines.append(f"  tables: {folder}")
             folders.append(folder)

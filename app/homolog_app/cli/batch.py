@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog_app.cli import CANCELLED, OK, PROGRAM_ERROR
     from homolog_app.report.batch import write_index
 
-    wanted = [one.strip() for one in arguments.labels.split(",") if one.strip()]
+    wanted = [part.strip() for part in arguments.labels.split(",") if part.strip()]
     settings = with_all_options(RunSettings(), arguments)
     cohort = cohort_of(arguments.cohort)
     with show_progress(arguments.progress) as progress:
@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
             write_index(batch, cohort, found.problems)
 
         reason = batch.execute(observe, ended)
-    failed = [one for one in batch.items if one.state is ItemState.FAILED]
+    failed = [entry for entry in batch.items if entry.state is ItemState.FAILED]
     if reason is FinishReason.CANCELLED:
         sys.stderr.write("cancelled; the same command continues the batch\n")
         return CANCELLED

@@ -66,7 +66,9 @@ def run(arguments: argparse.Namespace) -> int:
             rest = part_of(progress.tick, share, 1.0)
             found, notes = _repair(project, result, found, arguments.repair, rest)
     table = rows(
-        found, [one for one in found.suspects if one.severity >= arguments.min_severity], result.names
+        found,
+        [suspect for suspect in found.suspects if suspect.severity >= arguments.min_severity],
+        result.names,
     )
     if arguments.out is not None:
         write_suspects(arguments.out, table)
@@ -93,7 +95,7 @@ def _repair(
         after = mended(project, found, suspect, part)
         name = result.names[suspect.subject]
         before, now = (
-            sum(s.severity for s in one.suspects if s.subject == suspect.subject) for one in (found, after)
+            sum(s.severity for s in item.suspects if s.subject == suspect.subject) for item in (found, after)
         )
         better = now < before
         lines.append(f"{'repaired' if better else 'unchanged'}: {name}: {suspect.words}")

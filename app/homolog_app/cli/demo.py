@@ -91,7 +91,7 @@ def _check_folder(out: Path) -> None:
     own = {"cohort", *_NAMES.values(), "comparison.png", "comparison.csv"}
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; give a folder with --out")
-    if out.is_dir() and any(one.name not in own for one in out.iterdir()):
+    if out.is_dir() and any(path.name not in own for path in out.iterdir()):
         raise InputError(f"{out}: contains other files; choose a new or empty folder with --out")
 
 

@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     with exporting(arguments) as tick:
         result, record = read_result(project), project.read().result
         assert record is not None, "a result that was read has a record"
-        meshes = [read_surface(project, one) for one in record.subjects]
+        meshes = [read_surface(project, subject) for subject in record.subjects]
         write_measures(arguments.out, result, measure_meshes(meshes, tick), *arguments.particles)
     sys.stderr.write(f"{arguments.out}\n")
     return 0

@@ -71,9 +71,9 @@ def _write_points(arguments: argparse.Namespace, folder: Path, tick: "Tick") -> 
     points = dict(zip(result.names, getattr(result, settings.coordinates), strict=True))
     if settings.coordinates == "world":  # shapes in the coordinates of their files have no common mean
         points["mean"] = result.world.mean(axis=0)
-    for index, (stem, one) in enumerate(zip(file_stems(list(points)), points.values(), strict=True)):
+    for index, (stem, point) in enumerate(zip(file_stems(list(points)), points.values(), strict=True)):
         tick(index / len(points), f"writing {stem}")
         if arguments.what == "particles":
-            write_particles(folder / f"{stem}_{settings.coordinates}.particles", one)
+            write_particles(folder / f"{stem}_{settings.coordinates}.particles", point)
         else:
-            write_markups(folder / f"{stem}.mrk.json", one, title=f"{stem} particles")
+            write_markups(folder / f"{stem}.mrk.json", point, title=f"{stem} particles")

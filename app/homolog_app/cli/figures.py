@@ -48,7 +48,9 @@ def draw_figures(project: Project, tick: Tick = no_tick) -> None:
         )
     surfaces = read_surfaces(project)
     tick(0.4, "pictures of the subjects")
-    names = [f"{one.name}, mirrored" if one.is_mirrored else one.name for one in record.subjects]
+    names = [
+        f"{subject.name}, mirrored" if subject.is_mirrored else subject.name for subject in record.subjects
+    ]
     for page, figure in enumerate(draw_subjects(names, surfaces, result.world), start=1):
         _write(project, f"subjects_{page:02d}.png", figure)
         tick(0.4 + 0.6 * min(12 * page / len(surfaces), 1.0), "pictures of the subjects")

@@ -47,7 +47,10 @@ def how_it_ended(result: ResultRecord) -> str:
 
 
 def _facts(project: Project, record: ProjectRecord) -> list[tuple[str, str]]:
-    facts = [("project", str(project.folder)), ("subjects", _groups([one.group for one in record.subjects]))]
+    facts = [
+        ("project", str(project.folder)),
+        ("subjects", _groups([subject.group for subject in record.subjects])),
+    ]
     if record.unfinished:
         state = "interrupted" if project.checkpoint.is_file() else "interrupted before the first particles"
         facts.append(("last run", f"{state}; to continue: homolog run {project.folder} --resume"))
@@ -57,7 +60,7 @@ def _facts(project: Project, record: ProjectRecord) -> list[tuple[str, str]]:
 
 
 def _landmarks(project: Project, record: ProjectRecord) -> list[tuple[str, str]]:
-    if not any(one.landmarks for one in record.subjects):
+    if not any(subject.landmarks for subject in record.subjects):
         return []
     from homolog.exchange import project_landmark_errors
     from homolog_app.report.landmarks import landmark_words
@@ -93,7 +96,7 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
 
 
 def _mirrored(result: ResultRecord) -> str:
-    names = ", ".join(one.name for one in result.subjects if one.is_mirrored)
+    names = ", ".join(subject.name for subject in result.subjects if subject.is_mirrored)
     return f"{result.mirrored_words}: {names}"
 
 

@@ -59,7 +59,7 @@ def _print(found: "Structures", subjects: int) -> None:
     if not found.structures:
         sys.stdout.write("the files contain no labelled structure\n")
         return
-    rows = [_HEADS, *(_row(one, subjects) for one in found.structures)]
+    rows = [_HEADS, *(_row(structure, subjects) for structure in found.structures)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         cells = [
@@ -69,24 +69,24 @@ def _print(found: "Structures", subjects: int) -> None:
         sys.stdout.write("  ".join(cells) + "\n")
 
 
-def _row(one: "Structure", subjects: int) -> tuple[str, ...]:
+def _row(structure: "Structure", subjects: int) -> tuple[str, ...]:
     return (
-        one.name or "-",
-        "/".join(map(str, one.values)) or "-",
-        f"{len(one.found)}/{subjects}",
-        *(f"{volume:.4g}" for volume in one.volumes),
-        str(len(one.at_border) or "-"),
+        structure.name or "-",
+        "/".join(map(str, structure.values)) or "-",
+        f"{len(structure.found)}/{subjects}",
+        *(f"{volume:.4g}" for volume in structure.volumes),
+        str(len(structure.at_border) or "-"),
     )
 
 
 def _record(found: "Structures") -> dict[str, object]:
     structures = [
         {
-            "name": one.name,
-            "numbers": one.values,
-            "volumes_ml": {subject: round(there.volume, 6) for subject, there in one.found.items()},
-            "at_border": one.at_border,
+            "name": structure.name,
+            "numbers": structure.values,
+            "volumes_ml": {subject: round(there.volume, 6) for subject, there in structure.found.items()},
+            "at_border": structure.at_border,
         }
-        for one in found.structures
+        for structure in found.structures
     ]
     return {"structures": structures, "problems": dict(found.problems)}

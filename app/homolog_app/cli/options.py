@@ -23,22 +23,25 @@ def add_options(
 ) -> None:
     """Declare an option for each setting of the model; an option that isn't given leaves no trace."""
     group = parser.add_argument_group(_title(model))
-    for one in parameters(model):
-        if one.name in leaving_out:
+    for parameter in parameters(model):
+        if parameter.name in leaving_out:
             continue
-        if one.kind is bool:
+        if parameter.kind is bool:
             group.add_argument(
-                _option(one),
+                _option(parameter),
                 action=argparse.BooleanOptionalAction,
                 default=argparse.SUPPRESS,
-                help=_help(one),
+                help=_help(parameter),
             )
         else:
             group.add_argument(
-                _option(one),
+                _option(parameter),
                 default=argparse.SUPPRESS,
-                metavar="{" + ",".join(one.choices) + "}" if one.choices else one.kind.__name__.upper(),
-                help=_help(one) + (_OR_NAME if model is GroomSettings and one.name == "label" else ""),
+                metavar="{" + ",".join(parameter.choices) + "}"
+                if parameter.choices
+                else parameter.kind.__name__.upper(),
+                help=_help(parameter)
+                + (_OR_NAME if model is GroomSettings and parameter.name == "label" else ""),
             )
 
 
@@ -84,15 +87,16 @@ def with_options(settings: _Model, arguments: argparse.Namespace) -> _Model:
         One line for each value that is no such value or out of bounds.
     """
     given = {
-        one.name: None if value == _AUTO and one.default is None else value
-        for one in parameters(type(settings))
-        if (value := getattr(arguments, one.name, one)) is not one
+        parameter.name: None if value == _AUTO and parameter.default is None else value
+        for parameter in parameters(type(settings))
+        if (value := getattr(arguments, parameter.name, parameter)) is not parameter
     }
     try:
         return type(settings).model_validate(settings.model_dump() | given)
     except ValidationError as error:
         lines = [
-            f"--{str(one['loc'][0]).replace('_', '-')} {one['input']}: {one['msg']}" for one in error.errors()
+            f"--{str(item['loc'][0]).replace('_', '-')} {item['input']}: {item['msg']}"
+            for item in error.errors()
         ]
         raise InputError("\n".join(dict.fromkeys(lines))) from error
 
@@ -117,28 +121,30 @@ def with_all_options(settings: RunSettings, arguments: argparse.Namespace) -> Ru
 def options_of(settings: BaseModel) -> list[str]:
     """Return the words on a command line that give these settings: those that aren't at their default."""
     words: list[str] = []
-    for one in parameters(type(settings)):
-        value = getattr(settings, one.name)
-        if value == one.default:
+    for parameter in parameters(type(settings)):
+        value = getattr(settings, parameter.name)
+        if value == parameter.default:
             continue
-        if one.kind is bool:
-            words.append(_option(one) if value else _option(one).replace("--", "--no-", 1))
+        if parameter.kind is bool:
+            words.append(_option(parameter) if value else _option(parameter).replace("--", "--no-", 1))
         else:
-            words += [f"{_option(one)}={_AUTO if value is None else value}"]  # = as numbers may begin with -
+            words += [
+                f"{_option(parameter)}={_AUTO if value is None else value}"
+            ]  # = as numbers may begin with -
     return words
 
 
-def _option(one: Parameter) -> str:
-    return f"--{one.name.replace('_', '-')}"
+def _option(parameter: Parameter) -> str:
+    return f"--{parameter.name.replace('_', '-')}"
 
 
 def _title(model: type[BaseModel]) -> str:
     return (model.__doc__ or model.__name__).split("\n")[0].rstrip(".").lower()
 
 
-def _help(one: Parameter) -> str:
-    default = _AUTO if one.default is None else one.default
-    if one.kind is bool:
+def _help(parameter: Parameter) -> str:
+    default = _AUTO if parameter.default is None else parameter.default
+    if parameter.kind is bool:
         default = "on" if default else "off"
-    facts = [one.bounds, one.unit, f"default {default}"]
-    return f"{one.help} ({', '.join(fact for fact in facts if fact)})".replace("%", "%%")
+    facts = [parameter.bounds, parameter.unit, f"default {default}"]
+    return f"{parameter.help} ({', '.join(fact for fact in facts if fact)})".replace("%", "%%")

@@ -199,10 +199,10 @@ def _with_new(cohort: Cohort, paths: Sequence[Path], segment: str | None) -> Coh
 
     Those that it has already, from a fit that was refused or broken off, are not added twice.
     """
-    there = {(one.name, one.path.resolve()) for one in cohort.subjects}
-    given = [one for path in paths for one in _subjects_of(path, segment)]
-    new = [one for one in given if (one.name, one.path.resolve()) not in there]
-    names = Counter(one.name for one in (*cohort.subjects, *new))
+    there = {(subject.name, subject.path.resolve()) for subject in cohort.subjects}
+    given = [item for path in paths for item in _subjects_of(path, segment)]
+    new = [item for item in given if (item.name, item.path.resolve()) not in there]
+    names = Counter(subject.name for subject in (*cohort.subjects, *new))
     repeated = [name for name, count in names.items() if count > 1]
     if repeated:
         raise InputError(f"several subjects are called {', '.join(repeated)}; rename the new files")
@@ -217,7 +217,7 @@ def _subjects_of(path: Path, segment: str | None) -> tuple[Subject, ...]:
             return (Subject(path.name, found[0].parent.resolve()),)
     if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
         return read_cohort(path).subjects
-    suffixes = [one for one in (*IMAGE_SUFFIXES, *MESH_SUFFIXES) if path.name.lower().endswith(one)]
+    suffixes = [item for item in (*IMAGE_SUFFIXES, *MESH_SUFFIXES) if path.name.lower().endswith(item)]
     if not path.is_file() or not suffixes:
         raise InputError(f"{path}: is not a segmentation or mesh; correct the path")
     name = path.name[: -len(max(suffixes, key=len))]

@@ -24,9 +24,12 @@ def write_cohort(path: Path, cohort: Cohort) -> None:
         If the file can't be written.
     """
     relative = Project(path.parent).describe(cohort)
-    columns = list(dict.fromkeys(name for one in relative for name in one.columns))
+    columns = list(dict.fromkeys(name for item in relative for name in item.columns))
     write_table(
         path,
         ["name", "path", "group", *columns],
-        ([one.name, one.path, one.group, *(one.columns.get(name) for name in columns)] for one in relative),
+        (
+            [item.name, item.path, item.group, *(item.columns.get(name) for name in columns)]
+            for item in relative
+        ),
     )

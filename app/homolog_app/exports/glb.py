@@ -42,7 +42,7 @@ def write_glb(
     tints = np.empty((len(mesh.vertices), 4), dtype=np.uint8)
     tints[:, :3], tints[:, 3] = np.rint(255.0 * np.broadcast_to(colours, mesh.vertices.shape)), 255
     values: dict[str, Any] = {
-        f"_{name.upper()}": np.asarray(one, dtype=np.float32) for name, one in (point_data or {}).items()
+        f"_{name.upper()}": np.asarray(item, dtype=np.float32) for name, item in (point_data or {}).items()
     }
     surface = trimesh.Trimesh(
         mesh.vertices, mesh.faces, vertex_normals=mesh.vertex_normals, vertex_colors=tints,

@@ -50,9 +50,9 @@ def distances(particles: FloatArray, first: int, second: int) -> FloatArray:
         If there is no such particle.
     """
     count = particles.shape[-2]
-    for one in (first, second):
-        if not 0 <= one < count:
-            raise InputError(f"no particle {one}; particles are numbered from 0 to {count - 1}")
+    for item in (first, second):
+        if not 0 <= item < count:
+            raise InputError(f"no particle {item}; particles are numbered from 0 to {count - 1}")
     return np.asarray(np.linalg.norm(particles[:, second] - particles[:, first], axis=1))
 
 
@@ -76,5 +76,5 @@ def write_measures(path: Path, result: Result, measures: Measures, first: int, s
     """
     columns = ["name", "group", f"distance_{first}_{second}_mm", "volume_ml", "area_cm2"]
     numbers = (distances(result.local, first, second), measures.volumes, measures.areas)
-    rows = zip(result.names, result.groups, *(one.tolist() for one in numbers), strict=True)
+    rows = zip(result.names, result.groups, *(number.tolist() for number in numbers), strict=True)
     write_table(path, columns, rows)

@@ -77,15 +77,17 @@ def write_meshes(
         surfaces += _group_surfaces(result, groups, settings, part_of(tick, 0.1, 0.6))
     if settings.subjects:
         surfaces += _subject_surfaces(project, result)
-    limit = common_limit([np.zeros(1), *(one.values["displacement_mm"] for one in surfaces if one.values)])
-    stems = file_stems([one.name for one in surfaces])
+    limit = common_limit(
+        [np.zeros(1), *(surface.values["displacement_mm"] for surface in surfaces if surface.values)]
+    )
+    stems = file_stems([surface.name for surface in surfaces])
     rows = []
-    for index, (one, stem) in enumerate(zip(surfaces, stems, strict=True)):
-        tick(0.6 + 0.4 * index / len(surfaces), f"writing {one.name}")
+    for index, (item, stem) in enumerate(zip(surfaces, stems, strict=True)):
+        tick(0.6 + 0.4 * index / len(surfaces), f"writing {item.name}")
         path = folder / f"{stem}.{settings.format}"
-        _write(path, one, limit, settings.format)
-        kept = () if settings.format is MeshFormat.STL else tuple(one.values)
-        rows.append([path.name, one.what, "LPS mm, aligned", " ".join(kept)])
+        _write(path, item, limit, settings.format)
+        kept = () if settings.format is MeshFormat.STL else tuple(item.values)
+        rows.append([path.name, item.what, "LPS mm, aligned", " ".join(kept)])
     write_table(folder / "meshes.csv", ["file", "what", "coordinates", "values_at_vertices"], rows)
     return len(surfaces)
 
@@ -151,13 +153,13 @@ def _moved(motion: Motion, amount: float) -> dict[str, Array]:
     return {"displacement_mm": outward_displacement(motion.start, move), "displacement_vector_mm": move}
 
 
-def _write(path: Path, one: _Named, limit: float, kind: MeshFormat) -> None:
+def _write(path: Path, _named: _Named, limit: float, kind: MeshFormat) -> None:
     if kind is MeshFormat.STL:
-        write_mesh(path, one.mesh)
+        write_mesh(path, _named.mesh)
     elif kind is MeshFormat.GLB:
-        outward = one.values.get("displacement_mm")
+        outward = _named.values.get("displacement_mm")
         colours = np.array(LIGHT.surface) if outward is None else diverging_colours(outward, limit)
-        flat = {name: values for name, values in one.values.items() if values.ndim == 1}
-        write_glb(path, one.mesh, colours, flat)
+        flat = {name: values for name, values in _named.values.items() if values.ndim == 1}
+        write_glb(path, _named.mesh, colours, flat)
     else:
-        write_mesh(path, one.mesh, one.values)
+        write_mesh(path, _named.mesh, _named.values)

@@ -91,7 +91,9 @@ def _check_modes(settings: PlotSettings, count: int) -> None:
 def _modes(result: Result, most: int, theme: Theme) -> Figure:
     model = ShapeModel.fit(result.world, names=result.names)
     shown = range(min(most, len(model.explained_variance)))
-    moves = [one.displacement for one in mode_motions(result, [mode + 1 for mode in shown], 1.0)]
+    moves = [
+        mode_motion.displacement for mode_motion in mode_motions(result, [mode + 1 for mode in shown], 1.0)
+    ]
     surfaces = ModeSurfaces(result.mean_surface, np.stack(moves), model.explained_variance_ratio)
     return draw_modes({"": surfaces}, modes=shown, theme=theme)
 

@@ -62,11 +62,11 @@ def write_tables(
     else:
         requests = read_requests(project)
         studies = [
-            run_study(result, one, part_of(rest, index / len(requests), (index + 1) / len(requests)))
-            for index, one in enumerate(requests)
+            run_study(result, request, part_of(rest, index / len(requests), (index + 1) / len(requests)))
+            for index, request in enumerate(requests)
         ]
     carrier = SurfaceCarrier.of(result) if studies else None
-    stems = file_stems([one.request.name for one in studies])
+    stems = file_stems([item.request.name for item in studies])
     for study, stem in zip(studies, stems, strict=True):
         assert carrier is not None
         write_study_tables(folder / stem, study, result, carrier, Answered.now(project))
@@ -106,10 +106,10 @@ def _write_subjects(path: Path, project: Project, result: Result, model: ShapeMo
     apart = np.sqrt(np.square(result.world - model.mean).sum(axis=2).mean(axis=1))
     own = _columns(result)
     rows = []
-    for index, one in enumerate(record.subjects):
-        tick(index / len(record.subjects), f"measuring {one.name}")
-        mesh = read_surface(project, one)
+    for index, subject in enumerate(record.subjects):
+        tick(index / len(record.subjects), f"measuring {subject.name}")
+        mesh = read_surface(project, subject)
         measures = [mesh.volume, mesh.area, float(model.sizes[index]), float(apart[index]), int(index in far)]
-        rows.append([one.name, one.group, *(one.columns.get(name) for name in own), *measures])
+        rows.append([subject.name, subject.group, *(subject.columns.get(name) for name in own), *measures])
     measured = ["volume_mm3", "area_mm2", "size_mm", "distance_from_mean_mm", "outlier"]
     write_table(path, ["name", "group", *own, *measured], rows)

@@ -68,7 +68,7 @@ class Board:
         """Draw a bar of a round length, at most so many pixels long, from (x, y) to the right."""
         most *= millimetres_a_pixel
         power = 10.0 ** np.floor(np.log10(most))
-        length = power * max(one for one in _LENGTHS if one * power <= most)
+        length = power * max(item for item in _LENGTHS if item * power <= most)
         pixels = length / millimetres_a_pixel
         thick = max(round(0.15 * self.em), 2)
         bar = Rectangle(

@@ -61,7 +61,7 @@ class Film:
         transparent: bool = False,
     ) -> None:
         theme = _THEMES[settings.background]
-        coloured = settings.colours is Colouring.DISPLACEMENT and any(one.moves for one in motions)
+        coloured = settings.colours is Colouring.DISPLACEMENT and any(motion.moves for motion in motions)
         limit = _limit(motions) if coloured else None
         self._board = Board(settings.width, settings.height, theme, transparent=transparent)
         one_line = settings.caption and len(motions) == 1
@@ -142,7 +142,7 @@ class _Actor:
         self._plain = np.array(theme.surface)
         self._outward = outward_displacement(motion.start, motion.displacement)
         self._amounts = np.unique([motion.low, (motion.low + motion.high) / 2.0, motion.high])
-        self._shadows = np.stack([hollows(motion.at(float(one))) for one in self._amounts])
+        self._shadows = np.stack([hollows(motion.at(float(amount))) for amount in self._amounts])
         self.renderer = Renderer([surface(motion.start, self._plain, self._shadows[0])])
 
     def amount(self, share: float) -> float:
@@ -173,16 +173,16 @@ class _Actor:
 def _limit(motions: Sequence[Motion]) -> float:
     return common_limit(
         [
-            max(-one.low, one.high) * outward_displacement(one.start, one.displacement)
-            for one in motions
-            if one.moves
+            max(-motion.low, motion.high) * outward_displacement(motion.start, motion.displacement)
+            for motion in motions
+            if motion.moves
         ]
     )
 
 
 def _views(motions: Sequence[Motion], sights: Sequence[str]) -> list[View]:
     """Return the views; the oblique one is the same for all motions."""
-    effort = np.sum([(one.displacement**2).sum(axis=1) for one in motions], axis=0)
+    effort = np.sum([(motion.displacement**2).sum(axis=1) for motion in motions], axis=0)
     own = three_quarter_view(motions[0].start.vertices, effort if effort.any() else None)
     other = own.opposite
     oblique, opposite = View(own.toward, own.up, "oblique"), View(other.toward, other.up, "opposite")

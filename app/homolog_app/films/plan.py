@@ -103,7 +103,7 @@ def make_plan(
         _Grid(columns, -(-count // columns), area, above - head, below)
         for columns in ([len(views)] if table else range(1, count + 1))
     ]
-    flat = [one for row in needs for one in row]
+    flat = [item for row in needs for item in row]
     millimetres, _, grid = min((grid.scale(flat), index, grid) for index, grid in enumerate(grids))
     boxes = list(grid.boxes(len(flat)))
     cells = tuple(
@@ -145,7 +145,7 @@ class _Grid:
         """Return the millimetres of a pixel with which all the frames fit into cells."""
         if min(self.width, self.height) < 8:
             return np.inf
-        return max(max(one.width / self.width, one.height / self.height) for one in frames)
+        return max(max(frame.width / self.width, frame.height / self.height) for frame in frames)
 
     def boxes(self, count: int) -> Iterator[Box]:
         """Yield where the pictures go; a last row that is not full stands in the middle."""

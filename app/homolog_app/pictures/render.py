@@ -67,7 +67,7 @@ class Renderer:
         middle = np.array(frame.centre) + back * frame.depth
         corner = middle - right * frame.width / 2.0 + up * height * step / 2.0
         scene = self._scene
-        scene.corner, scene.right, scene.up = (wp.vec3(*map(float, one)) for one in (corner, right, up))
+        scene.corner, scene.right, scene.up = (wp.vec3(*map(float, item)) for item in (corner, right, up))
         scene.step = step
         if self._buffers[0].shape != (height, width):
             self._buffers = _buffers(height, width)

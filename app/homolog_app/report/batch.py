@@ -46,16 +46,16 @@ def write_index(batch: Batch, cohort: Cohort, problems: Mapping[str, str]) -> Pa
     """
     items = batch.items
     page = Page(f"Structures of {cohort.folder.resolve().name}", NOTICE)
-    states = [one.state for one in items]
+    states = [item.state for item in items]
     parts = [f"{states.count(state)} {state}" for state in ItemState if state in states]
     page.paragraph(f"{len(cohort.subjects)} subjects, {len(items)} structures: {', '.join(parts)}.")
-    page.table(_HEADS, [_row(one, batch.folder) for one in items])
-    page.pictures([picture for one in items for picture in _pictures(one, batch.folder)])
-    failed = [one for one in items if one.state in (ItemState.FAILED, ItemState.TOO_FEW)]
+    page.table(_HEADS, [_row(item, batch.folder) for item in items])
+    page.pictures([picture for item in items for picture in _pictures(item, batch.folder)])
+    failed = [item for item in items if item.state in (ItemState.FAILED, ItemState.TOO_FEW)]
     if failed:
         page.heading("Structures without a model")
-        page.points((one.structure.title, one.message) for one in failed)
-    remarks = [row for one in items for row in _remarks(one)]
+        page.points((item.structure.title, item.message) for item in failed)
+    remarks = [row for item in items for row in _remarks(item)]
     if remarks or problems:
         page.heading("Subjects")
         page.points((name, message) for name, message in problems.items())
@@ -70,7 +70,7 @@ def _row(item: BatchItem, folder: Path) -> tuple[str | Link, ...]:
     low, middle, high = item.structure.volumes
     result = item.project.read().result if item.state is ItemState.FINISHED else None
     title = item.structure.title
-    pieces = sum(any("pieces" in one for one in notes) for notes in item.remarks.values())
+    pieces = sum(any("pieces" in note for note in notes) for notes in item.remarks.values())
     return (
         title if result is None else Link(title, f"{item.project.folder.relative_to(folder).as_posix()}/"),
         "/".join(map(str, item.structure.values)) or "–",
@@ -114,8 +114,8 @@ def _remarks(item: BatchItem) -> Iterator[tuple[str, str, str]]:
 def _volumes(items: tuple[BatchItem, ...], cohort: Cohort) -> str:
     stream = io.StringIO()
     table = csv.writer(stream, lineterminator="\n")
-    table.writerow(["name", *(f"{one.structure.title} [ml]" for one in items)])
+    table.writerow(["name", *(f"{item.structure.title} [ml]" for item in items)])
     for subject in cohort.subjects:
-        found = (one.structure.found.get(subject.name) for one in items)
-        table.writerow([subject.name, *("" if one is None else f"{one.volume:.6g}" for one in found)])
+        found = (item.structure.found.get(subject.name) for item in items)
+        table.writerow([subject.name, *("" if item is None else f"{item.volume:.6g}" for item in found)])
     return stream.getvalue()

@@ -53,7 +53,7 @@ def model_figures(
     if len(model.explained_variance) > 1:
         yield ReportFigure(
             "scores",
-            scores_figure(model, [one or "" for one in result.groups]),
+            scores_figure(model, [group or "" for group in result.groups]),
             "Subjects in the first two modes (root mean square displacement of the particles)"
             + ("; large open markers are the groups' means." if any(result.groups) else "."),
         )
@@ -86,16 +86,16 @@ def model_figures(
 
 def study_figures(study: Study, carrier: SurfaceCarrier, tick: Tick) -> Iterator[ReportFigure]:
     """Yield the figures of a study: maps of each comparison of two, and its discriminant."""
-    stems = file_stems([f"{study.request.name}_{one.title}" for one in study.comparisons])
-    for index, (one, stem) in enumerate(zip(study.comparisons, stems, strict=True)):
-        tick(index / len(stems), f"maps of {one.title}")
-        if len(one.local.effect) > 1:
+    stems = file_stems([f"{study.request.name}_{comparison.title}" for comparison in study.comparisons])
+    for index, (item, stem) in enumerate(zip(study.comparisons, stems, strict=True)):
+        tick(index / len(stems), f"maps of {item.title}")
+        if len(item.local.effect) > 1:
             continue
-        yield ReportFigure(f"{stem}_map", map_figure(one, carrier), _map_caption(study, one), one.title)
-        if one.discriminant is not None:
+        yield ReportFigure(f"{stem}_map", map_figure(item, carrier), _map_caption(study, item), item.title)
+        if item.discriminant is not None:
             yield ReportFigure(
                 f"{stem}_discriminant",
-                discriminant_figure(study, one),
+                discriminant_figure(study, item),
                 "Subjects along the discriminant (root mean square displacement of the particles); bars "
                 "are the groups' means. These places are not "
                 "cross-validated; accuracy and AUC in the table are.",
@@ -124,7 +124,7 @@ def quality_figure(result: Result, model: ShapeModel, theme: Theme = LIGHT) -> F
     rows = quality_rows(result, model)
     at = [k for k, _, _, drawn in rows if drawn is not None]
     measured = np.array([drawn for _, _, _, drawn in rows if drawn is not None])
-    left_out = np.array([one for _, _, one, _ in rows if one is not None])
+    left_out = np.array([item for _, _, item, _ in rows if item is not None])
     return plot_quality(compactness(model), left_out, (at, measured), theme=theme)
 
 
@@ -135,7 +135,7 @@ def quality_rows(result: Result, model: ShapeModel) -> list[tuple[int, float, fl
     """
     if len(result.world) < 3:
         return []
-    at = [one for one in _SPECIFICITY_AT if one <= len(model.explained_variance)]
+    at = [item for item in _SPECIFICITY_AT if item <= len(model.explained_variance)]
     drawn = dict(zip(at, specificity(model, result.world, at, draws=_DRAWS).tolist(), strict=True))
     left_out = dict(enumerate(generalization(result.world).tolist(), start=1))
     return [
@@ -150,42 +150,42 @@ def energies_figure(project: Project, theme: Theme = LIGHT) -> Figure:
     return plot_energies(energies.pop("iteration"), energies, theme=theme)
 
 
-def discriminant_figure(study: Study, one: Comparison, theme: Theme = LIGHT) -> Figure:
+def discriminant_figure(study: Study, comparison: Comparison, theme: Theme = LIGHT) -> Figure:
     """Draw the subjects of a comparison of two groups along its discriminant."""
-    assert one.discriminant is not None
-    first, second = one.counts
-    members = np.array([study.labels[subject] for subject in one.subjects]) == second
-    places = _per_particle(one.discriminant.scores, one.mean)
+    assert comparison.discriminant is not None
+    first, second = comparison.counts
+    members = np.array([study.labels[subject] for subject in comparison.subjects]) == second
+    places = _per_particle(comparison.discriminant.scores, comparison.mean)
     return plot_discriminant(places, members, (first, second), theme=theme)
 
 
-def map_figure(one: Comparison, carrier: SurfaceCarrier, theme: Theme = LIGHT) -> Figure:
+def map_figure(comparison: Comparison, carrier: SurfaceCarrier, theme: Theme = LIGHT) -> Figure:
     """Draw the effect of a comparison of two, where it is significant, and its discriminant."""
-    mesh, effect = carrier.mean_of(one), carrier.moved(one.local.effect[0])
-    significant = carrier.significant(one, LEVEL)
+    mesh, effect = carrier.mean_of(comparison), carrier.moved(comparison.local.effect[0])
+    significant = carrier.significant(comparison, LEVEL)
     rows = {
         "effect": (mesh, effect),
         f"where p ≤ {LEVEL:g}, corrected": (mesh, effect * significant[:, None]),
     }
-    if one.discriminant is not None:
-        way = carrier.moved(one.discriminant.displacement)
-        firm = carrier.discriminant_is_firm(one)
+    if comparison.discriminant is not None:
+        way = carrier.moved(comparison.discriminant.displacement)
+        firm = carrier.discriminant_is_firm(comparison)
         rows["discriminant, where firm"] = (mesh, way * firm[:, None])
     return draw_differences(rows, views=[VIEWS[name] for name in _VIEWS], theme=theme, width=300)
 
 
-def _map_caption(study: Study, one: Comparison) -> str:
+def _map_caption(study: Study, comparison: Comparison) -> str:
     what = {
         "groups": "Difference of the means",
         "regression": "Change per unit of the variable",
         "pairs": "Mean difference",
     }
     words = (
-        f"{what[study.request.kind]}, {one.title}, on the mean shape: blue is expansion (outward), yellow "
-        f"contraction. Second row: only where significant (family-wise p ≤ {LEVEL:g}, corrected for pairs of "
+        f"{what[study.request.kind]}, {comparison.title}, on the mean shape: blue is expansion (outward), "
+        f"yellow contraction. Second row: only where significant (family-wise p ≤ {LEVEL:g}, corrected for pairs of "
         "groups and answers)."
     )
-    if one.discriminant is not None:
+    if comparison.discriminant is not None:
         words += (
             " Third row: the way between the groups along the linear discriminant, only where 95 % bootstrap "
             "bounds leave out zero."

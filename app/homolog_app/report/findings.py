@@ -62,13 +62,13 @@ def p_words(p: float, permutations: int | None = None) -> str:
 
 def interval_words(effect: Effect, digits: int = 2) -> str:
     """Return an estimate with its interval, such as ``"1.27 (95 % CI 0.41 to 2.02)"``."""
-    value, low, high = (f"{one:.{digits}f}" for one in (effect.value, effect.low, effect.high))
+    value, low, high = (f"{item:.{digits}f}" for item in (effect.value, effect.low, effect.high))
     return f"{value} (95 % CI {low} to {high})"
 
 
 def percent_words(effect: Effect) -> str:
     """Return a share in per cent with its interval, such as ``"83 % (95 % CI 63 to 92 %)"``."""
-    value, low, high = (f"{100.0 * one:.0f}" for one in (effect.value, effect.low, effect.high))
+    value, low, high = (f"{100.0 * item:.0f}" for item in (effect.value, effect.low, effect.high))
     return f"{value} % (95 % CI {low} to {high} %)"
 
 
@@ -97,9 +97,9 @@ def correction_words(study: Study, *, size: bool = False) -> str:
     return f"corrected for {' and '.join(parts)}" if parts else ""
 
 
-def region_words(study: Study, one: Comparison) -> str:
+def region_words(study: Study, comparison: Comparison) -> str:
     """Return where the effect is significant: particles, area and its share of the surface."""
-    found = one.p_family <= LEVEL
+    found = comparison.p_family <= LEVEL
     if not found.any():
         return f"none of {len(found)} particles"
     area, whole = float(study.areas[found].sum()), float(study.areas.sum())
@@ -122,7 +122,9 @@ def findings(study: Study) -> list[Finding]:
 
     Significant is called what the permutation test, corrected for pairs of groups and answers, calls so.
     """
-    return [Finding(_verdict(study, one), _numbers(study, one)) for one in study.comparisons]
+    return [
+        Finding(_verdict(study, comparison), _numbers(study, comparison)) for comparison in study.comparisons
+    ]
 
 
 def outlier_words(result: Result) -> list[str]:
@@ -137,51 +139,59 @@ def outlier_words(result: Result) -> list[str]:
     ]
 
 
-def outliers_by_group(study: Study, one: Comparison) -> list[str]:
+def outliers_by_group(study: Study, comparison: Comparison) -> list[str]:
     """Return the subjects that lie far from their own group's centroid, or from their fitted shape."""
-    found = one.dispersion
+    found = comparison.dispersion
     if found is None:
         return []
-    labels = np.array([study.labels[subject] for subject in one.subjects])
+    labels = np.array([study.labels[subject] for subject in comparison.subjects])
     far = []
     for members in [labels == name for name in found.by_group] or [np.full(len(labels), True)]:
         own = found.distances[members]
         above = own - np.median(own)
         limit = _FAR * 1.4826 * np.median(np.abs(above))
-        far += one.subjects[members][(above > limit) & (limit > 0.0)].tolist()
+        far += comparison.subjects[members][(above > limit) & (limit > 0.0)].tolist()
     return [study.names[subject] for subject in far]
 
 
 def cautions(study: Study) -> list[str]:
     """Return what a reader should be careful about."""
-    thin = [f"{one.title}: {warning}" for one in study.comparisons for warning in one.test.warnings]
-    unlike = [words for one in study.comparisons if (words := _dispersion_words(one))]
-    loose = [
-        f"{one.title}: the F distribution raises false alarms in {100 * excess:.1f} % more of the "
-        "relabellings than the permutation test; trust the latter."
-        for one in study.comparisons
-        if (excess := _excess(one)) > _LOOSE
+    thin = [
+        f"{comparison.title}: {warning}"
+        for comparison in study.comparisons
+        for warning in comparison.test.warnings
     ]
-    notes = [f"{one.title}: {words}." for one in study.comparisons for words in one.notes]
+    unlike = [words for comparison in study.comparisons if (words := _dispersion_words(comparison))]
+    loose = [
+        f"{comparison.title}: the F distribution raises false alarms in {100 * excess:.1f} % more of the "
+        "relabellings than the permutation test; trust the latter."
+        for comparison in study.comparisons
+        if (excess := _excess(comparison)) > _LOOSE
+    ]
+    notes = [
+        f"{comparison.title}: {words}." for comparison in study.comparisons for words in comparison.notes
+    ]
     return [*thin, *unlike, *loose, *notes, *study.notes]
 
 
-def _dispersion_words(one: Comparison) -> str:
-    found = one.dispersion
+def _dispersion_words(comparison: Comparison) -> str:
+    found = comparison.dispersion
     if found is None:
         return ""
-    counts = [one.counts[name] for name in found.by_group]
+    counts = [comparison.counts[name] for name in found.by_group]
     uneven = bool(counts) and max(counts) >= _UNLIKE * min(counts)
     if found.p > LEVEL and not (uneven and found.ratio >= _UNLIKE):
         return ""
     p = p_words(found.p, found.permutations)
     if not counts:
         return (
-            f"{one.title}: how far subjects scatter changes with the variable (test of dispersion {p}). The "
+            f"{comparison.title}: how far subjects scatter changes with the variable (test of dispersion {p}). The "
             "permutation tests allow for that only approximately, T² and F not at all."
         )
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in found.by_group.items())
-    words = f"{one.title}: the groups differ in dispersion (mean distance to the centroid: {mean}; {p})"
+    words = (
+        f"{comparison.title}: the groups differ in dispersion (mean distance to the centroid: {mean}; {p})"
+    )
     if uneven:
         words += " and in size"
     several = (
@@ -198,57 +208,59 @@ def _dispersion_words(one: Comparison) -> str:
     )
 
 
-def _excess(one: Comparison) -> float:
+def _excess(comparison: Comparison) -> float:
     """Return how much more often F than the permutation test raises false alarms, on the same relabellings.
 
     The permutation test is exact; both rates share the chance of which relabellings were drawn.
     """
-    rates = {test.test: test.rate for test in one.false_alarms}
+    rates = {test.test: test.rate for test in comparison.false_alarms}
     return rates.get(WHOLE_SHAPE_F, 0.0) - rates.get(WHOLE_SHAPE_PERMUTATION, 0.0)
 
 
-def _verdict(study: Study, one: Comparison) -> str:
-    significant = one.p_adjusted <= LEVEL
-    who = ", ".join(f"{count} {name}" for name, count in one.counts.items())
+def _verdict(study: Study, comparison: Comparison) -> str:
+    significant = comparison.p_adjusted <= LEVEL
+    who = ", ".join(f"{count} {name}" for name, count in comparison.counts.items())
     if study.request.kind == "regression":
         verdict = "shape changes with it" if significant else "no change of shape with it can be shown"
-        return f"{one.title} ({one.counts['all']} subjects): {verdict}."
-    if len(one.counts) > 2:
+        return f"{comparison.title} ({comparison.counts['all']} subjects): {verdict}."
+    if len(comparison.counts) > 2:
         verdict = "the groups differ in shape" if significant else "no difference in shape can be shown"
         return f"{who}: {verdict}."
     verdict = "the shapes differ" if significant else "no difference in shape can be shown"
-    return f"{one.title} ({who}): {verdict}."
+    return f"{comparison.title} ({who}): {verdict}."
 
 
-def _numbers(study: Study, one: Comparison) -> str:
+def _numbers(study: Study, comparison: Comparison) -> str:
     kind = study.request.kind
     words = []
-    if one.distance is not None and one.test.modes:
+    if comparison.distance is not None and comparison.test.modes:
         means = {
             "groups": "Mahalanobis distance of the group means, corrected for bias: D = {} SD.",
             "pairs": "Mean difference of the pairs, corrected for bias: D = {} SD of the differences.",
             "regression": "Change per unit of {column}, corrected for bias: {} SD.",
         }[kind]
         digits = 3 if kind == "regression" else 2
-        words.append(means.format(interval_words(one.distance, digits), column=study.request.column))
+        words.append(means.format(interval_words(comparison.distance, digits), column=study.request.column))
     correction = correction_words(study)
-    if one.test.modes and correction and (one is not study.overall or not study.pairwise):
-        words.append(f"Whole shape: {p_words(one.p_adjusted, one.test.permutations)}, {correction}.")
-    elif one.test.modes and study.request.answers > 1:
-        p = p_words(one.p_adjusted, one.test.permutations)
+    if comparison.test.modes and correction and (comparison is not study.overall or not study.pairwise):
+        words.append(
+            f"Whole shape: {p_words(comparison.p_adjusted, comparison.test.permutations)}, {correction}."
+        )
+    elif comparison.test.modes and study.request.answers > 1:
+        p = p_words(comparison.p_adjusted, comparison.test.permutations)
         words.append(f"Whole shape: {p}, corrected for {study.request.answers} answers (Bonferroni).")
-    words.append(f"{effect_words(one)}.")
-    words.append(f"Locally significant: {region_words(study, one)} (family-wise error, {LEVEL:g}).")
-    if one.discriminant is not None:
-        found = one.discriminant
-        accuracy = _tested(one.accuracy_p_adjusted, found.accuracy.permutations)
-        auc = _tested(one.auc_p_adjusted, found.auc.permutations)
+    words.append(f"{effect_words(comparison)}.")
+    words.append(f"Locally significant: {region_words(study, comparison)} (family-wise error, {LEVEL:g}).")
+    if comparison.discriminant is not None:
+        found = comparison.discriminant
+        accuracy = _tested(comparison.accuracy_p_adjusted, found.accuracy.permutations)
+        auc = _tested(comparison.auc_p_adjusted, found.auc.permutations)
         corrected = f" (both p {correction})" if correction and accuracy else ""
         words.append(
             f"Cross-validated linear discriminant: balanced accuracy {percent_words(found.accuracy)}"
             f"{accuracy}, AUC {interval_words(found.auc)}{auc}{corrected}."
         )
-    words += _size_words(study, one)
+    words += _size_words(study, comparison)
     return " ".join(words)
 
 
@@ -256,12 +268,12 @@ def _tested(p: float | None, permutations: int) -> str:
     return f", permutation {p_words(p, permutations)}" if p is not None else ""
 
 
-def _size_words(study: Study, one: Comparison) -> list[str]:
-    size, p = one.size, one.size_p_adjusted
+def _size_words(study: Study, comparison: Comparison) -> list[str]:
+    size, p = comparison.size, comparison.size_p_adjusted
     if size is None or p is None:
         return []
     words = p_words(p, size.permutations)
-    if one in study.pairwise and study.pairwise:
+    if comparison in study.pairwise and study.pairwise:
         words += f", {correction_words(study, size=True)}"
     if np.isnan(size.value):
         return [f"Size alone: {words}."]

@@ -70,26 +70,26 @@ def references(record: ResultRecord, studies: list[Study]) -> list[str]:
     named = ["program"]
     if not record.source:
         named += ["geodesic", "particles"]
-    comparisons = [one for study in studies for one in study.comparisons]
+    comparisons = [comparison for study in studies for comparison in study.comparisons]
     requests = [study.request for study in studies]
-    if any(one.alignment is not Alignment.AS_IT_LIES for one in requests):
+    if any(request.alignment is not Alignment.AS_IT_LIES for request in requests):
         named.append("procrustes")
-    if any(one.modes is None for one in requests):
+    if any(request.modes is None for request in requests):
         named.append("parallel")
     named += ["studentized", "local"] if comparisons else []
-    if any(one.covariates or one.kind == "regression" for one in requests):
+    if any(request.covariates or request.kind == "regression" for request in requests):
         named.append("hc2")
-    if any(one.covariates for one in requests):
+    if any(request.covariates for request in requests):
         named.append("freedman")
-    if any(one.dispersion is not None for one in comparisons):
+    if any(comparison.dispersion is not None for comparison in comparisons):
         named.append("dispersion")
     if any(study.pairwise for study in studies):
         named.append("holm")
-    if any(one.distance is not None for one in comparisons):
+    if any(comparison.distance is not None for comparison in comparisons):
         named.append("distance")
-    if any(one.discriminant is not None for one in comparisons):
+    if any(comparison.discriminant is not None for comparison in comparisons):
         named.append("discriminant")
-    return [_REFERENCES[one].format(record.versions.get("homolog", "")) for one in named]
+    return [_REFERENCES[item].format(record.versions.get("homolog", "")) for item in named]
 
 
 def _groomed(record: ResultRecord) -> str:
@@ -181,14 +181,16 @@ def _statistics(study: Study) -> str:
             "Equality of dispersion was tested by the distances of subjects to their group's centroid (or "
             "fitted shape) in these modes, by permutation."
         )
-    if any(one.distance is not None for one in study.comparisons):
+    if any(comparison.distance is not None for comparison in study.comparisons):
         words.append(
             "Mahalanobis distances were corrected for bias; their intervals come from the noncentral F "
             "distribution."
         )
-    lines = [one.discriminant for one in study.comparisons if one.discriminant is not None]
+    lines = [
+        comparison.discriminant for comparison in study.comparisons if comparison.discriminant is not None
+    ]
     if lines:
-        folds = " to ".join(str(one) for one in sorted({line.folds for line in lines}))
+        folds = " to ".join(str(item) for item in sorted({line.folds for line in lines}))
         words.append(
             "The linear discriminant was computed in the kept modes with the covariance shrunk after Ledoit "
             f"and Wolf. Balanced accuracy and area under the curve (AUC) come from {folds}-fold stratified "
@@ -204,10 +206,10 @@ def _statistics(study: Study) -> str:
     return " ".join(words)
 
 
-def _permutations(one: Comparison) -> str:
-    if one.test.exact:
-        return f"All {one.test.permutations + 1} permutations were taken (exact test)"
-    return f"{one.test.permutations} random permutations"
+def _permutations(comparison: Comparison) -> str:
+    if comparison.test.exact:
+        return f"All {comparison.test.permutations + 1} permutations were taken (exact test)"
+    return f"{comparison.test.permutations} random permutations"
 
 
 def settings_rows(record: ResultRecord, studies: list[Study]) -> list[tuple[str, str, str]]:

@@ -66,7 +66,7 @@ class Page:
         summary: str = "",
     ) -> None:
         """Add a table; of words its cells are set to the left, with a summary it is folded away."""
-        head = "".join(f"<th>{escape(one)}</th>" for one in columns)
+        head = "".join(f"<th>{escape(column)}</th>" for column in columns)
         body = "".join("<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in rows)
         kind = ' class="words"' if words else ""
         table = f'<div class="scroll"><table{kind}><tr>{head}</tr>{body}</table></div>'
@@ -76,21 +76,21 @@ class Page:
 
     def figures(self, figures: Sequence[ReportFigure]) -> None:
         """Add figures, beside each other where they fit."""
-        inner = "".join(_figure(one) for one in figures)
+        inner = "".join(_figure(figure) for figure in figures)
         self._parts.append(f'<div class="row">{inner}</div>' if len(figures) > 1 else inner)
 
     def pictures(self, pictures: Sequence[Picture]) -> None:
         """Add small pictures that lie beside the page, as many in a row as fit."""
         inner = "".join(
-            f'<figure><a href="{_address(one.target)}"><img src="{_address(one.source)}" width="240" '
-            f'alt="{escape(one.caption)}"></a><figcaption>{escape(one.caption)}</figcaption></figure>'
-            for one in pictures
+            f'<figure><a href="{_address(picture.target)}"><img src="{_address(picture.source)}" width="240" '
+            f'alt="{escape(picture.caption)}"></a><figcaption>{escape(picture.caption)}</figcaption></figure>'
+            for picture in pictures
         )
         self._parts.append(f'<div class="tiles">{inner}</div>' if inner else "")
 
     def links(self, targets: Iterable[str], summary: str) -> None:
         """Add a list of files, by their paths from the page, folded away."""
-        items = "".join(f'<li><a href="{escape(one)}">{escape(one)}</a></li>' for one in targets)
+        items = "".join(f'<li><a href="{escape(target)}">{escape(target)}</a></li>' for target in targets)
         self._parts.append(f"<details><summary>{escape(summary)}</summary><ul>{items}</ul></details>")
 
     @property
@@ -121,13 +121,15 @@ def _text(words: str) -> str:
     return escape(words.replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%"))
 
 
-def _figure(one: ReportFigure) -> str:
+def _figure(report_figure: ReportFigure) -> str:
     picture = io.BytesIO()
-    complete_texts(one.figure)
-    one.figure.savefig(picture, format="png", dpi=_DPI, facecolor=one.figure.get_facecolor())
+    complete_texts(report_figure.figure)
+    report_figure.figure.savefig(
+        picture, format="png", dpi=_DPI, facecolor=report_figure.figure.get_facecolor()
+    )
     data = base64.b64encode(picture.getvalue()).decode("ascii")
-    width = round(one.figure.get_figwidth() * 96)
+    width = round(report_figure.figure.get_figwidth() * 96)
     return (
-        f'<figure><img src="data:image/png;base64,{data}" width="{width}" alt="{escape(one.caption)}">'
-        f"<figcaption>{_text(one.caption)}</figcaption></figure>"
+        f'<figure><img src="data:image/png;base64,{data}" width="{width}" alt="{escape(report_figure.caption)}">'
+        f"<figcaption>{_text(report_figure.caption)}</figcaption></figure>"
     )

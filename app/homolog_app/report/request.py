@@ -170,7 +170,7 @@ def study_folder(project: Project, request: StudyRequest) -> Path:
 
 
 def _folder_in(root: Path, request: StudyRequest) -> Path:
-    there = {one.name.casefold(): one for one in root.iterdir()} if root.is_dir() else {}
+    there = {path.name.casefold(): path for path in root.iterdir()} if root.is_dir() else {}
     number = 1
     while True:
         name = request.name if number == 1 else f"{request.name}_{number}"

@@ -111,10 +111,10 @@ def write_spread(folder: Path, answers: Sequence[SeedAnswer]) -> None:
         _COLUMNS,
         (
             [
-                one.comparison, one.seed, one.p, one.distance, one.particles, one.percent, one.accuracy,
-                one.auc, one.size, one.permutations, one.fingerprint,
+                answer.comparison, answer.seed, answer.p, answer.distance, answer.particles, answer.percent,
+                answer.accuracy, answer.auc, answer.size, answer.permutations, answer.fingerprint,
             ]
-            for one in answers
+            for answer in answers
         ),
     )  # fmt: skip
 
@@ -141,26 +141,26 @@ def read_spread(folder: Path, fingerprint: str) -> list[SeedAnswer]:
         raise InputError(
             f"{path}: can't be read: {error}; delete it and analyze again with --seeds"
         ) from error
-    return found if all(one.fingerprint == fingerprint for one in found) else []
+    return found if all(item.fingerprint == fingerprint for item in found) else []
 
 
 def spread_words(answers: Sequence[SeedAnswer]) -> list[str]:
     """Return a sentence for each comparison: between what its answers lie."""
     words = []
-    for title in dict.fromkeys(one.comparison for one in answers):
-        own = [one for one in answers if one.comparison == title]
-        low, high = min(one.p for one in own), max(one.p for one in own)
-        significant = sum(one.p <= LEVEL for one in own)
+    for title in dict.fromkeys(answer.comparison for answer in answers):
+        own = [answer for answer in answers if answer.comparison == title]
+        low, high = min(item.p for item in own), max(item.p for item in own)
+        significant = sum(item.p <= LEVEL for item in own)
         text = (
             f"{title}: over {len(own)} seeds of the correspondence {p_words(low, own[0].permutations)} to "
             f"{p_words(high, own[0].permutations)} ({significant} of {len(own)} significant)"
         )
-        distances = [one.distance for one in own if one.distance is not None]
+        distances = [item.distance for item in own if item.distance is not None]
         if distances:
             text += f", D {min(distances):.2f} to {max(distances):.2f} SD"
-        percents = [one.percent for one in own]
+        percents = [item.percent for item in own]
         text += f", {min(percents):.1f} to {max(percents):.1f} % of the surface"
-        accuracies = [one.accuracy for one in own if one.accuracy is not None]
+        accuracies = [item.accuracy for item in own if item.accuracy is not None]
         if accuracies:
             text += f", balanced accuracy {100 * min(accuracies):.0f} to {100 * max(accuracies):.0f} %"
         words.append(f"{text}.")
@@ -175,17 +175,17 @@ def _repeated(project: Project, record: ResultRecord, seed: int, tick: Tick) -> 
     )
     there = again.read() if again.exists else None
     if there is not None and there.result is not None and there.result.settings == settings:
-        contents = {one.name: one.content for one in there.result.subjects}
-        if contents == {one.name: one.content for one in record.subjects}:
+        contents = {subject.name: subject.content for subject in there.result.subjects}
+        if contents == {subject.name: subject.content for subject in record.subjects}:
             return again
     if not again.groomed.is_dir() and project.groomed.is_dir():
         shutil.copytree(project.groomed, again.groomed)  # so that nothing is groomed again
         again.write(project.read().model_copy(update={"result": None, "subjects": [], "unfinished": False}))
     cohort = project.cohort()
-    names = {one.name for one in record.subjects}
-    kept = tuple(one for one in cohort.subjects if one.name in names)
+    names = {subject.name for subject in record.subjects}
+    kept = tuple(subject for subject in cohort.subjects if subject.name in names)
     if len(kept) < len(names):
-        gone = sorted(names - {one.name for one in kept})
+        gone = sorted(names - {item.name for item in kept})
         raise InputError(f"{gone[0]}: is no more among the project's subjects; run the project again first")
     job = Run(again, Cohort(kept, cohort.folder), settings)
 
@@ -213,22 +213,22 @@ def _with_table(again: Result, result: Result) -> Result:
 
 def _answers(study: Study, seed: int, fingerprint: str) -> list[SeedAnswer]:
     found = []
-    for one in study.comparisons:
-        significant = one.p_family <= LEVEL
+    for comparison in study.comparisons:
+        significant = comparison.p_family <= LEVEL
         area = float(study.areas[significant].sum()) / max(float(study.areas.sum()), 1e-300)
-        line, size = one.discriminant, one.size
+        line, size = comparison.discriminant, comparison.size
         found.append(
             SeedAnswer(
-                comparison=one.title,
+                comparison=comparison.title,
                 seed=seed,
-                p=one.p_adjusted,
-                distance=None if one.distance is None else one.distance.value,
+                p=comparison.p_adjusted,
+                distance=None if comparison.distance is None else comparison.distance.value,
                 particles=int(np.count_nonzero(significant)),
                 percent=100.0 * area,
                 accuracy=None if line is None else line.accuracy.value,
                 auc=None if line is None else line.auc.value,
                 size=size.value if size is not None and np.isfinite(size.value) else None,
-                permutations=one.test.permutations,
+                permutations=comparison.test.permutations,
                 fingerprint=fingerprint,
             )
         )

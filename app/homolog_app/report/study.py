@@ -83,9 +83,9 @@ def column_of(result: Result, column: str) -> list[str]:
     """
     known = _columns_of(result)
     if column == "group":
-        values = [one or "" for one in result.groups]
+        values = [group or "" for group in result.groups]
     elif column == SHAPE_SIZE or (column == SIZE and SIZE not in known):
-        return [repr(float(one)) for one in sizes(_at_own_size(result))]
+        return [repr(float(size)) for size in sizes(_at_own_size(result))]
     elif column in known:
         values = [columns.get(column, "") for columns in result.columns]
     else:
@@ -193,8 +193,8 @@ def _columns_of(result: Result) -> set[str]:
 def _check(result: Result, request: StudyRequest) -> None:
     """Refuse what can't be asked, before anything is computed."""
     known = _columns_of(result)
-    named = [category_of(one, known)[0] for one in request.covariates]
-    twice = [one for one, count in Counter(named).items() if count > 1]
+    named = [category_of(covariate, known)[0] for covariate in request.covariates]
+    twice = [item for item, count in Counter(named).items() if count > 1]
     if twice:
         raise InputError(f"the covariate {twice[0]!r} is named twice; name it once")
     if request.kind == "pairs" and (len(request.between) != 2 or request.covariates):
@@ -217,7 +217,7 @@ def _left_out(result: Result, request: StudyRequest, labels: Sequence[str]) -> d
     if not request.complete_cases:
         return {}
     known = _columns_of(result)
-    used = [category_of(one, known)[0] for one in request.covariates]
+    used = [category_of(covariate, known)[0] for covariate in request.covariates]
     used += [request.column] if request.kind == "regression" else []
     used += [request.pairs] if request.pairs else []
     gone: dict[str, str] = {}
@@ -356,13 +356,13 @@ def _areas(result: Result) -> FloatArray:
 
 def _notes(result: Result, request: StudyRequest) -> tuple[str, ...]:
     known = _columns_of(result)
-    columns = [category_of(one, known)[0] for one in request.covariates]
+    columns = [category_of(covariate, known)[0] for covariate in request.covariates]
     notes = []
     for column in dict.fromkeys([*([] if request.kind == "regression" else [request.column]), *columns]):
         for alike in lookalikes(column_of(result, column)):
             if column in columns and numbers(column_of(result, column)) is not None:
                 continue
-            spelled = " and ".join(repr(one) for one in alike)
+            spelled = " and ".join(repr(item) for item in alike)
             notes.append(f"Column {column!r} holds {spelled}, which were taken as different values.")
     if SIZE in known and SIZE in (request.column, *columns):
         notes.append(f"'size' is the column of the cohort's table; the size of the shapes is {SHAPE_SIZE!r}.")

@@ -49,7 +49,10 @@ def write_study_tables(
     InputError
         If the folder can't be written to.
     """
-    rows = [_test_row(study, one) | _provenance(study.request, answered) for one in study.comparisons]
+    rows = [
+        _test_row(study, comparison) | _provenance(study.request, answered)
+        for comparison in study.comparisons
+    ]
     write_table(folder / "tests.csv", list(rows[0]), (list(row.values()) for row in rows))
     written = {"tests.csv": list(rows[0])}
 
@@ -61,19 +64,19 @@ def write_study_tables(
         "null_simulation.csv",
         ["comparison", "test", "false_alarms", "repeats", "rate", "low_95", "high_95"],
         (
-            [one.title, test.test, test.alarms, test.repeats, test.rate, test.low, test.high]
-            for one in study.comparisons
-            for test in one.false_alarms
+            [comparison.title, test.test, test.alarms, test.repeats, test.rate, test.low, test.high]
+            for comparison in study.comparisons
+            for test in comparison.false_alarms
         ),
     )
     write(
         "dispersion.csv",
         ["comparison", "group", "n", "mean_distance_mm"],
         (
-            [one.title, group, one.counts[group], distance]
-            for one in study.comparisons
-            if one.dispersion is not None
-            for group, distance in one.dispersion.by_group.items()
+            [comparison.title, group, comparison.counts[group], distance]
+            for comparison in study.comparisons
+            if comparison.dispersion is not None
+            for group, distance in comparison.dispersion.by_group.items()
         ),
     )
     write(
@@ -81,9 +84,9 @@ def write_study_tables(
         ["group", "variable", "category", "n", "mean", "standard_deviation"],
         (list(row) for row in sample_rows(study, result)),
     )
-    stems = file_stems([one.title for one in study.comparisons])
-    for one, stem in zip(study.comparisons, stems, strict=True):
-        columns, lines = _particles(study, one, result, carrier)
+    stems = file_stems([comparison.title for comparison in study.comparisons])
+    for item, stem in zip(study.comparisons, stems, strict=True):
+        columns, lines = _particles(study, item, result, carrier)
         write(f"particles_{stem}.csv", columns, lines)
     columns, lines = _subjects(study, result)
     write("subjects.csv", columns, lines)
@@ -100,10 +103,14 @@ def sample_rows(study: Study, result: Result) -> list[SampleRow]:
     taking = [index for index, name in enumerate(result.names) if name not in study.left_out]
     groups: dict[str, list[int]] = {"all": taking}
     if request.kind != "regression":
-        groups = {one: [index for index in taking if study.labels[index] == one] for one in request.between}
+        groups = {
+            item: [index for index in taking if study.labels[index] == item] for item in request.between
+        }
     known = {name for columns in result.columns for name in columns}
     variables = [SHAPE_SIZE, *([request.column] if request.kind == "regression" else [])]
-    variables += [one for one in request.covariates if category_of(one, known)[0] not in variables]
+    variables += [
+        covariate for covariate in request.covariates if category_of(covariate, known)[0] not in variables
+    ]
     found: list[SampleRow] = []
     for group, members in groups.items():
         found.append((group, "subjects", "", len(members), None, None))
@@ -136,24 +143,29 @@ def _provenance(request: StudyRequest, answered: Answered) -> dict[str, _Cell]:
     }
 
 
-def _test_row(study: Study, one: Comparison) -> dict[str, _Cell]:
-    test, local, found, spread = one.test, one.local, one.discriminant, one.dispersion
-    significant = one.p_family <= LEVEL
+def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
+    test, local, found, spread = (
+        comparison.test,
+        comparison.local,
+        comparison.discriminant,
+        comparison.dispersion,
+    )
+    significant = comparison.p_family <= LEVEL
     area = float(study.areas[significant].sum())
     regression = study.request.kind == "regression"
     return {
-        "comparison": one.title,
-        "n": sum(one.counts.values()),
-        "n_by_group": "; ".join(f"{name} {count}" for name, count in one.counts.items()),
+        "comparison": comparison.title,
+        "n": sum(comparison.counts.values()),
+        "n_by_group": "; ".join(f"{name} {count}" for name, count in comparison.counts.items()),
         "unit": f"per unit of {study.request.column}" if regression else "difference",
         "modes": test.modes,
         "modes_chosen_by": "option" if study.request.modes is not None else "parallel analysis",
-        **_effect("mahalanobis_d_corrected", one.distance),
+        **_effect("mahalanobis_d_corrected", comparison.distance),
         "mahalanobis_d_plain": test.mahalanobis,
         "studentized_statistic": test.studentized,
         "p_permutation": test.p_permutation,
-        "p_permutation_corrected": one.p_adjusted,
-        "pairs_corrected_for": len(study.pairwise) if one in study.pairwise else 1,
+        "p_permutation_corrected": comparison.p_adjusted,
+        "pairs_corrected_for": len(study.pairwise) if comparison in study.pairwise else 1,
         "permutations": test.permutations,
         "permutations_exhaustive": int(test.exact),
         "t_squared": test.t_squared,
@@ -166,20 +178,20 @@ def _test_row(study: Study, one: Comparison) -> dict[str, _Cell]:
         "dispersion_ratio": None if spread is None else spread.ratio,
         "dispersion_f": None if spread is None else spread.f,
         "dispersion_p": None if spread is None else spread.p,
-        "particles": len(one.p_family),
+        "particles": len(comparison.p_family),
         "particles_p_family_corrected_05": int(np.count_nonzero(significant)),
         "area_p_family_corrected_05_mm2": area,
         "area_p_family_corrected_05_percent": 100.0 * area / max(float(study.areas.sum()), 1e-300),
         "particles_q_05": int(np.count_nonzero(local.q <= LEVEL)),
-        **_effect("size_effect_mm", one.size),
-        "size_p_permutation": None if one.size is None else one.size.p,
-        "size_p_permutation_corrected": one.size_p_adjusted,
+        **_effect("size_effect_mm", comparison.size),
+        "size_p_permutation": None if comparison.size is None else comparison.size.p,
+        "size_p_permutation_corrected": comparison.size_p_adjusted,
         **_effect("balanced_accuracy", None if found is None else found.accuracy),
         "balanced_accuracy_p_permutation": None if found is None else found.accuracy.p,
-        "balanced_accuracy_p_permutation_corrected": one.accuracy_p_adjusted,
+        "balanced_accuracy_p_permutation_corrected": comparison.accuracy_p_adjusted,
         **_effect("auc", None if found is None else found.auc),
         "auc_p_permutation": None if found is None else found.auc.p,
-        "auc_p_permutation_corrected": one.auc_p_adjusted,
+        "auc_p_permutation_corrected": comparison.auc_p_adjusted,
     }
 
 
@@ -193,57 +205,67 @@ def _effect(name: str, effect: Effect | None) -> dict[str, _Cell]:
 
 
 def _particles(
-    study: Study, one: Comparison, result: Result, carrier: SurfaceCarrier
+    study: Study, comparison: Comparison, result: Result, carrier: SurfaceCarrier
 ) -> tuple[list[str], Iterator[list[_Cell]]]:
     """Columns and rows of a comparison's particles: mean position, effects with intervals, p and q."""
     per = "_per_unit" if study.request.kind == "regression" else ""
     columns = ["particle", "area_mm2", "mean_x_mm", "mean_y_mm", "mean_z_mm"]
-    values = [study.areas[:, None], one.mean]
-    for index, effect in enumerate(one.local.effect, start=1):
-        suffix = f"_{index}" if len(one.local.effect) > 1 else ""
+    values = [study.areas[:, None], comparison.mean]
+    for index, effect in enumerate(comparison.local.effect, start=1):
+        suffix = f"_{index}" if len(comparison.local.effect) > 1 else ""
         columns += [f"effect_{axis}{suffix}_mm{per}" for axis in "xyz"] + [f"outward{suffix}_mm{per}"]
-        values += [effect, carrier.outward_at_particles(one, effect)[:, None]]
-    if len(one.local.effect) == 1:
+        values += [effect, carrier.outward_at_particles(comparison, effect)[:, None]]
+    if len(comparison.local.effect) == 1:
         columns += [f"outward_low_95_mm{per}", f"outward_high_95_mm{per}"]
-        values += [np.column_stack(one.local.bounds(carrier.normals_at_particles(one)))]
-    if one.discriminant is not None:
+        values += [np.column_stack(comparison.local.bounds(carrier.normals_at_particles(comparison)))]
+    if comparison.discriminant is not None:
         columns += ["discriminant_outward_mm"]
-        values += [carrier.outward_at_particles(one, one.discriminant.displacement)[:, None]]
+        values += [carrier.outward_at_particles(comparison, comparison.discriminant.displacement)[:, None]]
     columns += ["explained", "p_f", "studentized_statistic", "p", "p_family", "p_family_corrected", "q"]
-    local = one.local
+    local = comparison.local
     values += [
         np.column_stack(
-            [local.explained, local.p_f, local.studentized, local.p, local.p_family, one.p_family, local.q]
+            [
+                local.explained,
+                local.p_f,
+                local.studentized,
+                local.p,
+                local.p_family,
+                comparison.p_family,
+                local.q,
+            ]
         )
     ]
-    if one.discriminant is not None and not study.request.covariates:
-        welch = _outward_test(study, one, result, carrier)
+    if comparison.discriminant is not None and not study.request.covariates:
+        welch = _outward_test(study, comparison, result, carrier)
         columns += ["outward_t_welch", "outward_p_welch", "outward_p_family", "outward_q"]
         values += [np.column_stack([welch.t, welch.p, welch.p_family, welch.q])]
     table = np.hstack(values).tolist()
     return columns, ([number, *row] for number, row in enumerate(table))
 
 
-def _outward_test(study: Study, one: Comparison, result: Result, carrier: SurfaceCarrier) -> WelchMap:
+def _outward_test(study: Study, comparison: Comparison, result: Result, carrier: SurfaceCarrier) -> WelchMap:
     """Test two groups for outward displacement alone, with its sign and for unequal variances."""
     request = study.request
-    shapes = prepared(compared_shapes(result, request.alignment)[one.subjects], study_options(request))
-    second = np.array([study.labels[subject] for subject in one.subjects]) == list(one.counts)[1]
-    outward = carrier.outward_at_particles(one, shapes - one.mean)
+    shapes = prepared(compared_shapes(result, request.alignment)[comparison.subjects], study_options(request))
+    second = (
+        np.array([study.labels[subject] for subject in comparison.subjects]) == list(comparison.counts)[1]
+    )
+    outward = carrier.outward_at_particles(comparison, shapes - comparison.mean)
     return welch_map(outward, second, permutations=request.permutations, seed=request.seed)
 
 
 def _subjects(study: Study, result: Result) -> tuple[list[str], Iterator[list[_Cell]]]:
     """Columns and rows of the subjects: label, part, and place along each discriminant."""
-    lines = [one for one in study.comparisons if one.discriminant is not None]
+    lines = [comparison for comparison in study.comparisons if comparison.discriminant is not None]
     places: list[dict[int, float]] = []
-    for one in lines:
-        assert one.discriminant is not None
-        rms = one.discriminant.scores / np.sqrt(len(one.mean))
-        places.append(dict(zip(one.subjects.tolist(), rms.tolist(), strict=True)))
+    for item in lines:
+        assert item.discriminant is not None
+        rms = item.discriminant.scores / np.sqrt(len(item.mean))
+        places.append(dict(zip(item.subjects.tolist(), rms.tolist(), strict=True)))
     size = [float(cell) for cell in column_of(result, SHAPE_SIZE)]
     columns = ["name", study.request.column, "takes_part", "left_out_because", "shape_size_mm"]
-    columns += [f"discriminant_{one.title}_mm" for one in lines]
+    columns += [f"discriminant_{line.title}_mm" for line in lines]
     return columns, (
         [
             name,
@@ -251,7 +273,7 @@ def _subjects(study: Study, result: Result) -> tuple[list[str], Iterator[list[_C
             int(name not in study.left_out),
             study.left_out.get(name, ""),
             size[index],
-            *(one.get(index) for one in places),
+            *(place.get(index) for place in places),
         ]
         for index, name in enumerate(result.names)
     )

@@ -102,13 +102,15 @@ def _made(record: ResultRecord) -> str:
 
 def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence[Study]) -> None:
     groups = list(result.groups)
-    counts = ", ".join(f"{groups.count(one)} {one or 'no group'}" for one in dict.fromkeys(groups))
+    counts = ", ".join(
+        f"{groups.count(fromkey)} {fromkey or 'no group'}" for fromkey in dict.fromkeys(groups)
+    )
     page.paragraph(
         f"{len(groups)} subjects{f' ({counts})' if any(groups) else ''} with {record.particles} "
         f"corresponding particles each; {record.metric} distances; surface: {record.surface_words}."
     )
     if record.mirrored_words:
-        names = ", ".join(one.name for one in record.subjects if one.is_mirrored)
+        names = ", ".join(subject.name for subject in record.subjects if subject.is_mirrored)
         page.paragraph(
             f"{record.mirrored_words}: {names}. Means, modes and differences are shown in the common frame."
         )
@@ -119,7 +121,7 @@ def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence
         page.paragraph("No study has been made yet: homolog analyze PROJECT --group COLUMN.")
     for study in studies:
         page.heading(study.request.title, 3)
-        page.points((one.verdict, one.numbers) for one in findings(study))
+        page.points((finding.verdict, finding.numbers) for finding in findings(study))
         for words in cautions(study):
             page.caution(words)
 
@@ -132,11 +134,11 @@ def _model_section(
     page: Page, folder: Path, result: Result, model: ShapeModel, figures: Sequence[ReportFigure]
 ) -> None:
     page.heading("Shape model")
-    small = [one for one in figures if one.name in ("scree", "scores")]
+    small = [figure for figure in figures if figure.name in ("scree", "scores")]
     page.figures(small)
-    for one in figures:
-        if one not in small:
-            page.figures([one])
+    for item in figures:
+        if item not in small:
+            page.figures([item])
     rows = quality_rows(result, model)
     if rows:
         write_table(
@@ -186,13 +188,15 @@ def _study_section(
         )
         + "p (F) assumes normal data and equal covariances and is not corrected."
     )
-    page.table(_COLUMNS, (_row(study, one) for one in study.comparisons))
+    page.table(_COLUMNS, (_row(study, comparison) for comparison in study.comparisons))
     spread = spread_words(read_spread(folder, fingerprint))
     page.paragraph(
         "The seed of the correspondence is part of the uncertainty. "
         + (" ".join(spread) or "Its share was not computed: homolog analyze --seeds 5 does.")
     )
-    checks = [_check_row(study, one) for one in study.comparisons if one.dispersion is not None]
+    checks = [
+        _check_row(study, comparison) for comparison in study.comparisons if comparison.dispersion is not None
+    ]
     if checks:
         page.heading("Assumptions", 3)
         page.paragraph(
@@ -202,14 +206,19 @@ def _study_section(
             "group by more than three scaled median absolute deviations."
         )
         page.table(["comparison", "dispersion (mm)", "F", "p", "outliers"], checks, words=True)
-    for one in figures:
-        if one.heading:
-            page.heading(one.heading, 3)
-        page.figures([one])
+    for figure in figures:
+        if figure.heading:
+            page.heading(figure.heading, 3)
+        page.figures([figure])
     alarms = [
-        (one.title, test.test, f"{100 * test.rate:.1f}", f"{100 * test.low:.1f} – {100 * test.high:.1f}")
-        for one in study.comparisons
-        for test in one.false_alarms
+        (
+            comparison.title,
+            test.test,
+            f"{100 * test.rate:.1f}",
+            f"{100 * test.low:.1f} – {100 * test.high:.1f}",
+        )
+        for comparison in study.comparisons
+        for test in comparison.false_alarms
     ]
     if alarms:
         page.heading("False alarms on this cohort", 3)
@@ -230,24 +239,24 @@ _COLUMNS = (
 )  # fmt: skip
 
 
-def _row(study: Study, one: Comparison) -> tuple[str, ...]:
-    test, line, size = one.test, one.discriminant, one.size
+def _row(study: Study, comparison: Comparison) -> tuple[str, ...]:
+    test, line, size = comparison.test, comparison.discriminant, comparison.size
     unit = f"mm per unit of {study.request.column}" if study.request.kind == "regression" else "mm"
     digits = 3 if study.request.kind == "regression" else 2
     return (
-        one.title,
+        comparison.title,
         str(test.modes),
-        interval_words(one.distance, digits) if one.distance is not None else "–",
+        interval_words(comparison.distance, digits) if comparison.distance is not None else "–",
         _p(test.p_permutation, test.permutations),
-        _p(one.p_adjusted, test.permutations),
+        _p(comparison.p_adjusted, test.permutations),
         f"T² {test.t_squared:.1f}" if test.t_squared is not None else f"Λ {test.wilks:.3f}",
         _p(test.p),
-        region_words(study, one),
+        region_words(study, comparison),
         percent_words(line.accuracy) if line is not None else "–",
         interval_words(line.auc) if line is not None else "–",
         f"{interval_words(size)} {unit}" if size is not None and isfinite(size.value) else "–",
-        _p(one.size_p_adjusted, size.permutations)
-        if size is not None and one.size_p_adjusted is not None
+        _p(comparison.size_p_adjusted, size.permutations)
+        if size is not None and comparison.size_p_adjusted is not None
         else "–",
     )
 
@@ -256,16 +265,16 @@ def _p(p: float, permutations: int | None = None) -> str:
     return p_words(p, permutations).removeprefix("p ").removeprefix("= ")
 
 
-def _check_row(study: Study, one: Comparison) -> tuple[str, ...]:
-    found = one.dispersion
+def _check_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
+    found = comparison.dispersion
     assert found is not None
     mean = ", ".join(f"{name} {value:.2f}" for name, value in found.by_group.items()) or "along the variable"
     return (
-        one.title,
+        comparison.title,
         mean,
         f"{found.f:.2f}",
         _p(found.p, found.permutations),
-        ", ".join(outliers_by_group(study, one)) or "none",
+        ", ".join(outliers_by_group(study, comparison)) or "none",
     )
 
 
@@ -306,12 +315,12 @@ def _closing(
     )
     page.table(
         ["subject", "group", "notes"],
-        ((one.name, one.group or "", "; ".join(one.notes)) for one in record.subjects),
+        ((subject.name, subject.group or "", "; ".join(subject.notes)) for subject in record.subjects),
         words=True,
         summary="All subjects",
     )
     page.heading("Files")
-    vectors = [f"figures/{one.name}.{suffix}" for one in figures for suffix in ("svg", "pdf")]
+    vectors = [f"figures/{figure.name}.{suffix}" for figure in figures for suffix in ("svg", "pdf")]
     page.links(vectors, f"Figures as vector graphics ({len(vectors)} files)")
     tables = [
         f"../{path.relative_to(project.folder).as_posix()}"

@@ -89,14 +89,17 @@ def evaluate(particles: FloatArray, beans: Sequence[Bean]) -> BeanMetrics:
     spacings the straight distance is within a few percent of the geodesic one.
     """
     particles = np.asarray(particles, dtype=np.float64)
-    contacts = [closest_on_bean(one, bean) for one, bean in zip(particles, beans, strict=True)]
+    contacts = [closest_on_bean(particle, bean) for particle, bean in zip(particles, beans, strict=True)]
     areas = np.array([surface_areas(bean) for bean in beans])
     distance = np.abs([contact.distance for contact in contacts])
     on_slot = np.array([contact.on_slot for contact in contacts])
     fill = on_slot.mean(axis=1) / (areas[:, 1] / areas[:, 0])
     spacing = np.sqrt(areas[:, 0] / particles.shape[1])
     variation, cover = np.transpose(
-        [_sampling(one, bean, contact) for one, bean, contact in zip(particles, beans, contacts, strict=True)]
+        [
+            _sampling(particle, bean, contact)
+            for particle, bean, contact in zip(particles, beans, contacts, strict=True)
+        ]
     )
     opposite, swapped = _disagreements(contacts)
     leak, linear, r2_position, r2_width, shares, variance = _modes(particles, beans)
@@ -144,10 +147,10 @@ def _explained(factors: FloatArray, values: FloatArray) -> FloatArray:
 def _disagreements(contacts: Sequence[BeanContact]) -> tuple[float, float]:
     """Shares of (particle, pair of shapes) with opposite normals, and on opposite slot walls."""
     opposite = swapped = both = 0
-    for one, other in combinations(contacts, 2):
-        opposite += int(np.count_nonzero((one.normals * other.normals).sum(axis=1) < 0.0))
-        both += int(np.count_nonzero(one.on_slot & other.on_slot))
-        swapped += int(np.count_nonzero(one.wall * other.wall < 0))
+    for item, other in combinations(contacts, 2):
+        opposite += int(np.count_nonzero((item.normals * other.normals).sum(axis=1) < 0.0))
+        both += int(np.count_nonzero(item.on_slot & other.on_slot))
+        swapped += int(np.count_nonzero(item.wall * other.wall < 0))
     pairs = len(contacts) * (len(contacts) - 1) // 2
     return opposite / (pairs * len(contacts[0].wall)), swapped / both if both else 0.0
 

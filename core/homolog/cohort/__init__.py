@@ -76,7 +76,9 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
         raise InputError(f"{path}: is one file; give the folder of the cohort's files, or a cohort.csv")
     else:
         raise InputError(f"{path}: does not exist; correct the path")
-    repeated = [name for name, count in Counter(one.name for one in cohort.subjects).items() if count > 1]
+    repeated = [
+        name for name, count in Counter(subject.name for subject in cohort.subjects).items() if count > 1
+    ]
     if repeated:
         raise InputError(f"{path}: several subjects are called {', '.join(repeated)}; give each its own name")
     return cohort

@@ -68,36 +68,40 @@ _SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7"
 def read_folder(folder: Path) -> Cohort:
     """Return the cohort of a folder; raises InputError if there is none or several may be meant."""
     entries = _entries(folder)
-    slices = [one for one in entries if suffix_of(one) == ".dcm" and one.is_file() and not is_dicom_seg(one)]
+    slices = [
+        entry
+        for entry in entries
+        if suffix_of(entry) == ".dcm" and entry.is_file() and not is_dicom_seg(entry)
+    ]
     files = _known_files(entries)
-    folders = [one for one in entries if one.is_dir()]
-    series = {one: one for one in folders if dicom_files(one)}
+    folders = [entry for entry in entries if entry.is_dir()]
+    series = {item: item for item in folders if dicom_files(item)}
     if slices or not (files or series or not dicom_files(folder)):
         raise InputError(
             f"{folder}: contains the slices of a DICOM series; give the folder above it, which contains one "
             "folder for each subject"
         )
     if not files and not series:
-        series = {one: below for one in folders if (below := _series_below(one))}
+        series = {item: below for item in folders if (below := _series_below(item))}
     if not files and not series:
         return _read_folders(folder, folders)
     subjects = [
-        Subject(one.name[: -len(suffix_of(one))], one, landmarks=landmarks_beside(one)) for one in files
+        Subject(file.name[: -len(suffix_of(file))], file, landmarks=landmarks_beside(file)) for file in files
     ]
-    subjects += [Subject(one.name, place) for one, place in series.items()]
-    return Cohort(tuple(sorted(subjects, key=lambda one: one.path)), folder)
+    subjects += [Subject(item.name, place) for item, place in series.items()]
+    return Cohort(tuple(sorted(subjects, key=lambda subject: subject.path)), folder)
 
 
 def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     """Read folders of subjects: one file in each, or one for each structure; or the one with all files."""
-    found = {one: sources for one in below if (sources := _sources(one))}
-    several = [one for one, sources in found.items() if len(sources) > 1]
+    found = {item: sources for item in below if (sources := _sources(item))}
+    several = [item for item, sources in found.items() if len(sources) > 1]
     if several and len(found) == 1:
         return read_folder(several[0])
     if several and (labels := _label_folder(found)):
         return read_folder(labels)
     if several and not _are_subjects(found):
-        counts = ", ".join(f"{one.name} ({len(found[one])})" for one in several[:_NAMED])
+        counts = ", ".join(f"{item.name} ({len(found[item])})" for item in several[:_NAMED])
         raise InputError(
             f"{folder}: contains folders with several segmentations or meshes: {counts}"
             f"{' …' if len(several) > _NAMED else ''}; give one of them, or a cohort.csv that names "
@@ -108,7 +112,7 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
             f"{folder}: contains no segmentation or mesh; known files are "
             f"{', '.join(IMAGE_SUFFIXES + MESH_SUFFIXES)} and folders of DICOM files"
         )
-    subjects = [_subject_of(one, list(sources.values()), bool(several)) for one, sources in found.items()]
+    subjects = [_subject_of(item, list(sources.values()), bool(several)) for item, sources in found.items()]
     return Cohort(tuple(subjects), folder)
 
 
@@ -129,16 +133,16 @@ def _sources(folder: Path) -> Mapping[str, Path]:
 
 def _label_folder(found: Mapping[Path, Mapping[str, Path]]) -> Path | None:
     """Return the folder of label maps where all others hold pictures, as in imagesTr and labelsTr."""
-    labels = [one for one in found if _LABEL_FOLDER.fullmatch(one.name)]
-    others = [one for one in found if one not in labels]
-    pictures = all(_IMAGE_FOLDER.fullmatch(one.name) for one in others)
+    labels = [item for item in found if _LABEL_FOLDER.fullmatch(item.name)]
+    others = [item for item in found if item not in labels]
+    pictures = all(_IMAGE_FOLDER.fullmatch(other.name) for other in others)
     return labels[0] if len(labels) == 1 and others and pictures else None
 
 
 def _are_subjects(found: Mapping[Path, Mapping[str, Path]]) -> bool:
     """Return whether folders are subjects with a file for each structure: they share the files' names."""
     kinds = (_LABEL_FOLDER, _IMAGE_FOLDER, _MESH_FOLDER)
-    if any(kind.fullmatch(one.name) for one in found for kind in kinds):
+    if any(kind.fullmatch(item.name) for item in found for kind in kinds):
         return False
     counts = Counter(name.casefold() for files in found.values() for name in files)
     return len(found) > 1 and max(counts.values()) * 2 > len(found)
@@ -159,17 +163,19 @@ def mask_files(folder: Path) -> dict[str, Path]:
     -------
     dict of str to Path
     """
-    below = [one for one in _entries(folder) if one.is_dir() and one.name.casefold().startswith(_LABELS)]
-    inner = [files for one in below if (files := _masks(one))]
+    below = [
+        entry for entry in _entries(folder) if entry.is_dir() and entry.name.casefold().startswith(_LABELS)
+    ]
+    inner = [files for item in below if (files := _masks(item))]
     return inner[0] if len(inner) == 1 else _masks(folder)
 
 
 def _masks(folder: Path) -> dict[str, Path]:
     files: dict[str, Path] = {}
-    for one in _known_files(_entries(folder)):
-        if suffix_of(one) != ".dcm":
-            files.setdefault(_structure(one), one)
-    masks = {name: one for name, one in files.items() if name.casefold() not in _PICTURES}
+    for known_file in _known_files(_entries(folder)):
+        if suffix_of(known_file) != ".dcm":
+            files.setdefault(_structure(known_file), known_file)
+    masks = {name: file for name, file in files.items() if name.casefold() not in _PICTURES}
     return masks or files
 
 
@@ -183,17 +189,19 @@ def _structure(path: Path) -> str:
 
 
 def _entries(folder: Path) -> list[Path]:
-    return [one for one in sorted(folder.iterdir()) if not one.name.startswith(".")]
+    return [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
 
 
 def _known_files(entries: Sequence[Path]) -> list[Path]:
-    return [one for one in entries if suffix_of(one) in IMAGE_SUFFIXES + MESH_SUFFIXES and one.is_file()]
+    return [
+        entry for entry in entries if suffix_of(entry) in IMAGE_SUFFIXES + MESH_SUFFIXES and entry.is_file()
+    ]
 
 
 def _series_below(folder: Path) -> Path | None:
     """Return where a patient's one series lies, as hospitals export it: PATIENT/STUDY/SERIES."""
     for pattern in ("*/", "*/*/"):
-        found = [one for one in sorted(folder.glob(pattern)) if one.is_dir() and dicom_files(one)]
+        found = [path for path in sorted(folder.glob(pattern)) if path.is_dir() and dicom_files(path)]
         if len(found) > 1:
             raise InputError(
                 f"{folder}: contains {len(found)} DICOM series; give a cohort.csv that names one of them"
@@ -208,13 +216,13 @@ def dicom_files(folder: Path) -> list[Path]:
 
     A DICOMDIR, the table of contents of a disc, is none of them.
     """
-    files = [one for one in sorted(folder.iterdir()) if one.is_file() and one.name.upper() != "DICOMDIR"]
-    return [one for one in files if _beginning(one)[128:132] == b"DICM"]
+    files = [path for path in sorted(folder.iterdir()) if path.is_file() and path.name.upper() != "DICOMDIR"]
+    return [file for file in files if _beginning(file)[128:132] == b"DICM"]
 
 
 def is_dicom_seg(path: Path) -> bool:
     """Return whether a DICOM file is a segmentation object."""
-    return any(one in _beginning(path) for one in _SEG_CLASSES)
+    return any(item in _beginning(path) for item in _SEG_CLASSES)
 
 
 def _beginning(path: Path) -> bytes:

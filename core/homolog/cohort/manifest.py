@@ -19,8 +19,8 @@ _BAD_IN_NAMES = set('/\\:*?"<>|') | {chr(code) for code in range(32)}
 def read_manifest(path: Path) -> Cohort:
     """Return the cohort of a table; raises InputError if a column or value is missing or bad."""
     columns, rows = read_rows(path)
-    others = [one for one in columns if one not in _OWN_COLUMNS]
-    own = {one: one.lower() for one in others if one.lower() in set(_OWN_COLUMNS) - set(columns)}
+    others = [column for column in columns if column not in _OWN_COLUMNS]
+    own = {other: other.lower() for other in others if other.lower() in set(_OWN_COLUMNS) - set(columns)}
     missing = [name for name in ("name", "path") if name not in (*columns, *own.values())]
     if missing:
         raise InputError(
@@ -29,11 +29,11 @@ def read_manifest(path: Path) -> Cohort:
     if not rows:
         raise InputError(f"{path}: lists no subject; add a line for each: name,path,group")
     subjects = [
-        _subject({own.get(key, key): one for key, one in row.items()}, path, line) for line, row in rows
+        _subject({own.get(key, key): item for key, item in row.items()}, path, line) for line, row in rows
     ]
     files: dict[Path, list[str]] = {}
-    for one in subjects:
-        files.setdefault(one.path, []).append(one.name)
+    for subject in subjects:
+        files.setdefault(subject.path, []).append(subject.name)
     for file, names in files.items():
         if len(set(names)) > 1:
             raise InputError(f"{path}: {' and '.join(names)} are one file, {file.name}; give each its own")

@@ -54,7 +54,7 @@ def sides_of(cohort: Cohort) -> Sides:
     InputError
         If the column says left or right of some subjects, and something else of another.
     """
-    values = {one.name: _column(one) for one in cohort.subjects}
+    values = {subject.name: _column(subject) for subject in cohort.subjects}
     said = {name: side for name, value in values.items() if (side := _CODES.get(value.casefold()))}
     if said:
         odd = [name for name, value in values.items() if value and name not in said]
@@ -63,7 +63,7 @@ def sides_of(cohort: Cohort) -> Sides:
                 f"{odd[0]}: its side is {values[odd[0]]!r}; write left or right, or leave it empty"
             )
         return Sides(said, FROM_COLUMN)
-    named = {one.name: side for one in cohort.subjects if (side := _of_name(one))}
+    named = {subject.name: side for subject in cohort.subjects if (side := _of_name(subject))}
     if len(named) == len(cohort.subjects) and len(set(named.values())) == 2:
         return Sides(named, FROM_NAMES)
     return Sides({})

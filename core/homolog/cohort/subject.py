@@ -53,11 +53,11 @@ class Subject:
 
     def __post_init__(self) -> None:
         """Refuse names that are no text, as files of other systems may have: SimpleITK aborts on them."""
-        for one in (self.path, self.landmarks):
+        for item in (self.path, self.landmarks):
             try:
-                str(one or "").encode()
+                str(item or "").encode()
             except UnicodeEncodeError as error:
-                shown = os.fsencode(str(one)).decode("utf-8", "backslashreplace")
+                shown = os.fsencode(str(item)).decode("utf-8", "backslashreplace")
                 raise InputError(f"{shown}: its name is not valid UTF-8; rename it") from error
 
     @property
@@ -93,13 +93,13 @@ class Cohort:
 
     def without(self, names: set[str]) -> "Cohort":
         """Return the cohort without the named subjects."""
-        return Cohort(tuple(one for one in self.subjects if one.name not in names), self.folder)
+        return Cohort(tuple(subject for subject in self.subjects if subject.name not in names), self.folder)
 
 
 def suffix_of(path: Path) -> str:
     """Return the known suffix that a file ends in, in lower case (``".nii.gz"``); else its last one."""
     name = path.name.lower()
-    known = [one for one in IMAGE_SUFFIXES + MESH_SUFFIXES if name.endswith(one)]
+    known = [item for item in IMAGE_SUFFIXES + MESH_SUFFIXES if name.endswith(item)]
     return known[0] if known else path.suffix.lower()
 
 
@@ -116,7 +116,7 @@ def checked_path(text: str) -> str:
     if (
         "\0" in text
         or len(text) > _LONGEST_PATH
-        or any(len(os.fsencode(one)) > _LONGEST_PART for one in parts)
+        or any(len(os.fsencode(part)) > _LONGEST_PART for part in parts)
     ):
         raise ValueError("can't be a path: it is too long or contains invalid characters")
     return text

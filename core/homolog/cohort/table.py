@@ -66,9 +66,9 @@ class TableChanges:
         """What changes, a line each."""
         lines = [f"{len(self.matched)} of {len(self.subjects)} subjects have a row (column {self.key})"]
         lines += [f"{name}: {_count(number, 'new value')}" for name, number in self.added.items()]
-        for name in dict.fromkeys(one.column for one in self.replaced):
-            changed = [one for one in self.replaced if one.column == name]
-            shown = [f"{one.subject} {one.before} to {one.after}" for one in changed]
+        for name in dict.fromkeys(item.column for item in self.replaced):
+            changed = [item for item in self.replaced if item.column == name]
+            shown = [f"{item.subject} {item.before} to {item.after}" for item in changed]
             lines.append(f"{name}: {_count(len(changed), 'value')} replaced ({_listed(shown)})")
         if self.is_empty:
             lines.append("nothing changes: the project already has all values")
@@ -103,14 +103,14 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
         If the file can't be read, names no subject, or has two rows of one subject.
     """
     columns, lines = read_rows(path)
-    named = [one for one in columns if one]
+    named = [column for column in columns if column]
     if not lines or not named:
         raise InputError(f"{path}: contains no rows; choose another table")
     rows = [row for _, row in lines]
-    wanted = [one for key in _KEYS for one in named if one.casefold() == key]
-    keys = wanted or [one for one in named if one.casefold() == "path"] or named[:1]
+    wanted = [item for key in _KEYS for item in named if item.casefold() == key]
+    keys = wanted or [item for item in named if item.casefold() == "path"] or named[:1]
     found = {key: [_named(subjects, row[key]) for row in rows] for key in keys}
-    key = max(keys, key=lambda one: sum(name is not None for name in found[one]))
+    key = max(keys, key=lambda item: sum(name is not None for name in found[item]))
     names = found[key]
     if not any(names):
         raise InputError(f"{path}: its column {key!r} names none of the subjects, such as {subjects[0].name}")
@@ -128,21 +128,21 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
 
 def with_values_of(subjects: Sequence[Subject], others: Sequence[Subject]) -> TableChanges:
     """Return what the groups and columns of others with the same names change of subjects."""
-    values = {one.name: {_GROUP: one.group or "", **one.columns} for one in others}
+    values = {other.name: {_GROUP: other.group or "", **other.columns} for other in others}
     return _changes(subjects, values, [], "name")
 
 
 def _changes(
     subjects: Sequence[Subject], values: Mapping[str, Row], unknown: Sequence[str], key: str
 ) -> TableChanges:
-    known = {name.casefold(): name for one in subjects for name in one.columns}
+    known = {name.casefold(): name for subject in subjects for name in subject.columns}
     added: Counter[str] = Counter()
     replaced: list[Replaced] = []
     result = []
-    for one in subjects:
-        before = {_GROUP: one.group or "", **one.columns}
+    for item in subjects:
+        before = {_GROUP: item.group or "", **item.columns}
         after = dict(before)
-        for title, value in values.get(one.name, {}).items():
+        for title, value in values.get(item.name, {}).items():
             column = _GROUP if title.casefold() == _GROUP else known.get(title.casefold(), title)
             if title.casefold() in _NOT_TAKEN:
                 continue
@@ -152,15 +152,15 @@ def _changes(
             elif value != was:
                 after[column] = value
                 if was:
-                    replaced.append(Replaced(one.name, column, was, value))
+                    replaced.append(Replaced(item.name, column, was, value))
                 else:
                     added[column] += 1
         group = after.pop(_GROUP)
-        result.append(replace(one, group=group or None, columns=MappingProxyType(after)))
+        result.append(replace(item, group=group or None, columns=MappingProxyType(after)))
     return TableChanges(
         subjects=tuple(result),
-        matched=tuple(one.name for one in subjects if one.name in values),
-        without_row=tuple(one.name for one in subjects if one.name not in values),
+        matched=tuple(subject.name for subject in subjects if subject.name in values),
+        without_row=tuple(subject.name for subject in subjects if subject.name not in values),
         unknown=tuple(unknown),
         key=key,
         added=MappingProxyType(dict(added)),
@@ -173,7 +173,7 @@ def _named(subjects: Sequence[Subject], text: str) -> str | None:
     file = text.replace("\\", "/").rpartition("/")[2]
     said = {text.casefold(), file.casefold(), _stem(file).casefold()} - {""}
     for fits in (_is_called, _is_file, _begins):
-        found = [one.name for one in subjects if any(fits(one, name) for name in said)]
+        found = [subject.name for subject in subjects if any(fits(subject, name) for name in said)]
         if found:
             return found[0] if len(found) == 1 else None
     return None

@@ -102,7 +102,7 @@ def _chosen(file: ShapeWorksProject, domain: str | None) -> str:
 
 
 def _check(source: Path, model: ForeignModel) -> None:
-    names = [one.name for one in model.subjects]
+    names = [subject.name for subject in model.subjects]
     if len(names) < 2:
         raise InputError(f"{source}: contains {len(names)} usable subjects; a shape model needs two or more")
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -117,19 +117,19 @@ def _write(project: Project, model: ForeignModel, tick: Tick) -> list[str]:
     local, world, alignments = with_alignments(model.subjects)
     if len(world[0]) < _FEWEST:
         raise InputError(f"{model.source}: has {len(world[0])} particles a shape; {_FEWEST} or more make one")
-    stems = file_stems([one.name for one in model.subjects])
+    stems = file_stems([subject.name for subject in model.subjects])
     surfaces = surfaces_of(model.subjects, local, world, alignments, part_of(tick, 0.1, 0.6))
     cohort = _cohort(project, model, stems, surfaces)
-    shapes = ShapeModel.fit(np.array(world), names=[one.name for one in model.subjects])
+    shapes = ShapeModel.fit(np.array(world), names=[subject.name for subject in model.subjects])
     try:
         surface = _mean(shapes, np.array(world), surfaces, alignments, part_of(tick, 0.6, 0.7))
     except NumericalError as error:
         raise InputError(f"{model.source}: is not a shape model ({error}); export it again") from error
     with project.replacing_result() as new:
-        for stem, near, there, one in zip(stems, local, world, surfaces, strict=True):
+        for stem, near, there, item in zip(stems, local, world, surfaces, strict=True):
             write_particles(particle_file(new, stem, "local"), near)
             write_particles(particle_file(new, stem, "world"), there)
-            write_mesh(surface_file(project, stem), one.mesh)
+            write_mesh(surface_file(project, stem), item.mesh)
         write_model(new, cohort, shapes)
         write_surfaces(new, shapes, surface, part_of(tick, 0.7, 1.0))
         write_table(new.folder / "energies.csv", ["iteration", "sampling", "ensemble", "normals"], [])
@@ -143,20 +143,20 @@ def _cohort(
 ) -> Cohort:
     """Return the subjects as a later run would read them: the input, else the surface, else particles."""
     subjects = []
-    for one, stem, shape in zip(model.subjects, stems, surfaces, strict=True):
+    for subject, stem, shape in zip(model.subjects, stems, surfaces, strict=True):
         path = particle_file(project, stem, "local")
         if shape.path is not None:
             path = surface_file(project, stem)
-        landmarks = _landmarks(project, model, one, stem)
-        subjects.append(Subject(one.name, path, one.group, dict(one.columns), landmarks))
+        landmarks = _landmarks(project, model, subject, stem)
+        subjects.append(Subject(subject.name, path, subject.group, dict(subject.columns), landmarks))
     return Cohort(tuple(subjects), project.folder)
 
 
-def _landmarks(project: Project, model: ForeignModel, one: ForeignSubject, stem: str) -> Path | None:
+def _landmarks(project: Project, model: ForeignModel, subject: ForeignSubject, stem: str) -> Path | None:
     """Write a subject's landmarks as markups; None if it has none."""
-    if one.landmarks is None:
+    if subject.landmarks is None:
         return None
-    points = read_particles(one.landmarks)
+    points = read_particles(subject.landmarks)
     given = model.landmark_names
     names = given if len(given) == len(points) else [str(number) for number in range(1, len(points) + 1)]
     path = project.folder / "landmarks" / f"{stem}.mrk.json"
@@ -171,8 +171,10 @@ def _mean(
     alignments: FloatArray,
     tick: Tick,
 ) -> MeanSurface:
-    own = [index for index, one in enumerate(surfaces) if one.path is not None] or list(range(len(surfaces)))
-    return surface_of_model(shapes, world[own], [surfaces[one].mesh for one in own], alignments[own], tick)
+    own = [index for index, surface in enumerate(surfaces) if surface.path is not None] or list(
+        range(len(surfaces))
+    )
+    return surface_of_model(shapes, world[own], [surfaces[item].mesh for item in own], alignments[own], tick)
 
 
 def _record(
@@ -212,11 +214,11 @@ def _record(
                     file=stem,
                     group=subject.group,
                     columns=dict(subject.columns),
-                    content=_hash(one.mesh.vertices, one.mesh.faces),
+                    content=_hash(item.mesh.vertices, item.mesh.faces),
                     alignment=alignment.tolist(),
-                    notes=list(one.notes),
+                    notes=list(item.notes),
                 )
-                for subject, stem, one, alignment in zip(
+                for subject, stem, item, alignment in zip(
                     cohort.subjects, stems, surfaces, alignments, strict=True
                 )
             ],

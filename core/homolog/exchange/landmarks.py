@@ -69,7 +69,11 @@ def project_landmark_errors(project: Project) -> LandmarkErrors | None:
     result = read_result(project)
     record = project.read().result
     assert record is not None, "a result that was read has a record"
-    files = {one.name: one.landmarks for one in project.cohort().subjects if one.landmarks is not None}
+    files = {
+        subject.name: subject.landmarks
+        for subject in project.cohort().subjects
+        if subject.landmarks is not None
+    }
     chosen = [index for index, name in enumerate(result.names) if name in files]
     found = [read_markups(files[result.names[index]]) for index in chosen]
     names, table = landmark_table(found)

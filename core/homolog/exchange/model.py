@@ -88,7 +88,10 @@ def with_alignments(
         the same shape.
     """
     given = [
-        (one.name, points) for one in subjects for points in (one.local, one.world) if points is not None
+        (subject.name, points)
+        for subject in subjects
+        for points in (subject.local, subject.world)
+        if points is not None
     ]
     for name, points in given:
         if len(points) != len(given[0][1]):
@@ -99,11 +102,14 @@ def with_alignments(
         _check_near(name, points)
     with np.errstate(all="ignore"):  # of a matrix that makes no sense
         world = _world(subjects)
-    for one, points in zip(subjects, world, strict=True):
-        _check_near(one.name, points)
-    local = [points if one.local is None else one.local for one, points in zip(subjects, world, strict=True)]
+    for item, points in zip(subjects, world, strict=True):
+        _check_near(item.name, points)
+    local = [
+        points if subject.local is None else subject.local
+        for subject, points in zip(subjects, world, strict=True)
+    ]
     alignments = [
-        _alignment(one, near, there) for one, near, there in zip(subjects, local, world, strict=True)
+        _alignment(subject, near, there) for subject, near, there in zip(subjects, local, world, strict=True)
     ]
     return local, world, np.array(alignments)
 
@@ -114,21 +120,21 @@ def _check_near(name: str, points: FloatArray) -> None:
 
 
 def _world(subjects: tuple[ForeignSubject, ...]) -> list[FloatArray]:
-    if all(one.world is not None or one.alignment is not None for one in subjects):
+    if all(subject.world is not None or subject.alignment is not None for subject in subjects):
         return [
-            transform_points(one.alignment, one.local) if one.world is None else one.world  # type: ignore[arg-type]
-            for one in subjects
+            transform_points(subject.alignment, subject.local) if subject.world is None else subject.world  # type: ignore[arg-type]
+            for subject in subjects
         ]
-    if any(one.local is None for one in subjects):
-        missing = next(one.name for one in subjects if one.local is None)
+    if any(subject.local is None for subject in subjects):
+        missing = next(subject.name for subject in subjects if subject.local is None)
         raise InputError(f"{missing}: has no local particles, and others no world particles; export both")
-    return list(align(np.array([one.local for one in subjects]), scaling=False))
+    return list(align(np.array([subject.local for subject in subjects]), scaling=False))
 
 
-def _alignment(one: ForeignSubject, local: FloatArray, world: FloatArray) -> FloatArray:
+def _alignment(subject: ForeignSubject, local: FloatArray, world: FloatArray) -> FloatArray:
     """Return the similarity from local to world: as the other program says if that is true, else fitted."""
     size = float(rms_radius(world))
-    candidates = [] if one.alignment is None else [one.alignment]
+    candidates = [] if subject.alignment is None else [subject.alignment]
     fitted = (fit_similarity(local, world, scaling=True, mirrored=mirrored) for mirrored in (False, True))
     for matrix in (*candidates, *fitted):
         matrix[3] = [0.0, 0.0, 0.0, 1.0]
@@ -137,6 +143,6 @@ def _alignment(one: ForeignSubject, local: FloatArray, world: FloatArray) -> Flo
         if fits:
             return matrix
     raise InputError(
-        f"{one.name}: its local and world particles are not the same shape; export the model again, or "
+        f"{subject.name}: its local and world particles are not the same shape; export the model again, or "
         "import its world particles alone"
     )

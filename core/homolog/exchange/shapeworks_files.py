@@ -55,7 +55,9 @@ class ShapeWorksProject:
         """Names of the anatomies, in the order of their columns; a project of particles only has ``"1"``."""
         keys = list(dict.fromkeys(key for row in self.rows for key in row))
         for prefixes in (INPUTS, ("groomed_",), ("world_particles_", "local_particles_")):
-            found = [key.removeprefix(one) for key in keys for one in prefixes if key.startswith(one)]
+            found = [
+                key.removeprefix(prefix) for key in keys for prefix in prefixes if key.startswith(prefix)
+            ]
             if found:
                 return list(dict.fromkeys(found))
         return ["1"]
@@ -73,7 +75,7 @@ class ShapeWorksProject:
     def inputs(self, row: Row, domain: str) -> list[str]:
         """Return the paths of a subject's groomed and original shape, as far as they are given."""
         values = [row.get(f"{prefix}{domain}", "") for prefix in ("groomed_", *INPUTS)]
-        return [one for one in values if one]
+        return [value for value in values if value]
 
 
 def read_shapeworks_file(path: Path) -> ShapeWorksProject:
@@ -117,7 +119,7 @@ def _from_xlsx(path: Path) -> tuple[list[Row], dict[str, Any]]:
         raise InputError(f"{path}: does not exist; correct the path")
     try:
         with zipfile.ZipFile(path) as archive:
-            if sum(one.file_size for one in archive.infolist()) > _LARGEST_UNPACKED:
+            if sum(item.file_size for item in archive.infolist()) > _LARGEST_UNPACKED:
                 raise InputError(
                     f"{path}: unpacks to more than a ShapeWorks project contains; choose another file"
                 )

@@ -41,9 +41,9 @@ def model_of_project(source: ShapeWorksProject, domain: str) -> ForeignModel:
     optimize = source.table("optimize")
     listed = source.others.get("landmarks")
     landmarks = [
-        str(one.get("name", ""))
-        for one in (listed if isinstance(listed, list) else [])
-        if isinstance(one, dict) and str(one.get("domain", domain)) == domain
+        str(item.get("name", ""))
+        for item in (listed if isinstance(listed, list) else [])
+        if isinstance(item, dict) and str(item.get("domain", domain)) == domain
     ]
     return ForeignModel(
         f"the ShapeWorks project {source.path.name}",
@@ -67,18 +67,20 @@ def model_of_folder(folder: Path) -> ForeignModel:
     for path in sorted(folder.iterdir()):
         if path.suffix.lower() not in (".particles", ".pts") or path.name.startswith("."):
             continue
-        end = next((one for one in _ENDS if path.stem.endswith(one)), "")
+        end = next((item for item in _ENDS if path.stem.endswith(item)), "")
         frames = found.setdefault(path.stem.removesuffix(end), {})
         if (frame := _ENDS.get(end, "world")) in frames:
             raise InputError(f"{path}: {frames[frame].name} exists too; keep one of them")
         frames[frame] = path
     if not found:
-        others = [one.name for one in sorted(folder.iterdir()) if one.suffix.lower() in (".swproj", ".xlsx")]
+        others = [
+            item.name for item in sorted(folder.iterdir()) if item.suffix.lower() in (".swproj", ".xlsx")
+        ]
         remedy = f"give the project in it, {others[0]}" if others else "choose another folder"
         raise InputError(f"{folder}: contains no particles (.particles, .pts); {remedy}")
     subjects = tuple(
-        ForeignSubject(name, particles_of(one.get("local")), particles_of(one.get("world")))
-        for name, one in found.items()
+        ForeignSubject(name, particles_of(item.get("local")), particles_of(item.get("world")))
+        for name, item in found.items()
     )
     return ForeignModel(f"particles in the folder {folder.resolve().name}", subjects)
 
@@ -106,7 +108,9 @@ def _subject(source: ShapeWorksProject, row: Row, domain: str) -> ForeignSubject
         local=particles_of(places.get("local")),
         world=particles_of(places.get("world")),
         alignment=_alignment(source.path, row, domain),
-        shapes=tuple(place_of(one, folder) or folder / plain_path(one) for one in source.inputs(row, domain)),
+        shapes=tuple(
+            place_of(item, folder) or folder / plain_path(item) for item in source.inputs(row, domain)
+        ),
         group=next((value for value in groups.values() if value), None),
         columns=groups | columns,
         landmarks=_needed(source.path, name, landmarks) if landmarks else None,

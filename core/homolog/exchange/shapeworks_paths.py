@@ -36,11 +36,11 @@ def place_of(path: str, folder: Path) -> Path | None:
         return literal
     if not _is_whole(plain) or os.path.exists(place):
         return place
-    parts = [one for one in PureWindowsPath(plain).parts[1:] if one != "."]
+    parts = [part for part in PureWindowsPath(plain).parts[1:] if part != "."]
     if ".." in parts:
         return None
     ends = (folder.joinpath(*parts[start:]) for start in range(len(parts)))
-    return next((one for one in ends if os.path.exists(one)), None)
+    return next((end for end in ends if os.path.exists(end)), None)
 
 
 def leads_out(path: str) -> bool:

@@ -12,7 +12,7 @@ from homolog.exchange.shapeworks_files import INPUTS, PREFIXES, Row, ShapeWorksP
 __all__ = ["complete_row", "escape_column", "tables_of"]
 
 _FLAGS = ("fixed", "excluded")
-_TAKEN = ("name", "local_particles", "world_particles", *(one for one in PREFIXES if one != "group_"))
+_TAKEN = ("name", "local_particles", "world_particles", *(item for item in PREFIXES if item != "group_"))
 _IDENTITY = " ".join(str(float(row == column)) for row in range(4) for column in range(4))
 _OF_EACH = {
     "landmarks_file_": "", "constraints_": "", "groomed_": "", "local_particles_": "", "world_particles_": "",
@@ -53,9 +53,9 @@ def tables_of(source: ShapeWorksProject) -> dict[str, Any]:
             if isinstance(table, dict)
         },
         "landmarks": [
-            source.texts(one)
-            for one in (landmarks if isinstance(landmarks, list) else ())
-            if isinstance(one, dict)
+            source.texts(landmark)
+            for landmark in (landmarks if isinstance(landmarks, list) else ())
+            if isinstance(landmark, dict)
         ],
         **{key: source.table(key) for key in ("optimize", "studio", "project", "analysis", "deepssm")},
     }

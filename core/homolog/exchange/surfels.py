@@ -41,13 +41,13 @@ def outward_directions(points: FloatArray) -> FloatArray:
         normals[top] *= -1.0
     tree = minimum_spanning_tree(graph.maximum(graph.T))
     order, parents = breadth_first_order(tree, top, directed=False)
-    for one in order[1:]:
-        if normals[one] @ normals[parents[one]] < 0.0:
-            normals[one] *= -1.0
+    for item in order[1:]:
+        if normals[item] @ normals[parents[item]] < 0.0:
+            normals[item] *= -1.0
     away = points - points.mean(axis=0)
-    for one in np.setdiff1d(np.arange(len(points)), order):  # apart from the rest: away from the middle
-        if normals[one] @ away[one] < 0.0:
-            normals[one] *= -1.0
+    for entry in np.setdiff1d(np.arange(len(points)), order):  # apart from the rest: away from the middle
+        if normals[entry] @ away[entry] < 0.0:
+            normals[entry] *= -1.0
     return normals
 
 
@@ -71,6 +71,6 @@ def surfels(points: FloatArray) -> TriangleMesh:
     rim = points[:, None] + radius[:, None, None] * around
     vertices = np.concatenate([points[:, None], rim], axis=1).reshape(-1, 3)
     corner = 1 + np.arange(_CORNERS)
-    one = np.stack([np.zeros(_CORNERS, np.int64), corner, 1 + corner % _CORNERS], axis=1)
-    faces = (one + (_CORNERS + 1) * np.arange(len(points))[:, None, None]).reshape(-1, 3)
+    fan = np.stack([np.zeros(_CORNERS, np.int64), corner, 1 + corner % _CORNERS], axis=1)
+    faces = (fan + (_CORNERS + 1) * np.arange(len(points))[:, None, None]).reshape(-1, 3)
     return TriangleMesh(vertices, faces)

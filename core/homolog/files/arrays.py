@@ -39,7 +39,7 @@ def read_arrays(path: Path) -> dict[str, Array]:
     check_is_file(Path(path))
     try:
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            unpacked = sum(one.file_size for one in stored.zip.infolist())
+            unpacked = sum(item.file_size for item in stored.zip.infolist())
             check_fits(path, unpacked, "delete it and run again")
             return {
                 name: frozen(stored[name]) if stored[name].ndim else stored[name] for name in stored.files

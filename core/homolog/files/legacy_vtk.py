@@ -169,7 +169,7 @@ class _File:
                 end = self._content.index(b"\n", self._at)
                 found.append(self._taken(self._at, end - self._at).strip())
                 self._at = end + 1
-        return [one.decode("latin-1") for one in found]
+        return [item.decode("latin-1") for item in found]
 
     def skip_metadata(self) -> None:
         """Go on behind the blank line that ends a block of metadata."""

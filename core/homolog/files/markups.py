@@ -104,7 +104,7 @@ def read_markups(path: Path) -> Markups:
             f"{path}: is a list of older versions of Slicer; open it there and save it as .mrk.json"
         )
     markups = read_json(path, "Slicer markups file").get("markups")
-    lists = [one for one in markups if isinstance(one, dict)] if isinstance(markups, list) else []
+    lists = [markup for markup in markups if isinstance(markup, dict)] if isinstance(markups, list) else []
     if len(lists) != 1:
         raise InputError(f"{path}: contains {len(lists)} point lists, not one; save each to its own file")
     turn = _TO_LPS.get(str(lists[0].get("coordinateSystem", "LPS")).upper())
@@ -113,7 +113,7 @@ def read_markups(path: Path) -> Markups:
     if lists[0].get("coordinateUnits", "mm") not in ("mm", ["mm", "UCUM", "millimeter"]):
         raise InputError(f"{path}: its unit is not mm; save it again in millimetres")
     control = lists[0].get("controlPoints")
-    placed = [_point(path, one) for one in control if _is_placed(one)] if isinstance(control, list) else []
+    placed = [_point(path, item) for item in control if _is_placed(item)] if isinstance(control, list) else []
     if not placed:
         raise InputError(
             f"{path}: contains no point that was placed; place the points in Slicer and save it again"
@@ -125,15 +125,21 @@ def read_markups(path: Path) -> Markups:
     return Markups(names, frozen(np.array([point for _, point in placed]) * turn))
 
 
-def _is_placed(one: object) -> bool:
-    return not (isinstance(one, Mapping) and one.get("positionStatus", "defined") in _NOT_SET)
+def _is_placed(control_point: object) -> bool:
+    return not (
+        isinstance(control_point, Mapping) and control_point.get("positionStatus", "defined") in _NOT_SET
+    )
 
 
-def _point(path: Path, one: Any) -> tuple[str, list[float]]:  # noqa: ANN401 - JSON
+def _point(path: Path, control_point: Any) -> tuple[str, list[float]]:  # noqa: ANN401 - JSON
     """Return a control point's name and position as they are in the file."""
-    name = str(one.get("label") or one.get("id") or "") if isinstance(one, Mapping) else ""
+    name = (
+        str(control_point.get("label") or control_point.get("id") or "")
+        if isinstance(control_point, Mapping)
+        else ""
+    )
     try:
-        position = [float(value) for value in one["position"]]
+        position = [float(value) for value in control_point["position"]]
         if len(position) == 3 and np.isfinite(position).all() and name:
             return name, position
     except (TypeError, KeyError, ValueError, OverflowError):
@@ -145,11 +151,11 @@ def _point(path: Path, one: Any) -> tuple[str, list[float]]:  # noqa: ANN401 - J
 
 def landmark_table(markups: Sequence[Markups]) -> tuple[tuple[str, ...], FloatArray]:
     """Return the names that two or more lists have, and all positions, (M, L, 3), NaN if missing."""
-    every = [name for one in markups for name in one.names]
+    every = [name for markup in markups for name in markup.names]
     shared = tuple(name for name in dict.fromkeys(every) if every.count(name) > 1)
     table = np.full((len(markups), len(shared), 3), np.nan)
-    for row, one in zip(table, markups, strict=True):
-        for name, point in zip(one.names, one.points, strict=True):
+    for row, item in zip(table, markups, strict=True):
+        for name, point in zip(item.names, item.points, strict=True):
             if name in shared:
                 row[shared.index(name)] = point
     return shared, table

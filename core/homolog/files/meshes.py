@@ -118,8 +118,8 @@ def write_mesh(
         _write_obj(path, mesh)
         return
     writer = _writer(path)
-    for one in (writer, writer.GetExecutive()):
-        one.AddObserver("ErrorEvent", lambda *_: None)  # observed, so that nothing is printed
+    for item in (writer, writer.GetExecutive()):
+        item.AddObserver("ErrorEvent", lambda *_: None)  # observed, so that nothing is printed
     writer.SetInputData(_as_polydata(mesh, point_data or {}))
     if suffix == ".vtk" or suffix == ".stl":
         writer.SetHeader(_LPS_HEADER)

@@ -38,7 +38,7 @@ def read_ply(content: bytes) -> Polygons:
         raise ValueError("fewer points or faces than the header says")
     if isinstance(faces, np.ndarray) and faces.ndim == 2 and faces.shape[1] == 3:
         return Polygons(points, Cells.of_triangles(faces), header=header)
-    return Polygons(points, Cells.of_lists([list(one) for one in faces]), header=header)
+    return Polygons(points, Cells.of_lists([list(face) for face in faces]), header=header)
 
 
 def write_ply(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array], comment: str) -> None:
@@ -47,9 +47,9 @@ def write_ply(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array], c
     for name, values in point_data.items():
         table = np.asarray(values, dtype=np.float64).reshape(len(mesh.vertices), -1)
         names = [name] if table.shape[1] == 1 else [f"{name}_{index}" for index in range(table.shape[1])]
-        columns.update(zip(["_".join(one.split()) for one in names], table.T, strict=True))
+        columns.update(zip(["_".join(item.split()) for item in names], table.T, strict=True))
     points = np.empty(
-        len(mesh.vertices), [(axis, "<f8") for axis in "xyz"] + [(one, "<f4") for one in columns]
+        len(mesh.vertices), [(axis, "<f8") for axis in "xyz"] + [(item, "<f4") for item in columns]
     )
     for index, axis in enumerate("xyz"):
         points[axis] = mesh.vertices[:, index]

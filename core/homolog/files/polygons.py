@@ -44,7 +44,7 @@ class Cells:
     @classmethod
     def of_lists(cls, lists: Sequence[Sequence[int]]) -> "Cells":
         """Return the lists as one."""
-        corners = [corner for one in lists for corner in one]
+        corners = [corner for item in lists for corner in item]
         return cls.of(np.array(corners, np.int64), np.cumsum([0, *map(len, lists)]))
 
     @classmethod
@@ -56,8 +56,8 @@ class Cells:
     def joined(cls, parts: Iterable["Cells"]) -> "Cells":
         """Return the lists of several, those of the first to begin with."""
         several = list(parts)
-        counts = np.concatenate([np.empty(0, np.int64), *(np.diff(one.starts) for one in several)])
-        corners = np.concatenate([np.empty(0, np.int64), *(one.corners for one in several)])
+        counts = np.concatenate([np.empty(0, np.int64), *(np.diff(item.starts) for item in several)])
+        corners = np.concatenate([np.empty(0, np.int64), *(item.corners for item in several)])
         return cls.of(corners, np.append(0, np.cumsum(counts)))
 
 
@@ -93,7 +93,7 @@ class Polygons:
         corners = [self.faces.corners, self.strips.corners]
         if max(len(self.points), *map(len, corners)) > MOST:
             raise ValueError(f"more than {MOST} points or corners")
-        if any(((one < 0) | (one >= len(self.points))).any() for one in corners):
+        if any(((corner < 0) | (corner >= len(self.points))).any() for corner in corners):
             raise ValueError(_ASTRAY)
         counts, starts = np.diff(self.faces.starts), self.faces.starts[:-1]
         if counts.max(initial=0) > _MOST_CORNERS:
@@ -114,7 +114,7 @@ class Polygons:
         some = Cells.of_lists([self.faces.corners[start:end].tolist() for start, end in pairs])
         points, cells, surface = vtkPoints(), vtkCellArray(), vtkPolyData()
         points.SetData(numpy_to_vtk(self.points, deep=True))
-        cells.SetData(*(numpy_to_vtkIdTypeArray(one, deep=True) for one in (some.starts, some.corners)))
+        cells.SetData(*(numpy_to_vtkIdTypeArray(item, deep=True) for item in (some.starts, some.corners)))
         surface.SetPoints(points)
         surface.SetPolys(cells)
         splitter = vtkTriangleFilter(pass_verts=False, pass_lines=False)
@@ -143,5 +143,5 @@ def numbers_of(words: Sequence[str] | Sequence[bytes], *, whole: bool) -> Array:
     One by one: an array of texts would be as wide as the longest.
     """
     if whole:
-        return np.array([int(one) for one in words], np.int64)
-    return np.array([float(one) for one in words])
+        return np.array([int(word) for word in words], np.int64)
+    return np.array([float(word) for word in words])

@@ -92,7 +92,7 @@ class Project:
         if (
             self.folder.is_dir()
             and not self.exists
-            and any(one.name != ".lock" for one in self.folder.iterdir())
+            and any(path.name != ".lock" for path in self.folder.iterdir())
         ):
             raise InputError(
                 f"{self.folder}: contains other files; choose a new or empty folder for the project"
@@ -136,13 +136,13 @@ class Project:
         """Return the project's cohort, its files found from where the project lies now."""
         subjects = [
             Subject(
-                one.name,
-                (self.folder / one.path).resolve(),
-                one.group,
-                one.columns,
-                (self.folder / one.landmarks).resolve() if one.landmarks else None,
+                subject.name,
+                (self.folder / subject.path).resolve(),
+                subject.group,
+                subject.columns,
+                (self.folder / subject.landmarks).resolve() if subject.landmarks else None,
             )
-            for one in self.read().subjects
+            for subject in self.read().subjects
         ]
         return Cohort(tuple(subjects), self.folder)
 
@@ -150,13 +150,13 @@ class Project:
         """Return the cohort as project.json keeps it, with paths that start at the project's folder."""
         return [
             SubjectRecord(
-                name=one.name,
-                path=_relative(one.path, self.folder),
-                group=one.group,
-                columns=dict(one.columns),
-                landmarks=_relative(one.landmarks, self.folder) if one.landmarks else None,
+                name=subject.name,
+                path=_relative(subject.path, self.folder),
+                group=subject.group,
+                columns=dict(subject.columns),
+                landmarks=_relative(subject.landmarks, self.folder) if subject.landmarks else None,
             )
-            for one in cohort.subjects
+            for subject in cohort.subjects
         ]
 
     @contextmanager

@@ -33,7 +33,7 @@ def update_table(project: Project, subjects: Sequence[Subject]) -> None:
     scores = project.model / "scores.csv"
     if record.result is None or not scores.is_file():
         return
-    groups = {one.name: one.group for one in record.result.subjects}
+    groups = {subject.name: subject.group for subject in record.result.subjects}
     columns, rows = read_rows(scores)
     if columns[:2] != ["name", "group"]:
         return
@@ -46,12 +46,14 @@ def update_table(project: Project, subjects: Sequence[Subject]) -> None:
 
 def with_columns(record: ProjectRecord, subjects: Sequence[Subject]) -> ProjectRecord:
     """Return a record with the groups and columns of others by name, also in its result."""
-    changed = {one.name: {"group": one.group, "columns": dict(one.columns)} for one in subjects}
-    listed = [one.model_copy(update=changed.get(one.name, {})) for one in record.subjects]
+    changed = {
+        subject.name: {"group": subject.group, "columns": dict(subject.columns)} for subject in subjects
+    }
+    listed = [subject.model_copy(update=changed.get(subject.name, {})) for subject in record.subjects]
     result = record.result
     if result is not None:
         known: list[ResultSubject] = [
-            one.model_copy(update=changed.get(one.name, {})) for one in result.subjects
+            subject.model_copy(update=changed.get(subject.name, {})) for subject in result.subjects
         ]
         result = result.model_copy(update={"subjects": known})
     return record.model_copy(update={"subjects": listed, "result": result})

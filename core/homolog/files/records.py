@@ -86,9 +86,9 @@ class ResultRecord(_Record):
     def remarks(self) -> list[str]:
         """What was found and changed, a line each; subjects with the same note share one."""
         where: dict[str, list[str]] = {}
-        for one in self.subjects:
-            for note in one.notes:
-                where.setdefault(note, []).append(one.name)
+        for subject in self.subjects:
+            for note in subject.notes:
+                where.setdefault(note, []).append(subject.name)
         return [
             f"{names[0] if len(names) == 1 else f'{names[0]} and {len(names) - 1} more'}: {note}"
             for note, names in where.items()
@@ -97,10 +97,10 @@ class ResultRecord(_Record):
     @property
     def mirrored_words(self) -> str:
         """Who was mirrored: "3 left subjects were mirrored to right"; empty if nobody was."""
-        who = [one for one in self.subjects if one.is_mirrored]
+        who = [subject for subject in self.subjects if subject.is_mirrored]
         if not who:
             return ""
-        sides = {one.side for one in who}
+        sides = {item.side for item in who}
         side = sides.pop() if len(sides) == 1 else ""
         subjects = f"{side} subject".strip() if len(who) == 1 else f"{side} subjects".strip()
         target = f" to {other_side(side)}" if side else ""
@@ -116,7 +116,7 @@ class ResultRecord(_Record):
 
     @model_validator(mode="after")
     def _files_are_distinct(self) -> "ResultRecord":
-        if len({one.file.casefold() for one in self.subjects}) < len(self.subjects):
+        if len({subject.file.casefold() for subject in self.subjects}) < len(self.subjects):
             raise ValueError("two subjects have the same file")
         return self
 

@@ -102,24 +102,24 @@ def read_result(project: Project) -> Result:
     """
     record = _result_of(project)
     subjects = record.subjects
-    present = {one.name: one for one in project.read().subjects}
-    listed = [present.get(one.name, one) for one in subjects]
+    present = {subject.name: subject for subject in project.read().subjects}
+    listed = [present.get(subject.name, subject) for subject in subjects]
     world, local = (
-        [read_particles(particle_file(project, one.file, frame)) for one in subjects]
+        [read_particles(particle_file(project, subject.file, frame)) for subject in subjects]
         for frame in ("world", "local")
     )
-    for one, *both in zip(subjects, world, local, strict=True):
+    for entry, *both in zip(subjects, world, local, strict=True):
         if any(len(points) != record.particles for points in both):
             raise InputError(
-                f"{project.folder}: the particles of {one.name} are not {record.particles}; run again"
+                f"{project.folder}: the particles of {entry.name} are not {record.particles}; run again"
             )
     return Result(
-        names=tuple(one.name for one in subjects),
-        groups=tuple(one.group for one in listed),
-        columns=tuple(one.columns for one in listed),
+        names=tuple(subject.name for subject in subjects),
+        groups=tuple(item.group for item in listed),
+        columns=tuple(item.columns for item in listed),
         world=frozen(np.array(world)),
         local=frozen(np.array(local)),
-        alignments=frozen(np.array([one.alignment for one in subjects])),
+        alignments=frozen(np.array([subject.alignment for subject in subjects])),
         mean_surface=read_mesh(mean_file(project)),
         smoothing=_read_smoothing(project, record),
     )
@@ -153,7 +153,7 @@ def read_surfaces(project: Project) -> list[TriangleMesh]:
         If there is no result, or one of the surfaces is missing or damaged.
     """
     record = _result_of(project)
-    return [read_surface(project, one).placed(np.array(one.alignment)) for one in record.subjects]
+    return [read_surface(project, subject).placed(np.array(subject.alignment)) for subject in record.subjects]
 
 
 def read_modes(project: Project, mean: TriangleMesh) -> FloatArray:
@@ -178,7 +178,7 @@ def read_modes(project: Project, mean: TriangleMesh) -> FloatArray:
     displacements: list[FloatArray] = []
     while (path := mode_file(project, len(displacements), "plus")).is_file():
         plus, minus = (
-            read_mesh(one).vertices for one in (path, mode_file(project, len(displacements), "minus"))
+            read_mesh(item).vertices for item in (path, mode_file(project, len(displacements), "minus"))
         )
         if not plus.shape == minus.shape == mean.vertices.shape:
             raise InputError(f"{path}: does not belong to {mean_file(project)}; run again")

@@ -50,20 +50,21 @@ def read_vtp(content: bytes) -> Polygons:
     file = _File(root, tail)
     whole = root.find("PolyData")
     pieces: list[Polygons] = []
-    for one in [] if whole is None else whole.findall("Piece"):
-        pieces.append(_piece(file, one, len(content)))
+    for item in [] if whole is None else whole.findall("Piece"):
+        pieces.append(_piece(file, item, len(content)))
         if sum(len(piece.points) + len(piece.faces.corners) for piece in pieces) > 2 * MOST:
             raise ValueError(f"more than {MOST} points or corners")
     if whole is None or not pieces:
         raise ValueError("no points")
-    shifts = np.cumsum([0, *(len(one.points) for one in pieces)])[:-1]
+    shifts = np.cumsum([0, *(len(piece.points) for piece in pieces)])[:-1]
     return Polygons(
-        np.concatenate([one.points for one in pieces]),
+        np.concatenate([piece.points for piece in pieces]),
         Cells.joined(
-            _moved(one.faces, len(one.points), shift) for one, shift in zip(pieces, shifts, strict=True)
+            _moved(piece.faces, len(piece.points), shift) for piece, shift in zip(pieces, shifts, strict=True)
         ),
         Cells.joined(
-            _moved(one.strips, len(one.points), shift) for one, shift in zip(pieces, shifts, strict=True)
+            _moved(piece.strips, len(piece.points), shift)
+            for piece, shift in zip(pieces, shifts, strict=True)
         ),
         f"SPACE={file.text(whole.find(_SPACE))}",
     )

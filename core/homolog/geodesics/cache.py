@@ -70,7 +70,7 @@ def load_table(path: Path, device: str) -> GeodesicTable | None:
         dtype = wp.uint16 if array.dtype == np.uint16 else wp.int32
         return wp.array(array, dtype=dtype, ndim=array.ndim, device=device)
 
-    return GeodesicTable(int(n), d_max, unit, **{name: there(one) for name, one in arrays.items()})
+    return GeodesicTable(int(n), d_max, unit, **{name: there(item) for name, item in arrays.items()})
 
 
 def _dense(n: int, present: Array, codes: Array) -> Array:

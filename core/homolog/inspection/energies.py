@@ -78,7 +78,7 @@ def shared_entropy(rows: FloatArray, regularization: float) -> FloatArray:
 
 
 def _sampling(distances: Sequence[csr_array]) -> FloatArray:
-    return np.stack([_crowding(one) for one in distances])
+    return np.stack([_crowding(distance) for distance in distances])
 
 
 def _crowding(distances: csr_array) -> FloatArray:

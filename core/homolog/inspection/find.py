@@ -66,5 +66,5 @@ def assess(located: LocatedParticles, tick: Tick = no_tick) -> Inspection:
         tick(0.5 + 0.3 * m / len(located.meshes), "suspects")
         suspects += collector.suspects(m)
     suspects += uncovered(located, part_of(tick, 0.8, 1.0))
-    suspects.sort(key=lambda one: -one.severity)
+    suspects.sort(key=lambda suspect: -suspect.severity)
     return Inspection(tuple(suspects), located, consensus)

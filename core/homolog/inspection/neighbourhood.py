@@ -66,14 +66,14 @@ def neighbourhood_of(located: LocatedParticles, tick: Tick = no_tick) -> Neighbo
 def _nearest(distances: Sequence[csr_array]) -> tuple[IntArray, FloatArray]:
     """Return each particle's nearest others by the median distance over subjects, and these medians."""
     n = distances[0].shape[0]
-    keys = [_keys(one) for one in distances]
+    keys = [_keys(distance) for distance in distances]
     pairs, counts = np.unique(np.concatenate(keys), return_counts=True)
     pairs = pairs[2 * counts > len(distances)]
     found = np.full((len(distances), len(pairs)), np.inf)
-    for row, key, one in zip(found, keys, distances, strict=True):
+    for row, key, item in zip(found, keys, distances, strict=True):
         at = np.searchsorted(pairs, key).clip(max=len(pairs) - 1)
         there = pairs[at] == key
-        row[at[there]] = one.data[there]
+        row[at[there]] = item.data[there]
     median = np.median(found, axis=0)
     order = np.lexsort([median, pairs // n])
     particle, other, median = pairs[order] // n, pairs[order] % n, median[order]

@@ -37,7 +37,7 @@ class SuspectCollector:
         """Return the suspects of a subject; an exchange accounts for all signs of its two particles."""
         corners = self._consensus.triangles
         normals, neighbours, triangles = (
-            one[m].copy() for one in (self._normals, self._neighbours, self._triangles)
+            item[m].copy() for item in (self._normals, self._neighbours, self._triangles)
         )
         worst = np.maximum(normals, neighbours)
         np.maximum.at(worst, corners.ravel(), np.repeat(triangles, 3))

@@ -31,7 +31,7 @@ def swapped_pairs(
     n = len(candidates)
     if n < 2:
         return []
-    occupant, counterpart = (one.ravel() for one in np.meshgrid(candidates, candidates, indexing="ij"))
+    occupant, counterpart = (item.ravel() for item in np.meshgrid(candidates, candidates, indexing="ij"))
     fit = distance_residuals(swap_log_ratios(occupant, counterpart, subject, located, consensus)).reshape(
         n, n
     )

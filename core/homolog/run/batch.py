@@ -113,13 +113,15 @@ class Batch:
         self._fewest, self._anew = max(fewest, _TWO), anew
         self._cancelled = threading.Event()
         self._job: Run | None = None
-        stems = file_stems([one.title for one in structures])
-        names = [one.name for one in cohort.subjects]
+        stems = file_stems([structure.title for structure in structures])
+        names = [subject.name for subject in cohort.subjects]
         self._items = [
             BatchItem(
-                one, Project(folder / stem), absent=tuple(name for name in names if name not in one.found)
+                structure,
+                Project(folder / stem),
+                absent=tuple(name for name in names if name not in structure.found),
             )
-            for one, stem in zip(structures, stems, strict=True)
+            for structure, stem in zip(structures, stems, strict=True)
         ]
 
     @property
@@ -172,7 +174,7 @@ class Batch:
         if count < self._fewest:
             whose = "subject has it" if count == 1 else "subjects have it"
             return replace(item, state=ItemState.TOO_FEW, message=f"{count} {whose}")
-        names, settings = [one.name for one in cohort.subjects], self._settings_of(item.structure)
+        names, settings = [subject.name for subject in cohort.subjects], self._settings_of(item.structure)
         before = self._record.get(item.project.folder.name, {})
         if not self._anew and before.get("names") == names and _has_result(item.project, settings):
             left_out = tuple(map(str, before.get("left_out", ())))
@@ -207,7 +209,7 @@ class Batch:
             "name": item.structure.title,
             "state": item.state,
             "message": item.message,
-            "names": [one.name for one in self._cohort.subjects if one.name not in item.absent],
+            "names": [subject.name for subject in self._cohort.subjects if subject.name not in item.absent],
             "absent": item.absent,
             "left_out": item.left_out,
         }
@@ -231,7 +233,7 @@ def _can_go_on(project: Project, names: Sequence[str], settings: RunSettings) ->
         return False
     record = project.read()
     same = _where_it_runs(record.settings) == _where_it_runs(settings)
-    return record.unfinished and same and {one.name for one in record.subjects} <= set(names)
+    return record.unfinished and same and {subject.name for subject in record.subjects} <= set(names)
 
 
 def _where_it_runs(settings: RunSettings) -> RunSettings:

@@ -24,7 +24,7 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, fingerprint: str) -> No
     fingerprint : str
         Of the settings and shapes that it belongs to.
     """
-    values = {one.name: getattr(checkpoint, one.name) for one in fields(checkpoint)}
+    values = {field.name: getattr(checkpoint, field.name) for field in fields(checkpoint)}
     write_arrays(path, values | {"fingerprint": fingerprint})
 
 
@@ -39,7 +39,7 @@ def read_checkpoint(path: Path, fingerprint: str) -> Checkpoint | None:
     if not path.is_file():
         return None
     stored = read_arrays(path)
-    names = {one.name for one in fields(Checkpoint)}
+    names = {field.name for field in fields(Checkpoint)}
     if names | {"fingerprint"} != set(stored):
         raise InputError(f"{path}: is not a checkpoint of this version; start a new run")
     if str(stored["fingerprint"]) != fingerprint:
@@ -59,7 +59,7 @@ def _fits_together(stored: dict[str, Array]) -> bool:
     counts = [stored[name] for name in ("left", "done", "iteration")]
     shape = stored["positions"].shape
     return (
-        all(one.ndim == 0 and one.dtype.kind == "i" and one >= 0 for one in counts)
+        all(count.ndim == 0 and count.dtype.kind == "i" and count >= 0 for count in counts)
         and len(shape) == 3
         and shape[2] == 3
         and stored["widths"].shape == stored["faces"].shape == stored["repaired"].shape == shape[:2]
@@ -69,5 +69,5 @@ def _fits_together(stored: dict[str, Array]) -> bool:
         and stored["faces"].dtype == stored["repaired"].dtype == np.int32
         and all(stored[name].dtype == np.float32 for name in ("positions", "widths", "means"))
         and all(stored[name].dtype == np.float64 for name in ("energies", "poses"))
-        and all(np.isfinite(one).all() for one in stored.values() if one.dtype.kind == "f")
+        and all(np.isfinite(item).all() for item in stored.values() if item.dtype.kind == "f")
     )

@@ -48,8 +48,8 @@ class Control:
     def enter(self, phase: Phase, message: str, until: Phase | None = None) -> None:
         """Begin a phase, or several that are ticked as one, up to and with `until`."""
         phases = list(Phase)
-        start = sum(_SHARES[one] for one in phases[: phases.index(phase)])
-        stop = sum(_SHARES[one] for one in phases[: phases.index(until or phase) + 1])
+        start = sum(_SHARES[item] for item in phases[: phases.index(phase)])
+        stop = sum(_SHARES[item] for item in phases[: phases.index(until or phase) + 1])
         self._span = (max(start, self._status.fraction), stop)
         self.move_to(phase)
         if phase in (Phase.READING, Phase.GEODESICS):  # cached grooming says nothing about what follows

@@ -28,14 +28,14 @@ def with_landmarks(shapes: Sequence[Shape], cohort: Cohort) -> list[Shape]:
     InputError
         If a subject has none, its are not on its surface, or there is none that all have.
     """
-    files = {one.name: one.landmarks for one in cohort.subjects if one.landmarks is not None}
-    without = [one.name for one in cohort.subjects if one.name not in files]
+    files = {subject.name: subject.landmarks for subject in cohort.subjects if subject.landmarks is not None}
+    without = [subject.name for subject in cohort.subjects if subject.name not in files]
     if without:
         raise InputError(
             f"{', '.join(without)}: has no landmarks; place them in 3D Slicer and save them as NAME.mrk.json "
             "next to the file, or run without landmarks"
         )
-    _, table = landmark_table([read_markups(files[one.name]) for one in cohort.subjects])
+    _, table = landmark_table([read_markups(files[subject.name]) for subject in cohort.subjects])
     everywhere = np.isfinite(table).all(axis=(0, 2))
     if not everywhere.any():
         raise InputError(

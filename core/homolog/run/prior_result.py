@@ -65,21 +65,23 @@ class PriorResult:
         InputError
             If a known subject's surface is not the one that the particles lie on.
         """
-        contents = {one.name: one.content for one in self.record.subjects}
-        changed = [one.name for one in shapes if contents.get(one.name, "") not in ("", surface_hash(one))]
+        contents = {subject.name: subject.content for subject in self.record.subjects}
+        changed = [
+            shape.name for shape in shapes if contents.get(shape.name, "") not in ("", surface_hash(shape))
+        ]
         if changed:
             raise InputError(f"{', '.join(changed)}: the surface is not that of the result; start a new run")
-        known = [one for one in shapes if one.name in self.local]
-        local = np.stack([self.local[one.name] for one in known])
-        here = transform_points(np.stack([one.alignment for one in known]), local)
-        there = transform_points(np.stack([self.alignments[one.name] for one in known]), local)
+        known = [shape for shape in shapes if shape.name in self.local]
+        local = np.stack([self.local[item.name] for item in known])
+        here = transform_points(np.stack([item.alignment for item in known]), local)
+        there = transform_points(np.stack([self.alignments[item.name] for item in known]), local)
         move = _agreed_move(here, there)
         return [replace(s, alignment=self.alignments.get(s.name, move @ s.alignment)) for s in shapes]
 
     def initial(self, shapes: Sequence[Shape], tick: Tick) -> InitialParticles:
         """Return the particles to begin with; those of known subjects are held if there are new ones."""
-        known = np.array([one.name in self.local for one in shapes])
-        local = np.stack([self.local[one.name] for one in shapes if one.name in self.local])
+        known = np.array([shape.name in self.local for shape in shapes])
+        local = np.stack([self.local[shape.name] for shape in shapes if shape.name in self.local])
         return InitialParticles(local) if known.all() else initialize_fit(shapes, local, known, tick)
 
 
@@ -105,7 +107,7 @@ def adds_particles(record: ResultRecord, cohort: Cohort, settings: RunSettings) 
         record.ended != CANCELLED
         and record.particles < particles
         and same == (record.settings.optimize, record.settings.groom)
-        and [one.name for one in cohort.subjects] == [one.name for one in record.subjects]
+        and [subject.name for subject in cohort.subjects] == [subject.name for subject in record.subjects]
     )
 
 

@@ -34,10 +34,10 @@ def read_inputs(project: Project) -> OptimizationInput:
     result = record.result
     if result is None:
         raise InputError(f"{project.folder}: has no result; run it first")
-    groomed = [_groomed(project, one) for one in result.subjects]
+    groomed = [_groomed(project, subject) for subject in result.subjects]
     shapes = [
-        Shape(one.name, one.field, one.mesh, one.coarse_mesh, np.array(subject.alignment))
-        for one, subject in zip(groomed, result.subjects, strict=True)
+        Shape(item.name, item.field, item.mesh, item.coarse_mesh, np.array(subject.alignment))
+        for item, subject in zip(groomed, result.subjects, strict=True)
     ]
     device = choose_device(result.settings.device)
     return OptimizationInput(
@@ -104,9 +104,11 @@ def write_repaired(
     with project.locked(new=False):
         before = project.read()
         inputs = read_inputs(project)
-        groomed = [add_note(one, notes[one.name]) if one.name in notes else one for one in inputs.groomed]
+        groomed = [
+            add_note(item, notes[item.name]) if item.name in notes else item for item in inputs.groomed
+        ]
         assert before.result is not None, "a study was read"
-        alignments = np.stack([one.alignment for one in inputs.shapes])
+        alignments = np.stack([shape.alignment for shape in inputs.shapes])
         world = transform_points(alignments, local)
         outcome = OptimizationOutcome(
             replace(inputs, groomed=groomed),
@@ -134,9 +136,9 @@ def _groomed(project: Project, subject: ResultSubject) -> GroomedSubject:
 
 
 def _cohort(project: Project, result: ResultRecord) -> Cohort:
-    paths = {one.name: one.path for one in project.cohort().subjects}
+    paths = {subject.name: subject.path for subject in project.cohort().subjects}
     subjects = [
-        Subject(one.name, paths.get(one.name, project.folder), one.group, one.columns)
-        for one in result.subjects
+        Subject(subject.name, paths.get(subject.name, project.folder), subject.group, subject.columns)
+        for subject in result.subjects
     ]
     return Cohort(tuple(subjects), project.folder)

@@ -112,7 +112,9 @@ def add_repair_notes(inputs: OptimizationInput, found: OptimizedParticles) -> Op
         f"repaired: {np.count_nonzero(found.repaired)} on {subjects.sum()} subjects in total "
         f"(objective {before:.4f} at the first repair, {objective[-1]:.4f} at the end)"
     )
-    groomed = [add_note(one, note) if odd else one for one, odd in zip(inputs.groomed, subjects, strict=True)]
+    groomed = [
+        add_note(item, note) if odd else item for item, odd in zip(inputs.groomed, subjects, strict=True)
+    ]
     return replace(inputs, groomed=groomed)
 
 
@@ -125,8 +127,8 @@ def model_of(outcome: OptimizationOutcome, tick: Tick) -> tuple[ShapeModel, Mean
         If particles coincide, so that no surface can be carried by them.
     """
     shapes, world = outcome.inputs.shapes, outcome.world
-    model = ShapeModel.fit(world, names=[one.name for one in shapes])
-    meshes = [one.mesh for one in shapes]
+    model = ShapeModel.fit(world, names=[shape.name for shape in shapes])
+    meshes = [shape.mesh for shape in shapes]
     return model, surface_of_model(model, world, meshes, outcome.alignments, tick)
 
 
@@ -150,7 +152,7 @@ def write_result(
         If the project can't be written to; its last result is then as it was.
     """
     inputs = outcome.inputs
-    stems = file_stems([one.name for one in inputs.shapes])
+    stems = file_stems([shape.name for shape in inputs.shapes])
     with project.replacing_result() as new:
         _write_subjects(new, project, outcome, stems, part_of(tick, 0.0, 0.6))
         tick(0.6, "shape model")

@@ -59,7 +59,7 @@ def _was_asked_for(result: ResultRecord, cohort: Cohort, settings: RunSettings) 
         result.ended not in (CANCELLED, IMPORTED)
         and (own.groom, own.optimize) == (settings.groom, settings.optimize)
         and not settings.optimize.landmarks  # whose files the result does not keep
-        and {one.name for one in result.subjects} == {one.name for one in cohort.subjects}
+        and {subject.name for subject in result.subjects} == {subject.name for subject in cohort.subjects}
         and _same_sides(result, cohort, settings.groom.mirror)
     )
 
@@ -68,7 +68,7 @@ def _same_sides(result: ResultRecord, cohort: Cohort, mirror: Mirror) -> bool:
     """Return whether the same subjects would be mirrored."""
     if mirror is Mirror.OFF:
         return True
-    before = {one.name: one.side for one in result.subjects if one.side}
+    before = {subject.name: subject.side for subject in result.subjects if subject.side}
     now = sides_of(cohort).of
-    both = any(len(set(one.values())) > 1 for one in (before, now))
+    both = any(len(set(item.values())) > 1 for item in (before, now))
     return before == now or (mirror is Mirror.AUTO and not both)

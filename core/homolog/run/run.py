@@ -185,10 +185,10 @@ class Run:
     def _checked(self) -> Cohort:
         self._control.enter(Phase.READING, "reading")
         problems = check_cohort(self._cohort, self._settings.groom, self._control.tick)
-        self._notes = [one.message for one in problems]
+        self._notes = [problem.message for problem in problems]
         if problems and not self._skip_bad:
             raise InputError("\n".join(self._notes))
-        cohort = self._cohort.without({one.subject for one in problems})
+        cohort = self._cohort.without({problem.subject for problem in problems})
         self._check_number(cohort)
         check_sides(cohort, self._settings.groom)  # refuses sides that are none before any work
         return cohort
@@ -205,7 +205,7 @@ class Run:
         if not self._from_result:
             return None
         prior = read_prior_result(self.project)
-        prior.check([one.name for one in cohort.subjects], self._settings)
+        prior.check([subject.name for subject in cohort.subjects], self._settings)
         return prior
 
     def _write_run_record(self, cohort: Cohort) -> None:
@@ -239,8 +239,8 @@ class Run:
                 left_out=left_out if self._skip_bad else None,
             )
         if left_out:
-            self._notes += [one.message for one in left_out]
-            cohort = cohort.without({one.subject for one in left_out})
+            self._notes += [item.message for item in left_out]
+            cohort = cohort.without({item.subject for item in left_out})
             self._check_number(cohort)
             self._write_run_record(cohort)
         return cohort, groomed

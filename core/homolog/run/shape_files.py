@@ -64,8 +64,8 @@ def write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
         new.model / "scores.csv",
         ["name", "group", *modes],
         (
-            [one.name, one.group, *scores]
-            for one, scores in zip(cohort.subjects, model.scores.tolist(), strict=True)
+            [subject.name, subject.group, *scores]
+            for subject, scores in zip(cohort.subjects, model.scores.tolist(), strict=True)
         ),
     )
     write_table(

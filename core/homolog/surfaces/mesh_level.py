@@ -142,10 +142,10 @@ def escaping(mesh: TriangleMesh, asked: IntArray, n_directions: int) -> tuple[In
     with wp.ScopedDevice(choose_device("cpu")):
         surface = _surface(mesh, low, scale)
         given = ((corners.mean(axis=1) - low) / scale, normals, ways)
-        vectors = [wp.array(one.astype(np.float32), dtype=wp.vec3) for one in given]
+        vectors = [wp.array(item.astype(np.float32), dtype=wp.vec3) for item in given]
         counts = [wp.zeros(len(asked), dtype=wp.int32) for _ in range(2)]
         wp.launch(kernels.count_escaping, len(asked), [surface.id, *vectors, 1e-3, *counts])
-        ahead, behind = (np.array(one.numpy()) for one in counts)
+        ahead, behind = (np.array(count.numpy()) for count in counts)
     return ahead, behind
 
 

@@ -353,7 +353,7 @@ def _outsides(mesh: TriangleMesh, patches: IntArray, left: IntArray) -> tuple[In
     asked = order[np.arange(len(order)) - start[patches[order]] < _SAMPLES]
     asked = asked[unsure[patches[asked]]]
     ahead, behind = (
-        np.bincount(patches[asked], one, minlength=count) for one in escaping(mesh, asked, _DIRECTIONS)
+        np.bincount(patches[asked], item, minlength=count) for item in escaping(mesh, asked, _DIRECTIONS)
     )
     seen = np.where(ahead == behind, np.where(ahead == 0, 0, result), np.sign(ahead - behind))
     return np.where(unsure, seen, result), unsure

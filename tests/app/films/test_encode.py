@@ -30,7 +30,7 @@ def test_a_film_decodes_to_what_was_drawn(draw, tmp_path, decode, suffix):
     for index in (0, 7, 19):
         difference = np.abs(frames[index] - draw(index)[..., :3]).mean()
         assert difference < 3.0, index
-    assert [one.name for one in tmp_path.iterdir()] == [path.name]
+    assert [item.name for item in tmp_path.iterdir()] == [path.name]
     if suffix == ".mp4":
         assert "h264" in facts
         assert "yuv420p" in facts
@@ -44,7 +44,7 @@ def test_the_same_film_is_the_same_file(draw, tmp_path):
 
 def test_a_series_is_a_folder_of_numbered_pictures(draw, tmp_path):
     write_film(tmp_path / "series", draw, 12, 25)
-    names = sorted(one.name for one in (tmp_path / "series").iterdir())
+    names = sorted(path.name for path in (tmp_path / "series").iterdir())
     assert names == [f"{number:02d}.png" for number in range(1, 13)]
     stored = np.asarray(Image.open(tmp_path / "series" / "05.png"))
     np.testing.assert_array_equal(stored, draw(4)[..., :3])
@@ -63,7 +63,7 @@ def test_a_cancelled_film_leaves_what_was_there_and_nothing_else(draw, tmp_path,
         path.write_bytes(b"before")
     with pytest.raises(Cancelled):
         write_film(path, draw, 10, 25, tick)
-    assert [one.name for one in tmp_path.iterdir()] == ([name] if path.suffix else [])
+    assert [item.name for item in tmp_path.iterdir()] == ([name] if path.suffix else [])
     assert not path.suffix or path.read_bytes() == b"before"
 
 

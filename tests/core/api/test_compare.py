@@ -43,10 +43,10 @@ def test_two_groups_are_compared_as_the_analysis_does(shapes):
 
 def test_several_groups_are_tested_together_and_each_two_of_them(shapes):
     found = hl.compare_groups(shapes, GROUPS, **QUICK)
-    assert [one.title for one in found.pairs] == ["b - a", "c - a", "c - b"]
+    assert [pair.title for pair in found.pairs] == ["b - a", "c - a", "c - b"]
     assert found.counts == {"a": 5, "b": 6, "c": 6}
     assert found.p_adjusted < 0.05
-    apart = [int(np.argmin(one.p_family)) for one in found.pairs[1:]]
+    apart = [int(np.argmin(pair.p_family)) for pair in found.pairs[1:]]
     assert apart == [4, 4]
     assert found.pairs[2].subjects.tolist() == list(range(6, 18))
 

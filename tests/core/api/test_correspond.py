@@ -27,11 +27,11 @@ SHORT = {
 @pytest.fixture(scope="module")
 def labels(ellipsoids):
     """Return the ellipsoids' label arrays, with the matrices of their images, by name."""
-    images = {one.stem: SimpleITK.ReadImage(one) for one in sorted(ellipsoids.glob("*.nrrd"))}
-    matrices = {name: np.diag([*one.GetSpacing(), 1.0]) for name, one in images.items()}
-    for name, one in images.items():
-        matrices[name][:3, 3] = one.GetOrigin()
-    return {name: (SimpleITK.GetArrayFromImage(one).T, matrices[name]) for name, one in images.items()}
+    images = {path.stem: SimpleITK.ReadImage(path) for path in sorted(ellipsoids.glob("*.nrrd"))}
+    matrices = {name: np.diag([*image.GetSpacing(), 1.0]) for name, image in images.items()}
+    for name, item in images.items():
+        matrices[name][:3, 3] = item.GetOrigin()
+    return {name: (SimpleITK.GetArrayFromImage(image).T, matrices[name]) for name, image in images.items()}
 
 
 @pytest.fixture(scope="module")

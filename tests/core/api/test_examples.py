@@ -32,7 +32,7 @@ def test_meshes_in_memory_become_a_model_a_surface_and_a_project(example, tmp_pa
     lengths = sorted(map(float, re.findall(r"SD: ([\d.]+) mm long", printed)))
     assert float(shares[1]) > 0.9
     assert lengths == pytest.approx([13.8, 19.0, 24.2], abs=0.7)  # 16 to 22 mm, with an SD of 2.6 mm
-    assert {"mode_1_plus_2sd.ply", "model.npz", "PROJECT"} == {one.name for one in tmp_path.iterdir()}
+    assert {"mode_1_plus_2sd.ply", "model.npz", "PROJECT"} == {path.name for path in tmp_path.iterdir()}
 
 
 def test_the_groups_differ_at_the_bump_alone(example):
@@ -64,4 +64,4 @@ def test_type_checkers_agree_with_the_examples():
 
 def test_every_example_is_run():
     tested = set(re.findall(r'example\("(\w+\.py)"', Path(__file__).read_text("utf-8")))
-    assert tested == {one.name for one in EXAMPLES.glob("*.py")}
+    assert tested == {path.name for path in EXAMPLES.glob("*.py")}

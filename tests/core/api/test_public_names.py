@@ -26,14 +26,14 @@ def test_importing_the_package_loads_nothing_but_the_standard_library():
         [sys.executable, "-c", "import sys, homolog; print(*{one.split('.')[0] for one in sys.modules})"],
         capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": str(CORE)},
     )  # fmt: skip
-    tops = {one for one in done.stdout.split() if not one.startswith(("_", "homolog", "sitecustomize"))}
+    tops = {part for part in done.stdout.split() if not part.startswith(("_", "homolog", "sitecustomize"))}
     assert tops <= sys.stdlib_module_names
 
 
 def test_type_checkers_see_the_names_that_are_loaded_when_used():
     tree = ast.parse(Path(hl.__file__).read_text("utf-8"))
-    (guarded,) = [one for one in tree.body if isinstance(one, ast.If) and isinstance(one.test, ast.Name)]
-    seen = {alias.name: one.module for one in guarded.body for alias in one.names}
+    (guarded,) = [item for item in tree.body if isinstance(item, ast.If) and isinstance(item.test, ast.Name)]
+    seen = {alias.name: item.module for item in guarded.body for alias in item.names}
     assert seen == {name: f"homolog.{home}" for name, home in hl._HOMES.items()}
     assert sorted(seen) == hl.__all__
 
@@ -48,7 +48,8 @@ def test_each_name_is_documented_with_what_it_takes_gives_and_refuses(name):
         assert all(f"{section}\n---" in text for section in ("Parameters", "Raises"))
         assert "Returns\n---" in text or inspect.signature(value).return_annotation is None
         assert all(
-            f"\n{one} : " in text or f"\n**{one}" in text for one in inspect.signature(value).parameters
+            f"\n{parameter} : " in text or f"\n**{parameter}" in text
+            for parameter in inspect.signature(value).parameters
         )
 
 
@@ -57,7 +58,7 @@ def test_an_unknown_name_is_an_attribute_error():
         _ = hl.nothing
 
 
-@pytest.mark.parametrize("name", [one for one in hl.__all__ if ">>>" in (getattr(hl, one).__doc__ or "")])
+@pytest.mark.parametrize("name", [item for item in hl.__all__ if ">>>" in (getattr(hl, item).__doc__ or "")])
 def test_the_examples_of_the_docstrings_hold(name):
     value = getattr(hl, name)
     finder = doctest.DocTestFinder(recurse=False)
@@ -75,7 +76,10 @@ def test_settings_by_keyword_are_those_of_the_command_line():
 
 
 def test_defaults_are_those_of_the_command_line_and_the_window():
-    taken = {one.name: one.default for one in inspect.signature(hl.correspond).parameters.values()}
+    taken = {
+        parameter.name: parameter.default
+        for parameter in inspect.signature(hl.correspond).parameters.values()
+    }
     made = api.run_settings({}, taken["n_particles"], taken["device"], taken["workers"])
     assert made.model_copy(update={"workers": None}) == RunSettings()
 
@@ -88,7 +92,10 @@ def test_every_value_of_a_setting_that_is_a_choice_is_taken():
 
 
 def test_comparisons_have_the_defaults_of_the_analysis():
-    taken = {one.name: one.default for one in inspect.signature(hl.compare_groups).parameters.values()}
+    taken = {
+        parameter.name: parameter.default
+        for parameter in inspect.signature(hl.compare_groups).parameters.values()
+    }
     for name in ("alignment", "modes", "permutations", "null_repeats", "seed"):
         assert taken[name] == getattr(Options(), name)
 

@@ -22,5 +22,5 @@ def test_the_reference_is_that_of_the_docstrings(made):
 
 
 def test_the_reference_has_every_public_name(made):
-    shown = {one.__name__ for members in made["GROUPS"].values() for one in members}
+    shown = {member.__name__ for members in made["GROUPS"].values() for member in members}
     assert set(hl.__all__) <= shown

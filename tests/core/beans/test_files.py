@@ -39,14 +39,14 @@ def test_the_table_of_the_truth_reads_back_exactly(written):
 
 def test_the_folder_is_the_cohort_that_was_returned(written):
     folder, _, cohort = written
-    assert [(one.name, one.path) for one in read_cohort(folder).subjects] == [
-        (one.name, one.path) for one in cohort.subjects
+    assert [(subject.name, subject.path) for subject in read_cohort(folder).subjects] == [
+        (subject.name, subject.path) for subject in cohort.subjects
     ]
 
 
 def test_a_hundred_beans_sort_by_number(tmp_path, monkeypatch):
     monkeypatch.setattr("homolog.beans.files._write_volume", lambda path, bean: None)
-    names = [one.name for one in write_beans(tmp_path, draw_beans(100, 0), 0).subjects]
+    names = [subject.name for subject in write_beans(tmp_path, draw_beans(100, 0), 0).subjects]
     assert names == sorted(names)
 
 

@@ -46,7 +46,7 @@ def projected(shape, placement, points, steps=3):
         [positions, normals, shape_operators, openings],
     )
     LAUNCHER(kernels.project, len(points), [*given, *made])
-    return tuple(one.numpy() for one in made)
+    return tuple(item.numpy() for item in made)
 
 
 def flat_openings(count):

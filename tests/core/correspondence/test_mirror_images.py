@@ -34,12 +34,12 @@ def placed(ellipsoid_shapes):
     """Return shapes that lie beside the plane by which they are mirrored."""
     shift = np.eye(4)
     shift[:3, 3] = (5.0, 1.0, -2.0)
-    return [replace(one, alignment=shift) for one in ellipsoid_shapes]
+    return [replace(ellipsoid_shape, alignment=shift) for ellipsoid_shape in ellipsoid_shapes]
 
 
 @pytest.fixture(scope="module")
 def both_sides(placed):
-    return [flipped(one) if odd else one for one, odd in zip(placed, MIRRORED, strict=True)]
+    return [flipped(item) if odd else item for item, odd in zip(placed, MIRRORED, strict=True)]
 
 
 @pytest.fixture(scope="module")
@@ -71,10 +71,10 @@ def test_frames_tell_the_same_alignments(both_sides):
 
 
 def test_a_landmark_of_a_mirrored_shape_is_met_there(placed):
-    marked = [replace(one, landmarks=one.mesh.vertices[:1]) for one in placed]
+    marked = [replace(item, landmarks=item.mesh.vertices[:1]) for item in placed]
     both = [
-        replace(flipped(one), landmarks=one.mesh.vertices[:1] @ MIRROR[:3, :3]) if odd else one
-        for one, odd in zip(marked, MIRRORED, strict=True)
+        replace(flipped(item), landmarks=item.mesh.vertices[:1] @ MIRROR[:3, :3]) if odd else item
+        for item, odd in zip(marked, MIRRORED, strict=True)
     ]
     assert np.array_equal(optimize(both, SETTINGS).world, optimize(marked, SETTINGS).world)
 

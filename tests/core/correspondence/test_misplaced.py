@@ -135,7 +135,7 @@ def test_a_run_resumed_before_or_after_a_repair_ends_bit_identical(discs, spoile
     monkeypatch.setattr(recorder, "CHECKPOINT_INTERVAL_S", 0.0)
     kept = []
     whole = optimize(discs, ON, initial=InitialParticles(spoiled[0]), checkpoint=kept.append)
-    first = [one.repaired.any() for one in kept].index(True)
+    first = [item.repaired.any() for item in kept].index(True)
     for checkpoint in (kept[first - 1], kept[first], kept[-1]):
         rest = optimize(discs, ON, initial=InitialParticles(spoiled[0]), resume=checkpoint)
         np.testing.assert_array_equal(rest.local, whole.local)

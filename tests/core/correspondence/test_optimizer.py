@@ -212,7 +212,7 @@ def test_cancelling_in_the_middle_of_an_iteration_loses_nothing(found, ellipsoid
 
     def tick(fraction, message):
         calls.append(message)
-        if sum("optimizing" in one for one in calls) == 137:
+        if sum("optimizing" in call for call in calls) == 137:
             raise Cancelled
 
     with pytest.raises(Cancelled):

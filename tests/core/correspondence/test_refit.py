@@ -83,7 +83,7 @@ def test_a_subject_with_nothing_in_place_cannot_be_repaired(found, ellipsoid_sha
 
 def test_a_new_subject_lands_where_it_is_in_the_joint_model(found, spacing, ellipsoid_shapes):
     known = np.array([True, True, False, True, True])
-    model = optimize([s for s, one in zip(ellipsoid_shapes, known, strict=True) if one], SETTINGS)
+    model = optimize([s for s, item in zip(ellipsoid_shapes, known, strict=True) if item], SETTINGS)
     start = initialize_fit(ellipsoid_shapes, model.local, known)
     fitted = optimize(ellipsoid_shapes, SETTINGS, initial=start)
     np.testing.assert_array_equal(fitted.local[known], model.local)

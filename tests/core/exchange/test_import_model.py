@@ -51,8 +51,8 @@ def test_a_project_comes_back_as_it_went(exported, project, finished_run):
     assert np.abs(after.world - before.world).max() <= 1e-6
     assert np.abs(after.local - before.local).max() <= 1e-6
     assert np.allclose(after.alignments, before.alignments)
-    for one, other in zip(read_surfaces(project), read_surfaces(finished_run), strict=True):
-        assert np.allclose(one.vertices, other.vertices)
+    for read_surface, other in zip(read_surfaces(project), read_surfaces(finished_run), strict=True):
+        assert np.allclose(read_surface.vertices, other.vertices)
     assert len(read_modes(project, after.mean_surface)) == len(read_modes(finished_run, before.mean_surface))
     record = project.read().result
     assert (record.ended, record.metric, record.source) == (
@@ -91,7 +91,7 @@ def test_groups_columns_and_unknown_keys_go_both_ways(change, project, tmp_path)
 
     import_model(change(add), project)
     subjects = project.read().result.subjects
-    assert [one.group for one in subjects] == ["a", "b", "a", "b"]
+    assert [subject.group for subject in subjects] == ["a", "b", "a", "b"]
     assert subjects[1].columns == {"disease": "b", "sex": "f", "age": "41"}
     again = json.loads(write_shapeworks(project, tmp_path / "again").read_text())
     assert again["optimize"]["a_new_key"] == "7"
@@ -143,7 +143,7 @@ def test_a_surface_that_the_particles_are_not_on_is_not_used(exported, content, 
     write_mesh(
         exported.parent / content["data"][1]["groomed_1"], TriangleMesh(mesh.vertices + 5.0, mesh.faces)
     )
-    assert any("not on the surface" in one for one in import_model(exported, project))
+    assert any("not on the surface" in item for item in import_model(exported, project))
 
 
 @pytest.mark.parametrize("pattern", ["*_world.particles", "*_local.particles", "*.particles"])
@@ -153,7 +153,7 @@ def test_a_bare_folder_of_particles_is_a_model(bare, project, finished_run, patt
     found, before = read_result(project), read_result(finished_run)
     assert found.names == before.names
     assert found.world.shape == before.world.shape
-    sizes = [np.ptp(one.world, axis=1).max() for one in (found, before)]
+    sizes = [np.ptp(item.world, axis=1).max() for item in (found, before)]
     assert sizes[0] == pytest.approx(sizes[1], rel=0.05)
     outward = found.mean_surface.vertices[::9] - found.world.mean(axis=(0, 1))
     assert ((found.mean_surface.vertex_normals[::9] * outward).sum(axis=1) > 0.0).mean() > 0.95
@@ -227,7 +227,7 @@ def test_landmarks_come_with_their_names(exported, change, project):
             "gone.particles: does not exist",
         ),
         (
-            lambda c: [c["data"][1].pop(f"{one}_particles_1") for one in ("local", "world")],
+            lambda c: [c["data"][1].pop(f"{item}_particles_1") for item in ("local", "world")],
             "b has no particles",
         ),
         (lambda c: c["data"][1].update(alignment_1="1 2 3"), "3 numbers in place of 16"),

@@ -48,8 +48,8 @@ def test_landmarks_that_move_as_the_particles_do_are_carried_without_error():
     shape = random.normal(scale=20.0, size=(80, 3))
     maps = [np.eye(3) + 0.1 * random.normal(size=(3, 3)) for _ in range(4)]
     points = random.normal(scale=10.0, size=(5, 3))
-    particles = np.stack([shape @ one + 3.0 for one in maps])
-    errors = landmark_errors(particles, np.stack([points @ one + 3.0 for one in maps]))
+    particles = np.stack([shape @ item + 3.0 for item in maps])
+    errors = landmark_errors(particles, np.stack([points @ item + 3.0 for item in maps]))
     others = ~np.eye(4, dtype=bool)
     assert np.abs(errors[others]).max() < 1e-6
     assert np.isnan(errors[~others]).all()
@@ -70,7 +70,12 @@ def test_an_error_is_the_distance_by_which_a_landmark_was_misplaced():
 def test_landmarks_lie_beside_the_file_or_where_the_table_says(scans, tmp_path):
     write_markups(scans / "a.mrk.json", np.eye(3))
     write_markups(tmp_path / "b.json", np.eye(3))
-    assert [one.landmarks for one in read_cohort(scans).subjects] == [scans / "a.mrk.json", None, None, None]
+    assert [subject.landmarks for subject in read_cohort(scans).subjects] == [
+        scans / "a.mrk.json",
+        None,
+        None,
+        None,
+    ]
     (scans / "cohort.csv").write_text("name,path,landmarks\na,a.nrrd,\nb,b.nrrd,../b.json\n")
     first, second = read_cohort(scans).subjects
     assert (first.landmarks, second.landmarks) == (scans / "a.mrk.json", scans / "../b.json")
@@ -123,9 +128,9 @@ def shapes_of(finished_run):
     """Return the finished run's shapes, as far as landmarks need them."""
     record = finished_run.read().result
     shapes = []
-    for one in record.subjects:
-        mesh = read_mesh(surface_file(finished_run, one.file))
-        shapes.append(Shape(one.name, None, mesh, mesh, np.array(one.alignment)))
+    for subject in record.subjects:
+        mesh = read_mesh(surface_file(finished_run, subject.file))
+        shapes.append(Shape(subject.name, None, mesh, mesh, np.array(subject.alignment)))
     return shapes
 
 
@@ -141,7 +146,7 @@ def test_shapes_get_the_landmarks_that_all_subjects_have(marked, scans, shapes_o
         scans / "a.mrk.json", read_result(Project(scans.parent / "project")).local[0, [11, 3]], names
     )
     found = with_landmarks(shapes_of, read_cohort(scans))
-    assert {one.landmarks.shape for one in found} == {(2, 3)}
+    assert {item.landmarks.shape for item in found} == {(2, 3)}
     assert np.allclose(found[1].landmarks[0], read_result(Project(scans.parent / "project")).local[1, 11])
 
 

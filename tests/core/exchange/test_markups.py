@@ -31,7 +31,7 @@ def test_particles_are_called_by_their_numbers_and_marked_lps(path):
     write_markups(path, np.eye(3))
     markup = json.loads(path.read_text())["markups"][0]
     assert markup["coordinateSystem"] == "LPS"
-    assert [one["label"] for one in markup["controlPoints"]] == ["0", "1", "2"]
+    assert [item["label"] for item in markup["controlPoints"]] == ["0", "1", "2"]
 
 
 @pytest.mark.parametrize("space", ["RAS", "ras", "0"])

@@ -14,10 +14,10 @@ def as_shapeworks_reads(text):
 def test_every_value_is_text_as_its_reader_demands(content):
     def leaves(value):
         if isinstance(value, dict):
-            return [leaf for one in value.values() for leaf in leaves(one)]
-        return [leaf for one in value for leaf in leaves(one)] if isinstance(value, list) else [value]
+            return [leaf for item in value.values() for leaf in leaves(item)]
+        return [leaf for item in value for leaf in leaves(item)] if isinstance(value, list) else [value]
 
-    assert all(isinstance(one, str) for one in leaves(content))
+    assert all(isinstance(leaf, str) for leaf in leaves(content))
     assert set(content) >= {
         "data",
         "groom",
@@ -31,7 +31,7 @@ def test_every_value_is_text_as_its_reader_demands(content):
     assert all(
         isinstance(content[key], dict) for key in ("optimize", "studio", "project", "analysis", "deepssm")
     )
-    assert all(isinstance(one, dict) for one in content["groom"].values())
+    assert all(isinstance(item, dict) for item in content["groom"].values())
     assert content["project"]["version"] == "2"
 
 

@@ -14,28 +14,28 @@ from homolog.files.results import read_result
 KINDS = [
     ["segmentation_", "shape_", "mesh_", "contour_"],
     *(
-        [one]
-        for one in ("groomed_", "landmarks_file_", "constraints_", "local_particles_", "world_particles_")
+        [item]
+        for item in ("groomed_", "landmarks_file_", "constraints_", "local_particles_", "world_particles_")
     ),
-    *([one] for one in ("alignment_", "procrustes_")),
+    *([item] for item in ("alignment_", "procrustes_")),
 ]
 
 
 def domains_as_read(row):
     """Return the anatomies as `ProjectUtils::determine_domain_names` finds them in a row."""
-    return [key.removeprefix(one) for key in row for one in KINDS[0] if key.startswith(one)]
+    return [key.removeprefix(item) for key in row for item in KINDS[0] if key.startswith(item)]
 
 
 def counts_as_read(row, domains):
     """Return how many values of each kind `ProjectUtils::get_values` finds."""
-    return [sum(f"{one}{domain}" in row for one in kind for domain in domains) for kind in KINDS]
+    return [sum(f"{item}{domain}" in row for item in kind for domain in domains) for kind in KINDS]
 
 
 @pytest.fixture
 def two(exported, content):
     """Return a project of two anatomies, of which one lacks what the other has."""
     for number, row in enumerate(content["data"]):
-        for key in [one for one in row if one.endswith("_1")]:
+        for key in [item for item in row if item.endswith("_1")]:
             value, start = row.pop(key), key.removesuffix("1")
             if start != "groomed_":
                 row[f"{start}left"] = value
@@ -62,7 +62,7 @@ def test_each_kind_of_column_is_there_for_all_anatomies_or_for_none(two, tmp_pat
         assert domains_as_read(row) == ["left", "right"]
         assert set(counts_as_read(row, ["left", "right"])) <= {0, 2}
         assert row["groomed_left"] == ""
-        assert row["procrustes_right"].split() == [str(one) for one in np.eye(4).ravel()]
+        assert row["procrustes_right"].split() == [str(item) for item in np.eye(4).ravel()]
         assert (tmp_path / "again" / row["local_particles_left"]).is_file()
     assert again["optimize"]["number_of_particles"] == "96 48"
 
@@ -80,7 +80,7 @@ def test_tables_hold_texts_only_whatever_was_imported(two, tmp_path):
 def test_a_subject_that_only_one_anatomy_knows_has_places_for_all():
     row = complete_row({"name": "a", "shape_b": "b.ply", "landmarks_file_b": "b.txt"}, ["a", "b", "c"])
     assert list(row)[:3] == ["shape_a", "shape_b", "shape_c"]
-    assert [row[f"landmarks_file_{one}"] for one in "abc"] == ["", "b.txt", ""]
+    assert [row[f"landmarks_file_{item}"] for item in "abc"] == ["", "b.txt", ""]
     assert counts_as_read(row, list("abc")) == [3, 0, 3, 0, 0, 0, 0, 0]
 
 
@@ -90,7 +90,7 @@ def test_a_subject_that_only_one_anatomy_knows_has_places_for_all():
 def test_table_data_are_not_taken_for_files_or_flags(name):
     kept = escape_column(name)
     assert kept.endswith(name)
-    assert not kept.startswith(("name", *(one for kind in KINDS for one in kind)))
+    assert not kept.startswith(("name", *(item for kind in KINDS for item in kind)))
     assert escape_column(kept) == kept
     assert escape_column("age") == "age"
     assert escape_column("group_sex") == "group_sex"
@@ -126,7 +126,7 @@ def test_particles_in_vtk_files_are_read(exported, content, tmp_path, finished_r
         values = (
             points.astype(">f4").tobytes()
             if binary
-            else " ".join(f"{one:.6g}" for one in points.ravel()).encode()
+            else " ".join(f"{point:.6g}" for point in points.ravel()).encode()
         )
         exported.with_name(row["world_particles_1"]).write_bytes(
             f"{head}POINTS {len(points)} float\n".encode() + values + b"\n"

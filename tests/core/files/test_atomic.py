@@ -13,7 +13,7 @@ def test_a_text_is_replaced_whole(tmp_path):
     write_text(tmp_path / "new" / "a.txt", "first\n")
     write_text(tmp_path / "new" / "a.txt", "Ä second\n")
     assert (tmp_path / "new" / "a.txt").read_text(encoding="utf-8") == "Ä second\n"
-    assert [one.name for one in (tmp_path / "new").iterdir()] == ["a.txt"]
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["a.txt"]
 
 
 def test_a_write_that_breaks_off_leaves_the_old_file_and_nothing_else(tmp_path):
@@ -22,7 +22,7 @@ def test_a_write_that_breaks_off_leaves_the_old_file_and_nothing_else(tmp_path):
     with pytest.raises(ZeroDivisionError), atomic_write(path) as part:
         _write_half(part)
     assert path.read_text() == "old"
-    assert [one.name for one in tmp_path.iterdir()] == ["a.txt"]
+    assert [item.name for item in tmp_path.iterdir()] == ["a.txt"]
 
 
 def test_a_full_disk_is_an_input_error_that_names_the_file(tmp_path):
@@ -45,10 +45,10 @@ def test_a_folder_appears_whole_and_one_that_holds_anything_is_not_touched(tmp_p
         with replace_folder(path) as part:
             (part / "1.txt").write_text("one")
             assert not path.exists() or not any(path.iterdir())
-        assert [one.name for one in path.iterdir()] == ["1.txt"]
+        assert [item.name for item in path.iterdir()] == ["1.txt"]
         with pytest.raises(InputError, match="already exists"), replace_folder(path):
             pass
         (path / "1.txt").unlink()
     with pytest.raises(ZeroDivisionError), replace_folder(path) as part:
         _write_half(part / "half.txt")
-    assert [one.name for one in path.parent.iterdir()] == ["series"]
+    assert [item.name for item in path.parent.iterdir()] == ["series"]

@@ -151,9 +151,9 @@ def finished(folder, text):
 
 def contents(folder):
     return {
-        str(one.relative_to(folder)): one.read_text()
-        for one in folder.rglob("*")
-        if one.is_file() and one.name not in (".lock", "project.json")
+        str(path.relative_to(folder)): path.read_text()
+        for path in folder.rglob("*")
+        if path.is_file() and path.name not in (".lock", "project.json")
     }
 
 

@@ -149,13 +149,13 @@ def make_seg(series, tmp_path):
     import pydicom
     from pydicom.sr.codedict import codes
 
-    sources = [pydicom.dcmread(one) for one in sorted(series.iterdir())]
-    for one in sources:
-        one.FrameOfReferenceUID, one.PatientID, one.StudyID = "1.2.9", "p", "s"
+    sources = [pydicom.dcmread(item) for item in sorted(series.iterdir())]
+    for entry in sources:
+        entry.FrameOfReferenceUID, entry.PatientID, entry.StudyID = "1.2.9", "p", "s"
         for name in ("PatientBirthDate", "PatientSex", "StudyDate", "StudyTime", "AccessionNumber"):
-            setattr(one, name, "")
-        one.ReferringPhysicianName, one.SliceThickness, one.PixelSpacing = "", 3.0, [2.0, 1.5]
-    sources.sort(key=lambda one: int(one.InstanceNumber))
+            setattr(entry, name, "")
+        entry.ReferringPhysicianName, entry.SliceThickness, entry.PixelSpacing = "", 3.0, [2.0, 1.5]
+    sources.sort(key=lambda source: int(source.InstanceNumber))
     descriptions = [
         hd.seg.SegmentDescription(
             segment_number=number, segment_label=name, algorithm_type="MANUAL",

@@ -21,7 +21,7 @@ def seg(make_seg, blocks):
 
 
 def test_segments_are_read_by_name_from_where_they_lie(seg, blocks, points, expected):
-    assert [one.name for one in read_volume(seg).segments()] == ["heart", "both"]
+    assert [segment.name for segment in read_volume(seg).segments()] == ["heart", "both"]
     assert np.allclose(points(read_segmentation(seg, None, "heart")), expected(blocks, 1), atol=1e-4)
     assert np.allclose(points(read_segmentation(seg, None, "both")), expected(blocks), atol=1e-4)
 
@@ -44,7 +44,7 @@ def test_overlapping_segments_are_not_taken_together(seg):
 
 def test_a_folder_that_holds_one_segmentation_object_is_read(seg, blocks):
     assert read_segmentation(seg.parent, None, "both").mask.sum() == (blocks > 0).sum()
-    assert [one.name for one in read_cohort(seg.parent).subjects] == ["a"]
+    assert [subject.name for subject in read_cohort(seg.parent).subjects] == ["a"]
 
 
 def test_a_segmentation_object_cut_short_is_refused(seg):
@@ -80,7 +80,7 @@ def test_every_type_of_segmentation_object_is_read(make_seg, blocks, points, kin
     labels = blocks.transpose(2, 1, 0) if kind == "LABELMAP" else overlapping(blocks)
     path = make_seg(labels.astype(float) if kind == "FRACTIONAL" else labels, kind, **how)
     second = 2 if kind == "LABELMAP" else None
-    assert [one.name for one in read_cohort(path.parent).subjects] == ["a"]
+    assert [subject.name for subject in read_cohort(path.parent).subjects] == ["a"]
     assert np.allclose(points(read_segmentation(path, None, "heart")), expected(blocks, 1), atol=1e-4)
     assert np.allclose(points(read_segmentation(path, None, "both")), expected(blocks, second), atol=1e-4)
 
@@ -99,8 +99,8 @@ def frames(content):
 
 
 def turn_per_frame(content):
-    for one in frames(content):
-        one.PlaneOrientationSequence = shared(content).PlaneOrientationSequence
+    for frame in frames(content):
+        frame.PlaneOrientationSequence = shared(content).PlaneOrientationSequence
     del shared(content).PlaneOrientationSequence
 
 
@@ -113,7 +113,7 @@ def turn_per_frame(content):
         lambda content: delattr(content, "SegmentsOverlap"),
         lambda content: delattr(shared(content).PixelMeasuresSequence[0], "SpacingBetweenSlices"),
         turn_per_frame,
-        lambda content: [delattr(one, "DerivationImageSequence") for one in frames(content)],
+        lambda content: [delattr(frame, "DerivationImageSequence") for frame in frames(content)],
         lambda content: setattr(content.file_meta, "TransferSyntaxUID", DEFLATED),
     ],
 )
@@ -138,8 +138,8 @@ def place(frame):
         lambda content: setattr(shared(content).PixelMeasuresSequence[0], "PixelSpacing", [0, 1]),
         lambda content: setattr(shared(content).PixelMeasuresSequence[0], "SpacingBetweenSlices", 9.0),
         lambda content: delattr(shared(content), "PlaneOrientationSequence"),
-        lambda content: [delattr(one, "PlanePositionSequence") for one in frames(content)],
-        lambda content: [delattr(one, "SegmentIdentificationSequence") for one in frames(content)],
+        lambda content: [delattr(frame, "PlanePositionSequence") for frame in frames(content)],
+        lambda content: [delattr(frame, "SegmentIdentificationSequence") for frame in frames(content)],
         lambda content: setattr(place(frames(content)[2]), "ImagePositionPatient", [1, 2, 3]),
         lambda content: setattr(content.file_meta, "TransferSyntaxUID", BIG),
     ],

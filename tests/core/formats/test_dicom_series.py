@@ -19,7 +19,7 @@ def test_a_series_is_stacked_by_where_its_slices_lie(series, blocks, points, exp
 
 def test_a_folder_of_series_is_a_cohort(series):
     shutil.copytree(series, series.parent / "other")
-    assert [one.name for one in read_cohort(series.parent).subjects] == ["other", "patient"]
+    assert [subject.name for subject in read_cohort(series.parent).subjects] == ["other", "patient"]
     with pytest.raises(InputError, match="give the folder above it"):
         read_cohort(series)
 
@@ -36,9 +36,9 @@ def test_a_series_may_lie_two_folders_below_its_patient(series):
 
 
 def test_slices_without_a_suffix_are_known_for_slices(series):
-    for one in list(series.iterdir()):
-        one.rename(one.with_suffix(""))
-    assert [one.name for one in read_cohort(series.parent).subjects] == ["patient"]
+    for path in list(series.iterdir()):
+        path.rename(path.with_suffix(""))
+    assert [subject.name for subject in read_cohort(series.parent).subjects] == ["patient"]
     with pytest.raises(InputError, match="contains the slices of a DICOM series; give the folder above it"):
         read_cohort(series)
 
@@ -93,7 +93,7 @@ def test_slices_are_read_however_they_are_written(series, blocks, points, edit, 
 
 def jolt(content):
     content.ImagePositionPatient = [
-        float(one) + 0.004 * (int(content.InstanceNumber) % 2) for one in content.ImagePositionPatient
+        float(item) + 0.004 * (int(content.InstanceNumber) % 2) for item in content.ImagePositionPatient
     ]
 
 

@@ -80,8 +80,8 @@ def test_two_places_in_one_frame_are_told_with_how_far_and_which_was_used(write,
 @pytest.mark.parametrize(
     ("other", "codes"),
     [
-        *((one, codes) for one in (MOVED, SHEARED, TURNED) for codes in ((1, 1), (1, 2), (2, 1), (1, 4))),
-        *((one, codes) for one in (LARGER, MIRRORED) for codes in ((1, 2), (1, 4), (2, 3))),
+        *((item, codes) for item in (MOVED, SHEARED, TURNED) for codes in ((1, 1), (1, 2), (2, 1), (1, 4))),
+        *((item, codes) for item in (LARGER, MIRRORED) for codes in ((1, 2), (1, 4), (2, 3))),
         (MIRRORED, (2, 1)),
     ],
 )
@@ -92,7 +92,7 @@ def test_what_is_taken_lies_where_slicer_puts_it(write, points, other, codes):
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     image = SimpleITK.ReadImage(path)
     index = np.argwhere(SimpleITK.GetArrayFromImage(image).T)
-    there = np.array([image.TransformIndexToPhysicalPoint(one.tolist()) for one in index])
+    there = np.array([image.TransformIndexToPhysicalPoint(item.tolist()) for item in index])
     assert np.allclose(
         points(read_segmentation(path, None)), there[np.lexsort(np.round(there, 1).T)], atol=1e-3
     )

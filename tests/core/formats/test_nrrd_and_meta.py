@@ -69,7 +69,7 @@ def test_voxels_elsewhere_than_beside_the_header_are_refused(blocks, write_nrrd,
 @pytest.mark.parametrize("name", ["a.nhdr", "a.mhd"])
 def test_voxels_that_are_missing_are_named(blocks, tmp_path, name):
     SimpleITK.WriteImage(SimpleITK.GetImageFromArray(blocks), tmp_path / name)
-    (raw,) = (one for one in tmp_path.iterdir() if one.suffix in (".raw", ".zraw", ".gz"))
+    (raw,) = (path for path in tmp_path.iterdir() if path.suffix in (".raw", ".zraw", ".gz"))
     raw.unlink()
     with pytest.raises(InputError, match=f"{raw.name}, which is not there; put that file next to it"):
         read_segmentation(tmp_path / name, None)
@@ -79,7 +79,7 @@ def test_voxels_that_are_missing_are_named(blocks, tmp_path, name):
 def test_voxels_cut_short_are_refused(tmp_path, name):
     noise = np.random.default_rng(0).integers(0, 2, (20, 20, 20)).astype(np.uint8)
     SimpleITK.WriteImage(SimpleITK.GetImageFromArray(noise), tmp_path / name)
-    (raw,) = (one for one in tmp_path.iterdir() if one.suffix in (".raw", ".zraw", ".gz"))
+    (raw,) = (path for path in tmp_path.iterdir() if path.suffix in (".raw", ".zraw", ".gz"))
     raw.write_bytes(raw.read_bytes()[:300])
     with pytest.raises(InputError, match="may be cut short"):
         read_segmentation(tmp_path / name, None)

@@ -58,10 +58,10 @@ def model_of(paths):
     """Groom, optimize and fit; return surfaces and the shape model, both in world coordinates."""
     groomed = [groom_subject(Subject(path.name, path), GROOM) for path in paths]
     shapes = [
-        Shape(one.name, one.field, one.mesh, one.coarse_mesh, alignment)
-        for one, alignment in zip(groomed, align(groomed, GROOM), strict=True)
+        Shape(item.name, item.field, item.mesh, item.coarse_mesh, alignment)
+        for item, alignment in zip(groomed, align(groomed, GROOM), strict=True)
     ]
-    return [one.mesh for one in groomed], ShapeModel.fit(optimize(shapes, OPTIMIZE).world)
+    return [item.mesh for item in groomed], ShapeModel.fit(optimize(shapes, OPTIMIZE).world)
 
 
 def distances(points, mesh, folder):
@@ -89,11 +89,11 @@ def test_the_way_a_volume_is_stored_does_not_change_the_shape_model(form, axial,
     directions, spacing, suffix, mean, most, change, share = FORMS[form]
     paths = [write(tmp_path / f"{knob}{suffix}", knob, directions, spacing) for knob in KNOBS]
     (meshes, model), (original_meshes, original) = model_of(paths), axial
-    for mesh, one in zip(meshes, original_meshes, strict=True):
-        gaps = distances(mesh.vertices, one, tmp_path)
+    for mesh, original_mesh in zip(meshes, original_meshes, strict=True):
+        gaps = distances(mesh.vertices, original_mesh, tmp_path)
         assert gaps.mean() < mean
         assert gaps.max() < most
-        assert mesh.volume == pytest.approx(one.volume, rel=change)
+        assert mesh.volume == pytest.approx(original_mesh.volume, rel=change)
     sign = np.sign(model.scores[:, 0] @ original.scores[:, 0])
     assert sign * np.corrcoef(model.scores[:, 0], original.scores[:, 0])[0, 1] > 0.995
     assert model.standard_deviations[0] == pytest.approx(original.standard_deviations[0], rel=0.12)

@@ -40,8 +40,11 @@ def test_segments_that_do_not_overlap_may_be_taken_together(flat, blocks, around
 
 
 def test_segments_are_listed_with_their_names(flat, layered):
-    assert [(one.name, one.value) for one in read_volume(flat).segments()] == [("Left heart", 1), ("lung", 2)]
-    assert [one.name for one in read_volume(layered).segments()] == ["heart", "lung", "tumour"]
+    assert [(segment.name, segment.value) for segment in read_volume(flat).segments()] == [
+        ("Left heart", 1),
+        ("lung", 2),
+    ]
+    assert [segment.name for segment in read_volume(layered).segments()] == ["heart", "lung", "tumour"]
 
 
 @pytest.mark.parametrize(("first", "second"), [(1, 2), (3, 12)])
@@ -52,7 +55,7 @@ def test_segments_are_found_whatever_numbers_the_header_gives_them(
     text = text.replace("Segment1_", f"Segment{second}_").replace("Segment0_", f"Segment{first}_")
     path = write_nrrd("a.seg.nrrd", blocks, text.split("\n"))
     assert np.array_equal(read_segmentation(path, None, "lung").mask, around(blocks == 2))
-    assert [one.name for one in read_volume(path).segments()] == ["Left heart", "lung"]
+    assert [segment.name for segment in read_volume(path).segments()] == ["Left heart", "lung"]
 
 
 def test_overlapping_layers_are_split_by_name(layered):
@@ -127,7 +130,7 @@ def test_a_value_that_means_different_structures_is_refused_by_name(blocks, writ
     write_nrrd("b.seg.nrrd", blocks, named(("Heart ", 1, 0), ("lung", 2, 0)))
     write_nrrd("c.seg.nrrd", blocks, named(("lung", 1, 0), ("heart", 2, 0)))
     cohort = read_cohort(tmp_path)
-    assert [one.name for one in cohort.subjects] == ["a", "b", "c"]
+    assert [subject.name for subject in cohort.subjects] == ["a", "b", "c"]
     (problem,) = check_cohort(cohort, GroomSettings(label=1))
     assert (problem.subject, "'lung' here, and 'heart' in most" in problem.message) == ("c", True)
     assert check_cohort(cohort, GroomSettings(segment="heart")) == []

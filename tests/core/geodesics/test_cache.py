@@ -55,14 +55,14 @@ def test_a_folder_that_cannot_be_written_is_named(sphere, tmp_path):
 @pytest.mark.parametrize(
     ("name", "change"),
     [
-        ("row", lambda one: np.full_like(one, 60000)),
-        ("start", lambda one: one - 1),
-        ("slot", lambda one: one + 10**6),
-        ("slot", lambda one: one[:-1]),
-        ("codes", lambda one: one[:1]),
-        ("codes", lambda one: one.astype(np.int32)),
-        ("facts", lambda one: one * 2.0),
-        ("facts", lambda one: one * np.inf),
+        ("row", lambda item: np.full_like(item, 60000)),
+        ("start", lambda item: item - 1),
+        ("slot", lambda item: item + 10**6),
+        ("slot", lambda item: item[:-1]),
+        ("codes", lambda item: item[:1]),
+        ("codes", lambda item: item.astype(np.int32)),
+        ("facts", lambda item: item * 2.0),
+        ("facts", lambda item: item * np.inf),
     ],
 )
 def test_a_file_whose_entries_would_lead_kernels_out_of_it_is_solved_anew(sphere, tmp_path, name, change):

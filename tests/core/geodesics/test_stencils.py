@@ -31,7 +31,7 @@ def stencils(a, b, c, sources, excess=0.0):
 
     The distance at c is the path through the triangle, less the excess.
     """
-    a, b, c = (np.asarray(one, dtype=float) for one in (a, b, c))
+    a, b, c = (np.asarray(item, dtype=float) for item in (a, b, c))
     side = b - a
     length = np.linalg.norm(side)
     corner = Corner()
@@ -39,11 +39,11 @@ def stencils(a, b, c, sources, excess=0.0):
     corner.x = (c - a) @ side / length
     corner.y = abs(side[0] * (c - a)[1] - side[1] * (c - a)[0]) / length
     corner.ac, corner.bc = np.linalg.norm(c - a), np.linalg.norm(c - b)
-    da, db, dc = (np.linalg.norm(sources - one, axis=1) for one in (a, b, c))
-    given = [wp.array(one, dtype=float, device="cpu") for one in (da, db, dc - excess)]
+    da, db, dc = (np.linalg.norm(sources - item, axis=1) for item in (a, b, c))
+    given = [wp.array(item, dtype=float, device="cpu") for item in (da, db, dc - excess)]
     made = [wp.zeros(len(da), dtype=float, device="cpu") for _ in range(2)]
     wp.launch(find_stencils, len(da), inputs=[corner, *given, *made], device="cpu")
-    return [one.numpy() for one in made]
+    return [item.numpy() for item in made]
 
 
 @pytest.mark.parametrize("tilt", [0.003, 0.01, 0.03])

@@ -67,13 +67,13 @@ def make_known():
 
         random = np.random.default_rng(seed)
         places, meshes, local, alignments = spread(particles), [], [], []
-        for one in np.asarray(axes, float):
-            mesh, inverse = mesh_of(one), np.eye(4)
+        for item in np.asarray(axes, float):
+            mesh, inverse = mesh_of(item), np.eye(4)
             size = random.uniform(0.8, 1.25)
             inverse[:3, :3] = size * Rotation.random(rng=random).as_matrix()
             inverse[:3, 3] = random.normal(scale=50.0, size=3)
             meshes.append(TriangleMesh(mesh.vertices @ inverse[:3, :3].T + inverse[:3, 3], mesh.faces))
-            local.append(places * one @ inverse[:3, :3].T + inverse[:3, 3])
+            local.append(places * item @ inverse[:3, :3].T + inverse[:3, 3])
             alignments.append(np.linalg.inv(inverse))
         return Known(np.array(local), meshes, np.array(alignments), places)
 

@@ -39,15 +39,15 @@ def test_exchanged_neighbours_are_told_from_others(known, good):
 def test_two_exchanges_on_two_subjects_are_two_suspects(known):
     local = exchanged(exchanged(known.local, 0, [3, 120]), 3, [50, 99])
     found = known.inspect(local).suspects[:2]
-    assert {(one.subject, *sorted(one.particles)) for one in found} == {(0, 3, 120), (3, 50, 99)}
+    assert {(item.subject, *sorted(item.particles)) for item in found} == {(0, 3, 120), (3, 50, 99)}
 
 
 def test_a_particle_that_went_astray_is_found_by_its_neighbours(known, good):
     local = known.local.copy()
     away = np.linalg.norm(known.meshes[2].vertices - local[2, 60], axis=1)
     local[2, 60] = known.meshes[2].vertices[np.abs(away - 3.0 * known.spacing[2]).argmin()]
-    found = [one for one in known.again(good, local, 2).suspects if one.kind is Kind.NEIGHBOURS]
-    assert [(one.subject, one.particles[0]) for one in found] == [(2, 60)]
+    found = [suspect for suspect in known.again(good, local, 2).suspects if suspect.kind is Kind.NEIGHBOURS]
+    assert [(item.subject, item.particles[0]) for item in found] == [(2, 60)]
 
 
 def test_a_particle_on_the_other_wall_has_the_wrong_normal(thin):
@@ -57,8 +57,8 @@ def test_a_particle_on_the_other_wall_has_the_wrong_normal(thin):
     world = opposite * [20 + 0.9, 18 - 0.6, 1.15]
     matrix = np.linalg.inv(thin.alignments[3])
     local[3, top] = matrix[:3, :3] @ world + matrix[:3, 3]
-    found = [one for one in thin.inspect(local).suspects if one.kind is Kind.NORMALS]
-    assert [(one.subject, one.particles[0]) for one in found] == [(3, top)]
+    found = [suspect for suspect in thin.inspect(local).suspects if suspect.kind is Kind.NORMALS]
+    assert [(item.subject, item.particles[0]) for item in found] == [(3, top)]
     assert "normal 1" in found[0].words  # 150° or more from the mean
 
 
@@ -68,9 +68,9 @@ def test_a_particle_beyond_its_neighbour_folds_triangles(known, good):
     goal = local[1, beyond] + 0.6 * (local[1, beyond] - local[1, 33])
     nearest = np.linalg.norm(known.meshes[1].vertices - goal, axis=1).argmin()
     local[1, 33] = known.meshes[1].vertices[nearest]
-    folded = [one for one in known.again(good, local, 1).suspects if one.kind is Kind.FOLDED]
+    folded = [suspect for suspect in known.again(good, local, 1).suspects if suspect.kind is Kind.FOLDED]
     assert folded
-    assert {one.subject for one in folded} == {1}
+    assert {item.subject for item in folded} == {1}
     assert 33 in folded[0].particles
     assert folded[0].area > 0.0
 
@@ -84,8 +84,8 @@ def test_a_region_without_particles_is_found_with_its_area(known, good):
     moved = np.cos(0.62) * pole + np.sin(0.62) * rim
     matrix = np.linalg.inv(known.alignments[m])
     local[m, inside] = moved * [20, 16, 12] @ matrix[:3, :3].T + matrix[:3, 3]
-    found = [one for one in known.again(good, local, m).suspects if one.kind is Kind.UNCOVERED]
-    assert [one.subject for one in found] == [m]
+    found = [suspect for suspect in known.again(good, local, m).suspects if suspect.kind is Kind.UNCOVERED]
+    assert [item.subject for item in found] == [m]
     np.testing.assert_allclose(found[0].place, [20, 0, 0], atol=2.0)
     mesh = known.meshes[m]
     world = (mesh.vertices - matrix[:3, 3]) @ np.linalg.inv(matrix[:3, :3]).T / [20, 16, 12]
@@ -104,7 +104,7 @@ def test_severity_knows_no_millimetres(known):
         known.directions,
     ).inspect()
     np.testing.assert_allclose(
-        [one.severity for one in large.suspects], [one.severity for one in small], rtol=0.02
+        [suspect.severity for suspect in large.suspects], [item.severity for item in small], rtol=0.02
     )
 
 
@@ -150,7 +150,7 @@ def test_particles_of_another_surface_are_refused_by_name(known):
 
 def test_subjects_that_agree_on_nothing_are_refused(known):
     random = np.random.default_rng(0)
-    local = np.stack([one[random.permutation(len(one))] for one in known.local])
+    local = np.stack([item[random.permutation(len(item))] for item in known.local])
     with pytest.raises(InputError, match="hardly agree"):
         known.inspect(local)
 

@@ -29,12 +29,12 @@ def test_the_fraction_never_falls_and_ends_at_one(control):
         for step in (0.5, 0.2, 1.0, 7.0):
             control.tick(step, "work")
     control.finish(FinishReason.COMPLETED, "done")
-    fractions = [one.fraction for one in control.heard]
+    fractions = [item.fraction for item in control.heard]
     assert fractions == sorted(fractions)
     assert fractions[0] == 0.0
     assert fractions[-2] == pytest.approx(1.0)
     assert fractions[-1] == 1.0
-    assert list(dict.fromkeys(one.phase for one in control.heard)) == list(Phase)
+    assert list(dict.fromkeys(item.phase for item in control.heard)) == list(Phase)
 
 
 def test_phases_ticked_as_one_share_their_part(control):
@@ -61,7 +61,9 @@ def test_only_the_last_status_has_a_reason(control):
     control.enter(Phase.READING, "begin")
     control.tick(1.0, "work")
     control.finish(FinishReason.FAILED, "broken")
-    assert [one.reason for one in control.heard] == [None] * (len(control.heard) - 1) + [FinishReason.FAILED]
+    assert [item.reason for item in control.heard] == [None] * (len(control.heard) - 1) + [
+        FinishReason.FAILED
+    ]
     assert control.status.message == "broken"
 
 
@@ -84,7 +86,7 @@ def test_a_paused_run_waits_and_goes_on(control):
     worker.join(10.0)
     assert not worker.is_alive()
     assert not control.status.paused
-    assert [one.paused for one in control.heard] == [False, True, False]
+    assert [item.paused for item in control.heard] == [False, True, False]
 
 
 def test_a_paused_run_can_be_cancelled(control):

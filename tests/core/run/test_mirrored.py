@@ -101,7 +101,7 @@ def test_left_and_right_give_the_model_that_one_side_gives(both, result, one_sid
     away = np.linalg.norm(there - usual.local, axis=2)
     spacing = np.sqrt(read_surfaces(both)[0].area / away.shape[1])
     assert np.median(away) < 0.25 * spacing
-    spread = [np.var(one.world, axis=0).sum() for one in (result, usual)]
+    spread = [np.var(item.world, axis=0).sum() for item in (result, usual)]
     assert spread[0] == pytest.approx(spread[1], rel=0.25)
 
 
@@ -116,27 +116,29 @@ def test_without_mirroring_left_and_right_are_mixed_up(scans, both, result):
 def test_the_record_says_who_was_mirrored(both):
     record = record_of(both)
     assert record.mirrored_words == "2 left subjects were mirrored to right"
-    assert [one.name for one in record.subjects if any("mirrored" in note for note in one.notes)] == [
+    assert [
+        subject.name for subject in record.subjects if any("mirrored" in note for note in subject.notes)
+    ] == [
         "b_L",
         "d_L",
     ]
 
 
 def test_surfaces_face_outward_in_both_frames(both, result):
-    assert all(one.volume > 0.0 for one in read_surfaces(both))
-    assert all(read_surface(both, one).volume > 0.0 for one in record_of(both).subjects)
+    assert all(surface.volume > 0.0 for surface in read_surfaces(both))
+    assert all(read_surface(both, subject).volume > 0.0 for subject in record_of(both).subjects)
     assert read_mesh(both.model / "mean.vtp").volume > 0.0
 
 
 def test_nothing_is_suspect_about_mirrored_subjects(both, result):
-    meshes = [read_surface(both, one) for one in record_of(both).subjects]
+    meshes = [read_surface(both, subject) for subject in record_of(both).subjects]
     found = inspect(result.local, meshes, result.alignments, names=result.names)
     outward = [
         np.einsum("ni,ni->n", normals, points - points.mean(axis=0)).mean()
         for normals, points in zip(found.located.normals, result.world, strict=True)
     ]
     assert min(outward) > 0.0
-    assert not [one for one in found.suspects if one.kind.value != "uncovered"]
+    assert not [suspect for suspect in found.suspects if suspect.kind.value != "uncovered"]
 
 
 def test_particles_that_are_optimized_again_keep_their_frame(both, result, tmp_path):
@@ -202,7 +204,9 @@ def test_a_wrong_side_in_the_table_is_noted(scans, both, tmp_path):
     aligned, _ = align_cohort(
         cohort, groom_cohort(cohort, SETTINGS.groom, cache=both.groomed), SETTINGS.groom
     )
-    assert [one.name for one in aligned if any("far better" in note for note in one.report.notes)] == ["b_L"]
+    assert [item.name for item in aligned if any("far better" in note for note in item.report.notes)] == [
+        "b_L"
+    ]
 
 
 def test_files_that_are_mirrored_already_are_left_alone(scans, one_side):
@@ -210,7 +214,7 @@ def test_files_that_are_mirrored_already_are_left_alone(scans, one_side):
     groomed = groom_cohort(cohort, SETTINGS.groom, cache=one_side.groomed)
     aligned, alignments = align_cohort(cohort, groomed, SETTINGS.groom)
     assert (np.linalg.det(alignments[:, :3, :3]) > 0.0).all()
-    assert [one.name for one in aligned if one.report.notes] == ["b_L", "d_L"]
+    assert [item.name for item in aligned if item.report.notes] == ["b_L", "d_L"]
 
 
 def test_an_unknown_side_is_refused_before_any_work(scans, tmp_path):

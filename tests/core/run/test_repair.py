@@ -58,10 +58,12 @@ def test_a_result_that_cannot_be_written_leaves_the_former_one(project, monkeypa
 
 def test_the_input_files_are_not_needed(project):
     record = project.read()
-    gone = [one.model_copy(update={"path": f"../nowhere/{one.name}.nrrd"}) for one in record.subjects]
+    gone = [
+        subject.model_copy(update={"path": f"../nowhere/{subject.name}.nrrd"}) for subject in record.subjects
+    ]
     project.write(record.model_copy(update={"subjects": gone}))
     inputs = read_inputs(project)
-    assert [one.name for one in inputs.shapes] == ["a", "b", "c", "d"]
+    assert [shape.name for shape in inputs.shapes] == ["a", "b", "c", "d"]
     np.testing.assert_array_equal(inputs.shapes[1].alignment, read_result(project).alignments[1])
 
 
@@ -73,7 +75,7 @@ def test_a_missing_surface_is_named(project):
 
 def test_the_mean_surface_is_the_one_that_the_run_made(project):
     inputs, result = read_inputs(project), read_result(project)
-    meshes = [one.mesh for one in inputs.shapes]
+    meshes = [shape.mesh for shape in inputs.shapes]
     mean = surface_of_model(ShapeModel.fit(result.world), result.world, meshes, result.alignments)
     np.testing.assert_allclose(mean.vertices, result.mean_surface.vertices, atol=1e-4)
     np.testing.assert_allclose(mean.smoothing, result.smoothing)

@@ -32,8 +32,8 @@ def test_subjects_with_repaired_particles_say_so_and_what_became_of_the_objectiv
     repaired[2, 3] = 60
     add_note = add_repair_notes(inputs, replace(found, repaired=repaired))
     notes = [
-        one.report.notes[len(old.report.notes) :]
-        for one, old in zip(add_note.groomed, inputs.groomed, strict=True)
+        item.report.notes[len(old.report.notes) :]
+        for item, old in zip(add_note.groomed, inputs.groomed, strict=True)
     ]
     assert [len(each) for each in notes] == [int(k in (1, 2)) for k in range(len(inputs.shapes))]
     for part in ("3 on 2 subjects", "-0.4000", "-0.6000"):

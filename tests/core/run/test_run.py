@@ -35,10 +35,10 @@ def cancelling(run, phase):
 def test_a_run_tells_its_phases_in_order_and_ends_completed(start, groomed):
     run, heard = start(), []
     assert run.execute(heard.append) is FinishReason.COMPLETED
-    assert list(dict.fromkeys(one.phase for one in heard)) == list(Phase)
-    fractions = [one.fraction for one in heard]
+    assert list(dict.fromkeys(item.phase for item in heard)) == list(Phase)
+    fractions = [item.fraction for item in heard]
     assert fractions == sorted(fractions)
-    assert [one.reason for one in heard if one.reason] == [FinishReason.COMPLETED]
+    assert [item.reason for item in heard if item.reason] == [FinishReason.COMPLETED]
     assert (run.status.reason, run.status.fraction) == (FinishReason.COMPLETED, 1.0)
     assert run.frame.world.shape == (4, 48, 3)
 
@@ -47,7 +47,7 @@ def test_a_method_without_geodesics_skips_their_phase(start, settings, groomed):
     quick = settings.optimize.model_copy(update={"method": Method.EUCLIDEAN})
     heard = []
     start(settings=settings.model_copy(update={"optimize": quick})).execute(heard.append)
-    assert Phase.GEODESICS not in {one.phase for one in heard}
+    assert Phase.GEODESICS not in {item.phase for item in heard}
 
 
 def test_particles_lie_on_the_surfaces_and_the_frames_agree(finished):
@@ -101,7 +101,7 @@ def test_the_record_says_how_the_result_came_about(finished, settings):
     assert record.result.metric == "geodesic"
     assert record.result.folded_faces == 0
     assert {"reading", "grooming", "optimizing", "modeling"} <= set(record.result.seconds)
-    assert [one.path for one in record.subjects] == [f"../scans/{name}.nrrd" for name in "abcd"]
+    assert [subject.path for subject in record.subjects] == [f"../scans/{name}.nrrd" for name in "abcd"]
     assert not finished.checkpoint.exists()
 
 
@@ -213,7 +213,7 @@ def test_what_grooming_cannot_use_is_left_out_too(start, groomed, monkeypatch):
     run = start(skip_bad=True)
     assert run.execute() is FinishReason.COMPLETED
     assert read_result(groomed).names == ("a", "c", "d")
-    assert [one.name for one in groomed.read().subjects] == ["a", "c", "d"]
+    assert [subject.name for subject in groomed.read().subjects] == ["a", "c", "d"]
     assert run.notes == ("b: is too small for a surface",)
 
 

@@ -25,7 +25,7 @@ def solve(tmp_path):
 
 
 def codes(found):
-    return [one.codes.numpy().tolist() for one in found]
+    return [item.codes.numpy().tolist() for item in found]
 
 
 def test_short_runs_write_nothing(solve, tmp_path):

@@ -84,7 +84,7 @@ def sponge(seed):
     labels, _ = ndimage.label(level < 0.0)
     largest = labels == 1 + np.argmax(np.bincount(labels.ravel())[1:])
     solid = ndimage.binary_fill_holes(np.pad(largest, 3))
-    inside, outside = (ndimage.distance_transform_edt(one) for one in (solid, ~solid))
+    inside, outside = (ndimage.distance_transform_edt(item) for item in (solid, ~solid))
     return DistanceField(ndimage.gaussian_filter(outside - inside, 0.8), np.eye(4))
 
 
