@@ -182,8 +182,8 @@ def _map_caption(study: Study, comparison: Comparison) -> str:
     }
     words = (
         f"{what[study.request.kind]}, {comparison.title}, on the mean shape: blue is expansion (outward), "
-        f"yellow contraction. Second row: only where significant (family-wise p ≤ {LEVEL:g}, corrected for pairs of "
-        "groups and answers)."
+        f"yellow contraction. Second row: only where significant (family-wise p ≤ {LEVEL:g}, corrected for "
+        "pairs of groups and answers)."
     )
     if comparison.discriminant is not None:
         words += (

@@ -185,8 +185,8 @@ def _dispersion_words(comparison: Comparison) -> str:
     p = p_words(found.p, found.permutations)
     if not counts:
         return (
-            f"{comparison.title}: how far subjects scatter changes with the variable (test of dispersion {p}). The "
-            "permutation tests allow for that only approximately, T² and F not at all."
+            f"{comparison.title}: how far subjects scatter changes with the variable (test of dispersion "
+            f"{p}). The permutation tests allow for that only approximately, T² and F not at all."
         )
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in found.by_group.items())
     words = (

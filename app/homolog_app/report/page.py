@@ -130,6 +130,7 @@ def _figure(report_figure: ReportFigure) -> str:
     data = base64.b64encode(picture.getvalue()).decode("ascii")
     width = round(report_figure.figure.get_figwidth() * 96)
     return (
-        f'<figure><img src="data:image/png;base64,{data}" width="{width}" alt="{escape(report_figure.caption)}">'
+        f'<figure><img src="data:image/png;base64,{data}" width="{width}" '
+        f'alt="{escape(report_figure.caption)}">'
         f"<figcaption>{_text(report_figure.caption)}</figcaption></figure>"
     )
