@@ -1,7 +1,7 @@
-"""Particles that came to lie on another wall of one shape than of most, or in each other's place: moved back.
+"""Detection and relocation of misplaced particles: on the wrong wall of a shape, or swapped with another.
 
-A particle that has slipped over a rim feels nothing on the flat wall behind it that would bring it back.
-Where the other shapes agree, they tell its place.
+No force brings a particle back that has slipped over a rim onto the opposite wall. If the other shapes agree,
+they predict its position.
 """
 
 from collections.abc import Callable
@@ -18,30 +18,24 @@ from homolog.geometry import farthest_point_sampling, inverse_matrices, transfor
 
 __all__ = ["find_misplaced", "find_swapped", "predict_positions", "relocate", "relocate_misplaced"]
 
-MIN_ANGLE = np.radians(45.0)  # from the mean normal, of a stray …
-MIN_MEDIAN_RATIO = 3.0  # … and so many times the median over the shapes, which so have to agree
-MIN_SHAPES = 3  # shapes that it takes to say which of them is the odd one
-MAX_MISPLACED_FRACTION = (
-    0.1  # share of a shape's particles; where more disagree, it is matched differently as a whole
-)
-N_NEIGHBOURS = 8  # particles that tell where one between them ought to be
-MAX_PAIR_ERROR_RATIO, MAX_ERROR_RATIO = (
-    0.5,
-    0.8,
-)  # of the distances of two particles, and of either, from where they ought to be
-N_NEAR_CONTROL_POINTS, N_FAR_CONTROL_POINTS = (
-    300,
-    100,
-)  # particles around the misplaced ones that tell their place, and more all over the shape
+MIN_ANGLE = np.radians(45.0)  # between a misplaced particle's normal and the mean normal
+MIN_MEDIAN_RATIO = 3.0  # of that angle to its median over the shapes
+MIN_SHAPES = 3  # with fewer, none of them is the exception
+MAX_MISPLACED_FRACTION = 0.1  # of a shape's particles; beyond it the whole shape is matched differently
+N_NEIGHBOURS = 8  # particles that predict the position of one between them
+# Two particles are swapped if an exchange reduces the sum of their errors, and each error, to these ratios.
+MAX_PAIR_ERROR_RATIO, MAX_ERROR_RATIO = 0.5, 0.8
+N_NEAR_CONTROL_POINTS = 300  # of the map that predicts positions, around the misplaced particles
+N_FAR_CONTROL_POINTS = 100  # and spread over the whole shape
 
 
 def find_misplaced(normals: FloatArray, means: FloatArray) -> BoolArray:
-    """Return which particles face another way than on most shapes, (M, N).
+    """Return the particles whose normal disagrees with that on most shapes, (M, N).
 
     Parameters
     ----------
     normals : (M, N, 3) array
-        Unit normals as they are compared.
+        Aligned unit normals.
     means : (N, 3) array
         Their Fréchet means over the shapes.
     """
@@ -52,7 +46,7 @@ def find_misplaced(normals: FloatArray, means: FloatArray) -> BoolArray:
 
 
 def relocate_misplaced(engine: Engine, allowed: BoolArray) -> BoolArray:
-    """Move an engine's strays to where the other shapes have them; returns which were moved, (M, N).
+    """Move an engine's misplaced particles to their predicted positions; return which moved, (M, N).
 
     Parameters
     ----------
@@ -77,10 +71,11 @@ def relocate_misplaced(engine: Engine, allowed: BoolArray) -> BoolArray:
 
 
 def find_swapped(aligned: FloatArray, means: FloatArray) -> IntArray:
-    """Return the particle that stands in each one's place on its shape, itself for nearly all, (M, N).
+    """Return for each particle the one that it is swapped with, itself for nearly all, (M, N).
 
-    Where a particle ought to be follows from the mean of all shapes and from how the particles around it
-    depart from theirs. Two that lie much nearer to each other's place than to their own are exchanged.
+    The expected position of a particle is its mean over the shapes plus the median deviation of its
+    neighbours. Two particles are swapped if they lie much closer to each other's expected position than to
+    their own.
 
     Parameters
     ----------
@@ -114,12 +109,12 @@ def find_swapped(aligned: FloatArray, means: FloatArray) -> IntArray:
 
 
 def relocate(engine: Engine, misplaced: BoolArray) -> None:
-    """Move misplaced particles (M, N) of an engine to where the other shapes have them.
+    """Move misplaced particles (M, N) of an engine to the positions that the other shapes predict.
 
     Not all particles of a shape may be misplaced.
     """
     means = engine.host_means()
-    aligned = np.where(misplaced[..., None], 0.0, engine.aligned_positions())  # lost ones may not be numbers
+    aligned = np.where(misplaced[..., None], 0.0, engine.aligned_positions())  # lost ones may not be finite
     targets = transform_points(
         inverse_matrices(engine.poses), predict_positions(aligned, misplaced, engine.launch.poll_cancel)
     )
@@ -135,7 +130,7 @@ def relocate(engine: Engine, misplaced: BoolArray) -> None:
 def predict_positions(
     world: FloatArray, misplaced: BoolArray, poll_cancel: Callable[[], None] = lambda: None
 ) -> FloatArray:
-    """Return particles of which the misplaced ones are where the other subjects have them.
+    """Return the particles with misplaced ones at the positions that the other subjects predict.
 
     Parameters
     ----------
@@ -162,7 +157,7 @@ def predict_positions(
         poll_cancel()
         trusted = ~misplaced
         trusted[k] = False
-        trusted[:, ~trusted.any(axis=0)] = True  # misplaced on all others: better they than none
+        trusted[:, ~trusted.any(axis=0)] = True  # misplaced on all other subjects: use them all the same
         trusted[k] = False
         weights = trusted / trusted.sum(axis=0)
         others = np.einsum("mn,mnd->nd", weights, world)

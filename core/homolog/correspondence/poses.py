@@ -16,8 +16,8 @@ __all__ = [
     "scales_of",
 ]
 
-N_SWEEPS = 3  # over the shapes, of poses by entropy
-OUTLIER_RATIO = 49.0  # times the median squared distance: from where on a particle counts little
+N_SWEEPS = 3  # over the shapes, in `entropy_step`
+OUTLIER_RATIO = 49.0  # of squared distances to their median, at which a particle's weight is a quarter
 MAX_ROUNDS, CONVERGENCE = (
     100,
     1e-9,
@@ -31,7 +31,7 @@ def scales_of(matrices: FloatArray) -> FloatArray:
 
 
 def rescale(matrices: FloatArray, scales: FloatArray, centres: FloatArray) -> FloatArray:
-    """Return similarities (M, 4, 4) followed by a growth about a point each, (M, 3), to the given scales."""
+    """Return similarities (M, 4, 4), each scaled about a point (M, 3) to the given scale."""
     growth = (scales / scales_of(matrices))[:, None]
     result = matrices.copy()
     result[:, :3, :3] *= growth[:, None]
@@ -75,7 +75,7 @@ def generalized_procrustes(points: FloatArray, poses: FloatArray, *, scaling: bo
 
 
 def align_to_mean(points: FloatArray, poses: FloatArray, free: BoolArray, *, scaling: bool) -> FloatArray:
-    """Return poses of which the free ones bring their shapes to the mean of the others, which stay.
+    """Return poses that align the free shapes to the mean of the fixed ones.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def procrustes_step(
     scaling: bool,
     tangential_weight: float = 1.0,
 ) -> FloatArray:
-    """Return poses nearer to those of generalized Procrustes analysis (Gower 1975): one round of it.
+    """Return poses after one iteration of robust generalized Procrustes analysis (Gower 1975).
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def procrustes_step(
 def entropy_step(
     points: FloatArray, poses: FloatArray, free: BoolArray, *, scaling: bool, regularization: float
 ) -> FloatArray:
-    """Return poses under which the ensemble's entropy H(Z) is lower: Newton's method, shape by shape.
+    """Return poses with a lower ensemble entropy H(Z): Newton's method, one shape after another.
 
     For a large regularization these are rounds of generalized Procrustes analysis, which minimises the trace
     of the covariance; for a small one poses heed what few modes do not explain, so that a part that varies
@@ -200,7 +200,7 @@ def entropy_step(
 
 
 def _weighted_step(points: FloatArray, targets: FloatArray, weights: FloatArray, scaling: bool) -> FloatArray:
-    """Return the similarity that, to first order, brings points to targets under (n, 3, 3) weights."""
+    """Return the similarity that aligns points to targets to first order, under (n, 3, 3) weights."""
     centre = points.mean(axis=0)
     centred = points - centre
     by_pose = np.zeros((len(points), 3, 7))  # derivative of the points by turn, shift and growth
@@ -219,7 +219,7 @@ def _weighted_step(points: FloatArray, targets: FloatArray, weights: FloatArray,
 
 
 def _robust_weights(squares: FloatArray) -> FloatArray:
-    """Return how much particles count by their squared distances (Geman and McClure 1987), (n,)."""
+    """Return robust weights of particles from their squared distances (Geman and McClure 1987), (n,)."""
     scale = OUTLIER_RATIO * max(float(np.median(squares)), 1e-12)
     weights: FloatArray = 1.0 / np.square(1.0 + squares / scale)
     return weights

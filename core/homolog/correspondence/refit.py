@@ -1,7 +1,6 @@
-"""Optimizing only some of a result's particles: a patch put right, new subjects fitted to a frozen model.
+"""Optimization of some of a result's particles: repair of a patch, fit of new subjects to a fixed model.
 
-Particles that are to move first go where the other subjects' correspondence predicts them, so that the
-optimizer has to find the place but not the neighbourhood.
+Free particles start at the positions that the other subjects predict.
 """
 
 from collections.abc import Sequence
@@ -29,8 +28,8 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["initialize_fit", "repair"]
 
-N_CONTROL_POINTS = 400  # points that drive a thin-plate map
-INTERPOLATION_SMOOTHING = 1e-6  # smoothing of a thin-plate map that passes through its targets
+N_CONTROL_POINTS = 400  # of a thin-plate map
+INTERPOLATION_SMOOTHING = 1e-6  # of a thin-plate map that interpolates its targets
 ANNEAL_ITERATIONS, SETTLE_ITERATIONS = 100, 200  # iterations of a repair, at most
 REGULARIZATION_START = 0.2  # regularisation at its start
 
@@ -46,7 +45,7 @@ def repair(
     tick: Tick = no_tick,
     observe: FrameCallback | None = None,
 ) -> OptimizedParticles:
-    """Put some particles of a result right; the others stay as they are, to the bit.
+    """Optimize some particles of a result again; the others stay bit-identical.
 
     Parameters
     ----------
@@ -94,7 +93,7 @@ def repair(
 def initialize_fit(
     shapes: Sequence[Shape], local: FloatArray, known: BoolArray, tick: Tick = no_tick
 ) -> InitialParticles:
-    """Return where to begin fitting new subjects to a frozen model.
+    """Return initial particles for fitting new subjects to a fixed model.
 
     Parameters
     ----------
@@ -175,7 +174,7 @@ def _normals_at(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
 def _warp(
     source: TriangleMesh, target: TriangleMesh, points: FloatArray, normals: FloatArray, tick: Tick
 ) -> tuple[FloatArray, FloatArray]:
-    """Return points and normals on one coarse mesh carried towards another, (n, 3) each."""
+    """Warp points and normals from one coarse mesh towards another, (n, 3) each."""
     control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
     maps = ThinPlateMap.fit(source.vertices[control], source.vertices)
     deformed = register(source, control, target, target.vertex_normals, maps, tick=tick)

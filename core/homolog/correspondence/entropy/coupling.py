@@ -16,7 +16,7 @@ __all__ = ["Coupling", "DeviceCoupling", "HostCoupling", "coupling"]
 
 
 class Coupling(ABC):
-    """Turns centred positions and Logs into the directions of H(Z) and H(V), and damps the step."""
+    """The terms H(Z) and H(V): their gradients, and the implicit part of the step."""
 
     stiffness: DeviceArray
 
@@ -31,7 +31,7 @@ class Coupling(ABC):
     def solve(
         self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, logs: DeviceArray
     ) -> None:
-        """Form and invert the regularized duals for this iteration's knobs."""
+        """Form and invert the regularized duals for this iteration's parameters."""
 
     @abstractmethod
     def directions(
@@ -69,7 +69,7 @@ class HostCoupling(Coupling):
     def solve(
         self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, logs: DeviceArray
     ) -> None:
-        """Form and invert the regularized duals for this iteration's knobs."""
+        """Form and invert the regularized duals for this iteration's parameters."""
         parameters = stage.numpy()[int(iteration.numpy()[0])]
         self._duals = solve_duals(
             covariance(self._rows(centred)),
@@ -124,7 +124,7 @@ class DeviceCoupling(Coupling):
     def solve(
         self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, logs: DeviceArray
     ) -> None:
-        """Form and invert the regularized duals for this iteration's knobs."""
+        """Form and invert the regularized duals for this iteration's parameters."""
         device, shapes = self.launch.device, self.shapes
         divisor = float(self.count * max(shapes - 1, 1))
         for rows, out in zip((centred, logs), self._covariances, strict=True):

@@ -1,9 +1,8 @@
-"""Where the first particles go: spread over one reference shape, carried to the others by registration.
+"""Initial particles: spread over a reference shape and mapped to the others by non-rigid registration.
 
-Splitting from a single particle decides early, and blindly, which end of one shape meets which of another;
-thin or branched shapes never recover from a wrong decision. Here a coarse non-rigid registration decides
-(iterated closest points in position and normal, under a thin-plate map that softens step by step), and
-the entropies take over from there.
+If particles were split from a single one, chance would decide early which end of a shape corresponds to which
+end of another; thin or branched shapes never recover from a wrong decision. A coarse registration decides
+here: iterated closest points in position and normal, under a thin-plate map of decreasing stiffness.
 """
 
 from collections.abc import Sequence
@@ -21,19 +20,16 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["initial_particles", "snap_to_mesh"]
 
-N_CONTROL_POINTS = 400  # points of the reference that drive its deformation
-N_ROUNDS = 12
-MIN_LANDMARKS = 6  # landmarks that make a map: four points fix an affine one
-FIRST_SMOOTHING, LAST_SMOOTHING = (
-    1e3,
-    10.0,
-)  # smoothing of the thin-plate map in the first and in the last round
+N_CONTROL_POINTS = 400  # of the thin-plate map, on the reference
+N_ROUNDS = 12  # of closest points
+MIN_LANDMARKS = 6  # for a thin-plate map; four points determine an affine map
+FIRST_SMOOTHING, LAST_SMOOTHING = 1e3, 10.0  # of the thin-plate map in the first and last round
 N_MATCHES, MATCH_WIDTH = (
     8,
     4.0,
-)  # vertices that a closest point is the mean of, and how far apart [optimizer lengths]
-MIN_NORMAL_COSINE = 0.5  # cosine from which a surface faces as it does nearby
-NORMAL_LENGTH = 20.0  # length, in the optimizer's unit, that a turn of the normal by one radian counts
+)  # vertices averaged for a closest point; width of their weights [optimizer lengths]
+MIN_NORMAL_COSINE = 0.5  # between normals on the same wall
+NORMAL_LENGTH = 20.0  # distance [optimizer lengths] equivalent to one radian between normals
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +48,7 @@ class ThinPlateMap:
 
     @classmethod
     def fit(cls, control: FloatArray, points: FloatArray) -> Self:
-        """Prepare the maps that move `points` (V, 3) as the control points (n, 3) are moved."""
+        """Factorize the maps of `points` (V, 3) for control points (n, 3)."""
         kernel = -cdist(control, control)
         orthogonal, triangle = np.linalg.qr(
             np.column_stack([np.ones(len(control)), control]), mode="complete"
@@ -65,7 +61,7 @@ class ThinPlateMap:
         return cls(bending, np.maximum(values, 0.0), basis, affine)
 
     def apply(self, targets: FloatArray, smoothing: float) -> FloatArray:
-        """Return where the points go, (V, 3), as the control points go near their targets (n, 3)."""
+        """Return the mapped points (V, 3), for targets (n, 3) of the control points."""
         weights = (self.basis.T @ targets) / (self.values + smoothing)[:, None]
         result: FloatArray = self.bending @ weights + self.affine @ targets
         return result
@@ -78,7 +74,7 @@ def initial_particles(
     tick: Tick = no_tick,
     landmarks: FloatArray | None = None,
 ) -> FloatArray:
-    """Return corresponding first particles on coarse meshes.
+    """Return corresponding initial particles on coarse meshes.
 
     Parameters
     ----------
@@ -145,7 +141,7 @@ def _landmark_vertices(meshes: Sequence[TriangleMesh], landmarks: FloatArray | N
 
 
 def _initial_guess(source: TriangleMesh, landmark_vertices: IntArray, targets: FloatArray) -> TriangleMesh:
-    """Return the source as the thin-plate map of its marked vertices moves it; as it is if they make none."""
+    """Return the source deformed by the thin-plate map of its landmarks; unchanged if there are too few."""
     points = source.vertices[landmark_vertices]
     if len(landmark_vertices) < MIN_LANDMARKS or np.linalg.matrix_rank(points - points.mean(axis=0)) < 3:
         return source
@@ -162,7 +158,7 @@ def register(
     initial_guess: TriangleMesh | None = None,
     tick: Tick = no_tick,
 ) -> TriangleMesh:
-    """Return the source mesh deformed onto the target, by closest points under softening thin plates.
+    """Return the source mesh deformed onto the target by closest points, under softening thin plates.
 
     A closest point is the mean of a few vertices, by their distances: between vertices there is surface too.
     The first closest points are those of the guess, a deformed source, or of the source itself.
@@ -182,7 +178,7 @@ def register(
 
 
 def features(vertices: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return what closest points are sought by: position and normal, shape (V, 6)."""
+    """Return the features for closest points: positions and weighted normals, shape (V, 6)."""
     return np.hstack([vertices, NORMAL_LENGTH * normals])
 
 
@@ -207,7 +203,7 @@ def medoid(
 
 
 def snap_to_mesh(points: FloatArray, normals: FloatArray, mesh: TriangleMesh) -> FloatArray:
-    """Return points on a mesh near the given ones, on the side that faces as the normals do, (n, 3)."""
+    """Return points on a mesh close to the given ones, where the normals agree, (n, 3)."""
     normals_of_mesh = mesh.vertex_normals
     nearest: IntArray = np.asarray(
         cKDTree(features(mesh.vertices, normals_of_mesh)).query(features(points, normals))[1]
