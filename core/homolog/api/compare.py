@@ -74,6 +74,11 @@ def compare_groups(
         If a group is too small, a value is missing, subjects are there twice, or covariates can't be told
         from the group.
 
+    Notes
+    -----
+    ``homolog analyze`` and the window ask this question twice, of form and of shape, and correct p values for
+    both (Bonferroni). Here each call is a question of its own.
+
     References
     ----------
     docs/statistics.md names the tests and their sources.

@@ -17,6 +17,7 @@ from homolog.api import correspond as api
 from homolog.correspondence import optimize, repair
 from homolog.geodesics import solve_plan, solve_table, solve_tables
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+from homolog_app.report.request import StudyRequest
 
 CORE = Path(hl.__file__).parents[1]
 
@@ -98,6 +99,8 @@ def test_comparisons_have_the_defaults_of_the_analysis():
     }
     for name in ("alignment", "modes", "permutations", "null_repeats", "seed"):
         assert taken[name] == getattr(Options(), name)
+    for name in ("modes", "permutations", "seed"):
+        assert taken[name] == StudyRequest.model_fields[name].default
 
 
 @pytest.mark.parametrize(
