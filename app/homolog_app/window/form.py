@@ -22,6 +22,7 @@ from homolog_app.window.widgets import GRID, NumberBox, button, label
 
 __all__ = ["SettingsForm", "SettingsPair"]
 
+_NO_BOUND = 2**31 - 1  # as many as an editor of whole numbers takes
 _WORDS = {
     "geodesic-normals": "Geodesics and normals (the paper's)",
     "geodesic": "Geodesics only",
@@ -221,4 +222,5 @@ class _Row(QWidget):
 
 
 def _help(one: Parameter) -> str:
-    return f"{one.help} ({one.bounds} {one.unit})".replace(" )", ")") if one.bounds else one.help
+    bounds = f"{one.low} or more" if one.high is not None and one.high >= _NO_BOUND else one.bounds
+    return f"{one.help} ({bounds} {one.unit})".replace(" )", ")") if bounds else one.help

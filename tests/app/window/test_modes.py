@@ -79,6 +79,13 @@ def test_the_cross_goes_back_to_the_mean_with_another_model(page, window):
     assert page.charts.scatter.mark == (0.0, 0.0)
 
 
+def test_words_of_ticks_do_not_overlap():
+    from homolog_app.window.explore.plot import apart
+
+    assert apart([0, 30, 60], [20, 20, 20]) == {0, 1, 2}
+    assert apart([0, 10, 20, 30], [20, 20, 20, 20]) == {0, 3}
+
+
 def test_sliders_combine_and_mean_shape_puts_them_back(page, scene, window):
     model = page.fitted.shape
     page.sliders.show_value(0, 1.0)

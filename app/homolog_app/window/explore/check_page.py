@@ -46,7 +46,7 @@ class CheckPage(ExplorePage):
         self.state, self.words = label("", "Hint", wrap=True), label("", wrap=True)
         self.again, self.export = button("Look for suspects"), button("Export list…")
         self.mend = button("Optimize again here", "primary")
-        self.mend_all_button = button("Optimize again at all")
+        self.mend_all_button = button("Optimize again at all suspects")
         self.keep = button("Keep in the project")
         self.unsaved = label("Particles have changed; the project has the former ones.", "Hint", wrap=True)
         self.progress = Progress(actions)

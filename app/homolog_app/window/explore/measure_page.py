@@ -40,7 +40,7 @@ __all__ = ["MeasurePage"]
 _REACH = 3.0
 _SAMPLES = 13
 _STEPS = 100
-_HEADS = ("Subject", "Group", "mm", "ml", "cm²")
+_HEADS = ("Subject", "Group", "Distance\n(mm)", "Volume\n(ml)", "Area\n(cm²)")
 
 
 class MeasurePage(ExplorePage):

@@ -47,6 +47,7 @@ def mode_scene(view: ModesView, models: _Models, subject: Content | None = None)
     particles = {}
     for one in models:
         words = _words(deviations, one, subject if one is models[0] else None)
+        words += " · surface from particles"
         content = model_content(
             one, one.title, words, one.moved(deviations), look, alignment=_placement(one, models)
         )

@@ -113,7 +113,7 @@ class ModesPage(ExplorePage):
         if view is None:
             return Shown(subjects)
         own = next((one for one in subjects if one.name == view.subject), None)
-        return mode_scene(view, self.fitted.both, own and replace(own, raw=None, note="own surface"))
+        return mode_scene(view, self.fitted.both, own and replace(own, raw=None, note="groomed surface"))
 
     @property
     def chosen(self) -> ModesView | None:

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QWidget
 from homolog_app.window.quantities import tick_words, ticks
 from homolog_app.window.theme import Theme
 
-__all__ = ["MARKERS", "Plot", "group_colour", "marker"]
+__all__ = ["MARKERS", "Plot", "apart", "group_colour", "marker"]
 
 # Okabe and Ito (2008), a little darker on light ground and lighter on dark ground for contrast.
 _ON_LIGHT = ("#0068a3", "#b84e00", "#00795a", "#a8487f", "#2f7fae", "#8a6400", "#5f5f5f")
@@ -45,6 +45,16 @@ def marker(index: int, at: QPointF, radius: float) -> QPainterPath:
         path.addPolygon(QPolygonF([QPointF(at.x() + r * x, at.y() + r * y) for x, y in shapes[name]]))
         path.closeSubpath()
     return path
+
+
+def apart(places: Sequence[float], widths: Sequence[float], gap: float = 6.0) -> set[int]:
+    """Return which words, centred on ascending places and so wide [pixels], can stand beside each other."""
+    kept, end = set(), float("-inf")
+    for index, (place, width) in enumerate(zip(places, widths, strict=True)):
+        if place - width / 2.0 >= end:
+            kept.add(index)
+            end = place + width / 2.0 + gap
+    return kept
 
 
 class Plot(QWidget):
@@ -130,9 +140,14 @@ class Plot(QWidget):
         painter.drawLine(frame.bottomLeft(), frame.topLeft())
         painter.setPen(QColor(colours.dim))
         xs = self.x_ticks if self.x_ticks is not None else ticks(*self.x_range, self._about(frame.width()))
-        for x, words in zip(xs, tick_words(xs), strict=True):
-            at = self.place(x, self.y_range[0])
+        named = tick_words(xs)
+        places = [self.place(x, self.y_range[0]) for x in xs]
+        widths = [metrics.horizontalAdvance(words) for words in named]
+        room_for = apart([at.x() for at in places], widths)
+        for index, (at, words) in enumerate(zip(places, named, strict=True)):
             painter.drawLine(at, at + QPointF(0, 4))
+            if index not in room_for:
+                continue
             painter.drawText(QRectF(at.x() - 30, at.y() + 4, 60, 16), Qt.AlignmentFlag.AlignCenter, words)
         right = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
         most = max(2, int(frame.height() // 36))
@@ -144,13 +159,15 @@ class Plot(QWidget):
             painter.drawLine(at, at - QPointF(4, 0))
             painter.drawText(QRectF(at.x() - 54, at.y() - 8, 46, 16), right, words)
         below = QRectF(frame.left(), frame.bottom() + 20, frame.width(), 18)
-        painter.drawText(below, Qt.AlignmentFlag.AlignCenter, self.x_label)
+        label = metrics.elidedText(self.x_label, Qt.TextElideMode.ElideRight, round(frame.width()))
+        painter.drawText(below, Qt.AlignmentFlag.AlignCenter, label)
         if self.y_label:
             painter.save()
             painter.translate(11, frame.center().y())
             painter.rotate(-90)
             across = QRectF(-frame.height() / 2 - 30, -9, frame.height() + 60, 18)
-            painter.drawText(across, Qt.AlignmentFlag.AlignCenter, self.y_label)
+            label = metrics.elidedText(self.y_label, Qt.TextElideMode.ElideRight, round(across.width()))
+            painter.drawText(across, Qt.AlignmentFlag.AlignCenter, label)
             painter.restore()
 
     @staticmethod
