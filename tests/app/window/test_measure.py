@@ -23,6 +23,10 @@ def cells(page):
     ]
 
 
+def test_names_of_subjects_have_room_beside_their_measures(page):
+    assert page.view.columnWidth(0) >= page.view.sizeHintForColumn(0)
+
+
 def test_subjects_have_the_volume_and_area_of_their_own_surfaces(page, window):
     surfaces = window.desk.session.result.surfaces
     for name, _, _, volume, area in cells(page):

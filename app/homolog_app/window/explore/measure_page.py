@@ -40,6 +40,7 @@ __all__ = ["MeasurePage"]
 _REACH = 3.0
 _SAMPLES = 13
 _STEPS = 100
+_NUMBER_PX = 68
 _HEADS = ("Subject", "Group", "Distance\n(mm)", "Volume\n(ml)", "Area\n(cm²)")
 
 
@@ -99,6 +100,9 @@ class MeasurePage(ExplorePage):
         self.view.verticalHeader().hide()
         self.view.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.view.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        for column in range(2, len(_HEADS)):
+            self.view.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.Fixed)
+            self.view.horizontalHeader().resizeSection(column, _NUMBER_PX)
         self.view.setAccessibleName("Measures of the subjects")
         self.view.setMinimumHeight(200)
         self.body.addLayout(grid)
