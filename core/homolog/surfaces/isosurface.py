@@ -34,6 +34,7 @@ _MOST_TIMES = 2.0  # the wanted number of vertices
 _TOO_FINE = (
     4.0  # times the wanted number of vertices, of the source, which is used where no other mesh will do
 )
+_VOLUME = 0.2  # of the source's volume: triangles too large for thin parts lose so much of it
 _REFERENCES = 20_000  # points of the surface at which a mesh is compared with it
 
 
@@ -116,7 +117,7 @@ def _meshed(
         mesh = remeshed(start, field, _at(tree, sizes))
         far = _far(mesh, field, references, tree, 2.0 * tolerance)
         whole = is_sound(mesh) and euler_number(mesh.faces) == euler
-        near = whole and _is_near(mesh, field)
+        near = whole and _is_close(mesh, field, source)
         if near and (n_far := int(np.count_nonzero(far))) < fewest:
             best, fewest = mesh, n_far
         if (near and not far.any()) or len(mesh.vertices) > _MOST_TIMES * count:
@@ -125,7 +126,7 @@ def _meshed(
         sizes = _graded(sizes, np.where(far, np.maximum(_FINER * sizes, 0.5 * field.spacing), edge), tree)
     while best is None and len(source.vertices) > _TOO_FINE * count:  # no even mesh will do
         fewer = simplified(source, count)
-        best = fewer if _is_near(fewer, field) else None
+        best = fewer if _is_close(fewer, field, source) else None
         count *= 2
     return best or source
 
@@ -135,8 +136,10 @@ def _fewer(source: TriangleMesh, n_vertices: float) -> TriangleMesh:
     return simplified(source, round(n_vertices), most=round(n_vertices))
 
 
-def _is_near(mesh: TriangleMesh, field: DistanceField) -> bool:
-    """Return whether all vertices lie within half a node of the zero level."""
+def _is_close(mesh: TriangleMesh, field: DistanceField, source: TriangleMesh) -> bool:
+    """Return whether vertices lie within half a node of the zero level, and the volume is about the same."""
+    if abs(mesh.volume - source.volume) > _VOLUME * source.volume:
+        return False
     return bool(np.abs(field.sample_values(mesh.vertices)).max() < 0.5 * field.spacing)
 
 
