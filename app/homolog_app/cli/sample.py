@@ -28,7 +28,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("kind", choices=list(_KINDS), help="anatomy")
-    parser.add_argument("--subjects", type=int, default=30, help="number of subjects (default 30)")
+    parser.add_argument("--subjects", type=int, default=20, help="number of subjects (default 20)")
     parser.add_argument("--out", type=Path, required=True, help="output folder")
     parser.add_argument("--seed", type=int, default=5, help="random seed (default 5)")
     add_progress_option(parser)

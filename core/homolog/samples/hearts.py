@@ -39,7 +39,7 @@ class _Ventricle:
         scar = np.exp(-0.5 * (apart / _SECTOR_HALF) ** 2 - 0.5 * ((u - _SECTOR_HEIGHT) / _SECTOR_TALL) ** 2)
         scar *= self.infarct
         outside = self._wall(u, theta, self.radius + self.widening + 2.0 * scar, self.length)
-        thick = self.wall * (0.62 + 0.38 * step(u, 0.0, 0.35)) * (1.0 - 0.55 * scar)
+        thick = self.wall * (0.62 + 0.38 * step(u, 0.0, 0.35)) * (1.0 - 0.45 * scar)
         thick *= 1.0 - 0.08 * np.cos(theta - _SEPTUM) * step(u, 0.1, 0.5)
         inside = self._wall(
             u, theta, self.radius + self.widening + 2.0 * scar - thick, self.length - 1.15 * thick
