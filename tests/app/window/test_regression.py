@@ -54,7 +54,7 @@ def test_shape_moves_with_the_number_as_the_beans_were_made(page, window, wait):
     answer = ask(page, window, wait, "slot (as a number)")
     assert "shape changes with it" in page.verdict.text()
     scene, model = window.views.stage.scene, answer.shape
-    values, places = answer.values, answer.located
+    values, places = answer.values, answer.places
     assert abs(np.corrcoef(values, places)[0, 1]) > 0.99
     ends = []
     for value, end in ((0, values.min()), (100, values.max())):

@@ -110,16 +110,16 @@ def test_the_bean_tour_leads_from_the_sample_to_a_result(
     window.commands["file.sample"].trigger()
     wait(lambda: window.tour.card.isVisible())
     session, card = window.desk.session, window.tour.card
-    wait(lambda: len(session.surveys) == 4 and card.restore.isEnabled())
+    wait(lambda: len(session.surveys) == 4 and card.go_on.isEnabled())
     shutil.copytree(groomed_cache, window.desk.project.groomed)
     window.desk.edit_settings("optimize", "particles", quick(16))
     for step in ("groom", "correspond"):
-        card.restore.click()
+        card.go_on.click()
         assert window.step == step
         card.offer.click()
-        wait(lambda: card.restore.isEnabled() and not window.desk.work.is_busy)
-    card.restore.click()
+        wait(lambda: card.go_on.isEnabled() and not window.desk.work.is_busy)
+    card.go_on.click()
     assert window.step == "explore"
-    card.restore.click()
+    card.go_on.click()
     assert not card.isVisible()
     assert not errors
