@@ -26,7 +26,7 @@ Row = tuple[str, str, float, str, float, float, float, float, str]
 
 
 def inspect_project(project: Project, tick: Tick = no_tick) -> tuple[Result, Inspection]:
-    """Look for suspects in a project's result.
+    """Find suspects in a project's result.
 
     Raises
     ------

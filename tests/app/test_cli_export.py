@@ -117,7 +117,7 @@ def test_a_still_at_the_end_of_a_mode_is_that_frame_of_the_film(export):
         ("film", "film.mp4", ["--mode", "1", "1"], "--mode and --view"),
         ("film", "film.mp4", ["--mode", "1", "--width", "641"], "641: Input should be a multiple of 2"),
         ("film", "film.mp4", ["--mode", "1", "--fps", "0"], "--fps 0: Input should be greater"),
-        ("film", "film.mp4", ["--group", "group", "long", "tall"], "in 'tall'; there are: short, long"),
+        ("film", "film.mp4", ["--group", "group", "long", "tall"], "in 'tall'; groups are: short, long"),
         ("film", "film.mp4", ["--group", "size", "1", "2"], "no subject is in '1'"),
         ("still", "still.png", ["--mode", "1", "--at", "3"], "--at 3: must be from -2 to 2"),
         ("still", "still.jpg", ["--mode", "1"], "written as .png"),

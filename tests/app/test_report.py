@@ -131,10 +131,10 @@ def test_a_subject_that_lies_far_from_all_others_is_named_first(project, capsys)
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--group", "nothing"], "there is no column 'nothing'; the cohort has: group, shape-size, age"),
-        (["--between", "A", "Z"], "no subject is in 'Z'; there are: A, B, C"),
+        (["--group", "nothing"], "no column 'nothing'; the cohort has: group, shape-size, age"),
+        (["--between", "A", "Z"], "no subject is in 'Z'; groups are: A, B, C"),
         (["--group", "site"], "one group only"),
-        (["--regress", "sex"], "holds words"),
+        (["--regress", "sex"], "contains words"),
         (["--regress", "site"], "is the same for all subjects"),
         (["--regress", "grade"], "no value for subject 7"),
         (["--covariates", "grade"], "no value for subject 7"),
@@ -143,10 +143,10 @@ def test_a_subject_that_lies_far_from_all_others_is_named_first(project, capsys)
         (["--modes", "17"], "17 modes are more than the 15"),
         (["--modes", "0"], "--modes 0: Input should be greater than or equal to 1"),
         (["--pairs", "twin"], "between two values of a column"),
-        (["--pairs", "twin", "--between", "X", "Y"], "no subject is in 'X'; there are: A, B, C"),
+        (["--pairs", "twin", "--between", "X", "Y"], "no subject is in 'X'; groups are: A, B, C"),
         (["--pairs", "twin", "--regress", "age"], "can't be combined with --regress"),
         (["--covariates", "age", "age"], "'age' is named twice"),
-        (["--covariates", "dose"], "'dose' holds numbers, but also '30 y' of subject 3"),
+        (["--covariates", "dose"], "'dose' contains numbers, but also '30 y' of subject 3"),
         (["--covariates", "weight"], "'inf' of subject 2 is not finite"),
         (["--size", "with", "--alignment", "rigid"], "give one of them"),
     ],
@@ -215,7 +215,7 @@ def test_tables_say_what_they_are_of_and_what_each_column_holds(project):
     meanings = _rows(folder / "columns.csv")
     assert {row["file"] for row in meanings} == {path.name for path in folder.glob("*.csv")} - {"columns.csv"}
     assert all(row["meaning"] for row in meanings)
-    assert not [row for row in meanings if row["meaning"] == "the column that was asked about"][1:]
+    assert not [row for row in meanings if row["meaning"] == "the column of the question"][1:]
     particle = _rows(folder / "particles_C_-_A.csv")[0]
     assert float(particle["outward_low_95_mm"]) < float(particle["outward_mm"])
     sample = _rows(folder / "sample.csv")
@@ -376,7 +376,7 @@ def test_the_report_says_what_was_found_how_and_that_it_is_for_research(report):
         "For research use",
         "C - A (6 A, 6 C): the shapes differ",
         "Hotelling",
-        "False alarms on this cohort",
+        "Type I error rates on this cohort",
         "Homolog 9.9",
         "parallel analysis",
         "permutations",

@@ -96,7 +96,7 @@ def group_means(result: Result, column: str, groups: Sequence[str]) -> list[Floa
     for group in groups:
         if group not in labels:
             there = ", ".join(levels(labels.tolist())) or "no values; fill in the column first"
-            raise InputError(f"column {column!r}: no subject is in {group!r}; there are: {there}")
+            raise InputError(f"column {column!r}: no subject is in {group!r}; groups are: {there}")
     return [result.world[labels == group].mean(axis=0) for group in groups]
 
 

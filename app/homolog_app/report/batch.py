@@ -108,7 +108,7 @@ def _remarks(item: BatchItem) -> Iterator[tuple[str, str, str]]:
     for name, notes in item.remarks.items():
         yield item.structure.title, name, "; ".join(notes)
     for line in item.left_out:
-        yield item.structure.title, "", f"left out: {line}"
+        yield item.structure.title, "", f"skipped: {line}"
 
 
 def _volumes(items: tuple[BatchItem, ...], cohort: Cohort) -> str:

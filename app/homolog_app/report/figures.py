@@ -74,7 +74,7 @@ def model_figures(
         yield ReportFigure(
             "quality",
             quality_figure(result, model),
-            "Share of variance in the first modes; distance to shapes left out of the model; distance of "
+            "Share of variance in the first modes; distance to shapes held out of the model; distance of "
             f"{_DRAWS} drawn shapes to the nearest real one (mean particle distances).",
         )
     energies = _energies(project)
@@ -188,7 +188,7 @@ def _map_caption(study: Study, comparison: Comparison) -> str:
     if comparison.discriminant is not None:
         words += (
             " Third row: the way between the groups along the linear discriminant, only where 95 % bootstrap "
-            "bounds leave out zero."
+            "intervals exclude zero."
         )
     return words
 

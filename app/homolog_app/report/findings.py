@@ -163,8 +163,8 @@ def cautions(study: Study) -> list[str]:
     ]
     unlike = [words for comparison in study.comparisons if (words := _dispersion_words(comparison))]
     loose = [
-        f"{comparison.title}: the F distribution raises false alarms in {100 * excess:.1f} % more of the "
-        "relabellings than the permutation test; trust the latter."
+        f"{comparison.title}: the type I error rate of the F test is {100 * excess:.1f} % higher than that of "
+        "the permutation test; trust the latter."
         for comparison in study.comparisons
         if (excess := _excess(comparison)) > _LOOSE
     ]
@@ -186,7 +186,7 @@ def _dispersion_words(comparison: Comparison) -> str:
     if not counts:
         return (
             f"{comparison.title}: how far subjects scatter changes with the variable (test of dispersion "
-            f"{p}). The permutation tests allow for that only approximately, T² and F not at all."
+            f"{p}). The permutation tests account for that only approximately, T² and F not at all."
         )
     mean = ", ".join(f"{name} {value:.2f} mm" for name, value in found.by_group.items())
     words = (

@@ -14,10 +14,10 @@ _MODEL = (
     "divisor n - 1)."
 )
 _REFERENCES = {
-    "program": "Homolog, version {}; a program for statistical shape analysis by particle correspondence.",
+    "program": "Homolog contributors. Homolog, version {}: a program for statistical shape analysis. 2026.",
     "geodesic": (
-        "Datar M, Gur Y, Paniagua B, Styner M, Whitaker R. Geometric correspondence for ensembles of "
-        "nonregular shapes. MICCAI 2011, LNCS 6892: 368-375."
+        "Datar M, Gur Y, Paniagua B, Styner M, Whitaker R. Geometric Correspondence for Ensembles of "
+        "Nonregular Shapes. MICCAI 2011, LNCS 6892: 368-375. PMC3346950."
     ),
     "particles": (
         "Cates J, Fletcher PT, Styner M, Shenton M, Whitaker R. Shape modeling and analysis with "
@@ -138,7 +138,7 @@ def _statistics(study: Study) -> str:
     modes = (
         f"the first {request.modes} modes (chosen beforehand)"
         if request.modes is not None
-        else "the modes that Horn's parallel analysis kept (variance above the 95th percentile of "
+        else "the modes that Horn's parallel analysis retained (variance above the 95th percentile of "
         f"{first.test.parallel.repeats} data sets without correlation)"
     )
     what = {
@@ -152,7 +152,7 @@ def _statistics(study: Study) -> str:
         "squares in standardized modes divided by its expectation without an effect, estimated from each "
         "group's own variance (Brown and Forsythe; Welch for two groups; HC2 with covariates or a continuous "
         f"variable). {_permutations(first)}; seed {request.seed}. Hotelling's T² or Wilks' lambda with the F "
-        "distribution are given beside it and assume equal covariances.",
+        "distribution are given as well and assume equal covariances.",
         aligned,
         "At every particle the position was tested by the same statistic; p-values were corrected over the "
         "surface by the permutation distribution of the largest statistic (family-wise error, Westfall and "
@@ -164,10 +164,10 @@ def _statistics(study: Study) -> str:
         words.append(
             f"Shapes were adjusted for {', '.join(request.covariates)} by a linear model of each coordinate; "
             "residuals were permuted (Freedman and Lane)"
-            + ("." if request.modes is not None else ", with modes chosen anew in each permutation.")
+            + ("." if request.modes is not None else ", with modes chosen again in each permutation.")
         )
     if request.complete_cases:
-        words.append("Subjects with missing values were left out (complete cases).")
+        words.append("Subjects with missing values were excluded (complete cases).")
     if correction := correction_words(study):
         size = correction_words(study, size=True)
         words.append(
@@ -192,16 +192,18 @@ def _statistics(study: Study) -> str:
     if lines:
         folds = " to ".join(str(item) for item in sorted({line.folds for line in lines}))
         words.append(
-            "The linear discriminant was computed in the kept modes with the covariance shrunk after Ledoit "
-            f"and Wolf. Balanced accuracy and area under the curve (AUC) come from {folds}-fold stratified "
-            f"cross-validation, repeated {lines[0].repeats} times, with modes, covariates' effects and "
-            "direction fitted without the left-out subjects; their intervals are those of Wilson and of "
-            f"DeLong, their p-values come from {lines[0].auc.permutations} permutations. Bounds of the "
-            f"discriminant's map come from {len(lines[0].bootstrap)} bootstrap cohorts drawn within groups."
+            "The linear discriminant was computed in the retained modes with the covariance shrunk after "
+            f"Ledoit and Wolf. Balanced accuracy and area under the curve (AUC) come from {folds}-fold "
+            f"stratified cross-validation, repeated {lines[0].repeats} times, with modes, covariates' "
+            "effects and direction fitted without the left-out subjects; their intervals are those of Wilson "
+            f"and of DeLong, their p-values come from {lines[0].auc.permutations} permutations. Bounds of "
+            f"the discriminant's map come from {len(lines[0].bootstrap)} bootstrap cohorts drawn within "
+            "groups."
         )
     if first.false_alarms:
         words.append(
-            f"Labels were exchanged {request.null_repeats} times to count false alarms on this cohort."
+            f"Labels were permuted {request.null_repeats} times to estimate type I error rates on this "
+            "cohort."
         )
     return " ".join(words)
 

@@ -223,7 +223,7 @@ def _read(path: Path) -> tuple[StudyRequest, Answered]:
     try:
         content = json.loads(path.read_bytes())
         if not isinstance(content, dict):
-            raise ValueError("holds no question")
+            raise ValueError("contains no question")
         if "question" in content:
             return (
                 StudyRequest.model_validate(content["question"]),

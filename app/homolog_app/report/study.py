@@ -90,7 +90,7 @@ def column_of(result: Result, column: str) -> list[str]:
         values = [columns.get(column, "") for columns in result.columns]
     else:
         there = ", ".join(["group", SHAPE_SIZE, *sorted(known)])
-        raise InputError(f"there is no column {column!r}; the cohort has: {there}")
+        raise InputError(f"no column {column!r}; the cohort has: {there}")
     return ["" if is_missing(value) else value for value in values]
 
 
@@ -196,7 +196,7 @@ def _check(result: Result, request: StudyRequest) -> None:
     named = [category_of(covariate, known)[0] for covariate in request.covariates]
     twice = [item for item, count in Counter(named).items() if count > 1]
     if twice:
-        raise InputError(f"the covariate {twice[0]!r} is named twice; name it once")
+        raise InputError(f"the covariate {twice[0]!r} is given twice; give it once")
     if request.kind == "pairs" and (len(request.between) != 2 or request.covariates):
         raise InputError("a paired comparison is between two values of a column and takes no covariates")
     labels = column_of(result, request.column)
@@ -204,12 +204,12 @@ def _check(result: Result, request: StudyRequest) -> None:
     for group in request.between:
         if group not in there:
             raise InputError(
-                f"column {request.column!r}: no subject is in {group!r}; there are: {', '.join(there)}"
+                f"column {request.column!r}: no subject is in {group!r}; groups are: {', '.join(there)}"
             )
     if request.kind == "groups" and len(request.between) < 2:
         raise InputError(f"column {request.column!r}: has one group only; a comparison needs two")
     if request.column in named:
-        raise InputError(f"{request.column!r} is what is tested; leave it out of the covariates")
+        raise InputError(f"{request.column!r} is tested itself; remove it from the covariates")
 
 
 def _left_out(result: Result, request: StudyRequest, labels: Sequence[str]) -> dict[str, str]:
@@ -274,7 +274,7 @@ def _regression(asked: _Question) -> _Answer:
     values = numbers(cells)
     if values is None:
         raise InputError(
-            f"column {request.column!r} holds words; compare its groups in place of a regression"
+            f"column {request.column!r} contains words; compare its groups instead of a regression"
         )
     extra = _covariates(asked, members)
     found = regress(
@@ -305,8 +305,8 @@ def _pairs(asked: _Question) -> _Answer:
     alone = [pair for pair, both in found.items() if len(both) < 2]
     if alone:
         raise InputError(
-            f"pair {alone[0]!r} has one subject only; add the other one, or leave such pairs out "
-            "(--complete-cases)"
+            f"pair {alone[0]!r} has one subject only; add the other one, or exclude such pairs "
+            "(complete cases)"
         )
     if len(found) < 2:
         raise InputError(
@@ -368,7 +368,7 @@ def _notes(result: Result, request: StudyRequest) -> tuple[str, ...]:
         notes.append(f"'size' is the column of the cohort's table; the size of the shapes is {SHAPE_SIZE!r}.")
     if request.earlier:
         notes.append(
-            "An earlier version kept this question and compared shapes as they lie. They are now aligned "
-            "rigidly first; --alignment as-it-lies gives the earlier answer."
+            "An earlier version stored this question and compared shapes as they lie. They are now aligned "
+            "rigidly first; alignment as-it-lies gives the earlier answer."
         )
     return tuple(notes)

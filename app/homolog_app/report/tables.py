@@ -292,8 +292,8 @@ def _meaning(column: str) -> str:
         if plain.endswith(end) and len(plain) > len(end):
             return f"{words} bound of the 95 % confidence interval of {plain.removesuffix(end)}{unit}"
     if plain.startswith("discriminant_") and plain != "discriminant_outward_mm":
-        return "place of the subject along the discriminant, root mean square over the particles"
+        return "position of the subject along the discriminant, root mean square over the particles"
     several = re.fullmatch(r"(effect_[xyz]|outward)_(\d+)_mm", plain)
     if several:
         return f"{MEANINGS[f'{several[1]}_mm']}, group {int(several[2]) + 1} minus group 1"
-    return MEANINGS.get(plain, "the column that was asked about") + unit
+    return MEANINGS.get(plain, "the column of the question") + unit

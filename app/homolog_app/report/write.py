@@ -118,7 +118,7 @@ def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence
     for words in outlier_words(result):
         page.caution(words)
     if not studies:
-        page.paragraph("No study has been made yet: homolog analyze PROJECT --group COLUMN.")
+        page.paragraph("No study yet: homolog analyze PROJECT --group COLUMN.")
     for study in studies:
         page.heading(study.request.title, 3)
         page.points((finding.verdict, finding.numbers) for finding in findings(study))
@@ -221,15 +221,15 @@ def _study_section(
         for test in comparison.false_alarms
     ]
     if alarms:
-        page.heading("False alarms on this cohort", 3)
+        page.heading("Type I error rates on this cohort", 3)
         page.paragraph(
-            f"The labels were exchanged {study.request.null_repeats} times, so that there is nothing to "
+            f"The labels were permuted {study.request.null_repeats} times, so that there is nothing to "
             "find. Permutation tests then have a type I error rate of 5 % by construction: their rows show "
             "that the computation is right, not that the groups can be compared. The rows of F show whether "
             "normal distributions may be assumed. The table can't show what differences in dispersion do; "
             "see Assumptions."
         )
-        page.table(["comparison", "test", "false alarms (%)", "95 % bounds"], alarms, words=True)
+        page.table(["comparison", "test", "type I error (%)", "95 % bounds"], alarms, words=True)
 
 
 _COLUMNS = (

@@ -14,14 +14,14 @@ _NO_STUDY = "nothing is open"
 _NO_RESULT = "there is no result yet; run first"
 _BUSY = "something is being computed; wait for it or cancel it"
 _SELECT = "select subjects in Cohort first"
-_TWO = "it takes two included subjects"
+_TWO = "two included subjects are needed"
 REASONS: Mapping[str, str] = {
     "idle": _BUSY,
     "study": _NO_STUDY,
     "unsaved": "everything is saved, or something is being computed",
     "cohort": "no subject is included, or something is being computed",
-    "undo": "there is nothing to take back",
-    "redo": "nothing was taken back",
+    "undo": "there is nothing to undo",
+    "redo": "nothing was undone",
     "selection": _SELECT,
     "removable": _SELECT,
     "groomed": "the shapes are not groomed yet",
@@ -30,14 +30,14 @@ REASONS: Mapping[str, str] = {
     "two": _TWO,
     "ready": "the shapes are not groomed yet, or something is being computed",
     "busy": "nothing is being computed",
-    "running": "there is no run going on",
+    "running": "no run is in progress",
     "resumable": "there is no unfinished run",
     "cancelled": "no run was cancelled",
     "result": _NO_RESULT,
     "particles": _NO_RESULT,
     "idle_result": f"{_NO_RESULT}, or wait for what is being computed",
-    "fit": "include new subjects beside those of the result, with the settings it was made with",
-    "more": "ask for more particles than the result has, with the same subjects and other settings unchanged",
+    "fit": "include new subjects in addition to those of the result, with its settings",
+    "more": "set more particles than the result has, with the same subjects and settings",
     "answer": "compare groups first",
     "frames": "there is nothing to play here",
     "previous_page": "this is the first page",

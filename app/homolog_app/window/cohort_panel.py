@@ -123,7 +123,7 @@ class CohortPanel(Panel):
         listed = "; ".join(f"{one.subject.name}: {one.problem}" for one in bad[:3])
         more = f" and {len(bad) - 3} more, see the table" if len(bad) > 3 else ""
         plural = "file" if len(bad) == 1 else "files"
-        lines = [f"{len(bad)} {plural} left out. {listed}{more}"] if bad else []
+        lines = [f"{len(bad)} {plural} excluded. {listed}{more}"] if bad else []
         lines += [f"The labels of {waiting} files overlap; choose one above."] if waiting else []
         self.problems.setText("\n".join(lines))
         self.problems.setVisible(bool(lines))

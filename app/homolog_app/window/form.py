@@ -164,7 +164,7 @@ class _Row(QWidget):
         """Mark what was typed as no such value, and say what is."""
         bounds = self._parameter.bounds
         self._mark(
-            f"Must be {bounds} {self._parameter.unit}".strip() if bounds else "Not a possible value",
+            f"Must be {bounds} {self._parameter.unit}".strip() if bounds else "Invalid value",
             "Problem",
         )
 

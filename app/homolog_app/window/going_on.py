@@ -40,29 +40,32 @@ def going_on(study: Study, result: ResultRecord) -> GoingOn:
     same = study.settings.optimize.model_copy(update={"particles": own.optimize.particles}) == own.optimize
     if gone:
         return _not(
-            f"{_listed(gone)} of the result {_are(gone)} left out; include {_them(gone)} to go on from it."
+            f"{_listed(gone)} of the result {_are(gone)} excluded; include {_them(gone)} to continue from it."
         )
     if study.settings.groom != own.groom:
-        return _not("Grooming has other settings than those of the result; a run places all particles anew.")
+        return _not(
+            "The grooming settings differ from those of the result; a run places all particles from the "
+            "start."
+        )
     if fresh and more:
         return _not(
-            f"New subjects take the result's {result.particles} particles: ask for as many and fit them; add "
-            "particles after that."
+            f"New subjects get the result's {result.particles} particles: set that number and fit them; add "
+            "particles afterwards."
         )
     if fresh:
         new = f"{_listed(list(fresh))} {'gets' if len(fresh) == 1 else 'get'}"
         return GoingOn(0, fresh, f"{new} the result's particles; those of the {len(known)} others stay.")
     if more > 0 and same and result.ended != _CANCELLED:
         return GoingOn(
-            more, (), f"The result's {result.particles} particles are split further, not placed anew."
+            more, (), f"The result's {result.particles} particles are split further, not placed again."
         )
     if more > 0:
         return _not(
-            "Other settings than those of the result, or a cancelled run: all particles are placed anew."
+            "The settings differ from those of the result, or the run was cancelled: all particles are "
+            "placed from the start."
         )
     return _not(
-        f"Ask for more than {result.particles} particles to add to the result, or add new subjects in Cohort "
-        "to fit them to it."
+        f"To extend the result, set more than {result.particles} particles, or add subjects in Cohort."
     )
 
 
@@ -71,7 +74,7 @@ def outdated_words(study: Study, result: ResultRecord) -> str:
     known = [one.name for one in result.subjects]
     names = [one.name for one in study.included]
     gone, fresh = [one for one in known if one not in names], [one for one in names if one not in known]
-    words = [f"{_listed(gone)} {_are(gone)} left out in Cohort but still part of it"] if gone else []
+    words = [f"{_listed(gone)} {_are(gone)} excluded in Cohort but still part of it"] if gone else []
     words += [f"{_listed(fresh)} {_are(fresh)} not part of it"] if fresh else []
     changed = [
         name.replace("_", " ")
@@ -83,11 +86,7 @@ def outdated_words(study: Study, result: ResultRecord) -> str:
         if getattr(now, name) != getattr(own, name)
     ]
     words += [f"settings have changed ({_listed(changed)})"] if changed else []
-    return (
-        f"This result is of an earlier state: {'; '.join(words)}. Run again to bring it up to date."
-        if words
-        else ""
-    )
+    return f"This result is out of date: {'; '.join(words)}. Run again to update it." if words else ""
 
 
 def _not(words: str) -> GoingOn:

@@ -24,7 +24,9 @@ class GroomPanel(Panel):
     settings_edited = Signal(str, object)
 
     def __init__(self, session: Session, actions: Actions) -> None:
-        super().__init__("Groom", "Fill, smooth and align the shapes. Check the contours before going on.")
+        super().__init__(
+            "Groom", "Fill, smooth and align the shapes. Check the contours before you continue."
+        )
         self._session = session
         self.form = SettingsPair(GroomSettings, _MAIN)
         self.form.edited.connect(self.settings_edited)
@@ -32,7 +34,7 @@ class GroomPanel(Panel):
         self.report.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.subject = label("", "SectionTitle", wrap=True)
         self.mirrored = label("", "Hint", wrap=True)
-        self.again = ActionButton("Groom this one again", actions["run.regroom"])
+        self.again = ActionButton("Groom this subject again", actions["run.regroom"])
         self.body.addWidget(self.form)
         self.body.addWidget(self.mirrored)
         self.body.addWidget(rule())

@@ -41,8 +41,11 @@ class Helping(Part):
     @Slot(str, object)
     def show_error(self, kind: str, error: BaseException) -> None:
         """Show what happened and what to do; a defect of the program asks for a report."""
-        title = _TITLES.get(kind, "This did not work")
-        words = user_message(error) or "This is a defect of the program. Please save a report and send it in."
+        title = _TITLES.get(kind, "Unexpected error")
+        words = (
+            user_message(error)
+            or "This is a bug in Homolog. Please save a problem report and attach it to an issue."
+        )
         details = "".join(traceback.format_exception(error))
         remedies = self._remedies(kind, words)
         ErrorDialog(self._window, self._desk.theme, title, words, details, self.save_report, remedies).open()
@@ -64,7 +67,7 @@ class Helping(Part):
             session.toggle_included()
             commands[_AGAIN[kind]].trigger()
 
-        return {f"Show {name}": show, "Leave it out and go on": leave_out}
+        return {f"Show {name}": show, "Exclude it and continue": leave_out}
 
     def show_palette(self) -> None:
         """Let the user find a command by typing."""

@@ -21,7 +21,7 @@ __all__ = ["LabelPicker"]
 
 _PICTURE = 40
 _VISIBLE = 14
-_QUESTION = "The files hold several structures. Choose one, or type a part of its name."
+_QUESTION = "The files contain several structures. Choose one, or type part of its name."
 
 
 class LabelPicker(QFrame):
@@ -50,7 +50,7 @@ class LabelPicker(QFrame):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(2 * GRID, GRID, 2 * GRID, 2 * GRID)
         layout.addWidget(
-            label("The files hold several structures. Choose one, or type a part of its name.", wrap=True)
+            label("The files contain several structures. Choose one, or type part of its name.", wrap=True)
         )
         layout.addWidget(self.choice)
         session.facts_changed.connect(self._fill)

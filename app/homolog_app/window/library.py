@@ -98,7 +98,7 @@ class Library(Part):
         if opened.has_result:
             self._desk.work.open_result(project, lambda: self._window.show_step("explore"))
         if resumable:
-            self._window.status.say("The last run was stopped; Resume goes on from its checkpoint.")
+            self._window.status.say("The last run was stopped; Resume continues from its checkpoint.")
 
     def save(self) -> None:
         """Save to the project's folder, or ask for one."""
@@ -110,7 +110,7 @@ class Library(Part):
 
     def save_as(self) -> None:
         """Ask for a folder and save there."""
-        path, _ = QFileDialog.getSaveFileName(self._window, "Save project as (a folder is made)", "Study")
+        path, _ = QFileDialog.getSaveFileName(self._window, "Save project as (creates a folder)", "Study")
         if path:
             self.save_to(Path(path))
 
@@ -209,7 +209,7 @@ class Library(Part):
         for lost in find_lost(self._desk.sessions):
             name = Path(lost.record.folder).name if lost.record.folder else "a study that was never saved"
             words = f"{len(lost.record.study.subjects)} subjects" + (
-                ", a run was going on" if lost.record.running else ", unsaved edits"
+                ", a run was in progress" if lost.record.running else ", unsaved edits"
             )
             answer = ask(
                 self._window, f"Recover {name}?", f"The program ended without closing it: {words}.",
@@ -237,7 +237,7 @@ class Library(Part):
         resumable = lost.record.running and desk.project.checkpoint.is_file()
         self._window.show_step("correspond" if resumable else "cohort")
         if resumable:
-            self._window.status.say("Resume goes on from the checkpoint of the run.")
+            self._window.status.say("Resume continues from the checkpoint of the run.")
 
     def _new(self) -> None:
         path = QFileDialog.getExistingDirectory(self._window, "Folder of segmentations or surfaces")
@@ -281,7 +281,7 @@ class Library(Part):
         source = Path(path)
         source = source.parent if source.suffix.lower() in (".particles", ".pts") else source
         folder, _ = QFileDialog.getSaveFileName(
-            self._window, "Save project as (a folder is made)", source.stem
+            self._window, "Save project as (creates a folder)", source.stem
         )
         if folder:
             self.import_model(source, Path(folder))
@@ -344,13 +344,13 @@ class Library(Part):
         missing = [one.name for one in study.members if not one.subject.path.exists()]
         if not missing:
             return None
-        words = f"{len(missing)} input files are not where they were, such as that of {missing[0]}."
+        words = f"{len(missing)} input files have moved, such as that of {missing[0]}."
         if (
-            ask(self._window, "Files have moved", words, ("Locate folder…", "Go on without"))
+            ask(self._window, "Files have moved", words, ("Locate folder…", "Continue without"))
             != "Locate folder…"
         ):
             return None
-        path = QFileDialog.getExistingDirectory(self._window, "Folder that holds the files now")
+        path = QFileDialog.getExistingDirectory(self._window, "Folder that contains the files now")
         return Path(path) if path else None
 
     def _view(self) -> ViewRecord:

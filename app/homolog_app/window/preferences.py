@@ -103,7 +103,7 @@ class PreferencesDialog(QDialog):
         for value, words in SCHEMES.items():
             self.scheme.addItem(words, value)
         self.scheme.setCurrentIndex(self.scheme.findData(preferences.scheme))
-        self.ask = QCheckBox("Ask before unsaved edits or a run are given up")
+        self.ask = QCheckBox("Ask before discarding unsaved edits or stopping a run")
         self.ask.setChecked(preferences.ask_on_close)
         form = QFormLayout()
         form.setVerticalSpacing(2 * GRID)

@@ -78,4 +78,4 @@ def _version(package: str) -> str:
     try:
         return version(package)
     except PackageNotFoundError:
-        return "from a checkout"
+        return "from a source checkout"

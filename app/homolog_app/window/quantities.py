@@ -11,7 +11,7 @@ _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 def parse_number(text: str) -> float:
     """Return the number of a text with a decimal point or comma; raises ValueError for anything else."""
     if "_" in text:
-        raise ValueError(f"{text!r} is no number")
+        raise ValueError(f"{text!r} is not a number")
     return float(text.strip().replace(",", ".").replace("−", "-"))
 
 

@@ -14,8 +14,8 @@ from homolog_app.window.widgets import GRID, Panel, button, label, rule, set_pri
 __all__ = ["RunPanel"]
 
 _MAIN = ("method", "particles", "seed")
-_STOPPED = "The last run was stopped on the way. Resume goes on from its checkpoint."
-_FIRST = "Groom the shapes first, and look whether the surfaces are right."
+_STOPPED = "The last run was interrupted. Resume continues from its checkpoint."
+_FIRST = "Groom the shapes first, and check the surfaces."
 
 
 class RunPanel(Panel):
@@ -25,7 +25,7 @@ class RunPanel(Panel):
     device_chosen = Signal(str)
 
     def __init__(self, session: Session, actions: Actions) -> None:
-        super().__init__("Correspond", "Place the same particles on every shape, and watch them spread.")
+        super().__init__("Correspond", "Place corresponding particles on every shape.")
         self._session, self._actions = session, actions
         self.form = SettingsPair(OptimizeSettings, _MAIN)
         self.form.edited.connect(self.settings_edited)
@@ -33,7 +33,7 @@ class RunPanel(Panel):
         self.device.setAccessibleName("Device")
         self.show_devices({"auto": "Automatic"})
         self.device.activated.connect(lambda _: self.device_chosen.emit(self.device.currentData()))
-        self.device_help = label("Where to compute; automatic takes the first GPU.", "FieldHelp", wrap=True)
+        self.device_help = label("Compute device; automatic takes the first GPU.", "FieldHelp", wrap=True)
         self.summary = label("", "Hint", wrap=True)
         name = QLabel("Device")
         name.setBuddy(self.device)
@@ -65,7 +65,7 @@ class RunPanel(Panel):
         column = QVBoxLayout(further)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(GRID)
-        column.addWidget(label("Go on from the result", "SectionTitle"))
+        column.addWidget(label("Extend the result", "SectionTitle"))
         column.addWidget(self.further)
         both = QHBoxLayout()
         both.addWidget(self.more)

@@ -138,7 +138,7 @@ class Runner(QObject):
     def start(self, job: Job) -> None:
         """Begin a job; there must be none."""
         if self._job is not None:
-            raise RuntimeError("a job is going on")
+            raise RuntimeError("a job is in progress")
         self._job, self._shown = job, None
         self._orders.put(job)
         self._timer.start()

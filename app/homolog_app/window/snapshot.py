@@ -49,7 +49,7 @@ def shown_again(project: Project, wanted: Snapshot, tick: Tick) -> Shown:
     match wanted.view:
         case ModesView() as view:
             models = _models(project, _needed(project, loaded), wanted, part_of(tick, 0.1, 0.8))
-            _check(view.subject in ("", *models[0].result.names), f"there is no subject {view.subject!r}")
+            _check(view.subject in ("", *models[0].result.names), f"no subject {view.subject!r}")
             own = _contents(project, loaded, wanted, tick, view.subject) if view.subject else []
             return mode_scene(view, models, replace(own[0], raw=None, note="own surface") if own else None)
         case GroupsView() as view:
@@ -74,7 +74,7 @@ def _check(fine: bool, fault: str) -> None:
 
 def _needed(project: Project, loaded: Loaded | None) -> Loaded:
     if loaded is None:
-        raise InputError(f"{project.folder}: has no result yet; run it first: homolog run {project.folder}")
+        raise InputError(f"{project.folder}: has no result yet; run it first")
     return loaded
 
 
@@ -102,7 +102,7 @@ def _with_particles(shown: Shown, loaded: Loaded | None, moment: int | None) -> 
         return replace(shown, particles={})
     if moment is None:
         return replace(shown, particles=loaded.particles)
-    _check(0 <= moment < len(loaded.frames), f"there is no moment {moment} of {len(loaded.frames)}")
+    _check(0 <= moment < len(loaded.frames), f"no moment {moment} of {len(loaded.frames)}")
     particles, tints = moment_of(loaded, moment)
     return replace(shown, particles=particles, tints=tints)
 

@@ -89,7 +89,7 @@ class StartPage(QFrame):
         words.addWidget(label("Homolog", "Wordmark"))
         words.addWidget(
             label(
-                "From segmentations to corresponding points, and what varies between shapes",
+                "From segmentations to corresponding points and shape statistics",
                 "Tagline",
                 wrap=True,
             )
@@ -102,7 +102,7 @@ class StartPage(QFrame):
         grid.setSpacing(2 * GRID)
         texts = {
             "file.new": "Segmentations (NRRD, NIfTI, MetaImage) or closed surfaces (VTP, PLY, STL, OBJ).",
-            "file.open": "Go on with a study that was saved before.",
+            "file.open": "Open a saved study.",
             "file.sample": "Ten synthetic beans with a known truth, and a one-minute tour.",
         }
         for column, identifier in enumerate(_CARDS):

@@ -120,7 +120,7 @@ def found_subjects(paths: Iterable[Path]) -> list[Subject]:
             found += read_cohort(path).subjects
         elif suffix is None:
             raise InputError(
-                f"{path.name} is no segmentation or surface; known files end in "
+                f"{path.name} is not a segmentation or surface; known suffixes are "
                 f"{', '.join(IMAGE_SUFFIXES + MESH_SUFFIXES)}"
             )
         else:

@@ -31,7 +31,7 @@ class ViewBar(QFrame):
         self.opacity.setRange(10, 100)
         self.opacity.setValue(100)
         self.opacity.setFixedWidth(56)
-        self.opacity.setToolTip("How opaque the surfaces are")
+        self.opacity.setToolTip("Opacity of the surfaces")
         self.opacity.setAccessibleName("Opacity of surfaces")
         self.opacity.valueChanged.connect(lambda value: self.opacity_changed.emit(value / 100.0))
         row.addWidget(self.opacity)

@@ -115,7 +115,7 @@ class Work(QObject):
             self._kept = None
             if ended.result is not None:
                 self._take_groomed(ended, settings.groom)
-                _log.info("%d subjects are groomed already", len(cohort.subjects))
+                _log.info("%d subjects are already groomed", len(cohort.subjects))
 
         work = Task(
             lambda tick: groomed_before(cohort, settings, project, tick), "looking for groomed shapes"
@@ -338,7 +338,7 @@ class Work(QObject):
         self.cancelled_run = None
         self.awaits_result = False
         if loaded is None:
-            _log.warning("there are too few particles to keep")
+            _log.warning("too few particles to keep")
             return
         self._session.result = loaded
         _log.info("%s", loaded.summary)

@@ -38,7 +38,7 @@ def checked_particles(particles: ArrayLike, names: Sequence[str] | None = None) 
     bad = np.flatnonzero(~np.isfinite(array).all(axis=(1, 2)))
     if len(bad):
         who = ", ".join(_name(names, one) for one in bad[:5])
-        raise InputError(f"{who}: particle positions that are not finite numbers; leave out or run again")
+        raise InputError(f"{who}: particle positions that are not finite numbers; exclude it or run again")
     return frozen(array)
 
 
@@ -67,7 +67,7 @@ def refuse_duplicates(particles: FloatArray, names: Sequence[str] | None = None)
         if one != original:
             raise InputError(
                 f"{_name(names, one)}: has exactly the particles of {_name(names, int(original))}; "
-                "leave out one of them"
+                "exclude one of them"
             )
 
 

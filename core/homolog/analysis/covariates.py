@@ -53,7 +53,7 @@ def covariate_columns(
         if missing:
             who = ", ".join(_name(names, index) for index in missing[:5])
             raise InputError(
-                f"covariate {title!r}: no value for {who}; fill it in, or leave such subjects out "
+                f"covariate {title!r}: no value for {who}; fill it in, or exclude such subjects "
                 "(complete cases)"
             )
         found = None if title in categories else _numeric(title, values, names)
@@ -64,7 +64,7 @@ def covariate_columns(
         else:
             block = found[:, None]
         if block.shape[1] == 0 or np.ptp(block[:, 0]) == 0.0:
-            raise InputError(f"covariate {title!r} is the same for all subjects; leave it out")
+            raise InputError(f"covariate {title!r} is the same for all subjects; remove it")
         columns.append(block)
     joined = np.hstack(columns)
     standardised: FloatArray = (joined - joined.mean(axis=0)) / joined.std(axis=0)
@@ -93,7 +93,7 @@ def _numeric(title: str, values: Sequence[str | float], names: Sequence[str] | N
         if len(odd) < len(values) / 2.0:
             cells = ", ".join(f"{values[index]!r} of {_name(names, index)}" for index in odd[:5])
             raise InputError(
-                f"{title!r} holds numbers, but also {cells}; correct or empty the cell, or declare "
+                f"{title!r} contains numbers, but also {cells}; correct or empty the cell, or declare "
                 f"categories ({title}:c)"
             )
         return None

@@ -133,7 +133,7 @@ def regression_design(values: FloatArray, covariates: FloatArray | None = None) 
     """
     column = np.asarray(values, dtype=np.float64)
     if column.ndim != 1 or not np.isfinite(column).all():
-        raise InputError("the variable has values that are missing or not finite; leave those subjects out")
+        raise InputError("the variable has values that are missing or not finite; exclude those subjects")
     if np.ptp(column) == 0.0:
         raise InputError("the variable is the same for all subjects; there is nothing to regress on")
     return _design(column[:, None], covariates, "the variable")
@@ -170,6 +170,6 @@ def _extended(basis: FloatArray, columns: FloatArray, fault: str) -> FloatArray:
         rest -= basis @ (basis.T @ rest)
         length = np.linalg.norm(rest)
         if length <= _DEPENDENT * np.linalg.norm(column):
-            raise InputError(f"{fault}; leave one of them out")
+            raise InputError(f"{fault}; remove one of them")
         basis = np.column_stack([basis, rest / length])
     return basis

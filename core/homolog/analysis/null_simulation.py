@@ -115,7 +115,7 @@ def null_simulation(
     names = (WHOLE_SHAPE_F, WHOLE_SHAPE_PERMUTATION, _FAMILY_WISE, _NOT_CORRECTED)
     alarms = np.zeros(len(names), np.int64)
     for some in relabellings(design, repeats, chunk=_CHUNK, seed=seed + 1, exhaustive=False):
-        tick(done / total, "null simulation: false alarms")
+        tick(done / total, "null simulation: type I error rates")
         explained = local.explained(some)
         p = wilks_p(1.0 - explained, local.variables, design.tested.shape[1], design.error_dof)
         found = (

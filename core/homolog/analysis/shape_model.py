@@ -224,7 +224,7 @@ class ShapeModel:
             model = cls(**stored)
         except (TypeError, ValueError) as error:
             raise InputError(
-                f"{path}: holds no shape model; give a file that ShapeModel.save wrote"
+                f"{path}: contains no shape model; give a file that ShapeModel.save wrote"
             ) from error
         modes, *shape = model.components.shape if model.components.ndim == 3 else (0,)
         if (
@@ -233,7 +233,7 @@ class ShapeModel:
             or model.scores.shape != (*model.sizes.shape, modes)
         ):
             raise InputError(
-                f"{path}: holds no shape model: its arrays do not belong together; save it again"
+                f"{path}: contains no shape model: its arrays do not belong together; save it again"
             )
         return model
 

@@ -65,10 +65,10 @@ def test_the_table_says_what_the_analysis_found(compare, bean_project):
     assert texts["Hotelling's T²"] == f"{test.t_squared:.1f}"
     assert texts["All 252 permutations"].startswith("p = ")
     assert "95 % CI" in texts["Mahalanobis D"]
-    local = texts["Local, corrected p ≤ 0.05"]
+    local = texts["Significant area (FWE-corrected p ≤ 0.05)"]
     assert (" mm² or " in local) == bool((answer.pair.local.p_family <= 0.05).any())
     assert "of 128 particles" in local
-    assert any(name.startswith("False alarms of F") for name in texts)
+    assert any(name.startswith("Type I error (F test)") for name in texts)
     assert "slim" in page.verdict.text()
     assert "permutation" in page.words.text().lower()
 

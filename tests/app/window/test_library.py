@@ -354,7 +354,7 @@ def test_the_subject_that_an_error_names_can_be_shown_or_left_out(groomed, wait)
     pressed("Show c")
     assert groomed.step == "cohort"
     assert groomed.desk.session.selection == ("c",)
-    pressed("Leave it out and go on")
+    pressed("Exclude it and continue")
     assert [one.name for one in groomed.desk.session.study.included] == ["a", "b", "d"]
     wait(lambda: groomed.desk.session.result is not None)
     assert groomed.desk.session.result.result.names == ("a", "b", "d")
@@ -398,7 +398,7 @@ def test_a_result_of_another_cohort_or_other_settings_says_so_on_every_page(expl
     assert words.text() == ""
     session.select(["b"])
     explored.commands["edit.include"].trigger()
-    assert "b is left out in Cohort" in words.text()
+    assert "b is excluded in Cohort" in words.text()
     explored.commands["edit.undo"].trigger()
     assert words.text() == ""
     groom = session.study.settings.groom.model_copy(update={"smoothing": 2.0})

@@ -203,7 +203,7 @@ def test_after_a_kill_in_mid_run_the_next_start_offers_what_was_lost(
     window.library.offer_recovery()
     assert asked == [
         "Recover a study that was never saved? "
-        "The program ended without closing it: 4 subjects, a run was going on."
+        "The program ended without closing it: 4 subjects, a run was in progress."
     ]
     session = window.desk.session
     assert [one.name for one in session.study.members] == ["a", "b", "c", "d"]

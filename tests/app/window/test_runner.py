@@ -71,7 +71,7 @@ def test_a_job_that_was_cancelled_before_it_began_never_works(runner, wait):
 
 def test_only_one_job_goes_on_at_a_time(runner):
     runner.start(Task(forever, ""))
-    with pytest.raises(RuntimeError, match="going on"):
+    with pytest.raises(RuntimeError, match="in progress"):
         runner.start(Task(forever, ""))
 
 

@@ -94,7 +94,7 @@ def test_twenty_good_files_load_and_five_bad_ones_are_listed_with_their_reason(
     wait(lambda: len(session.surveys) == 25)
     assert len(session.study.included) == 20
     panel = window.inspector.cohort
-    assert panel.problems.text().startswith("5 files left out.")
+    assert panel.problems.text().startswith("5 files excluded.")
     rows = {panel.rows.index(row, 0).data(): row for row in range(panel.rows.rowCount())}
     for name in ("bad_cut", "bad_empty", "bad_text", "bad_open", "bad_blank"):
         reason = session.surveys[name].problem

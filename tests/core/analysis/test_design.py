@@ -41,7 +41,7 @@ def test_decimals_with_commas_are_the_numbers_that_they_mean():
         ({"age": ["40", "40", "40"]}, "'age' is the same for all subjects"),
         ({"sex": ["m", "m", "m"]}, "'sex' is the same for all subjects"),
         ({"dose": ["1,250", "900", "1,100"]}, "'dose': 1,250 may be a decimal number or thousands"),
-        ({"age": ["40", "?", "60"]}, "'age' holds numbers, but also '\\?' of Ben"),
+        ({"age": ["40", "?", "60"]}, "'age' contains numbers, but also '\\?' of Ben"),
         ({"age": ["40", "30 y", "60"]}, "'30 y' of Ben"),
         ({"age": [40.0, np.inf, 60.0]}, "inf of Ben is not finite"),
     ],

@@ -87,7 +87,7 @@ def test_what_is_no_saved_model_is_refused(ellipsoids, tmp_path):
     np.savez(tmp_path / "odd.npz", mean=model.mean, components=model.components, explained_variance=[1.0],
              scores=model.scores, sizes=model.sizes)  # fmt: skip
     for name in ("other.npz", "odd.npz"):
-        with pytest.raises(InputError, match=f"{name}: holds no shape model"):
+        with pytest.raises(InputError, match=f"{name}: contains no shape model"):
             ShapeModel.load(tmp_path / name)
 
 

@@ -22,7 +22,7 @@ __all__ = ["LookAt"]
 
 _HINT = Qt.ItemDataRole.UserRole + 1
 _NOBODY: IntArray = np.empty(0, np.int64)
-_TORN = "A pattern on the usual shape, carried by the particles; it tears where they are wrong."
+_TORN = "A pattern carried by the particles from the average shape; it tears where they are wrong."
 _SHARE = "What each particle adds to this part of the objective: compare places, not absolute values."
 _SHOW = {
     "Particles by place": ("places", "Click a particle in a view: it is ringed on every shape."),

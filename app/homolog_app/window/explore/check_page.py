@@ -1,4 +1,4 @@
-"""Where the correspondence may be wrong, and looking into it."""
+"""Find and repair places where the correspondence may be wrong."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -36,7 +36,7 @@ class CheckPage(ExplorePage):
     """List of suspects, the chosen particle, and what the views show of it."""
 
     title = "Check"
-    hint = "Where corresponding particles may not correspond. Choose a line to go there."
+    hint = "Particles that may be mismatched. Select a row to see them."
 
     def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
         super().__init__(desk, actions, fitted)
@@ -44,7 +44,7 @@ class CheckPage(ExplorePage):
         self.rows = SuspectModel(desk.theme)
         self.table = suspect_table(self.rows)
         self.state, self.words = label("", "Hint", wrap=True), label("", wrap=True)
-        self.again, self.export = button("Look for suspects"), button("Export list…")
+        self.again, self.export = button("Find suspects"), button("Export list…")
         self.mend = button("Optimize again here", "primary")
         self.mend_all_button = button("Optimize again at all suspects")
         self.keep = button("Keep in the project")
@@ -57,7 +57,7 @@ class CheckPage(ExplorePage):
         self._show_inspection()
 
     def enter(self) -> None:
-        """Look for suspects unless that was done."""
+        """Find suspects unless that was done."""
         self.checked.want()
 
     def stop(self) -> None:
@@ -167,9 +167,9 @@ class CheckPage(ExplorePage):
         if work.kind in _WORK and work.status is not None:
             self.state.setText(f"{work.status.message}: {100 * work.status.fraction:.0f} %")
         elif not self.checked.is_possible:
-            self.state.setText("Suspects are found by comparing subjects; it takes three.")
+            self.state.setText("Suspects are found by comparing three or more subjects.")
         elif found is None:
-            self.state.setText("Not looked for suspects yet.")
+            self.state.setText("Not checked yet.")
         elif not found.suspects:
             self.state.setText("No suspects: neighbours, normals, triangles and coverage are as usual.")
         else:
@@ -227,6 +227,6 @@ class CheckPage(ExplorePage):
             for one in found.suspects
             if one.subject == suspect.subject and np.isin(one.particles, suspect.particles).any()
         ]
-        outcome = "Not suspect any more." if not near else f"Still suspect: {near[0].words}."
-        self.words.setText(f"Optimized again. {outcome} Undo takes it back; saving keeps it.")
+        outcome = "No longer suspect." if not near else f"Still suspect: {near[0].words}."
+        self.words.setText(f"Optimized again. {outcome} Undo reverts it; saving keeps it.")
         self._go(suspect.subject, suspect.place)

@@ -152,7 +152,7 @@ class NormalSphere(QWidget):
         )
         painter.setPen(QColor(colours.dim))
         painter.drawText(
-            QPointF(left, top + 18), "Cross: Fréchet mean. Rings: 30° and 60°, rim 90°; hollow: beyond it."
+            QPointF(left, top + 18), "+ mean normal. Rings: 30°, 60°, 90° from it. Hollow: more than 90°."
         )
         painter.drawText(QPointF(left, top + 44), "Farthest from the mean:")
         painter.setPen(QColor(colours.text))

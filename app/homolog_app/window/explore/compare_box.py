@@ -30,5 +30,7 @@ class CompareBox(QWidget):
 
     def _show(self) -> None:
         other = self._fitted.other
-        self.words.setText(f"Beside it: {other.title}" if other else "Another run or method, side by side.")
+        self.words.setText(
+            f"Compared with: {other.title}" if other else "Another run or method, for comparison."
+        )
         self.leave.setVisible(other is not None)

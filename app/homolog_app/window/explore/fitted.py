@@ -71,7 +71,7 @@ class Fitted(QObject):
         """
         project, shape = Project(folder), self.shape
         if not project.exists:
-            raise InputError(f"{folder}: is no project; choose the folder of a project with a result")
+            raise InputError(f"{folder}: is not a project; choose the folder of a project with a result")
 
         def read(tick: Tick) -> "ModelShape":
             from homolog_app.window.explore.model_shape import facing, read_model_shape

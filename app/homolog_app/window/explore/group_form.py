@@ -41,17 +41,15 @@ class GroupForm(QWidget):
         )
         self.alignment = choice("Alignment", _ALIGNMENTS)
         self.alignment.setToolTip(
-            "How shapes are aligned before they are compared; size is tested apart in any case. Both "
+            "How shapes are aligned before they are compared; size is always tested separately. Both "
             "asks two questions at once; p-values are corrected for two answers (Bonferroni)"
         )
-        self.complete = QCheckBox("Leave out subjects with missing values")
-        self.complete.setToolTip(
-            "Complete cases: subjects without a value in a column that is used take no part"
-        )
+        self.complete = QCheckBox("Exclude subjects with missing values")
+        self.complete.setToolTip("Complete cases: exclude subjects with missing values in the columns used")
         self.slope = label("Does shape change with this number? (linear regression)", "Hint", wrap=True)
         self.allow = button("")
         self.allow.setAccessibleName("Covariates adjusted for")
-        self.allow.setToolTip("Columns whose effect on shape is taken out before the test")
+        self.allow.setToolTip("Columns whose effect on shape is removed before the test")
         self._covariates = QMenu(self.allow)
         self._covariates.setToolTipsVisible(True)
         self.allow.setMenu(self._covariates)
@@ -184,7 +182,7 @@ class GroupForm(QWidget):
             one = QAction(words.replace("&", "&&"), self._covariates, checkable=True)
             one.setData(name)
             one.setEnabled(not problem)
-            one.setToolTip(problem or f"Take the effect of {name} out of the shapes before the test")
+            one.setToolTip(problem or f"Remove the effect of {name} on shape before the test")
             one.setChecked(name in kept and not problem)
             one.toggled.connect(self._tell_covariates)
             self._covariates.addAction(one)

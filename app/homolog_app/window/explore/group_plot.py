@@ -27,7 +27,7 @@ class GroupPlot(ScatterPlot):
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme)
         self.setAccessibleName("Subjects along the discriminant")
-        self.hint = "Here stands where each subject lies between the groups, once they are compared."
+        self.hint = "The position of each subject between the groups appears here after the comparison."
         self.y_ticks: list[float] | None = []
         self.unit = "mm"
         self.ends = (0.0, 1.0)
@@ -47,7 +47,7 @@ class GroupPlot(ScatterPlot):
         heights = np.array(rows) + 0.3 * np.sin(_WAVE * np.arange(len(rows)))
         self.show_scores(
             np.column_stack([answer.places, heights]), [names[subject] for subject in pair.subjects], groups,
-            ("place along the discriminant, RMS over the particles (mm)", ""),
+            ("position along the discriminant, RMS over the particles (mm)", ""),
         )  # fmt: skip
         reach = 1.1 * float(np.abs(answer.places).max())
         self.x_range, self.y_range = (-reach, reach), (-0.7, 1.7)

@@ -99,7 +99,7 @@ def _mapped(
     title = shape.title if named else ""
     chosen = answer.discriminant if what == "discriminant" else answer.difference
     if chosen is None:
-        note = "no mode is above chance: no discriminant"
+        note = "parallel analysis retains no mode: no discriminant"
         if answer.values is not None:
             note = "a number has no discriminant; look at the difference"
         return model_content(shape, title or "mean", note, answer.start, Look(), alignment=placed)

@@ -47,7 +47,7 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     if study.left_out and study.request.complete_cases:
         gone = sum(why.startswith("no value") for why in study.left_out.values())
         rows.append(("Left out", f"{gone} with missing values"))
-    rows.append(("Modes above chance", str(test.modes)))
+    rows.append(("Modes retained (parallel analysis)", str(test.modes)))
     if pair.distance is not None and test.modes:
         words = interval_words(pair.distance, 3 if slope else 2)
         rows.append(("Change per unit" if slope else "Mahalanobis D", f"{words} SD"))
@@ -67,7 +67,7 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
         mean = ", ".join(f"{name} {value:.2f} mm" for name, value in pair.dispersion.by_group.items())
         p = p_words(pair.dispersion.p, pair.dispersion.permutations)
         rows.append(("Dispersion", f"{mean}, {p}" if mean else p))
-    rows.append((f"Local, corrected p ≤ {LEVEL:g}", region_words(study, pair)))
+    rows.append((f"Significant area (FWE-corrected p ≤ {LEVEL:g})", region_words(study, pair)))
     if slope:
         most = float(np.linalg.norm(answer.difference.ways, axis=1).max())
         rows.append(("Change", f"up to {short(most)} mm from {answer.first} to {answer.second}"))
@@ -87,5 +87,5 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     for one in pair.false_alarms[:1]:
         assert one.test == WHOLE_SHAPE_F
         bounds = f"{short(100 * one.low)}–{short(100 * one.high)}"
-        rows.append(("False alarms of F", f"{100 * one.rate:.1f} % ({bounds})"))
+        rows.append(("Type I error (F test)", f"{100 * one.rate:.1f} % ({bounds})"))
     return rows

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 __all__ = ["GroupsPage"]
 
 _MAPS = {"Mean difference": "difference", "Discriminant": "discriminant"}
-_LAYOUTS = {"The map": 1, "Ends and maps": 4}
+_LAYOUTS = {"The map": 1, "Group means and maps": 4}
 _WHOLE = 100
 _SEEDS = 5
 
@@ -56,7 +56,7 @@ class GroupsPage(ExplorePage):
     """The question, its answer in words and numbers, and how the map is shown."""
 
     title = "Groups"
-    hint = "What differs between groups, or changes with a number, and whether to trust it."
+    hint = "Differences between groups, or effects of a number, with their tests."
     plays = True
 
     def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
@@ -70,7 +70,9 @@ class GroupsPage(ExplorePage):
         self.nothing = label(
             "Give subjects groups in Cohort (Ctrl+G) or import a table. Two subjects make a group.", wrap=True
         )
-        self.stale = label("The question has changed. Compare again for its answer.", "Problem", wrap=True)
+        self.stale = label(
+            "The question has changed. Compare again to update the answer.", "Problem", wrap=True
+        )
         self.verdict = label("", "SectionTitle", wrap=True)
         self.asked = label("", "Hint", wrap=True)
         self.results = GroupResults()
@@ -96,11 +98,11 @@ class GroupsPage(ExplorePage):
         self.compare = CompareBox(actions, fitted)
         self.progress = Progress(actions)
         self.go = button("Compare groups", "primary")
-        self.keep = button("Keep for the report")
+        self.keep = button("Add to report")
         self.seeds = button(f"Repeat with {_SEEDS} seeds")
         self.seeds.setToolTip(
-            "Place the particles again with other seeds, keep the runs in the project, and say how far the "
-            "answer spreads; takes as long as that many runs"
+            "Place the particles again with other seeds, store the runs in the project, and report how the "
+            "answer varies; takes as long as that many runs"
         )
         self.plots = self.chart = GroupPlot(desk.theme)
         self._lay_out()
@@ -220,7 +222,7 @@ class GroupsPage(ExplorePage):
             lambda tick: keep_answers(project, answers, cohort, tick),
             "keeping the answer",
             lambda folders: self.kept.setText(
-                f"Kept in {', '.join(str(one) for one in folders)}; Export > Report has it."
+                f"Stored in {', '.join(str(one) for one in folders)}; Export > Report includes it."
             ),
         )
 

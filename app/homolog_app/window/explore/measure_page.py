@@ -106,7 +106,7 @@ class MeasurePage(ExplorePage):
         self.view.setAccessibleName("Measures of the subjects")
         self.view.setMinimumHeight(200)
         self.body.addLayout(grid)
-        self.body.addWidget(label("Or click on the shape: the two are set in turn.", "FieldHelp", wrap=True))
+        self.body.addWidget(label("Or click on the shape to set the two in turn.", "FieldHelp", wrap=True))
         self.body.addLayout(along)
         self.body.addWidget(rule())
         self.body.addWidget(label("Subjects, in the size of their files", "SectionTitle"))

@@ -34,7 +34,7 @@ class ScreePlot(Plot):
     mode_chosen = Signal(int)
 
     def __init__(self, theme: Theme) -> None:
-        super().__init__(theme, "Variance of the modes", "Here stands how much each mode varies.")
+        super().__init__(theme, "Variance of the modes", "The variance of each mode appears here.")
         self._shares: FloatArray = np.empty(0)
         self._chance: FloatArray = np.empty(0)
         self._kept = 0
@@ -103,7 +103,7 @@ class ScatterPlot(Plot):
     morphed = Signal(float, float)
 
     def __init__(self, theme: Theme) -> None:
-        super().__init__(theme, "Subjects in two modes", "Here stands where each subject lies in the modes.")
+        super().__init__(theme, "Subjects in two modes", "The scores of the subjects appear here.")
         self.title = "Subjects"
         self.unit = "SD"
         self._points: FloatArray = np.empty((0, 2))

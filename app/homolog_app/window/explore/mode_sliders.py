@@ -147,7 +147,7 @@ class _Row(QWidget):
         self._value.setMinimumWidth(64)
         self._value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         words = f"{100 * share:.1f} % of variance · {short(rms)} mm at 1 SD"
-        self._about = label(words if above else f"{words} · not above chance", "FieldHelp")
+        self._about = label(words if above else f"{words} · not retained", "FieldHelp")
         self._about.setToolTip("Root-mean-square displacement of the particles at one standard deviation")
         self.slider.setAccessibleDescription(self._about.text())
         grid = QGridLayout(self)

@@ -157,7 +157,9 @@ class ModesPage(ExplorePage):
         kept = shape.parallel.kept
         verb = "mode is" if kept == 1 else "modes are"
         share = 100.0 * float(shape.model.explained_variance_ratio[:kept].sum())
-        self.state.setText(f"{kept} {verb} above chance: {share:.1f} % of the variance (parallel analysis).")
+        self.state.setText(
+            f"{kept} {verb} retained by parallel analysis: {share:.1f} % of the variance (parallel analysis)."
+        )
 
     def _follow_sliders(self) -> None:
         first, second = self.charts.axes

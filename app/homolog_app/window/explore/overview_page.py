@@ -25,7 +25,7 @@ class OverviewPage(ExplorePage):
     """What the run came to, and how to look at it."""
 
     title = "Overview"
-    hint = "Equal colours mark corresponding places. Turn, page and play."
+    hint = "Equal colours mark corresponding places."
 
     def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
         super().__init__(desk, actions, fitted)
@@ -83,7 +83,7 @@ class OverviewPage(ExplorePage):
         else:
             old = [one.title for one, outdated in kept if outdated]
             words = "\n".join(
-                ["Out of date, since particles were placed anew: compare again, or write the report:", *old]
+                ["Out of date, since particles were placed again: compare again, or write the report:", *old]
             ) if old else ""  # fmt: skip
         self.kept.setText("\n".join(one.title for one, outdated in kept if not outdated))
         self.outdated.setText(words)
@@ -96,7 +96,7 @@ class OverviewPage(ExplorePage):
         loaded = self._session.result
         self.summary.setText(loaded.summary if loaded else "")
         self.playback.setText(
-            "Space plays the run from its stored frames; the slider below the views goes anywhere."
+            "Space replays the run from its stored frames; the slider below the views seeks."
             if loaded and loaded.frames
             else "This run can't be played: only the window keeps frames of its runs."
         )

@@ -15,7 +15,7 @@ def content_problem(chooser: MotionChooser | GroupChooser, settings: BaseModel |
     """Return what is wrong with what is chosen to be exported, or nothing."""
     at_rest = isinstance(chooser, MotionChooser) and chooser.kind == "mean"
     if isinstance(settings, FilmSettings) and at_rest and not settings.turntable:
-        return "The mean shape stands still: switch the turntable on."
+        return "The mean shape does not move: switch the turntable on."
     if isinstance(settings, PlotSettings):
         named = bool(chooser.arguments())
         if named != settings.kind.needs_groups:
@@ -26,11 +26,11 @@ def content_problem(chooser: MotionChooser | GroupChooser, settings: BaseModel |
 def place_problem(out: Path | None, suffixes: tuple[str, ...]) -> str:
     """Return what is wrong with the place of a file with one of the suffixes, or of a folder, or nothing."""
     if out is None:
-        return "Say where to save."
+        return "Choose where to save."
     if suffixes and out.suffix.lower() not in suffixes:
         kinds = ", ".join(one or "no ending for a folder of pictures" for one in suffixes)
         return f"The name must end in {kinds}."
     is_folder = not suffixes or not out.suffix
     if is_folder and out.exists() and (not out.is_dir() or any(out.iterdir())):
-        return "That folder is there already; choose a new name."
+        return "That folder already exists; choose a new name."
     return ""

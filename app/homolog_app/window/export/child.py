@@ -82,7 +82,7 @@ class Child(QObject):
         if self._cancelled or code == _CANCELLED:
             self.ended.emit("cancelled", "")
         else:
-            self.ended.emit("failed", "\n".join(lines[-6:]) or "The export ended without a word.")
+            self.ended.emit("failed", "\n".join(lines[-6:]) or "The export ended without a message.")
 
     @Slot(QProcess.ProcessError)
     def _fail(self, error: QProcess.ProcessError) -> None:

@@ -137,7 +137,9 @@ class ExportDialog(QDialog):
         if self.kind.place:
             browse = button("Browse…")
             browse.clicked.connect(self._browse)
-            layout.addLayout(_row("Save as" if self.kind.suffixes else "Folder to make", self.place, browse))
+            layout.addLayout(
+                _row("Save as" if self.kind.suffixes else "Folder to create", self.place, browse)
+            )
         layout.addLayout(_row("Command line", self.line, self.copy))
         layout.addWidget(self.bar)
         layout.addWidget(self.note)
@@ -227,7 +229,7 @@ class ExportDialog(QDialog):
         return content or (place_problem(self.out, self.kind.suffixes) if self.kind.place else "")
 
     def _warning(self) -> str:
-        return "Replaces the file that is there." if self.out is not None and self.out.is_file() else ""
+        return "Replaces the existing file." if self.out is not None and self.out.is_file() else ""
 
     @Slot()
     def _browse(self) -> None:

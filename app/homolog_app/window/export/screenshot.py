@@ -53,7 +53,7 @@ class ScreenshotDialog(ExportDialog):
         words = [super()._warning()]
         if beside is not None:
             words.append(
-                "The project does not hold what is shown, so it is written beside the picture, for the "
+                "The project does not contain what is shown, so it is written with the picture, for the "
                 f"command line: {beside.name}."
             )
         return " ".join(one for one in words if one)

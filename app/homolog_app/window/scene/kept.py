@@ -107,7 +107,7 @@ def read_shown(path: Path) -> tuple[Shown, Canvas]:
         contents = [_content(*one) for one in zip(words.names, words.notes, parts, strict=True)]
         balls = dict(zip(words.names, map(_particles, parts), strict=True))
     except (KeyError, ValueError, np.linalg.LinAlgError) as error:  # pydantic's errors are ValueErrors
-        raise InputError(f"{path}: holds no views of Homolog; take the picture again") from error
+        raise InputError(f"{path}: contains no views of Homolog; take the picture again") from error
     particles = {name: one for name, (one, _) in balls.items() if len(one)}
     tints = {name: one for name, (_, one) in balls.items() if len(one)}
     return Shown(contents, words.columns, scale, particles, tints), words.canvas
