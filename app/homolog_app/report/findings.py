@@ -163,8 +163,8 @@ def cautions(study: Study) -> list[str]:
     ]
     unlike = [words for comparison in study.comparisons if (words := _dispersion_words(comparison))]
     loose = [
-        f"{comparison.title}: the type I error rate of the F test is {100 * excess:.1f} % higher than that of "
-        "the permutation test; trust the latter."
+        f"{comparison.title}: the type I error rate of the F test is {100 * excess:.1f} % higher than that "
+        "of the permutation test; trust the latter."
         for comparison in study.comparisons
         if (excess := _excess(comparison)) > _LOOSE
     ]

@@ -186,7 +186,7 @@ def _repeated(project: Project, record: ResultRecord, seed: int, tick: Tick) -> 
     kept = tuple(subject for subject in cohort.subjects if subject.name in names)
     if len(kept) < len(names):
         gone = sorted(names - {item.name for item in kept})
-        raise InputError(f"{gone[0]}: is no more among the project's subjects; run the project again first")
+        raise InputError(f"{gone[0]}: is no longer among the project's subjects; run the project again first")
     job = Run(again, Cohort(kept, cohort.folder), settings)
 
     def observe(fraction: float, message: str) -> None:

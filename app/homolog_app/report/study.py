@@ -363,7 +363,7 @@ def _notes(result: Result, request: StudyRequest) -> tuple[str, ...]:
             if column in columns and numbers(column_of(result, column)) is not None:
                 continue
             spelled = " and ".join(repr(item) for item in alike)
-            notes.append(f"Column {column!r} holds {spelled}, which were taken as different values.")
+            notes.append(f"Column {column!r} contains {spelled}, which were treated as different values.")
     if SIZE in known and SIZE in (request.column, *columns):
         notes.append(f"'size' is the column of the cohort's table; the size of the shapes is {SHAPE_SIZE!r}.")
     if request.earlier:

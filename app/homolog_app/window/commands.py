@@ -187,7 +187,7 @@ COMMANDS = (
     Command("check.mend_all", "Optimize again at all suspects",
             "Optimize the particles around every suspect in the list again.",
             "Explore/Suspects", "", "redo_one", "idle_result"),
-    Command("check.keep", "Keep in the project", "Write particles that were optimized again to the project.",
+    Command("check.keep", "Save to project", "Save repaired particles to the project.",
             "Explore/Suspects", "", "save", "idle_result"),
     Command("check.export", "Export suspects…", "Write the list of suspects to a CSV or JSON file.",
             "Explore/Suspects", "", "export", "result"),

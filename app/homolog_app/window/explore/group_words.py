@@ -26,7 +26,7 @@ def asked_words(request: StudyRequest) -> str:
     how = SIZE_WORDS[request.alignment]
     words = [f"{how[0].upper()}{how[1:]}"]
     words += [f"adjusted for {', '.join(request.covariates)}"] if request.covariates else []
-    words += ["subjects with missing values left out"] if request.complete_cases else []
+    words += ["subjects with missing values excluded"] if request.complete_cases else []
     return f"{', '.join(words)}."
 
 
