@@ -145,7 +145,7 @@ def test_a_subject_that_lies_far_from_all_others_is_named_first(project, capsys)
         (["--pairs", "twin"], "between two values of a column"),
         (["--pairs", "twin", "--between", "X", "Y"], "no subject is in 'X'; groups are: A, B, C"),
         (["--pairs", "twin", "--regress", "age"], "can't be combined with --regress"),
-        (["--covariates", "age", "age"], "'age' is named twice"),
+        (["--covariates", "age", "age"], "'age' is given twice"),
         (["--covariates", "dose"], "'dose' contains numbers, but also '30 y' of subject 3"),
         (["--covariates", "weight"], "'inf' of subject 2 is not finite"),
         (["--size", "with", "--alignment", "rigid"], "give one of them"),
