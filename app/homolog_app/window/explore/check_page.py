@@ -48,7 +48,9 @@ class CheckPage(ExplorePage):
         self.mend = button("Optimize again here", "primary")
         self.mend_all_button = button("Optimize again at all suspects")
         self.keep = button("Save to project")
-        self.unsaved = label("Particles have changed; the project still has the previous ones.", "Hint", wrap=True)
+        self.unsaved = label(
+            "Particles have changed; the project still has the previous ones.", "Hint", wrap=True
+        )
         self.progress = Progress(actions)
         self.look = LookAt(desk)
         self.plots = self.sphere = NormalSphere(desk.theme)
