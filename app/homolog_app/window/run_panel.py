@@ -98,7 +98,7 @@ class RunPanel(Panel):
         self.go.setVisible(status is None)
         self.form.setEnabled(status is None)
         self.device.setEnabled(status is None)
-        self.pause.setText("Go on" if status is not None and status.paused else "Pause")
+        self.pause.setText("Resume" if status is not None and status.paused else "Pause")
         self.refresh()
 
     def refresh(self) -> None:

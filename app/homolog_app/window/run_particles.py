@@ -76,7 +76,7 @@ class RunParticles(QObject):
         if time.value() == time.maximum():
             time.setValue(0)
         self._player.start()
-        self._window.commands["run.play"].setText("Hold")
+        self._window.commands["run.play"].setText("Pause")
 
     def stop(self) -> None:
         """Hold."""

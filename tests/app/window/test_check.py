@@ -327,5 +327,5 @@ def test_two_subjects_are_told_to_be_too_few(explored, errors, wait):
     session.facts_changed.emit()
     explored.commands["explore.check"].trigger()
     settled(explored, wait)
-    assert "takes three" in page_of(explored).state.text()
+    assert "three or more" in page_of(explored).state.text()
     assert not errors

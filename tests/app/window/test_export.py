@@ -176,7 +176,7 @@ def test_what_is_wrong_is_said_and_nothing_can_be_started(dialog, tmp_path):
     film = dialog("film")
     (tmp_path / "mine.txt").write_text("")
     for text, words in (
-        ("", "Say where"), ("film.avi", "must end in .mp4, .gif"), (str(tmp_path), "is there already"),
+        ("", "Choose where"), ("film.avi", "must end in .mp4, .gif"), (str(tmp_path), "already exists"),
     ):  # fmt: skip
         film.place.setText(text)
         assert words in film.note.text()

@@ -17,7 +17,7 @@ def test_particles_are_added_to_the_result(explored, wait):
     session, panel = explored.desk.session, explored.inspector.correspond
     command = explored.commands["run.more"]
     assert not command.isEnabled()
-    assert "Ask for more than 32 particles" in panel.further.text()
+    assert "more than 32 particles" in panel.further.text()
     ask_for(explored, 48)
     assert panel.more.text() == "Add 16 particles"
     before = session.result.result.local
@@ -57,7 +57,7 @@ def test_why_it_is_not_possible_is_said_where_the_button_is(explored, wait):
     explored.commands["edit.undo"].trigger()
     groom = session.study.settings.groom.model_copy(update={"smoothing": 0.0})
     explored.desk.edit_settings("groom", "smoothing", groom)
-    assert "Grooming has other settings" in panel.further.text()
+    assert "grooming settings differ" in panel.further.text()
     assert not panel.more.isEnabled()
     assert not panel.fit.isEnabled()
 

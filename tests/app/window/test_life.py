@@ -37,7 +37,7 @@ def test_a_paused_run_stands_still_and_goes_on(groomed, errors, wait):
     groomed.commands["run.pause"].trigger()
     wait(lambda: work.run_job.status.paused)
     frame = work.run_job.frame
-    wait(lambda: groomed.inspector.correspond.pause.text() == "Go on")
+    wait(lambda: groomed.inspector.correspond.pause.text() == "Resume")
     assert work.run_job.frame is frame
     groomed.commands["run.pause"].trigger()
     wait(lambda: work.run_job.frame is not frame)

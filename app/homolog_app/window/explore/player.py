@@ -68,7 +68,7 @@ class Player(QWidget):
         else:
             self._phase, self._seen = 0.0, time.perf_counter()
             self._timer.start()
-            self.go.setText("Hold")
+            self.go.setText("Pause")
 
     def stop(self) -> None:
         """Hold."""
