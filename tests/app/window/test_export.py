@@ -208,7 +208,7 @@ def test_what_would_stand_still_or_compare_nothing_is_not_started(dialog):
 
     film, plot = dialog("film"), dialog("plot")
     film.chooser.what.setCurrentIndex(film.chooser.what.findData("mean"))
-    assert "stands still" in film.note.text()
+    assert "does not move" in film.note.text()
     film._edit("", film.settings.model_copy(update={"turntable": True}))
     assert film.go.isEnabled()
     plot._edit("", plot.settings.model_copy(update={"kind": Plot.DIFFERENCE}))

@@ -53,7 +53,7 @@ def test_why_it_is_not_possible_is_said_where_the_button_is(explored, wait):
     session.select(["b"])
     session.toggle_included()
     assert panel.further.text().startswith("b of the result is excluded")
-    assert "Not now: ask for more particles" in panel.more.toolTip()
+    assert "Not now: set more particles" in panel.more.toolTip()
     explored.commands["edit.undo"].trigger()
     groom = session.study.settings.groom.model_copy(update={"smoothing": 0.0})
     explored.desk.edit_settings("groom", "smoothing", groom)

@@ -77,7 +77,7 @@ def test_a_project_whose_run_was_stopped_says_so_when_it_is_opened(
     window.library.take([tmp_path / "stopped"])
     assert window.step == "correspond"
     wait(lambda: window.inspector.correspond.resume.isVisible())
-    assert "Resume goes on" in window.inspector.correspond.summary.text()
+    assert "Resume continues" in window.inspector.correspond.summary.text()
 
 
 def test_fifty_random_orders_leave_the_window_whole(groomed, errors, wait, quick):
