@@ -23,7 +23,7 @@ from homolog.analysis.dispersion import dispersion_test
 from homolog.analysis.effects import size_effect
 from homolog.analysis.local_map import LocalStatistic
 from homolog.analysis.mode_test import ModeStatistic
-from homolog.analysis.permutation import counted_p, relabellings
+from homolog.analysis.permutation import permutation_p_value, relabellings
 from homolog.analysis.studentized import identity
 from homolog.threads import on_one_thread
 
@@ -153,8 +153,8 @@ def called(data: np.ndarray, design: Design, members: dict, seed: int) -> list[b
     spread = dispersion_test(data, design, MODES, members, permutations=PERMUTATIONS, seed=seed + 2)
     p = [
         float(np.exp(whole.log_p(real)[0])),
-        float(counted_p(whole.studentized(real), np.concatenate(ratios))[0]),
-        float(counted_p(local.studentized(real).max(), np.concatenate(largest))),
+        float(permutation_p_value(whole.studentized(real), np.concatenate(ratios))[0]),
+        float(permutation_p_value(local.studentized(real).max(), np.concatenate(largest))),
         1.0 if found is None else found.p,
         1.0 if spread is None else spread.p,
     ]

@@ -18,12 +18,12 @@ import os, signal, sys
 from pathlib import Path
 from homolog.cohort import read_cohort
 from homolog.files.project import Project
-from homolog.run import Run, tables
+from homolog.run import Run, table_cache
 from homolog.settings import RunSettings
 
 folder, settings, place, times = sys.argv[1:]
 left = int(times)
-tables._WORTH_S = 0.0  # so short a run would keep none
+table_cache._WORTH_S = 0.0  # so short a run would keep none
 
 def die(event, arguments):
     global left

@@ -14,7 +14,7 @@ from pathlib import Path
 from homolog.cohort import read_cohort
 from homolog.files.project import Project
 from homolog.files.results import read_result
-from homolog.run import Run, tables
+from homolog.run import Run, table_cache
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 
 SETTINGS = RunSettings(
@@ -24,7 +24,7 @@ SETTINGS = RunSettings(
     workers=1,
 )
 COHORT, WHOLE, KILLED = Path("scans"), Path("whole"), Path("killed")
-tables._WORTH_S = 0.0  # so short a run would keep none
+table_cache._WORTH_S = 0.0  # so short a run would keep none
 
 def run(folder, follow=lambda phase: None, **how):
     Run(Project(folder), read_cohort(COHORT), SETTINGS, **how).execute(lambda status: follow(status.phase))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.outliers import outlying
+from homolog.analysis.outliers import shape_outliers
 from homolog.analysis.parallel import parallel_analysis
 from homolog.analysis.shape_model import ShapeModel
 from homolog.files.names import file_stems
@@ -102,7 +102,7 @@ def _write_subjects(path: Path, project: Project, result: Result, model: ShapeMo
     """Write each subject's measures, of its groomed surface at its own size, with the cohort's columns."""
     record = project.read().result
     assert record is not None, "a result that was read has a record"
-    far = set(outlying(result.world).tolist())
+    far = set(shape_outliers(result.world).tolist())
     apart = np.sqrt(np.square(result.world - model.mean).sum(axis=2).mean(axis=1))
     own = _columns(result)
     rows = []

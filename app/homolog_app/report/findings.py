@@ -8,7 +8,7 @@ import numpy as np
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.effects import Effect
 from homolog.analysis.null_simulation import WHOLE_SHAPE_F, WHOLE_SHAPE_PERMUTATION
-from homolog.analysis.outliers import outlying
+from homolog.analysis.outliers import shape_outliers
 from homolog.files.results import Result
 from homolog_app.report.study import Study
 
@@ -129,7 +129,7 @@ def findings(study: Study) -> list[Finding]:
 
 def outlier_words(result: Result) -> list[str]:
     """Return a warning if subjects lie far from all others."""
-    far = [result.names[index] for index in outlying(result.world)]
+    far = [result.names[index] for index in shape_outliers(result.world)]
     if not far:
         return []
     verb = "lies" if len(far) == 1 else "lie"
@@ -213,7 +213,7 @@ def _excess(comparison: Comparison) -> float:
 
     The permutation test is exact; both rates share the chance of which relabellings were drawn.
     """
-    rates = {test.test: test.rate for test in comparison.false_alarms}
+    rates = {test.test: test.rate for test in comparison.false_positives}
     return rates.get(WHOLE_SHAPE_F, 0.0) - rates.get(WHOLE_SHAPE_PERMUTATION, 0.0)
 
 

@@ -200,7 +200,7 @@ def _statistics(study: Study) -> str:
             f"the discriminant's map come from {len(lines[0].bootstrap)} bootstrap cohorts drawn within "
             "groups."
         )
-    if first.false_alarms:
+    if first.false_positives:
         words.append(
             f"Labels were permuted {request.null_repeats} times to estimate type I error rates on this "
             "cohort."

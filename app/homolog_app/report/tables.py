@@ -64,9 +64,9 @@ def write_study_tables(
         "null_simulation.csv",
         ["comparison", "test", "false_alarms", "repeats", "rate", "low_95", "high_95"],
         (
-            [comparison.title, test.test, test.alarms, test.repeats, test.rate, test.low, test.high]
+            [comparison.title, test.test, test.false_positives, test.repeats, test.rate, test.low, test.high]
             for comparison in study.comparisons
-            for test in comparison.false_alarms
+            for test in comparison.false_positives
         ),
     )
     write(

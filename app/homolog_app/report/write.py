@@ -210,7 +210,7 @@ def _study_section(
         if figure.heading:
             page.heading(figure.heading, 3)
         page.figures([figure])
-    alarms = [
+    false_positives = [
         (
             comparison.title,
             test.test,
@@ -218,9 +218,9 @@ def _study_section(
             f"{100 * test.low:.1f} – {100 * test.high:.1f}",
         )
         for comparison in study.comparisons
-        for test in comparison.false_alarms
+        for test in comparison.false_positives
     ]
-    if alarms:
+    if false_positives:
         page.heading("Type I error rates on this cohort", 3)
         page.paragraph(
             f"The labels were permuted {study.request.null_repeats} times, so that there is nothing to "
@@ -229,7 +229,7 @@ def _study_section(
             "normal distributions may be assumed. The table can't show what differences in dispersion do; "
             "see Assumptions."
         )
-        page.table(["comparison", "test", "type I error (%)", "95 % bounds"], alarms, words=True)
+        page.table(["comparison", "test", "type I error (%)", "95 % bounds"], false_positives, words=True)
 
 
 _COLUMNS = (

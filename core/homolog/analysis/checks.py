@@ -37,7 +37,7 @@ def checked_particles(particles: ArrayLike, names: Sequence[str] | None = None) 
         raise InputError(f"statistics need at least two subjects, not {len(array)}; add subjects")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=(1, 2)))
     if len(bad):
-        who = ", ".join(_name(names, one) for one in bad[:5])
+        who = ", ".join(_name(names, item) for item in bad[:5])
         raise InputError(f"{who}: particle positions that are not finite numbers; exclude it or run again")
     return frozen(array)
 
@@ -63,10 +63,10 @@ def refuse_duplicates(particles: FloatArray, names: Sequence[str] | None = None)
     _, first, member = np.unique(
         particles.reshape(len(particles), -1), axis=0, return_index=True, return_inverse=True
     )
-    for one, original in enumerate(first[member]):
-        if one != original:
+    for item, original in enumerate(first[member]):
+        if item != original:
             raise InputError(
-                f"{_name(names, one)}: has exactly the particles of {_name(names, int(original))}; "
+                f"{_name(names, item)}: has exactly the particles of {_name(names, int(original))}; "
                 "exclude one of them"
             )
 

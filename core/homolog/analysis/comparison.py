@@ -10,7 +10,7 @@ from homolog.analysis.dispersion import Dispersion, dispersion_test
 from homolog.analysis.effects import Effect, corrected_distance, size_effect
 from homolog.analysis.local_map import LocalMap, local_map
 from homolog.analysis.mode_test import ModeTest, mode_test
-from homolog.analysis.null_simulation import FalseAlarms, null_simulation
+from homolog.analysis.null_simulation import FalsePositives, null_simulation
 from homolog.analysis.procrustes import Alignment, aligned, sizes
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.progress import Tick, part_of
@@ -94,7 +94,7 @@ class Comparison:
     accuracy_p_adjusted, auc_p_adjusted : float or None
         Permutation p of the discriminant's accuracy and AUC, corrected for pairs of groups (Holm) and answers
         (Bonferroni).
-    false_alarms : tuple of FalseAlarms
+    false_positives : tuple of FalsePositives
         What the same tests find on this cohort when labels mean nothing; empty without a null simulation.
     notes : tuple of str
         What was done another way than asked for.
@@ -115,7 +115,7 @@ class Comparison:
     p_adjusted: float
     p_family: FloatArray
     size_p_adjusted: float | None
-    false_alarms: tuple[FalseAlarms, ...]
+    false_positives: tuple[FalsePositives, ...]
     notes: tuple[str, ...] = ()
     accuracy_p_adjusted: float | None = None
     auc_p_adjusted: float | None = None
@@ -175,9 +175,9 @@ def compared(
     test = mode_test(data, design, modes=options.modes, **drawn, tick=part_of(tick, 0.0, 0.4))
     alike = () if design.covariates.shape[1] else tuple(members.values())
     local = local_map(data, design, members=alike, **drawn, tick=part_of(tick, 0.4, 0.8))
-    false_alarms: tuple[FalseAlarms, ...] = ()
+    false_positives: tuple[FalsePositives, ...] = ()
     if options.null_repeats and test.modes:
-        false_alarms = null_simulation(
+        false_positives = null_simulation(
             data,
             design,
             modes=test.modes,
@@ -200,7 +200,7 @@ def compared(
         p_adjusted=min(options.answers * test.p_permutation, 1.0),
         p_family=np.minimum(options.answers * local.p_family, 1.0),
         size_p_adjusted=None if found is None else found.p,
-        false_alarms=false_alarms,
+        false_positives=false_positives,
     )
 
 

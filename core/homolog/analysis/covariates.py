@@ -74,12 +74,12 @@ def covariate_columns(
 def lookalikes(values: Sequence[str]) -> list[tuple[str, ...]]:
     """Return categories spelled in different ways, such as ``Male`` and ``male``, or ``1`` and ``1.0``."""
     spelled: dict[str, list[str]] = {}
-    for value in dict.fromkeys(one for one in values if not is_missing(one)):
+    for value in dict.fromkeys(item for item in values if not is_missing(item)):
         plain = " ".join(value.casefold().split())
         with suppress(ValueError):
             plain = repr(float(plain))
         spelled.setdefault(plain, []).append(value)
-    return [tuple(one) for one in spelled.values() if len(one) > 1]
+    return [tuple(item) for item in spelled.values() if len(item) > 1]
 
 
 def _numeric(title: str, values: Sequence[str | float], names: Sequence[str] | None) -> FloatArray | None:

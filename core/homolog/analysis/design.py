@@ -104,11 +104,13 @@ def group_design(groups: Sequence[str], order: Sequence[str], covariates: FloatA
     unknown = sorted(set(groups) - set(order))
     if unknown:
         raise InputError(f"group {unknown[0]!r} is not among those compared: {', '.join(order)}")
-    for one in order:
-        count = int(np.count_nonzero(labels == one))
+    for entry in order:
+        count = int(np.count_nonzero(labels == entry))
         if count < 2:
-            raise InputError(f"group {one!r} has {count} of the two or more subjects that a comparison needs")
-    columns = np.column_stack([labels == one for one in order[1:]]).astype(np.float64)
+            raise InputError(
+                f"group {entry!r} has {count} of the two or more subjects that a comparison needs"
+            )
+    columns = np.column_stack([labels == item for item in order[1:]]).astype(np.float64)
     return _design(columns, covariates, "the group")
 
 

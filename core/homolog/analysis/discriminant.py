@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from homolog.analysis.effects import CONFIDENCE, Effect
-from homolog.analysis.permutation import counted_p
+from homolog.analysis.permutation import permutation_p_value
 from homolog.analysis.shape_model import principal_components
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.errors import InputError
@@ -149,34 +149,34 @@ def discriminant(
     direction, gap, middle, shrinkage = _fit(scores, second)
     generator = np.random.default_rng(seed)
     drawn = np.empty((bootstraps, len(basis)))
-    for one in range(bootstraps):
-        tick(0.5 * one / bootstraps, "bootstrap of the discriminant")
+    for index in range(bootstraps):
+        tick(0.5 * index / bootstraps, "bootstrap of the discriminant")
         again = _resampled(second, generator)
         way, length, _, _ = _fit(scores[again], second[again])
-        drawn[one] = way * length
+        drawn[index] = way * length
     folds = min(_MOST_FOLDS, smallest)
     gram = rows @ rows.T
     rounds = [
         _round(gram, second, extra, modes, folds, generator, part_of(tick, 0.5, 0.6)) for _ in range(repeats)
     ]
     found = np.array([_rates(places, second) for places in rounds])
-    accuracy, auc = (float(one) for one in found.mean(axis=0))
+    accuracy, auc = (float(item) for item in found.mean(axis=0))
     relabelled = np.empty((permutations, 2))
-    for one in range(permutations):
-        tick(0.6 + 0.4 * one / permutations, "permutations of the discriminant")
+    for entry in range(permutations):
+        tick(0.6 + 0.4 * entry / permutations, "permutations of the discriminant")
         order = generator.permutation(len(second))
         rates = [
             _rates(_round(gram, second[order], extra[order], modes, folds, generator, no_tick), second[order])
             for _ in range(_REPEATS_OF_P)
         ]
-        relabelled[one] = np.mean(rates, axis=0)
+        relabelled[entry] = np.mean(rates, axis=0)
     compared = found[:_REPEATS_OF_P].mean(axis=0)
     p = [
-        float(counted_p(one, column)) if permutations else None
-        for one, column in zip(compared, relabelled.T, strict=True)
+        float(permutation_p_value(item, column)) if permutations else None
+        for item, column in zip(compared, relabelled.T, strict=True)
     ]
     places = np.mean(rounds, axis=0)
-    right = np.mean([(one > 0.0) == second for one in rounds], axis=0)
+    right = np.mean([(item > 0.0) == second for item in rounds], axis=0)
     return Discriminant(
         modes=basis.reshape(-1, *particles.shape[1:]),
         weights=direction * gap,

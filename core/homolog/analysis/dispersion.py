@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.analysis.design import Design, Exchange
-from homolog.analysis.permutation import counted_p, relabelling_count, relabellings
+from homolog.analysis.permutation import permutation_p_value, relabelling_count, relabellings
 from homolog.analysis.studentized import identity
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.threads import on_one_thread
@@ -105,7 +105,9 @@ def dispersion_test(
         drawn[done : done + len(some.tested)] = _ratio(values, design, some.tested)
         done += len(some.tested)
     by_group = {name: float(distances[own].mean()) for name, own in members.items()}
-    return Dispersion(distances, by_group, float(observed[0]), float(counted_p(observed, drawn)[0]), count)
+    return Dispersion(
+        distances, by_group, float(observed[0]), float(permutation_p_value(observed, drawn)[0]), count
+    )
 
 
 def _ratio(values: FloatArray, design: Design, tested: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from homolog.analysis.design import Design
-from homolog.analysis.permutation import counted_p, relabelling_count, relabellings
+from homolog.analysis.permutation import permutation_p_value, relabelling_count, relabellings
 from homolog.analysis.studentized import identity, null_weights, studentized_ratio
 from homolog.arrays import BoolArray, FloatArray
 from homolog.threads import on_one_thread
@@ -118,7 +118,9 @@ def effect_bounds(
     variance = parts.sum(axis=0)
     dof = np.full(values.shape[1], float(design.error_dof))
     if members:
-        spread = sum(np.square(parts[one].sum(axis=0)) / (np.count_nonzero(one) - 1.0) for one in members)
+        spread = sum(
+            np.square(parts[member].sum(axis=0)) / (np.count_nonzero(member) - 1.0) for member in members
+        )
         dof = np.square(variance) / np.maximum(spread, np.finfo(float).tiny)
         dof = np.clip(dof, 1.0, float(design.error_dof))
     reach = stats.t.ppf((1.0 + CONFIDENCE) / 2.0, dof) * np.sqrt(variance) / unit
@@ -167,8 +169,10 @@ def size_effect(
         rest = rest - some.covariates @ (np.swapaxes(some.covariates, 1, 2) @ rest)
         drawn[done : done + len(some.tested)] = studentized_ratio(rest, some, design)
         done += len(some.tested)
-    p = float(counted_p(observed, drawn)[0])
+    p = float(permutation_p_value(observed, drawn)[0])
     if design.tested.shape[1] > 1:
         return Effect(float("nan"), float("nan"), float("nan"), p, count)
-    value, low, high = (float(one[0]) for one in effect_bounds(size[:, None], design, members))
+    value, low, high = (
+        float(effect_bound[0]) for effect_bound in effect_bounds(size[:, None], design, members)
+    )
     return Effect(value, low, high, p, count)

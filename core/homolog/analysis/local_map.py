@@ -17,8 +17,8 @@ from homolog.analysis.design import Design
 from homolog.analysis.effects import CONFIDENCE
 from homolog.analysis.permutation import (
     Relabelling,
-    counted_p,
     lowered,
+    permutation_p_value,
     relabelling_count,
     relabellings,
 )
@@ -135,12 +135,12 @@ class LocalStatistic:
         first_tested = relabelling.covariates.shape[2]
         explained = np.zeros_like(expected)
         for axis in self._white:
-            along = [columns[:, :, one] @ axis for one in range(columns.shape[2])]
-            for one, place in enumerate(along):
-                expected -= 2.0 * place * ((weights * columns[:, :, one]) @ axis)
+            along = [columns[:, :, index] @ axis for index in range(columns.shape[2])]
+            for item, place in enumerate(along):
+                expected -= 2.0 * place * ((weights * columns[:, :, item]) @ axis)
                 for other, another in enumerate(along):
-                    expected += crossed[:, one, other, None] * place * another
-                if one >= first_tested:
+                    expected += crossed[:, item, other, None] * place * another
+                if item >= first_tested:
                     explained += np.square(place)
         ratio: FloatArray = explained / np.maximum(expected, np.finfo(float).tiny)
         return np.where(explained > 0.0, ratio, 0.0)
@@ -222,7 +222,7 @@ def local_map(
         p_f=wilks_p(1.0 - explained, statistic.variables, design.tested.shape[1], design.error_dof),
         studentized=observed,
         p=p,
-        p_family=counted_p(observed, largest),
+        p_family=permutation_p_value(observed, largest),
         q=stats.false_discovery_control(p),
         permutations=count,
         variables=statistic.variables,
@@ -241,7 +241,9 @@ def _errors(residuals: FloatArray, design: Design, members: Sequence[BoolArray])
     dof = np.full(rest.shape[1], float(design.error_dof))
     if members:
         each = weights[:, None] * np.square(rest).sum(axis=2)
-        spread = sum(np.square(each[one].sum(axis=0)) / (np.count_nonzero(one) - 1.0) for one in members)
+        spread = sum(
+            np.square(each[member].sum(axis=0)) / (np.count_nonzero(member) - 1.0) for member in members
+        )
         whole = np.square(each.sum(axis=0))
         dof = np.clip(whole / np.maximum(spread, np.finfo(float).tiny), 1.0, float(design.error_dof))
     return {"covariance": covariance, "dof": dof}
@@ -251,4 +253,4 @@ def _squares(across: list[FloatArray]) -> FloatArray:
     """Return xx, yy, zz, xy, xz, yz summed over columns, shape (6, c, N)."""
     x, y, z = across
     pairs = ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z))
-    return np.stack([np.einsum("qcn,qcn->cn", one, other) for one, other in pairs])
+    return np.stack([np.einsum("qcn,qcn->cn", item, other) for item, other in pairs])

@@ -18,7 +18,7 @@ from scipy import stats
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.design import Design, Exchange
 from homolog.analysis.parallel import Null, ParallelAnalysis, parallel_analysis
-from homolog.analysis.permutation import Relabelling, counted_p, relabelling_count, relabellings
+from homolog.analysis.permutation import Relabelling, permutation_p_value, relabelling_count, relabellings
 from homolog.analysis.studentized import identity, studentized_ratio
 from homolog.analysis.wilks import hotelling, rao_f, wilks_p
 from homolog.arrays import FloatArray, IntArray
@@ -30,7 +30,7 @@ __all__ = ["ModeStatistic", "ModeTest", "mode_test"]
 
 _CHUNK = 500
 _CHUNK_VALUES = 4_000_000
-_THIN = 3
+_MIN_DOF_PER_MODE = 3
 """Degrees of freedom of the error for each mode below which a test is called thin."""
 
 
@@ -237,7 +237,7 @@ def mode_test(
         dof=(between, within) if kept else (0.0, 0.0),
         p=float(np.exp(observed[0])),
         studentized=float(studentized_ratio(statistic.scores(kept), real, design)[0]) if kept else 0.0,
-        p_permutation=float(counted_p(statistic.studentized(real), drawn)[0]),
+        p_permutation=float(permutation_p_value(statistic.studentized(real), drawn)[0]),
         permutations=count,
         exact=exact,
         parallel=parallel,
@@ -269,7 +269,7 @@ def _check_modes(kept: int, design: Design, available: int) -> None:
 def _warnings(kept: int, design: Design) -> tuple[str, ...]:
     if kept == 0:
         return ("No mode has more variance than chance gives: the shapes differ by noise only, p is 1.",)
-    if design.error_dof < _THIN * kept:
+    if design.error_dof < _MIN_DOF_PER_MODE * kept:
         return (
             f"Thin: {design.error_dof} degrees of freedom for {kept} modes. Only large effects can be "
             "found, and intervals are wide.",

@@ -15,13 +15,13 @@ from homolog.analysis.checks import checked_particles
 from homolog.analysis.design import Design
 from homolog.analysis.local_map import LocalStatistic
 from homolog.analysis.mode_test import ModeStatistic
-from homolog.analysis.permutation import counted_p, relabelling_count, relabellings
+from homolog.analysis.permutation import permutation_p_value, relabelling_count, relabellings
 from homolog.analysis.wilks import wilks_p
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, no_tick
 from homolog.threads import on_one_thread
 
-__all__ = ["WHOLE_SHAPE_F", "WHOLE_SHAPE_PERMUTATION", "FalseAlarms", "null_simulation"]
+__all__ = ["WHOLE_SHAPE_F", "WHOLE_SHAPE_PERMUTATION", "FalsePositives", "null_simulation"]
 
 WHOLE_SHAPE_F = "whole shape, F distribution"
 WHOLE_SHAPE_PERMUTATION = "whole shape, permutation (5 % by construction)"
@@ -32,31 +32,31 @@ _CHUNK = 100
 
 
 @dataclass(frozen=True, slots=True)
-class FalseAlarms:
-    """False alarms of one test.
+class FalsePositives:
+    """False positives of one test under permuted labels: its type I error rate.
 
     Attributes
     ----------
     test : str
         What was tested and how it was corrected.
-    alarms : int
-        Relabellings that the test called significant.
+    false_positives : int
+        Permutations in which the test was significant.
     repeats : int
-        Relabellings.
+        Permutations.
     low, high : float
         95 % confidence bounds of the rate (Clopper and Pearson 1934).
     """
 
     test: str
-    alarms: int
+    false_positives: int
     repeats: int
     low: float
     high: float
 
     @property
     def rate(self) -> float:
-        """Share of the relabellings with a false alarm."""
-        return self.alarms / self.repeats
+        """Type I error rate: fraction of permutations with a false positive."""
+        return self.false_positives / self.repeats
 
 
 @on_one_thread
@@ -70,7 +70,7 @@ def null_simulation(
     alpha: float = 0.05,
     seed: int = 0,
     tick: Tick = no_tick,
-) -> tuple[FalseAlarms, ...]:
+) -> tuple[FalsePositives, ...]:
     """Exchange the labels many times and count how often each test finds something.
 
     The permutation tests of all relabellings share one set of permutations, drawn apart from them: without
@@ -113,22 +113,25 @@ def null_simulation(
         reference_largest[rows] = local.studentized(some).max(axis=1)
         done = rows.stop
     names = (WHOLE_SHAPE_F, WHOLE_SHAPE_PERMUTATION, _FAMILY_WISE, _NOT_CORRECTED)
-    alarms = np.zeros(len(names), np.int64)
+    false_positives = np.zeros(len(names), np.int64)
     for some in relabellings(design, repeats, chunk=_CHUNK, seed=seed + 1, exhaustive=False):
         tick(done / total, "null simulation: type I error rates")
         explained = local.explained(some)
         p = wilks_p(1.0 - explained, local.variables, design.tested.shape[1], design.error_dof)
         found = (
             np.exp(whole.log_p(some)),
-            counted_p(whole.studentized(some), reference),
-            counted_p(local.studentized(some).max(axis=1), reference_largest),
+            permutation_p_value(whole.studentized(some), reference),
+            permutation_p_value(local.studentized(some).max(axis=1), reference_largest),
             p.min(axis=1),
         )
-        alarms += [np.count_nonzero(values <= alpha) for values in found]
+        false_positives += [np.count_nonzero(values <= alpha) for values in found]
         done += len(some.tested)
-    return tuple(_false_alarms(name, int(count), repeats) for name, count in zip(names, alarms, strict=True))
+    return tuple(
+        _false_positives(name, int(count), repeats)
+        for name, count in zip(names, false_positives, strict=True)
+    )
 
 
-def _false_alarms(test: str, alarms: int, repeats: int) -> FalseAlarms:
-    bounds = stats.binomtest(alarms, repeats).proportion_ci(0.95, method="exact")
-    return FalseAlarms(test, alarms, repeats, float(bounds.low), float(bounds.high))
+def _false_positives(test: str, false_positives: int, repeats: int) -> FalsePositives:
+    bounds = stats.binomtest(false_positives, repeats).proportion_ci(0.95, method="exact")
+    return FalsePositives(test, false_positives, repeats, float(bounds.low), float(bounds.high))

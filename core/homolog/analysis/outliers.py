@@ -4,10 +4,10 @@ import numpy as np
 
 from homolog.arrays import FloatArray, IntArray
 
-__all__ = ["outlying"]
+__all__ = ["shape_outliers"]
 
 
-def outlying(particles: FloatArray, *, limit: float = 5.0) -> IntArray:
+def shape_outliers(particles: FloatArray, *, limit: float = 5.0) -> IntArray:
     """Return the indices of subjects that lie far from the median shape, the farthest first.
 
     Parameters

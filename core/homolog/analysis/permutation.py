@@ -10,7 +10,7 @@ import numpy as np
 from homolog.analysis.design import Design, Exchange
 from homolog.arrays import FloatArray, IntArray
 
-__all__ = ["Relabelling", "counted_p", "lowered", "relabelling_count", "relabellings"]
+__all__ = ["Relabelling", "lowered", "permutation_p_value", "relabelling_count", "relabellings"]
 
 _ROUNDING = 1e-9
 """Statistics that differ by less than this part are equal: the same split computed in another order."""
@@ -78,7 +78,7 @@ def relabellings(
             yield Relabelling(design.tested[order], design.covariates[order])
 
 
-def counted_p(observed: FloatArray | float, drawn: FloatArray) -> FloatArray:
+def permutation_p_value(observed: FloatArray | float, drawn: FloatArray) -> FloatArray:
     """Return the share of relabellings at least as extreme, the real labels counted as one of them.
 
     Parameters
@@ -117,7 +117,7 @@ def _possible(design: Design) -> int:
     if design.exchange is Exchange.SIGNS:
         return 1 << subjects
     counts = Counter(_kinds(design).tolist()).values()
-    return factorial(subjects) // prod(factorial(one) for one in counts)
+    return factorial(subjects) // prod(factorial(count) for count in counts)
 
 
 def _all_relabellings(design: Design, chunk: int) -> Iterator[Relabelling]:
@@ -131,7 +131,9 @@ def _all_relabellings(design: Design, chunk: int) -> Iterator[Relabelling]:
         return
     kinds = _kinds(design)
     first_of = np.unique(kinds, return_index=True)[1]
-    orders = np.array([one for one in _arrangements(kinds.tolist()) if one != kinds.tolist()])
+    orders = np.array(
+        [arrangement for arrangement in _arrangements(kinds.tolist()) if arrangement != kinds.tolist()]
+    )
     for start in range(0, len(orders), chunk):
         rows = first_of[orders[start : start + chunk]]
         yield Relabelling(design.tested[rows], design.covariates[rows])

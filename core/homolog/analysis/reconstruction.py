@@ -10,10 +10,10 @@ from scipy.spatial import KDTree
 
 from homolog.analysis.thin_plate import (
     MOST_CENTRES,
-    evaluated,
+    evaluate_spline,
     spline_weights,
     spread_centres,
-    thin_plate_moved,
+    warp_displacements,
 )
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.progress import Tick, no_tick, part_of
@@ -105,7 +105,7 @@ def mean_surface(
     none = np.zeros(len(chosen))
     warp = (centres - start)[None]
     near, folded = _unfolded(start, vertices, faces, warp, none, part_of(tick, 0.0, 0.5))
-    warped = vertices + thin_plate_moved(start, vertices, warp, near)[0]
+    warped = vertices + warp_displacements(start, vertices, warp, near)[0]
     if moves is not None and len(moves):
         both = np.concatenate([moves, -moves])[:, chosen]
         near, _ = _unfolded(centres, warped, faces, both, near, part_of(tick, 0.5, 1.0))
@@ -141,7 +141,7 @@ def carried(
         If particles coincide or lie in one plane.
     """
     centres = spread_centres(mean, MOST_CENTRES)
-    return thin_plate_moved(mean[centres], vertices, displacements[:, centres], smoothing[centres])
+    return warp_displacements(mean[centres], vertices, displacements[:, centres], smoothing[centres])
 
 
 def medoid(particles: FloatArray, mean: FloatArray) -> int:
@@ -188,13 +188,13 @@ def _folded(
     """Whether any move turns a face inside out: its outward side has come to lie inside."""
     used, corners = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], corners.reshape(faces.shape)
-    moved = _by_move(evaluated(centres, vertices, weights, part_of(tick, 0.0, 0.2)))
+    moved = _by_move(evaluate_spline(centres, vertices, weights, part_of(tick, 0.0, 0.2)))
     middles = vertices[faces].mean(axis=1)
     normals = _across(vertices, faces)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     step = 1e-3 * np.sqrt(lengths.mean()) * normals / lengths
-    above = evaluated(centres, middles + step, weights, part_of(tick, 0.2, 0.6))
-    above -= evaluated(centres, middles, weights, part_of(tick, 0.6, 1.0))
+    above = evaluate_spline(centres, middles + step, weights, part_of(tick, 0.2, 0.6))
+    above -= evaluate_spline(centres, middles, weights, part_of(tick, 0.6, 1.0))
     folded = np.zeros(len(faces), dtype=bool)
     for outward, move in zip(step + _by_move(above), moved, strict=True):
         folded |= np.einsum("fi,fi->f", outward, _across(vertices + move, faces)) <= 0.0

@@ -63,8 +63,8 @@ def compare_two_groups(
     own = None if covariates is None else covariates[subjects]
     design = group_design(list(labels[subjects]), between, own)
     title = f"{between[1]} - {between[0]}"
-    counts = {one: int(np.count_nonzero(labels == one)) for one in between}
-    members = {one: labels[subjects] == one for one in between}
+    counts = {item: int(np.count_nonzero(labels == item)) for item in between}
+    members = {item: labels[subjects] == item for item in between}
     done = compared(
         shapes, subjects, design, title, counts, options, part_of(tick, 0.0, 0.6), members=members
     )
@@ -113,11 +113,11 @@ def compare_groups(
     _refuse_duplicates_among(shapes, subjects, names)
     own = None if covariates is None else covariates[subjects]
     design = group_design(list(labels[subjects]), order, own)
-    counts = {one: int(np.count_nonzero(labels == one)) for one in order}
+    counts = {item: int(np.count_nonzero(labels == item)) for item in order}
     pairs = list(combinations(order, 2))
     share = 1.0 / (len(pairs) + 1)
     title = ", ".join(order)
-    members = {one: labels[subjects] == one for one in order}
+    members = {item: labels[subjects] == item for item in order}
     overall = compared(
         shapes, subjects, design, title, counts, options, part_of(tick, 0.0, share), members=members
     )
@@ -145,28 +145,28 @@ def _varying(covariates: FloatArray | None, members: BoolArray) -> tuple[FloatAr
 
 def _corrected(pairs: Sequence[Comparison]) -> tuple[Comparison, ...]:
     """Correct all p-values of the pairs for their number (Holm 1979)."""
-    whole = holm(np.array([one.p_adjusted for one in pairs]))
-    surface = _holm_of_families([one.p_family for one in pairs])
-    size = _holm_of_known([one.size_p_adjusted for one in pairs])
-    accuracy = _holm_of_known([one.accuracy_p_adjusted for one in pairs])
-    auc = _holm_of_known([one.auc_p_adjusted for one in pairs])
+    whole = holm(np.array([pair.p_adjusted for pair in pairs]))
+    surface = _holm_of_families([pair.p_family for pair in pairs])
+    size = _holm_of_known([pair.size_p_adjusted for pair in pairs])
+    accuracy = _holm_of_known([pair.accuracy_p_adjusted for pair in pairs])
+    auc = _holm_of_known([pair.auc_p_adjusted for pair in pairs])
     return tuple(
         replace(
-            one,
+            pair,
             p_adjusted=float(whole[index]),
             p_family=surface[index],
             size_p_adjusted=size[index],
             accuracy_p_adjusted=accuracy[index],
             auc_p_adjusted=auc[index],
         )
-        for index, one in enumerate(pairs)
+        for index, pair in enumerate(pairs)
     )
 
 
 def _holm_of_known(values: Sequence[float | None]) -> list[float | None]:
     """Correct p-values for their number; pairs without one count, since it was looked for."""
-    adjusted = holm(np.array([1.0 if one is None else one for one in values])).tolist()
-    return [None if one is None else p for one, p in zip(values, adjusted, strict=True)]
+    adjusted = holm(np.array([1.0 if value is None else value for value in values])).tolist()
+    return [None if value is None else p for value, p in zip(values, adjusted, strict=True)]
 
 
 def _holm_of_families(families: Sequence[FloatArray]) -> list[FloatArray]:
@@ -176,7 +176,7 @@ def _holm_of_families(families: Sequence[FloatArray]) -> list[FloatArray]:
     """
     adjusted: list[FloatArray] = [np.zeros(0)] * len(families)
     least = 0.0
-    for rank, index in enumerate(np.argsort([one.min() for one in families], kind="stable")):
+    for rank, index in enumerate(np.argsort([item.min() for item in families], kind="stable")):
         family = np.minimum(families[index] * (len(families) - rank), 1.0)
         adjusted[index] = np.maximum(family, least)
         least = float(adjusted[index].min())
@@ -267,4 +267,4 @@ def holm(p: FloatArray) -> FloatArray:
 
 
 def _refuse_duplicates_among(shapes: FloatArray, subjects: IntArray, names: Sequence[str] | None) -> None:
-    refuse_duplicates(shapes[subjects], None if names is None else [names[one] for one in subjects])
+    refuse_duplicates(shapes[subjects], None if names is None else [names[subject] for subject in subjects])

@@ -15,11 +15,11 @@ from homolog.progress import Tick, no_tick
 
 __all__ = [
     "MOST_CENTRES",
-    "evaluated",
+    "evaluate_spline",
     "spline_weights",
     "spread_centres",
-    "thin_plate_moved",
     "thin_plate_operator",
+    "warp_displacements",
 ]
 
 MOST_CENTRES = 2048
@@ -54,10 +54,10 @@ def thin_plate_operator(
         If two centres coincide or all lie in one plane.
     """
     weights = spline_weights(centres, np.eye(len(centres)), smoothing)
-    return evaluated(centres, points, weights)
+    return evaluate_spline(centres, points, weights)
 
 
-def thin_plate_moved(
+def warp_displacements(
     centres: FloatArray,
     points: FloatArray,
     displacements: FloatArray,
@@ -87,7 +87,7 @@ def thin_plate_moved(
         If two centres coincide or all lie in one plane.
     """
     columns = displacements.transpose(1, 0, 2).reshape(len(centres), -1)
-    moved = evaluated(centres, points, spline_weights(centres, columns, smoothing))
+    moved = evaluate_spline(centres, points, spline_weights(centres, columns, smoothing))
     return moved.reshape(len(points), -1, 3).transpose(1, 0, 2)
 
 
@@ -119,7 +119,7 @@ def spline_weights(centres: FloatArray, targets: FloatArray, smoothing: float | 
     return weights
 
 
-def evaluated(
+def evaluate_spline(
     centres: FloatArray, points: FloatArray, weights: FloatArray, tick: Tick = no_tick
 ) -> FloatArray:
     """Return a spline that `spline_weights` solved at the points: (V, 3) to (V, columns)."""

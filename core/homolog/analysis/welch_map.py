@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from homolog.analysis.permutation import counted_p
+from homolog.analysis.permutation import permutation_p_value
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
@@ -84,7 +84,7 @@ def welch_map(
         raise InputError("a local comparison needs finite values and two or more subjects in each group")
     centred = values - values.mean(axis=0)
     membership = second.astype(np.float64)
-    difference, t, dof = (one[0] for one in _welch(centred, membership[None]))
+    difference, t, dof = (item[0] for item in _welch(centred, membership[None]))
     generator = np.random.default_rng(seed)
     largest = np.empty(permutations)
     chunk = max(1, _CHUNK_VALUES // values.shape[1])
@@ -94,7 +94,9 @@ def welch_map(
         _, drawn, freedom = _welch(centred, membership[order])
         largest[start : start + len(order)] = _deviate(drawn, freedom).max(axis=1)
     p = np.asarray(2.0 * stats.t.sf(np.abs(t), dof), np.float64)
-    return WelchMap(difference, t, p, counted_p(_deviate(t, dof), largest), stats.false_discovery_control(p))
+    return WelchMap(
+        difference, t, p, permutation_p_value(_deviate(t, dof), largest), stats.false_discovery_control(p)
+    )
 
 
 def _deviate(t: FloatArray, dof: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
-from homolog.grooming.icp import Cloud, axes_rotation, cloud_of, registered
+from homolog.grooming.icp import OrientedPoints, axes_rotation, oriented_points, registered
 from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, no_tick
 from homolog.settings import Alignment, GroomSettings
@@ -67,11 +67,11 @@ def register(
     InputError
         If a shape is a hundred times as large or small as the others: then its unit is another.
     """
-    clouds = [cloud_of(one.coarse_mesh) for one in groomed]
-    names, sizes = [one.name for one in groomed], np.array([cloud.size for cloud in clouds])
+    oriented_shapes = [oriented_points(item.coarse_mesh) for item in groomed]
+    names, sizes = [item.name for item in groomed], np.array([shape.size for shape in oriented_shapes])
     _check_units(names, sizes.tolist())
     goals = np.full(len(sizes), np.exp(np.log(sizes).mean())) if settings.scaling else sizes
-    units = [cloud.scaled(1.0 / cloud.size) for cloud in clouds]
+    units = [shape.scaled(1.0 / shape.size) for shape in oriented_shapes]
     reference = units[medoid(units)]
     result, distances = np.empty((len(units), 4, 4)), np.zeros(len(units))
     for index, (unit, size, goal) in enumerate(zip(units, sizes.tolist(), goals.tolist(), strict=True)):
@@ -125,7 +125,9 @@ def _check_units(names: Sequence[str], sizes: Sequence[float]) -> None:
             )
 
 
-def medoid(clouds: Sequence[Cloud]) -> int:
+def medoid(oriented_shapes: Sequence[OrientedPoints]) -> int:
     """Return the index of the shape whose radii are distributed most like all others' (Osada et al. 2002)."""
-    radii = np.array([np.quantile(np.linalg.norm(cloud.points, axis=1), _QUANTILES) for cloud in clouds])
+    radii = np.array(
+        [np.quantile(np.linalg.norm(shape.points, axis=1), _QUANTILES) for shape in oriented_shapes]
+    )
     return int(np.argmin(np.abs(radii[:, None] - radii).sum(axis=(1, 2))))

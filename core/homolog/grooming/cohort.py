@@ -75,13 +75,13 @@ def check_cohort(
         except InputError as error:
             problems.append(Problem(subject.name, str(error)))
     problems += _of_other_names(called)
-    order = {one.name: index for index, one in enumerate(cohort.subjects)}
-    return sorted(problems, key=lambda one: order[one.subject])
+    order = {item.name: index for index, item in enumerate(cohort.subjects)}
+    return sorted(problems, key=lambda problem: order[problem.subject])
 
 
 def _of_other_names(called: dict[str, str]) -> list[Problem]:
     """Return the subjects whose files call the structure otherwise than most do: a value may mean another."""
-    names = Counter(one.casefold() for one in called.values())
+    names = Counter(item.casefold() for item in called.values())
     usual = max(names, key=names.__getitem__, default="")
     return [
         Problem(
@@ -207,7 +207,7 @@ def _as_they_finish(futures: dict[_Work, Subject], tick: Tick) -> Iterator[tuple
     pending = set(futures)
     try:
         while pending:
-            busy = next(one.name for future, one in futures.items() if future in pending)
+            busy = next(item.name for future, item in futures.items() if future in pending)
             tick(1.0 - len(pending) / len(futures), f"grooming {busy}")
             done, pending = wait(pending, _PATIENCE, FIRST_COMPLETED)
             for future in futures:

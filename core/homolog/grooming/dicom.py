@@ -27,7 +27,7 @@ def read_dicom(path: Path) -> Volume:
             )
         return read_seg(path)
     files = dicom_files(path)
-    segs = [one for one in files if is_dicom_seg(one)]
+    segs = [file for file in files if is_dicom_seg(file)]
     if len(segs) == 1 and len(files) == 1:
         return read_seg(segs[0])
     if segs:

@@ -38,7 +38,7 @@ class _Layers(Sequence[Array]):
     def __getitem__(self, index: slice) -> Sequence[Array]: ...
     def __getitem__(self, index: int | slice) -> Array | Sequence[Array]:
         if isinstance(index, slice):
-            return [self[one] for one in range(*index.indices(len(self)))]
+            return [self[item] for item in range(*index.indices(len(self)))]
         if index < 0 or index >= len(self):
             raise IndexError(index)
         if self._last is None or self._last[0] != index:
@@ -64,8 +64,8 @@ def read_seg(path: Path) -> Volume:
         seg = segread(unpacked(path), lazy_frame_retrieval=True)
         if len(seg.PerFrameFunctionalGroupsSequence) != seg.get("NumberOfFrames", 1):
             raise InputError(f"{path}: describes more or fewer frames than it contains; export it again")
-        numbers = [int(one) for one in seg.segment_numbers]
-        names = [str(seg.get_segment_description(one).segment_label) for one in numbers]
+        numbers = [int(segment_number) for segment_number in seg.segment_numbers]
+        names = [str(seg.get_segment_description(number).segment_label) for number in numbers]
         geometry = seg.get_volume_geometry(allow_missing_positions=True)
         if geometry is None:
             raise InputError(

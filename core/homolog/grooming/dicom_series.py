@@ -45,15 +45,15 @@ def read_series(folder: Path, files: Sequence[Path]) -> Volume:
         If there are none or several series, slices are missing, not parallel, of several sizes or damaged.
     """
     slices = [_header(path) for path in files]
-    count = len({one.series for one in slices})
+    count = len({item.series for item in slices})
     if count != 1:
         raise InputError(
             f"{folder}: contains {count or 'no readable'} DICOM series; give each its own folder"
         )
-    slices.sort(key=lambda one: one.height)
+    slices.sort(key=lambda item: item.height)
     step = _step(folder, slices)
     check_size(folder, (*slices[0].size, len(slices)), 4.0)
-    values = np.stack([_pixels(one) for one in slices], axis=2)
+    values = np.stack([_pixels(item) for item in slices], axis=2)
     matrix = np.eye(4)
     matrix[:3, :2], matrix[:3, 2], matrix[:3, 3] = slices[0].axes.T, step, slices[0].place
     return Volume(folder, [values], matrix)
@@ -89,10 +89,10 @@ def _read(path: Path, *, without_pixels: bool) -> Any:  # noqa: ANN401 - pydicom
 def _step(folder: Path, slices: Sequence[_Slice]) -> FloatArray:
     """Return the way from slice to slice [mm], refusing slices that are not parallel and evenly spaced."""
     alike = all(
-        one.size == slices[0].size and np.allclose(one.axes, slices[0].axes, rtol=0.0, atol=1e-3)
-        for one in slices
+        item.size == slices[0].size and np.allclose(item.axes, slices[0].axes, rtol=0.0, atol=1e-3)
+        for item in slices
     )
-    steps = np.diff([one.place for one in slices], axis=0) if len(slices) > 1 else np.zeros((1, 3))
+    steps = np.diff([item.place for item in slices], axis=0) if len(slices) > 1 else np.zeros((1, 3))
     usual: FloatArray = np.median(steps, axis=0)
     length = float(np.linalg.norm(usual))
     if np.linalg.norm(steps, axis=1).min() <= _UNEVEN * length and len(slices) > 1:
@@ -109,12 +109,12 @@ def _step(folder: Path, slices: Sequence[_Slice]) -> FloatArray:
     return whole
 
 
-def _pixels(one: _Slice) -> Array:
+def _pixels(_slice: _Slice) -> Array:
     """Return a slice's values by column and row."""
-    with dicom_faults(one.path, _KIND):
-        content = _read(one.path, without_pixels=False)
+    with dicom_faults(_slice.path, _KIND):
+        content = _read(_slice.path, without_pixels=False)
         values: Array = content.pixel_array
-        if values.shape != one.size[::-1]:
+        if values.shape != _slice.size[::-1]:
             raise ValueError("it has several frames or colours")
         slope, intercept = float(content.get("RescaleSlope", 1)), float(content.get("RescaleIntercept", 0))
         return values.T if (slope, intercept) == (1.0, 0.0) else values.T * slope + intercept

@@ -129,7 +129,7 @@ class Header:
             )
         self._check_spacing("spacings")
         units = re.findall(r'"([^"]*)"', self.values.get("spaceunits", ""))
-        if not all(one.strip().lower() in _MILLIMETRES for one in units):
+        if not all(unit.strip().lower() in _MILLIMETRES for unit in units):
             raise InputError(f"{self.path}: has the units {', '.join(units)}; save it again in mm")
 
     def _check_metaimage(self) -> None:
@@ -148,8 +148,8 @@ class Header:
             raise InputError(f"{self.path}: says that its voxels both follow and lie elsewhere; {_RESCUE}")
 
     def _check_spacing(self, key: str) -> None:
-        sizes = [one for one in self._numbers(key) if not (self.is_nrrd and math.isnan(one))]
-        if key in self.values and (len(sizes) < 2 or not all(0.0 < one < math.inf for one in sizes)):
+        sizes = [number for number in self._numbers(key) if not (self.is_nrrd and math.isnan(number))]
+        if key in self.values and (len(sizes) < 2 or not all(0.0 < size < math.inf for size in sizes)):
             raise InputError(f"{self.path}: has the spacing {self.values[key]}; {_RESCUE}")
 
     def _number(self, key: str) -> int:
@@ -160,7 +160,7 @@ class Header:
 
     def _numbers(self, key: str) -> list[float]:
         try:
-            return [float(one) for one in self.values.get(key, "").split()]
+            return [float(part) for part in self.values.get(key, "").split()]
         except ValueError as error:
             raise InputError(f"{self.path}: its {key} is {self.values[key]!r}; {_RESCUE}") from error
 
@@ -244,6 +244,6 @@ def _names(value: str, following: list[str]) -> list[str]:
     if words[0].upper() == "LIST":
         return [line.strip() for line in following if line.strip()]
     if len(words) >= 3 and len(re.findall("%", words[0])) == 1 and re.search(r"%0?\d?d", words[0]):
-        first, last, step = (int(one) if one.isdecimal() else 0 for one in (*words[1:4], "1")[:3])
+        first, last, step = (int(word) if word.isdecimal() else 0 for word in (*words[1:4], "1")[:3])
         return [words[0] % number for number in range(first, last + 1, step or 1)[:_MOST_FILES]]
     return [value]

@@ -11,7 +11,7 @@ from homolog.arrays import FloatArray, IntArray
 from homolog.geometry import fit_rotation, transform_points
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Cloud", "Fit", "axes_rotation", "cloud_of", "registered"]
+__all__ = ["Fit", "OrientedPoints", "axes_rotation", "oriented_points", "registered"]
 
 _GLANCE, _FEW, _MANY = 100, 300, 1000  # points of each surface that a look, a trial and the fit use
 _GLANCE_ROUNDS, _TRIAL_ROUNDS, _ROUNDS = 3, 10, 40
@@ -24,7 +24,7 @@ _LIMIT = 1.5  # by how much a registration may change the size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cloud:
+class OrientedPoints:
     """A surface as points about their centre.
 
     Attributes
@@ -47,8 +47,8 @@ class Cloud:
         """Root-mean-square distance from the centre [mm]."""
         return float(np.sqrt((self.points**2).sum(axis=1).mean()))
 
-    def scaled(self, factor: float) -> "Cloud":
-        """Return the cloud enlarged about its centre."""
+    def scaled(self, factor: float) -> "OrientedPoints":
+        """Return the points scaled about their centre."""
         return replace(self, points=self.points * factor, scale=self.scale * factor)
 
 
@@ -68,13 +68,13 @@ class Fit:
     distance: float
 
 
-def cloud_of(mesh: TriangleMesh) -> Cloud:
+def oriented_points(mesh: TriangleMesh) -> OrientedPoints:
     """Return a mesh of even triangles as points: every vertex stands for about the same area."""
     centre = mesh.vertices.mean(axis=0)
-    return Cloud(mesh.vertices - centre, mesh.vertex_normals, centre)
+    return OrientedPoints(mesh.vertices - centre, mesh.vertex_normals, centre)
 
 
-def axes_rotation(moving: Cloud, fixed: Cloud) -> FloatArray:
+def axes_rotation(moving: OrientedPoints, fixed: OrientedPoints) -> FloatArray:
     """Return the rotation of principal axes onto principal axes, of the four the one that fits best."""
     own, other = _axes(moving), _axes(fixed)
     turns = [other @ np.diag(signs) @ own.T for signs in product((1.0, -1.0), repeat=3)]
@@ -83,7 +83,7 @@ def axes_rotation(moving: Cloud, fixed: Cloud) -> FloatArray:
     return min(turns, key=lambda turn: float(np.mean(tree.query(moving.points[::5] @ turn.T)[0])))
 
 
-def registered(moving: Cloud, fixed: Cloud) -> Fit:
+def registered(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
     """Return the similarity that brings one cloud onto another, both centred and of about one size.
 
     Matches are closest points in position and normal, in both directions; what is farther than usual counts
@@ -105,8 +105,8 @@ def registered(moving: Cloud, fixed: Cloud) -> Fit:
 class _Half:
     """One of two clouds of about unit size that are registered, ready to be searched."""
 
-    def __init__(self, cloud: Cloud) -> None:
-        self.points, self.normals = cloud.points, cloud.normals
+    def __init__(self, shape: OrientedPoints) -> None:
+        self.points, self.normals = shape.points, shape.normals
         self.tree = KDTree(np.concatenate([self.points, _NORMAL_WEIGHT * self.normals], axis=1))
 
     def some(self, count: int) -> slice:
@@ -119,12 +119,12 @@ class _Half:
         return np.asarray(distances), np.asarray(found)
 
 
-def _axes(cloud: Cloud) -> FloatArray:
-    axes: FloatArray = np.linalg.eigh(cloud.points.T @ cloud.points)[1]
+def _axes(shape: OrientedPoints) -> FloatArray:
+    axes: FloatArray = np.linalg.eigh(shape.points.T @ shape.points)[1]
     return axes
 
 
-def _starts(moving: Cloud, fixed: Cloud) -> list[FloatArray]:
+def _starts(moving: OrientedPoints, fixed: OrientedPoints) -> list[FloatArray]:
     """Return rotations to begin with, as (4, 4) matrices."""
     own, other = _axes(moving), _axes(fixed)
     flips = [np.diag(signs) for signs in product((1.0, -1.0), repeat=3)]

@@ -92,7 +92,7 @@ def _read_itk(path: Path) -> Volume:
     named, count = segments_of(path, header), reader.GetNumberOfComponents()
     if count != 1 and not named:
         raise InputError(f"{path}: has {count} values per voxel; export a label map")
-    if any(not 0 <= one.layer < count for one in named):
+    if any(not 0 <= item.layer < count for item in named):
         raise InputError(f"{path}: names segments in layers that it does not contain; save it again")
     voxel = SimpleITK.GetArrayViewFromImage(SimpleITK.Image([1, 1, 1], reader.GetPixelID())).itemsize
     size = list(reader.GetSize())

@@ -56,8 +56,8 @@ def known_list(path: Path, values: frozenset[int]) -> KnownList | None:
         The values above 0 that have voxels.
     """
     text = "/".join(path.parts[-3:]).casefold()
-    hinted = [one for one in KNOWN_LISTS if one.hints.search(text) and values <= one.names.keys()]
-    fitting = [one for one in KNOWN_LISTS if one.fits(values)]
+    hinted = [item for item in KNOWN_LISTS if item.hints.search(text) and values <= item.names.keys()]
+    fitting = [item for item in KNOWN_LISTS if item.fits(values)]
     return next(iter([*hinted, *fitting]), None) if values else None
 
 

@@ -322,7 +322,7 @@ def _padded(
     """Pad the mask so that it covers the grid; return it and the place of its first voxel [mm]."""
     width = np.zeros(3, int)
     width[list(axes)] = np.ceil(-start / segmentation.spacing - 1e-6)[list(axes)]
-    padded = np.pad(segmentation.mask, [(int(one), int(one)) for one in width])
+    padded = np.pad(segmentation.mask, [(int(item), int(item)) for item in width])
     return padded, -width * segmentation.spacing
 
 

@@ -11,7 +11,7 @@ from homolog.cohort import FROM_NAMES, LEFT, RIGHT, Cohort, other_side, sides_of
 from homolog.errors import InputError
 from homolog.geometry import transform_points
 from homolog.grooming.align import Registration, medoid, register
-from homolog.grooming.icp import Cloud, cloud_of, registered
+from homolog.grooming.icp import OrientedPoints, oriented_points, registered
 from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Alignment, GroomSettings, Mirror
@@ -77,16 +77,16 @@ def align_cohort(
         plan = plan.without_mirroring()
         found, better = _aligned(groomed, plan, settings, given, part_of(tick, 0.6, 1.0))
     result = []
-    for one, registered_as in zip(groomed, found.notes, strict=True):
-        notes = [plan.notes[one.name]] if one.name in plan.notes else []
-        if one.name in better:
+    for item, registered_as in zip(groomed, found.notes, strict=True):
+        notes = [plan.notes[item.name]] if item.name in plan.notes else []
+        if item.name in better:
             notes.append(
-                f"fits the others far better {'un' if one.name in plan.mirrored else ''}mirrored: its side "
+                f"fits the others far better {'un' if item.name in plan.mirrored else ''}mirrored: its side "
                 "may be wrong or missing; enter left or right in a column side of the cohort's table"
             )
         elif registered_as is not None:
             notes.append(registered_as)
-        result.append(replace(one, report=replace(one.report, notes=(*one.report.notes, *notes))))
+        result.append(replace(item, report=replace(item.report, notes=(*item.report.notes, *notes))))
     return result, found.alignments
 
 
@@ -98,14 +98,14 @@ def _aligned(
     tick: Tick,
 ) -> tuple[Registration, set[str]]:
     """Return alignments, reflections where mirrored, and the names of who would fit far better otherwise."""
-    taken = [_image(one) if one.name in plan.mirrored else one for one in groomed]
+    taken = [_image(item) if item.name in plan.mirrored else item for item in groomed]
     found = register(taken, settings, part_of(tick, 0.0, 0.5))
     alignments = found.alignments
     better: set[str] = set()
     if settings.mirror is not Mirror.OFF:
         registered_already = settings.alignment is Alignment.ICP
         better = _better_mirrored(taken, alignments, known, registered_already, part_of(tick, 0.5, 1.0))
-    mirrored = np.array([one.name in plan.mirrored for one in groomed])
+    mirrored = np.array([item.name in plan.mirrored for item in groomed])
     reflected = np.where(mirrored[:, None, None], alignments @ MIRROR, alignments)
     return replace(found, alignments=reflected), better
 
@@ -140,7 +140,11 @@ def _plan(cohort: Cohort, settings: GroomSettings, given: Mapping[str, FloatArra
     for name in mirrored & sides.of.keys():
         side = sides.of[name]
         notes[name] = f"a {side} one, mirrored to {other_side(side)}; left or right is from {sides.source}"
-    unknown = [one.name for one in cohort.subjects if one.name not in sides.of and one.name not in given]
+    unknown = [
+        subject.name
+        for subject in cohort.subjects
+        if subject.name not in sides.of and subject.name not in given
+    ]
     notes |= dict.fromkeys(unknown, "its side is not given; it was not mirrored")
     from_names = settings.mirror is Mirror.AUTO and not given and sides.source == FROM_NAMES
     return _Plan(mirrored, notes, from_names)
@@ -155,7 +159,7 @@ def _fewer(sides: Mapping[str, str], wish: Mirror, cohort: Cohort) -> str | None
                 "or right in a column side of the cohort's table"
             )
         return str(wish.value)
-    counts = {side: sum(one == side for one in sides.values()) for side in (LEFT, RIGHT)}
+    counts = {side: sum(item == side for item in sides.values()) for side in (LEFT, RIGHT)}
     return min(counts, key=counts.__getitem__) if all(counts.values()) else None
 
 
@@ -165,12 +169,12 @@ def _fixed_side(sides: Mapping[str, str], kept: set[str], known: Mapping[str, Fl
     return other_side(common.pop()) if len(common) == 1 else None
 
 
-def _image(one: GroomedSubject) -> GroomedSubject:
+def _image(groomed_subject: GroomedSubject) -> GroomedSubject:
     return replace(
-        one,
-        field=one.field.mirrored,
-        mesh=one.mesh.placed(MIRROR),
-        coarse_mesh=one.coarse_mesh.placed(MIRROR),
+        groomed_subject,
+        field=groomed_subject.field.mirrored,
+        mesh=groomed_subject.mesh.placed(MIRROR),
+        coarse_mesh=groomed_subject.coarse_mesh.placed(MIRROR),
     )
 
 
@@ -186,18 +190,18 @@ def _better_mirrored(
     All are compared at one size. Known ones are not looked at.
     """
     placed = [
-        cloud_of(one.coarse_mesh.placed(alignment))
-        for one, alignment in zip(groomed, alignments, strict=True)
+        oriented_points(item.coarse_mesh.placed(alignment))
+        for item, alignment in zip(groomed, alignments, strict=True)
     ]
     clouds = [cloud.scaled(1.0 / cloud.size) for cloud in placed]
     middle = medoid(clouds)
     fixed = _thinned(clouds[middle], _FIXED)
-    asked = {k: one.name for k, one in enumerate(groomed) if k != middle and one.name not in known}
+    asked = {k: item.name for k, item in enumerate(groomed) if k != middle and item.name not in known}
     found = set()
     for number, (k, name) in enumerate(asked.items()):
         tick(number / len(asked), f"comparing {name} with its mirror image")
         cloud, turned = _thinned(clouds[k], _MOVING), MIRROR[:3, :3]
-        image = Cloud(cloud.points @ turned, cloud.normals @ turned, cloud.centre)
+        image = OrientedPoints(cloud.points @ turned, cloud.normals @ turned, cloud.centre)
         if registered_already:  # to the same one, whose centre is the origin
             own = _gap(cloud.points + placed[k].centre / placed[k].size, fixed)
         else:
@@ -205,20 +209,20 @@ def _better_mirrored(
         if _gap(_moved(image, fixed), fixed) < _FAR_BETTER * own:
             found.add(name)
     # Where most would fit better mirrored, it is the reference and its like that are odd.
-    return {one.name for one in groomed} - found if not known and 2 * len(found) > len(groomed) else found
+    return {item.name for item in groomed} - found if not known and 2 * len(found) > len(groomed) else found
 
 
-def _thinned(cloud: Cloud, points: int) -> Cloud:
+def _thinned(cloud: OrientedPoints, points: int) -> OrientedPoints:
     every = slice(None, None, max(1, len(cloud.points) // points))
     return replace(cloud, points=cloud.points[every], normals=cloud.normals[every])
 
 
-def _moved(moving: Cloud, fixed: Cloud) -> FloatArray:
+def _moved(moving: OrientedPoints, fixed: OrientedPoints) -> FloatArray:
     """Return a cloud's points (N, 3) registered to another cloud."""
     return transform_points(registered(moving, fixed).pose, moving.points)
 
 
-def _gap(points: FloatArray, fixed: Cloud) -> float:
+def _gap(points: FloatArray, fixed: OrientedPoints) -> float:
     """Return how far points are on average from a cloud's surface, over the size."""
     nearest = KDTree(fixed.points).query(points)[1]
     return float(np.abs(np.einsum("ni,ni->n", points - fixed.points[nearest], fixed.normals[nearest])).mean())

@@ -67,8 +67,11 @@ def near(names: Iterable[str], wanted: str) -> list[str]:
     words = set(_tokens(wanted))
     inside = [name for name, own in tokens.items() if words <= own or own <= words]
     plain = {" ".join(sorted(own)): name for name, own in tokens.items()}
-    alike = [plain[one] for one in difflib.get_close_matches(" ".join(sorted(words)), plain, 3, 0.75)]
-    telling = {one for one in words - {"left", "right"} if len(one) > 3}
+    alike = [
+        plain[get_close_match]
+        for get_close_match in difflib.get_close_matches(" ".join(sorted(words)), plain, 3, 0.75)
+    ]
+    telling = {word for word in words - {"left", "right"} if len(word) > 3}
     partly = [name for name, own in tokens.items() if telling & own]
     return list(dict.fromkeys([*inside, *alike, *partly]))[:_NEAR]
 
@@ -83,7 +86,7 @@ def _keys(name: str) -> frozenset[str]:
 
 def _tokens(name: str) -> list[str]:
     words = re.findall(r"[^\W_]+", unicodedata.normalize("NFKC", name).casefold())
-    return [_SYNONYMS.get(one, one) for one in words]
+    return [_SYNONYMS.get(word, word) for word in words]
 
 
 _SYNONYMS = {
@@ -122,7 +125,7 @@ def label_table(path: Path, values: Iterable[int], wanted: str | None = None) ->
     present = frozenset(values)
     known = known_list(path, present)
     if known is None and wanted and present and present <= FREESURFER.common:
-        known = FREESURFER if any(same_name(one, wanted) for one in FREESURFER.names.values()) else None
+        known = FREESURFER if any(same_name(name, wanted) for name in FREESURFER.names.values()) else None
     return LabelTable(known.source, known.names, is_known_list=True) if known else None
 
 
@@ -131,23 +134,25 @@ def _places(path: Path) -> Iterable[list[LabelTable]]:
     for folder in path.parents[:2]:
         entries = _entries(str(folder), folder.stat().st_mtime_ns if folder.is_dir() else 0)
         images = {
-            one[: -len(suffix_of(Path(one)))] for one in entries if suffix_of(Path(one)) in IMAGE_SUFFIXES
+            entry[: -len(suffix_of(Path(entry)))]
+            for entry in entries
+            if suffix_of(Path(entry)) in IMAGE_SUFFIXES
         }
-        tables = [Path(one) for one in entries if Path(one).suffix.lower() in _KINDS]
-        yield _read(folder / one for one in tables if one.stem == stem)
-        yield _read(folder / one for one in tables if one.stem not in images)
+        tables = [Path(entry) for entry in entries if Path(entry).suffix.lower() in _KINDS]
+        yield _read(folder / table for table in tables if table.stem == stem)
+        yield _read(folder / table for table in tables if table.stem not in images)
 
 
 @lru_cache(maxsize=64)
 def _entries(folder: str, changed: int) -> tuple[str, ...]:
     try:
-        return tuple(sorted(one.name for one in Path(folder).iterdir() if not one.name.startswith(".")))
+        return tuple(sorted(path.name for path in Path(folder).iterdir() if not path.name.startswith(".")))
     except OSError:
         return ()
 
 
 def _read(paths: Iterable[Path]) -> list[LabelTable]:
-    return [table for one in paths if (table := read_label_table(one)) is not None]
+    return [table for path in paths if (table := read_label_table(path)) is not None]
 
 
 def _joined(tables: Sequence[LabelTable]) -> LabelTable:
@@ -162,7 +167,7 @@ def _joined(tables: Sequence[LabelTable]) -> LabelTable:
                     "the table that is right next to the files, and move the other one"
                 )
     joined = {value: name for value, (name, _) in names.items()}
-    return LabelTable(", ".join(one.source for one in tables), MappingProxyType(joined))
+    return LabelTable(", ".join(item.source for item in tables), MappingProxyType(joined))
 
 
 def read_label_table(path: Path) -> LabelTable | None:
@@ -198,7 +203,7 @@ def _of_lines(text: str) -> dict[int, str]:
     for pattern, name in ((_SNAP, 3), (_COLOURED, 2)):
         found = [pattern.fullmatch(line) for line in lines]
         if all(found):
-            return {int(one[1]): one[name] for one in found if one}
+            return {int(item[1]): item[name] for item in found if item}
     return {}
 
 

@@ -98,8 +98,8 @@ def _named(header: Any) -> tuple[Segment, ...]:  # noqa: ANN401 - half of nibabe
     found: dict[int, str] = {}
     for extension in header.extensions:
         if b"<LabelTable" in extension.content:
-            for one in _NAMED.finditer(extension.content.decode("utf-8", "replace")):
-                found.setdefault(int(one[1]), html.unescape(one[3] or "") or one[2] or "")
+            for item in _NAMED.finditer(extension.content.decode("utf-8", "replace")):
+                found.setdefault(int(item[1]), html.unescape(item[3] or "") or item[2] or "")
     return tuple(Segment(name.strip(), value) for value, name in found.items() if value > 0 and name.strip())
 
 

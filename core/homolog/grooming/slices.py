@@ -63,7 +63,7 @@ def interpolated(mask: BoolArray, thickness: float, heights: FloatArray, sigma: 
     sigma : float
         Standard deviation of the in-plane smoothing [voxels].
     """
-    outlines = np.stack([ndimage.binary_fill_holes(one) for one in np.moveaxis(mask, 2, 0)], axis=-1)
+    outlines = np.stack([ndimage.binary_fill_holes(item) for item in np.moveaxis(mask, 2, 0)], axis=-1)
     holes = outlines & ~mask
     areas = holes.sum(axis=(0, 1))
     goes_on = areas[[0, -1]] > 0

@@ -77,13 +77,13 @@ class Structure:
     @property
     def volumes(self) -> tuple[float, float, float]:
         """Smallest, median and largest volume [ml]."""
-        volumes = [one.volume for one in self.found.values()]
+        volumes = [item.volume for item in self.found.values()]
         return min(volumes), median(volumes), max(volumes)
 
     @property
     def at_border(self) -> list[str]:
         """The subjects in whose images it touches the border."""
-        return [name for name, one in self.found.items() if one.at_border]
+        return [name for name, item in self.found.items() if item.at_border]
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,7 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
         )
     found = matching(masks.items(), segment)
     if len(found) > 1:
-        names = " and ".join(one.name for one in found)
+        names = " and ".join(item.name for item in found)
         raise InputError(f"{subject.path}: {segment!r} is {names}; give the full name of one")
     if not found:
         alike = near(masks, segment)
@@ -149,8 +149,8 @@ def structures_of(subject: Subject) -> list[Found]:
     if masks := masks_of(subject):
         return [one for name, path in masks.items() if (one := _found_in(name, path)) is not None]
     return [
-        Found(one.segment.name, one.segment.value, one.volume / 1000.0, one.at_border)
-        for one in read_volume(subject.path).with_names().extents()
+        Found(extent.segment.name, extent.segment.value, extent.volume / 1000.0, extent.at_border)
+        for extent in read_volume(subject.path).with_names().extents()
     ]
 
 
@@ -159,8 +159,8 @@ def _found_in(name: str, path: Path) -> Found | None:
     if Subject(name, path).is_mesh:
         return Found(name, None, abs(read_mesh(path).volume) / 1000.0)
     parts = read_volume(path).extents()
-    volume = sum(one.volume for one in parts) / 1000.0
-    return Found(name, None, volume, any(one.at_border for one in parts)) if parts else None
+    volume = sum(part.volume for part in parts) / 1000.0
+    return Found(name, None, volume, any(part.at_border for part in parts)) if parts else None
 
 
 def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
@@ -183,14 +183,14 @@ def _named_alike(found: Mapping[str, Sequence[Found]]) -> dict[str, Sequence[Fou
     """Return what was found, named by FreeSurfer's list also in files of too few labels to speak for it."""
     names = FREESURFER.names
     follow = any(
-        one.name and one.name == names.get(one.value or 0) for ones in found.values() for one in ones
+        item.name and item.name == names.get(item.value or 0) for ones in found.values() for item in ones
     )
     result: dict[str, Sequence[Found]] = {}
     for subject, ones in found.items():
-        values = {one.value for one in ones}
-        nameless = bool(values) and values <= FREESURFER.common and not any(one.name for one in ones)
+        values = {item.value for item in ones}
+        nameless = bool(values) and values <= FREESURFER.common and not any(item.name for item in ones)
         if follow and nameless:
-            result[subject] = [replace(one, name=names[one.value or 0]) for one in ones]
+            result[subject] = [replace(item, name=names[item.value or 0]) for item in ones]
         else:
             result[subject] = ones
     return result
@@ -201,21 +201,23 @@ def joined(found: Mapping[str, Sequence[Found]]) -> tuple[Structure, ...]:
     kinds: dict[tuple[str, ...] | int, dict[str, Found]] = {}
     names: dict[str, tuple[str, ...]] = {}
     for subject, ones in found.items():
-        for one in ones:
-            key = names.setdefault(one.name, _key_of(one.name, kinds)) if one.name else one.value or 0
-            kinds.setdefault(key, {}).setdefault(subject, one)
+        for item in ones:
+            key = names.setdefault(item.name, _key_of(item.name, kinds)) if item.name else item.value or 0
+            kinds.setdefault(key, {}).setdefault(subject, item)
     structures = [_structure(there) for there in kinds.values()]
-    return tuple(sorted(structures, key=lambda one: (one.values or (0,), one.name.casefold())))
+    return tuple(
+        sorted(structures, key=lambda structure: (structure.values or (0,), structure.name.casefold()))
+    )
 
 
 def _key_of(name: str, kinds: Mapping[tuple[str, ...] | int, object]) -> tuple[str, ...]:
-    same = (one for one in kinds if isinstance(one, tuple) and same_name(one[0], name))
+    same = (kind for kind in kinds if isinstance(kind, tuple) and same_name(kind[0], name))
     return next(same, (name,))
 
 
 def _structure(found: Mapping[str, Found]) -> Structure:
-    names = [one.name for one in found.values()]
-    values = sorted({one.value for one in found.values() if one.value is not None})
+    names = [item.name for item in found.values()]
+    values = sorted({item.value for item in found.values() if item.value is not None})
     return Structure(max(names, key=names.count), tuple(values), found)
 
 
@@ -227,19 +229,19 @@ def chosen_structures(structures: Sequence[Structure], wanted: Sequence[str]) ->
     InputError
         A line for each name that is unknown or ambiguous, with near ones.
     """
-    if [one.casefold() for one in wanted] == ["all"]:
+    if [item.casefold() for item in wanted] == ["all"]:
         return list(structures)
     chosen, wrong = [], []
     for text in wanted:
-        found = matching(((one.name, one) for one in structures), text)
+        found = matching(((structure.name, structure) for structure in structures), text)
         if not found and text.isdecimal():
-            found = [one for one in structures if int(text) in one.values]
+            found = [structure for structure in structures if int(text) in structure.values]
         if len(found) == 1:
             chosen.append(found[0])
         elif found:
             wrong.append(f"{text!r} is {' and '.join(one.title for one in found)}; give the full name of one")
         else:
-            alike = near([one.name for one in structures], text)
+            alike = near([structure.name for structure in structures], text)
             nearest = (
                 f"similar names: {', '.join(alike)}" if alike else "list the structures of the cohort first"
             )

@@ -145,7 +145,7 @@ def _notes(solid: Solid, touching: BoolArray, dropped: int, share: float) -> tup
     size = float(np.linalg.norm(np.ptp(solid.mesh.vertices, axis=0)))
     ends = solid.rims[solid.rims > _END * size]
     holes = len(solid.rims) - len(ends)
-    widths = ", ".join(f"{one:.3g}" for one in ends[:4]) + (" …" if len(ends) > 4 else "")
+    widths = ", ".join(f"{end:.3g}" for end in ends[:4]) + (" …" if len(ends) > 4 else "")
     said = [
         (solid.welded, f"coincident vertices were merged ({solid.welded})"),
         (solid.dropped, f"faces without area or listed twice were removed ({solid.dropped})"),

@@ -119,12 +119,12 @@ class Volume:
 
     def segments(self) -> list[Segment]:
         """Return the structures that have voxels: those with names in the file's order, then other values."""
-        return [one.segment for one in self.extents()]
+        return [extent.segment for extent in self.extents()]
 
     def extents(self) -> list["Extent"]:
         """Return what has voxels, in the order of `segments`, with its volume; one look at each layer."""
         voxel = abs(float(np.linalg.det(self.index_to_world[:3, :3])))
-        known = {(one.layer, one.value): one for one in self.named}
+        known = {(item.layer, item.value): item for item in self.named}
         found = []
         for number in range(len(self.layers)):
             layer = self._labels(number)
@@ -133,8 +133,8 @@ class Volume:
                 Extent(known.get((number, value), Segment("", value, number)), count * voxel, value in border)
                 for value, count in sorted(_counted(layer).items())
             ]
-        order = {one: index for index, one in enumerate(self.named)}
-        return sorted(found, key=lambda one: (order.get(one.segment, len(order)), one.segment.value))
+        order = {item: index for index, item in enumerate(self.named)}
+        return sorted(found, key=lambda item: (order.get(item.segment, len(order)), item.segment.value))
 
     def with_names(self, wanted: str | None = None) -> "Volume":
         """Return the volume with names from a table beside its file, or from a public list.
@@ -187,10 +187,10 @@ class Volume:
                 return named.segmentation(label, segment)
         if segment is not None and (self.named or label is None):
             return self._one(
-                matching(((one.name, one) for one in self.named), segment), repr(segment), segment
+                matching(((item.name, item) for item in self.named), segment), repr(segment), segment
             )
         if label is not None:
-            same = [one for one in self.named if one.value == label]
+            same = [item for item in self.named if item.value == label]
             return self._one(same or self._plain(label), f"label {label}")
         return self._everything()
 
@@ -203,8 +203,8 @@ class Volume:
                 f"{self.path}: {wanted} is {' and '.join(one.words for one in found)}; choose one by its "
                 "name or number, and give each its own name"
             )
-        for one in found:
-            if (cropped := self.placed(one)) is not None:
+        for item in found:
+            if (cropped := self.placed(item)) is not None:
                 return cropped
         lacks = "has no voxel of" if found or not name else "has no structure called"
         raise InputError(f"{self.path}: {lacks} {wanted}; {self._what_there_is(name)}")
@@ -214,11 +214,11 @@ class Volume:
         there = self.segments()
         if not there:
             return "segment the structure or exclude the subject"
-        listed = ", ".join(one.words for one in there[:_NAMED])
+        listed = ", ".join(item.words for item in there[:_NAMED])
         more = f" and {len(there) - _NAMED} more" if len(there) > _NAMED else ""
-        alike = near([one.name for one in there], name) if name else []
+        alike = near([item.name for item in there], name) if name else []
         nearest = f"similar names: {', '.join(alike)}; " if alike else ""
-        nameless = name and not any(one.name for one in there)
+        nameless = name and not any(item.name for item in there)
         remedy = "; put a table of the labels' names next to the files, or give a number" if nameless else ""
         return f"{nearest}it contains {listed}{more}{remedy}"
 
@@ -246,7 +246,7 @@ class Volume:
             overlap |= bool((mask & (layer > 0)).any())
             mask = mask | (layer > 0)
         if overlap:
-            listed = ", ".join(one.words for one in self.segments())
+            listed = ", ".join(segment.words for segment in self.segments())
             raise InputError(
                 f"{self.path}: its segments overlap ({listed}), so that they are not one structure; "
                 "choose one by its name"
@@ -361,8 +361,8 @@ def _cropped(values: Array, inside: Callable[[Array], Array]) -> tuple[BoolArray
     stack = np.moveaxis(values, first, 0)
     rows, columns = np.zeros(stack.shape[1], np.bool_), np.zeros(stack.shape[2], np.bool_)
     depth = np.zeros(len(stack), np.bool_)
-    for index, one in enumerate(stack):
-        hit = inside(one)
+    for index, entry in enumerate(stack):
+        hit = inside(entry)
         across = hit.any(axis=0)
         depth[index] = across.any()
         if depth[index]:
@@ -370,10 +370,10 @@ def _cropped(values: Array, inside: Callable[[Array], Array]) -> tuple[BoolArray
             rows |= hit.any(axis=1)
     if not depth.any():
         return None
-    spans = [np.flatnonzero(one)[[0, -1]] for one in (depth, rows, columns)]
+    spans = [np.flatnonzero(item)[[0, -1]] for item in (depth, rows, columns)]
     box = tuple(slice(max(int(low) - 1, 0), int(high) + 2) for low, high in spans)
     mask = np.moveaxis(np.asarray(inside(stack[box]), np.bool_), 0, first)
-    starts = [one.start for one in box[1:]]
+    starts = [item.start for item in box[1:]]
     starts.insert(first, box[0].start)
     return mask, tuple(starts)
 

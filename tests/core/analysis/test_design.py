@@ -3,7 +3,7 @@ import pytest
 
 from homolog.analysis.covariates import covariate_columns, lookalikes, numbers
 from homolog.analysis.design import group_design, paired_design, regression_design
-from homolog.analysis.permutation import counted_p, relabelling_count, relabellings
+from homolog.analysis.permutation import permutation_p_value, relabelling_count, relabellings
 from homolog.errors import InputError
 
 
@@ -93,7 +93,7 @@ def test_two_covariates_that_say_the_same_are_refused():
 
 
 def test_too_many_covariates_for_the_subjects_are_refused():
-    table = {f"c{one}": np.random.default_rng(one).normal(size=6).tolist() for one in range(4)}
+    table = {f"c{index}": np.random.default_rng(index).normal(size=6).tolist() for index in range(4)}
     with pytest.raises(InputError, match="6 subjects are too few for 6 columns"):
         group_design(["a", "b"] * 3, ["a", "b"], covariate_columns(table))
 
@@ -139,5 +139,5 @@ def test_small_designs_are_relabelled_in_each_way_once(design, different):
 
 def test_counted_p_counts_ties_and_the_real_labels():
     drawn = np.array([1.0, 2.0, 2.0, 3.0])
-    np.testing.assert_allclose(counted_p(np.array([2.0, 5.0, 0.0]), drawn), [4 / 5, 1 / 5, 1.0])
-    assert counted_p(2.0 * (1 + 1e-12), drawn) == pytest.approx(4 / 5)
+    np.testing.assert_allclose(permutation_p_value(np.array([2.0, 5.0, 0.0]), drawn), [4 / 5, 1 / 5, 1.0])
+    assert permutation_p_value(2.0 * (1 + 1e-12), drawn) == pytest.approx(4 / 5)

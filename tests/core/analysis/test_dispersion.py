@@ -10,7 +10,7 @@ from homolog.analysis.mode_test import mode_test
 
 def _groups(counts):
     labels = np.repeat(["a", "b"], counts)
-    return group_design(labels.tolist(), ["a", "b"]), {one: labels == one for one in "ab"}
+    return group_design(labels.tolist(), ["a", "b"]), {item: labels == item for item in "ab"}
 
 
 def test_distances_to_the_centroid_are_those_of_the_definition(correlated):

@@ -20,7 +20,7 @@ def test_generalization_is_the_mean_particle_distance_of_left_out_shapes(ellipso
     for k in range(1, 7):
         total = 0.0
         for left_out in range(8):
-            others = np.array([particles[one].ravel() for one in range(8) if one != left_out])
+            others = np.array([particles[index].ravel() for index in range(8) if index != left_out])
             mean = others.mean(axis=0)
             basis = np.linalg.svd(others - mean)[2][:k]
             fit = mean + basis.T @ (basis @ (particles[left_out].ravel() - mean))

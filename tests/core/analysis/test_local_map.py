@@ -56,7 +56,7 @@ def test_the_family_wise_p_is_counted_over_the_largest_statistic(correlated):
     for some in relabellings(design, 200, chunk=200, seed=3):
         for column in some.tested[:, :, 0]:
             second = column > 0
-            largest.append(max(_welch(shapes[:, one], second) for one in range(12)))
+            largest.append(max(_welch(shapes[:, index], second) for index in range(12)))
     second = np.tile([False, True], 12)
     for particle in range(12):
         own = _welch(shapes[:, particle], second)
@@ -71,7 +71,7 @@ def _welch(positions, second):
     values, vectors = np.linalg.eigh(centred.T @ centred)
     white = centred @ (vectors / np.sqrt(values))
     apart = white[second].mean(axis=0) - white[~second].mean(axis=0)
-    error = sum(np.trace(np.cov(white[one], rowvar=False)) / one.sum() for one in (second, ~second))
+    error = sum(np.trace(np.cov(white[item], rowvar=False)) / item.sum() for item in (second, ~second))
     return apart @ apart / error
 
 

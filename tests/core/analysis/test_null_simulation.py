@@ -8,11 +8,11 @@ def test_corrected_tests_hold_their_level_and_uncorrected_particles_do_not(corre
     shapes = correlated(subjects=21, particles=60)
     design = group_design(["a"] * 9 + ["b"] * 12, ["a", "b"])
     found = {
-        one.test.partition(" (")[0]: one for one in null_simulation(shapes, design, modes=4, repeats=600)
+        item.test.partition(" (")[0]: item for item in null_simulation(shapes, design, modes=4, repeats=600)
     }
     border = stats.binom.ppf(0.999, 600, 0.05)
     for name in ("whole shape, permutation", "any particle, family-wise correction"):
-        assert 5 <= found[name].alarms <= border
+        assert 5 <= found[name].false_positives <= border
         assert found[name].low <= found[name].rate <= found[name].high
     assert found["any particle, F distribution, not corrected"].rate > 0.12
 

@@ -42,9 +42,9 @@ def test_moves_that_would_tear_the_mean_surface_leave_it_whole(sphere):
     for way in (move, -move):
         folds = [
             np.count_nonzero(
-                _turned_in(one.vertices, carried(particles, one.vertices, way, one.smoothing)[0], faces)
+                _turned_in(item.vertices, carried(particles, item.vertices, way, item.smoothing)[0], faces)
             )
-            for one in (torn, whole)
+            for item in (torn, whole)
         ]
         assert folds[0] > 3
         assert folds[1] == 0
@@ -63,5 +63,5 @@ def _turned_in(vertices, move, faces):
 def test_the_medoid_is_the_subject_nearest_to_the_mean(ellipsoids):
     particles = ellipsoids()
     mean = particles.mean(axis=0)
-    distances = [np.linalg.norm(one - mean) for one in particles]
+    distances = [np.linalg.norm(particle - mean) for particle in particles]
     assert medoid(particles, mean) == int(np.argmin(distances))

@@ -18,9 +18,9 @@ QUICK = Options(alignment=LIES, permutations=199, bootstraps=20, classifications
 def test_two_groups_are_compared_among_their_own_subjects_only(correlated):
     shapes = correlated(subjects=30)
     groups = ["n", "h", "d"] * 10
-    kept = [one for one, group in enumerate(groups) if group != "d"]
+    kept = [item for item, group in enumerate(groups) if group != "d"]
     whole = compare_two_groups(shapes, groups, ("n", "h"), options=QUICK)
-    apart = compare_two_groups(shapes[kept], [groups[one] for one in kept], ("n", "h"), options=QUICK)
+    apart = compare_two_groups(shapes[kept], [groups[item] for item in kept], ("n", "h"), options=QUICK)
     assert whole.title == "h - n"
     assert whole.counts == {"n": 10, "h": 10}
     assert whole.test.p == apart.test.p
@@ -54,9 +54,9 @@ def test_three_groups_are_tested_together_and_each_two_with_holms_correction(cor
     overall, pairs = compare_groups(shapes, groups, ["n", "h", "d"], options=QUICK)
     assert overall.test.p_permutation < 0.02
     assert overall.local.effect.shape == (2, 30, 3)
-    assert [one.title for one in pairs] == ["h - n", "d - n", "d - h"]
-    raw = [one.test.p_permutation for one in pairs]
-    np.testing.assert_allclose([one.p_adjusted for one in pairs], multipletests(raw, method="holm")[1])
+    assert [pair.title for pair in pairs] == ["h - n", "d - n", "d - h"]
+    raw = [pair.test.p_permutation for pair in pairs]
+    np.testing.assert_allclose([pair.p_adjusted for pair in pairs], multipletests(raw, method="holm")[1])
     assert pairs[0].p_adjusted > 0.05 > pairs[1].p_adjusted
 
 
@@ -66,8 +66,8 @@ def test_p_values_of_the_discriminant_are_corrected_for_pairs_and_answers(correl
     two = replace(QUICK, answers=2, classifications=199)
     _, pairs = compare_groups(shapes, ["n", "h", "d"] * 10, ["n", "h", "d"], options=two)
     for name in ("accuracy", "auc"):
-        raw = [min(2 * getattr(one.discriminant, name).p, 1.0) for one in pairs]
-        adjusted = [getattr(one, f"{name}_p_adjusted") for one in pairs]
+        raw = [min(2 * getattr(pair.discriminant, name).p, 1.0) for pair in pairs]
+        adjusted = [getattr(pair, f"{name}_p_adjusted") for pair in pairs]
         np.testing.assert_allclose(adjusted, multipletests(raw, method="holm")[1])
         assert min(adjusted) < 0.05
 
@@ -101,7 +101,7 @@ def test_pairs_show_what_changed_between_them(correlated):
 def test_a_subject_that_is_there_twice_is_refused_by_name(correlated):
     shapes = correlated(subjects=6)
     shapes[4] = shapes[1]
-    names = [f"s{one}" for one in range(6)]
+    names = [f"s{index}" for index in range(6)]
     with pytest.raises(InputError, match="s4: has exactly the particles of s1"):
         compare_two_groups(shapes, ["a", "b"] * 3, ("a", "b"), names=names)
     with pytest.raises(InputError, match="s0: the name is there more than once"):
@@ -126,5 +126,5 @@ def test_the_null_simulation_comes_with_the_comparison_where_it_is_asked_for(cor
     groups = ["a", "b"] * 10
     options = Options(permutations=99, bootstraps=5, classifications=9, null_repeats=50)
     with_null = compare_two_groups(shapes, groups, ("a", "b"), options=options)
-    assert [one.repeats for one in with_null.false_alarms] == [50] * 4
-    assert compare_two_groups(shapes, groups, ("a", "b"), options=QUICK).false_alarms == ()
+    assert [false_positive.repeats for false_positive in with_null.false_positives] == [50] * 4
+    assert compare_two_groups(shapes, groups, ("a", "b"), options=QUICK).false_positives == ()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import RBFInterpolator
 
-from homolog.analysis.thin_plate import spread_centres, thin_plate_moved, thin_plate_operator
+from homolog.analysis.thin_plate import spread_centres, thin_plate_operator, warp_displacements
 from homolog.errors import NumericalError
 
 
@@ -42,7 +42,7 @@ def test_displacements_are_those_of_the_operator():
     displacements, smoothing = generator.normal(size=(3, 40, 3)), generator.uniform(size=40)
     expected = thin_plate_operator(centres, points, smoothing=smoothing) @ displacements
     np.testing.assert_allclose(
-        thin_plate_moved(centres, points, displacements, smoothing), expected, atol=1e-9
+        warp_displacements(centres, points, displacements, smoothing), expected, atol=1e-9
     )
 
 

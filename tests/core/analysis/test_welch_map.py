@@ -34,7 +34,7 @@ def test_the_correction_counts_the_most_unlikely_t_of_each_relabelling():
         oracle = stats.ttest_ind(values[mixed], values[~mixed], equal_var=False)
         largest.append(stats.norm.isf(oracle.pvalue / 2).max())
     deviates = stats.norm.isf(found.p / 2)
-    expected = [(np.count_nonzero(largest >= one) + 1) / 301 for one in deviates]
+    expected = [(np.count_nonzero(largest >= deviate) + 1) / 301 for deviate in deviates]
     np.testing.assert_allclose(found.p_family, expected, atol=0.08)
     assert np.flatnonzero(found.p_family <= 0.05).tolist() == [7]
 

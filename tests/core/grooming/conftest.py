@@ -23,8 +23,8 @@ def save(tmp_path):
     def write(values, name="a.nrrd", spacing=(1.0, 1.0, 1.0), origin=(0.0, 0.0, 0.0), direction=None):
         values = np.asarray(values)
         image = SimpleITK.GetImageFromArray((values.astype(np.uint8) if values.dtype == bool else values).T)
-        image.SetSpacing([float(one) for one in spacing])
-        image.SetOrigin([float(one) for one in origin])
+        image.SetSpacing([float(item) for item in spacing])
+        image.SetOrigin([float(item) for item in origin])
         if direction is not None:
             image.SetDirection(np.asarray(direction, float).ravel().tolist())
         SimpleITK.WriteImage(image, str(tmp_path / name))

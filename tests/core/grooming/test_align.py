@@ -8,7 +8,7 @@ from homolog.cohort import Subject
 from homolog.errors import Cancelled, InputError
 from homolog.grooming import align, groom_subject
 from homolog.grooming.align import register
-from homolog.grooming.icp import Cloud, registered
+from homolog.grooming.icp import OrientedPoints, registered
 from homolog.settings import Alignment, GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -50,9 +50,9 @@ def test_none_leaves_every_subject_where_it_is(two):
 
 
 def test_center_puts_the_surfaces_middle_at_the_origin_and_turns_nothing(two):
-    for one, pose in zip(two, align(two, GroomSettings(alignment=Alignment.CENTER)), strict=True):
+    for item, pose in zip(two, align(two, GroomSettings(alignment=Alignment.CENTER)), strict=True):
         assert np.allclose(pose[:3, :3], np.eye(3))
-        assert np.linalg.norm(placed(one, pose).mean(axis=0)) < 0.2
+        assert np.linalg.norm(placed(item, pose).mean(axis=0)) < 0.2
 
 
 @pytest.mark.parametrize("alignment", [Alignment.AXES, Alignment.ICP])
@@ -88,8 +88,8 @@ def test_scaling_is_in_the_transform_only_and_makes_sizes_equal(paw):
 def test_scaling_without_alignment_keeps_each_middle(paw):
     large = moved(paw, np.eye(3), np.array([5.0, 6.0, 7.0]), 1.5)
     poses = align([paw, large], GroomSettings(alignment=Alignment.NONE, scaling=True))
-    for one, pose in zip([paw, large], poses, strict=True):
-        middle = one.coarse_mesh.vertices.mean(axis=0)
+    for item, pose in zip([paw, large], poses, strict=True):
+        middle = item.coarse_mesh.vertices.mean(axis=0)
         assert np.allclose(pose[:3, :3] @ middle + pose[:3, 3], middle)
 
 
@@ -142,7 +142,7 @@ def test_icp_is_not_misled_by_a_part_that_is_elsewhere():
     def with_dent(centre):
         near = np.linalg.norm(points - centre, axis=1) < 0.45
         dented = np.where(near[:, None], points - 0.3 * normals, points)
-        return Cloud(dented, normals, np.zeros(3))
+        return OrientedPoints(dented, normals, np.zeros(3))
 
     pose = registered(with_dent([0.0, 0.5, 0.5]), with_dent([0.0, -0.2, 0.6])).pose
     scale = np.cbrt(np.linalg.det(pose[:3, :3]))

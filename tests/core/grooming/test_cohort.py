@@ -40,16 +40,16 @@ def cohort(sphere_volume, tmp_path):
 
 def test_results_come_in_the_cohorts_order(cohort):
     result = groom_cohort(cohort, SETTINGS, executor=Here())
-    assert [one.name for one in result] == ["a", "b", "c"]
+    assert [item.name for item in result] == ["a", "b", "c"]
     assert result[0].mesh.volume > result[2].mesh.volume > result[1].mesh.volume
 
 
 def test_fresh_processes_give_the_same_bits_as_this_one(cohort):
     fresh = groom_cohort(cohort, SETTINGS)
-    for one, other in zip(fresh, groom_cohort(cohort, SETTINGS, executor=Here()), strict=True):
-        assert np.array_equal(one.field.values, other.field.values)
-        assert np.array_equal(one.mesh.vertices, other.mesh.vertices)
-        assert not one.mesh.vertices.flags.writeable
+    for item, other in zip(fresh, groom_cohort(cohort, SETTINGS, executor=Here()), strict=True):
+        assert np.array_equal(item.field.values, other.field.values)
+        assert np.array_equal(item.mesh.vertices, other.mesh.vertices)
+        assert not item.mesh.vertices.flags.writeable
 
 
 def test_what_was_groomed_is_not_groomed_again(cohort, tmp_path):
@@ -58,18 +58,18 @@ def test_what_was_groomed_is_not_groomed_again(cohort, tmp_path):
     found = groom_cohort(cohort, SETTINGS, executor=second, cache=tmp_path / "groomed")
     assert first.names == ["a", "b", "c"]
     assert second.names == []
-    for one, other in zip(made, found, strict=True):
-        assert np.array_equal(one.field.values, other.field.values)
-        assert np.array_equal(one.field.index_to_world, other.field.index_to_world)
-        assert np.array_equal(one.mesh.faces, other.mesh.faces)
-        assert np.array_equal(one.coarse_mesh.vertices, other.coarse_mesh.vertices)
-        assert one.report == other.report
+    for item, other in zip(made, found, strict=True):
+        assert np.array_equal(item.field.values, other.field.values)
+        assert np.array_equal(item.field.index_to_world, other.field.index_to_world)
+        assert np.array_equal(item.mesh.faces, other.mesh.faces)
+        assert np.array_equal(item.coarse_mesh.vertices, other.coarse_mesh.vertices)
+        assert item.report == other.report
 
 
 def test_the_surfaces_are_there_for_other_programs(cohort, tmp_path):
     made = groom_cohort(cohort, SETTINGS, executor=Here(), cache=tmp_path / "groomed")
-    for one in made:
-        assert np.allclose(read_mesh(tmp_path / "groomed" / f"{one.name}.vtp").vertices, one.mesh.vertices)
+    for item in made:
+        assert np.allclose(read_mesh(tmp_path / "groomed" / f"{item.name}.vtp").vertices, item.mesh.vertices)
 
 
 def test_only_what_changed_is_groomed_again(cohort, tmp_path, sphere_volume):
@@ -85,11 +85,11 @@ def test_a_file_that_changed_since_it_was_groomed_gets_a_note(cohort, tmp_path, 
     groom_cohort(cohort, SETTINGS, executor=Here(), cache=tmp_path / "groomed")
     sphere_volume("b.nrrd", 5.0)
     result = groom_cohort(cohort, SETTINGS, executor=Here(), cache=tmp_path / "groomed")
-    assert ["has changed" in " ".join(one.report.notes) for one in result] == [False, True, False]
+    assert ["has changed" in " ".join(item.report.notes) for item in result] == [False, True, False]
     assert caplog.messages == [f"b: {result[1].report.notes[-1]}"]
     other = SETTINGS.model_copy(update={"smoothing": 0.5})
     result = groom_cohort(cohort, other, executor=Here(), cache=tmp_path / "groomed")
-    assert not any("has changed" in " ".join(one.report.notes) for one in result)
+    assert not any("has changed" in " ".join(item.report.notes) for item in result)
 
 
 def test_a_file_that_changes_while_it_is_read_stops_the_work(cohort, tmp_path, sphere_volume):
@@ -117,8 +117,8 @@ def test_what_cannot_be_groomed_is_raised_or_left_out_by_name(cohort):
     with pytest.raises(NumericalError, match="b: is too small"):
         groom_cohort(cohort, SETTINGS, executor=Failing())
     groomed = groom_cohort(cohort, SETTINGS, executor=Failing(), left_out=problems)
-    assert [one.name for one in groomed] == ["a", "c"]
-    assert [(one.subject, one.message) for one in problems] == [("b", "b: is too small")]
+    assert [item.name for item in groomed] == ["a", "c"]
+    assert [(problem.subject, problem.message) for problem in problems] == [("b", "b: is too small")]
 
 
 def test_names_do_not_lead_out_of_the_cache(cohort, tmp_path):
@@ -126,7 +126,7 @@ def test_names_do_not_lead_out_of_the_cache(cohort, tmp_path):
     for _ in range(2):
         (groomed,) = groom_cohort(evil, SETTINGS, executor=Here(), cache=tmp_path / "deep" / "groomed")
         assert groomed.name == "../../evil"
-    made = [one.parent.name for one in tmp_path.rglob("*evil*")]
+    made = [path.parent.name for path in tmp_path.rglob("*evil*")]
     assert made == ["groomed"] * 2
 
 
@@ -147,7 +147,7 @@ def test_every_bad_file_is_listed_before_any_work(cohort, tmp_path, save):
     (tmp_path / "open.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     (tmp_path / "text.stl").write_text("no mesh at all")
     problems = check_cohort(read_cohort(tmp_path), SETTINGS)
-    assert [one.subject for one in problems] == ["a", "empty", "open", "text"]
+    assert [item.subject for item in problems] == ["a", "empty", "open", "text"]
     for problem, file in zip(problems, ("a.nrrd", "empty.nrrd", "open.obj", "text.stl"), strict=True):
         assert str(tmp_path / file) in problem.message
         assert "\n" not in problem.message

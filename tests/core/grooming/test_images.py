@@ -49,7 +49,7 @@ def test_a_mirrored_grid_becomes_right_handed_at_the_same_places(labelled, save)
     found = read_segmentation(mirrored, None)
     expected = np.argwhere(labelled) * [1.0, 1.0, -1.0] + [1.0, 2.0, 3.0]
     assert np.linalg.det(found.rotation) == pytest.approx(1.0)
-    assert {tuple(one) for one in world_points(found)} == {tuple(one) for one in expected}
+    assert {tuple(world_point) for world_point in world_points(found)} == {tuple(item) for item in expected}
 
 
 def test_an_absent_label_is_named_with_those_that_are_there(labelled, save):
@@ -110,7 +110,7 @@ def test_label_values_that_are_nearly_whole_are_taken_as_whole(save, kind, noise
     labels = rng.integers(0, 3, (9, 8, 7))
     labels[0, 0] = 0
     path = save((labels + rng.uniform(-noise, noise, labels.shape)).astype(kind))
-    assert [one.value for one in read_volume(path).segments()] == [1, 2]
+    assert [segment.value for segment in read_volume(path).segments()] == [1, 2]
     assert np.count_nonzero(read_segmentation(path, None).mask) == np.count_nonzero(labels)
     assert np.count_nonzero(read_segmentation(path, 2).mask) == np.count_nonzero(labels == 2)
 
@@ -167,7 +167,7 @@ def test_one_point_in_time_is_a_volume(tmp_path, labelled, name):
     moment.SetDirection([0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0])
     SimpleITK.WriteImage(moment, tmp_path / f"three_{name}")
     SimpleITK.WriteImage(SimpleITK.JoinSeries([moment]), tmp_path / name)
-    found, expected = (read_segmentation(tmp_path / one, None) for one in (name, f"three_{name}"))
+    found, expected = (read_segmentation(tmp_path / item, None) for item in (name, f"three_{name}"))
     assert np.array_equal(found.mask, expected.mask)
     assert np.allclose(found.rotation, expected.rotation)
     assert np.allclose(found.spacing, expected.spacing)

@@ -72,8 +72,8 @@ def test_different_structures_stay_different(name, other):
 
 def test_one_that_is_called_exactly_so_goes_first():
     names = ["kidney left", "Kidney-Left"]
-    assert matching([(one, one) for one in names], "kidney left") == ["kidney left"]
-    assert matching([(one, one) for one in names], "left kidney") == names
+    assert matching([(name, name) for name in names], "kidney left") == ["kidney left"]
+    assert matching([(name, name) for name in names], "left kidney") == names
 
 
 def test_near_names_are_those_that_share_words_or_letters():
@@ -127,7 +127,11 @@ def test_freesurfers_numbers_are_known_where_the_values_speak_for_them():
     brain = frozenset({2, 3, 4, 10, 11, 17, 18, 41, 42, 53, 251, 1035, 2035})
     found = known_list(Path("study/anna.nii.gz"), brain)
     assert found.source == "FreeSurfer"
-    assert [found.names[one] for one in (17, 16, 1035)] == ["Left-Hippocampus", "Brain-Stem", "ctx-lh-insula"]
+    assert [found.names[item] for item in (17, 16, 1035)] == [
+        "Left-Hippocampus",
+        "Brain-Stem",
+        "ctx-lh-insula",
+    ]
     assert known_list(Path("anna/mri/aseg.mgz"), frozenset({17})).source == "FreeSurfer"
 
 
@@ -136,7 +140,7 @@ def test_totalsegmentators_numbers_are_known_where_the_values_speak_for_them():
     found = known_list(Path("study/anna.nii.gz"), body)
     assert found.source == "TotalSegmentator"
     numbers = (1, 5, 22, 51, 91, 92, 104, 117)
-    assert [found.names[one] for one in numbers] == [
+    assert [found.names[number] for number in numbers] == [
         "spleen", "liver", "prostate", "heart", "skull", "rib_left_1", "rib_right_1", "costal_cartilages",
     ]  # fmt: skip
     assert known_list(Path("totalsegmentator/anna.nii.gz"), frozenset({5, 51})).source == "TotalSegmentator"

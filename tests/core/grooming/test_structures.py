@@ -35,8 +35,8 @@ def nifti(tmp_path):
         image = nibabel.Nifti1Image(values, np.diag([spacing, spacing, spacing, 1.0]))
         if names:
             entries = "".join(
-                f'<Label Key="{value}" Red="1.0" Green="0" Blue="0" Alpha="1"><![CDATA[{one}]]></Label>\n'
-                for value, one in names.items()
+                f'<Label Key="{value}" Red="1.0" Green="0" Blue="0" Alpha="1"><![CDATA[{item}]]></Label>\n'
+                for value, item in names.items()
             )
             text = (
                 f"<?xml version='1.0'?> <CaretExtension><VolumeInformation><LabelTable>{entries}</LabelTable>"
@@ -65,7 +65,7 @@ def test_freesurfers_volumes_lie_where_nibabel_puts_them(tmp_path, brain, suffix
     inside = np.argwhere(found.mask) * found.spacing @ found.rotation.T + found.origin
     expected = np.argwhere(values == 17) @ turn[:3, :3].T + turn[:3, 3]
     expected = expected * [-1.0, -1.0, 1.0]
-    order = [one[np.lexsort(np.round(one, 3).T)] for one in (inside, expected)]
+    order = [item[np.lexsort(np.round(item, 3).T)] for item in (inside, expected)]
     assert np.allclose(*order, atol=1e-3)
 
 
@@ -98,7 +98,7 @@ def test_the_names_in_a_files_extension_go_before_every_table(nifti, brain, tmp_
     path = nifti("a.nii.gz", brain, {17: "liver", 53: "spleen &amp; co"})
     found = read_source(Subject("a", path), GroomSettings(segment="LIVER"))
     assert (found.mask.sum(), found.notes) == (64, ())
-    assert [one.name for one in structures_of(Subject("a", path))] == ["liver", "spleen &amp; co", ""]
+    assert [item.name for item in structures_of(Subject("a", path))] == ["liver", "spleen &amp; co", ""]
 
 
 def test_an_unknown_name_is_refused_with_near_ones(nifti, brain):
@@ -118,9 +118,9 @@ def test_a_name_where_nothing_gives_names_is_refused_with_the_remedy(nifti):
 
 
 def test_structures_are_listed_with_volumes_and_the_border(nifti, brain):
-    found = {one.name: one for one in structures_of(Subject("a", nifti("a.nii.gz", brain, spacing=2.0)))}
+    found = {item.name: item for item in structures_of(Subject("a", nifti("a.nii.gz", brain, spacing=2.0)))}
     assert found["Left-Hippocampus"].volume == pytest.approx(64 * 8 / 1000)
-    assert {name: one.at_border for name, one in found.items()} == {
+    assert {name: item.at_border for name, item in found.items()} == {
         "Left-Hippocampus": False, "Right-Hippocampus": False, "Left-Lateral-Ventricle": True,
     }  # fmt: skip
 
@@ -132,14 +132,14 @@ def test_labels_of_any_kind_of_number_are_counted_alike(tmp_path, kind):
     values[5:7, 2:4, 3:6] = 200
     nibabel.save(nibabel.Nifti1Image(values, np.eye(4), dtype=values.dtype), tmp_path / "a.nii.gz")
     found = structures_of(Subject("a", tmp_path / "a.nii.gz"))
-    assert [(one.value, round(one.volume * 1000)) for one in found] == [(3, 8), (200, 12)]
+    assert [(item.value, round(item.volume * 1000)) for item in found] == [(3, 8), (200, 12)]
 
 
 def test_large_and_negative_values_are_counted_too(tmp_path):
     values = np.full((8, 9, 10), -5, np.int32)
     values[1:3, 2:4, 3:5] = 2_000_000
     nibabel.save(nibabel.Nifti1Image(values, np.eye(4)), tmp_path / "a.nii.gz")
-    assert [one.value for one in structures_of(Subject("a", tmp_path / "a.nii.gz"))] == [2_000_000]
+    assert [item.value for item in structures_of(Subject("a", tmp_path / "a.nii.gz"))] == [2_000_000]
 
 
 def test_a_cohorts_structures_count_the_subjects_that_have_them(nifti, brain, tmp_path):
@@ -147,7 +147,7 @@ def test_a_cohorts_structures_count_the_subjects_that_have_them(nifti, brain, tm
     nifti("b.nii.gz", np.where(brain == 53, 0, brain))  # too few labels to speak for FreeSurfer alone
     (tmp_path / "c.nii.gz").write_bytes(b"no image")
     found = list_structures(read_cohort(tmp_path))
-    assert {one.title: sorted(one.found) for one in found.structures} == {
+    assert {structure.title: sorted(structure.found) for structure in found.structures} == {
         "Left-Lateral-Ventricle": ["a", "b"], "Left-Hippocampus": ["a", "b"], "Right-Hippocampus": ["a"],
     }  # fmt: skip
     assert found.structures[0].at_border == ["a", "b"]
@@ -171,7 +171,7 @@ def test_structures_are_joined_by_name_though_numbers_and_spelling_differ(nifti,
 def test_structures_are_chosen_by_name_number_or_all(nifti, brain, tmp_path):
     nifti("a.nii.gz", brain)
     found = list_structures(read_cohort(tmp_path)).structures
-    assert [one.title for one in chosen_structures(found, ["53", "hippocampus left"])] == [
+    assert [structure.title for structure in chosen_structures(found, ["53", "hippocampus left"])] == [
         "Right-Hippocampus", "Left-Hippocampus",
     ]  # fmt: skip
     assert len(chosen_structures(found, ["All"])) == 3
@@ -195,9 +195,9 @@ def patients(nifti, tmp_path):
 
 def test_a_mask_for_each_structure_is_found_by_the_files_name(patients):
     cohort = read_cohort(patients)
-    assert [one.name for one in cohort.subjects] == ["a", "b"]
-    found = [read_source(one, GroomSettings(segment="Left-Kidney")) for one in cohort.subjects]
-    assert [one.mask.sum() for one in found] == [ball(3).sum()] * 2
+    assert [subject.name for subject in cohort.subjects] == ["a", "b"]
+    found = [read_source(subject, GroomSettings(segment="Left-Kidney")) for subject in cohort.subjects]
+    assert [item.mask.sum() for item in found] == [ball(3).sum()] * 2
     assert check_cohort(cohort, GroomSettings(segment="liver")) == []
     (problem,) = check_cohort(cohort, GroomSettings(segment="spleen"))
     assert problem.subject == "b"
@@ -217,5 +217,5 @@ def test_folders_of_masks_are_refused_until_it_is_said_which_is_meant(patients):
 
 def test_folders_of_masks_are_listed_without_the_empty_ones(patients):
     found = list_structures(read_cohort(patients)).structures
-    assert {one.title: len(one.found) for one in found} == {"kidney_left": 2, "liver": 2, "spleen": 1}
-    assert all(one.values == () for one in found)
+    assert {item.title: len(item.found) for item in found} == {"kidney_left": 2, "liver": 2, "spleen": 1}
+    assert all(item.values == () for item in found)

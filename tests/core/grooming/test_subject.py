@@ -231,9 +231,9 @@ def test_a_mesh_gives_the_same_field_as_the_shape_it_is_of(sphere_volume, tmp_pa
     inside_out = TriangleMesh(volume.mesh.vertices, volume.mesh.faces[:, ::-1])
     write_mesh(tmp_path / "inside_out.stl", inside_out)
     turned = groomed(tmp_path / "inside_out.stl", spacing=1.0, mesh_edge=0.8)
-    for one in (result, turned):
-        assert one.mesh.volume == pytest.approx(volume.mesh.volume, rel=0.025)
-        assert np.abs(np.linalg.norm(one.mesh.vertices - [10.0, 20.0, 30.0], axis=1) - 8.0).mean() < 0.2
+    for item in (result, turned):
+        assert item.mesh.volume == pytest.approx(volume.mesh.volume, rel=0.025)
+        assert np.abs(np.linalg.norm(item.mesh.vertices - [10.0, 20.0, 30.0], axis=1) - 8.0).mean() < 0.2
 
 
 def test_a_blade_thinner_than_its_triangles_keeps_its_two_walls_whole(tmp_path):

@@ -19,9 +19,9 @@ VOLUME = 4.0 / 3.0 * np.pi * 20.0 * 14.0 * 10.0
 
 
 def joined(*meshes):
-    counts = np.cumsum([0, *(len(one.vertices) for one in meshes)])
-    faces = [one.faces + count for one, count in zip(meshes, counts, strict=False)]
-    return TriangleMesh(np.concatenate([one.vertices for one in meshes]), np.concatenate(faces))
+    counts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + count for mesh, count in zip(meshes, counts, strict=False)]
+    return TriangleMesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
 
 
 def moved(mesh, by, scale=1.0):
@@ -150,7 +150,7 @@ def test_a_shaft_cut_off_is_closed_flat_at_its_rim_and_noted(egg, tmp_path):
     path = tmp_path / "shaft.stl"
     write_mesh(path, TriangleMesh(vertices, faces))
     result = groom_subject(Subject("shaft", path), SETTINGS)
-    note = next(one for one in result.report.notes if "rims" in one)
+    note = next(item for item in result.report.notes if "rims" in item)
     assert "open ends were closed flat" in note
     end = result.mesh.vertices[:, 0] > 6.0
     assert end.sum() > 20
@@ -203,8 +203,8 @@ def test_notes_say_how_far_the_surface_is_from_the_repaired_one(egg, tmp_path):
     path = tmp_path / "a.ply"
     write_mesh(path, turned(egg, 0.2, np.random.default_rng(0)))
     notes = groom_subject(Subject("a", path), SETTINGS).report.notes
-    assert any("opposite orientation" in one for one in notes)
-    assert any("mm from the repaired one on average" in one for one in notes)
+    assert any("opposite orientation" in note for note in notes)
+    assert any("mm from the repaired one on average" in note for note in notes)
 
 
 def test_all_pieces_of_a_segmentation_must_touch(grid, save):

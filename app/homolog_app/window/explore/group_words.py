@@ -84,7 +84,7 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
         low, high = signed(pair.size.low), signed(pair.size.high)
         p = p_words(pair.size_p_adjusted, pair.size.permutations)
         rows.append(("Size", f"{signed(pair.size.value)} {unit} (95 % CI {low} to {high}), {p}"))
-    for one in pair.false_alarms[:1]:
+    for one in pair.false_positives[:1]:
         assert one.test == WHOLE_SHAPE_F
         bounds = f"{short(100 * one.low)}–{short(100 * one.high)}"
         rows.append(("Type I error (F test)", f"{100 * one.rate:.1f} % ({bounds})"))
