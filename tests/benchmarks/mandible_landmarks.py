@@ -21,7 +21,7 @@ from homolog.correspondence import Shape, optimize
 from homolog.device import choose_device
 from homolog.geometry import transform_points
 from homolog.grooming import align, groom_cohort
-from homolog.grooming.icp import cloud_of, registered
+from homolog.grooming.icp import oriented_points, registered
 from homolog.settings import OptimizeSettings, RunSettings
 from homolog.surfaces.snapping import snapping
 
@@ -40,7 +40,7 @@ def expert_landmarks(names):
 
 def icp_errors(shapes, landmarks):
     """Return errors (M, M, L) of the nearest surface points after similarity ICP of every pair."""
-    clouds = [cloud_of(shape.coarse_mesh) for shape in shapes]
+    clouds = [oriented_points(shape.coarse_mesh) for shape in shapes]
     units = [cloud.scaled(1.0 / cloud.size) for cloud in clouds]
     snaps = [snapping(shape.mesh) for shape in shapes]
     errors = np.full((len(shapes), *landmarks.shape[:2]), np.nan)
