@@ -47,7 +47,7 @@ def icp_errors(shapes, landmarks):
     for i, source in enumerate(units):
         for j, target in enumerate(units):
             if i != j:
-                pose = registered(source, target).set_poses
+                pose = registered(source, target).pose
                 here = (landmarks[i] - clouds[i].centre) / clouds[i].size
                 there = transform_points(pose, here) * clouds[j].size + clouds[j].centre
                 errors[i, j] = np.linalg.norm(snaps[j](there) - landmarks[j], axis=1)

@@ -119,7 +119,7 @@ def _wall(found: Inspection, m: int, random: np.random.Generator) -> tuple[Float
 def _hole(found: Inspection, m: int, random: np.random.Generator) -> tuple[FloatArray, IntArray]:
     points, mesh, spacing = found.located.local[m].copy(), found.located.meshes[m], found.located.spacing[m]
     away = _distances(found, m, int(random.integers(len(points))))
-    corners = mesh.faces[found.located.feet[m]]
+    corners = mesh.faces[found.located.faces[m]]
     inside = np.flatnonzero(away[corners].min(axis=1) < 2.0 * spacing)
     rim = np.flatnonzero(np.abs(away - 2.2 * spacing) < 0.3 * spacing)
     nearest = cKDTree(mesh.vertices[rim]).query(points[inside])[1]
@@ -130,7 +130,7 @@ def _hole(found: Inspection, m: int, random: np.random.Generator) -> tuple[Float
 
 def _distances(found: Inspection, m: int, particle: int) -> FloatArray:
     mesh = found.located.meshes[m]
-    return distances_from(mesh, [int(mesh.faces[found.located.feet[m, particle], 0])]).astype(np.float64)
+    return distances_from(mesh, [int(mesh.faces[found.located.faces[m, particle], 0])]).astype(np.float64)
 
 
 PLANTS: dict[str, Plant] = {

@@ -49,7 +49,7 @@ def keep_checking(
 def _beside_slot(inspection: "Inspection | None") -> int:
     """Return the particle nearest to the axis of those that face the head."""
     assert inspection is not None
-    world, normals = inspection.places.world[SUBJECT], inspection.places.normals[SUBJECT]
+    world, normals = inspection.located.world[SUBJECT], inspection.located.normals[SUBJECT]
     off_axis = np.hypot(*(world - world.mean(axis=0))[:, :2].T)
     return int(np.where(normals[:, 2] > 0.85, off_axis, np.inf).argmin())
 
