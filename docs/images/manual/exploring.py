@@ -36,10 +36,10 @@ def keep_exploring(
     groups = explore.page
     order["explore.test"].trigger()
     until(lambda: groups.answers)
-    groups.arrows.setChecked(True)
+    groups.significant.setChecked(False)
     groups.way.setValue(50)
     keep("groups")
-    groups.arrows.setChecked(False)
+    groups.significant.setChecked(True)
     study = session.study
     told = {
         one.name: replace(

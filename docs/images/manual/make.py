@@ -78,7 +78,7 @@ def main() -> None:
         until(lambda: not work.is_busy)
         window.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=512))
         keep("further")
-        order["edit.undo"].trigger()
+        window.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
         window.show_step("explore")
         order["view.head"].trigger()
         keep("explore")
