@@ -51,7 +51,9 @@ def shown_again(project: Project, wanted: Snapshot, tick: Tick) -> Shown:
             models = _models(project, _needed(project, loaded), wanted, part_of(tick, 0.1, 0.8))
             _check(view.subject in ("", *models[0].result.names), f"no subject {view.subject!r}")
             own = _contents(project, loaded, wanted, tick, view.subject) if view.subject else []
-            return mode_scene(view, models, replace(own[0], raw=None, note="groomed surface") if own else None)
+            return mode_scene(
+                view, models, replace(own[0], raw=None, note="groomed surface") if own else None
+            )
         case GroupsView() as view:
             return _groups(project, _needed(project, loaded), wanted, view, tick)
         case MeasureView() as view:

@@ -14,6 +14,7 @@ from homolog.files.project import Project as Folder
 from homolog.grooming.images import read_segmentation
 from homolog.run import Run
 from homolog.settings import GroomSettings
+from homolog.surfaces.closest import distances_to
 
 SHORT = {
     "alignment": "center",
@@ -60,8 +61,7 @@ def test_arrays_get_the_particles_of_a_run_of_their_files(result, finished_run):
 
 def test_particles_lie_on_the_surfaces_in_each_subjects_own_frame(result):
     for particles, mesh in zip(result.particles, result.meshes, strict=True):  # of 2 mm edges, 1 mm voxels
-        distances = trimesh.proximity.closest_point(trimesh.Trimesh(mesh.vertices, mesh.faces), particles)[1]
-        assert distances.max() < 0.5
+        assert distances_to(mesh, particles).max() < 0.5
     moved = np.einsum("mij,mnj->mni", result.alignments[:, :3, :3], result.particles)
     np.testing.assert_allclose(moved + result.alignments[:, None, :3, 3], result.aligned, atol=1e-9)
 
