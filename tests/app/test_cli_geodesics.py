@@ -27,7 +27,6 @@ def test_the_matrix_is_written_and_its_size_told(octahedron, tmp_path, capsys):
 
 
 def test_verifying_prints_the_errors(octahedron, capsys):
-    pytest.importorskip("gdist", reason="the exact solver (tvb-gdist) is in the bench extra")
     words = ["--d-max", "inf", "--verify", "6", "--progress", "none"]
     assert main(["geodesics", str(octahedron), *words]) == 0
     assert "30 pairs of 6 sources: error mean" in capsys.readouterr().err

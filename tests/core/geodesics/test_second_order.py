@@ -47,7 +47,6 @@ def test_directions_at_a_vertex_go_round_it_once(slotted):
 
 
 def test_second_order_is_several_times_as_exact_as_first(slotted, monkeypatch):
-    pytest.importorskip("gdist", reason="the exact solver (tvb-gdist) is in the bench extra")
     second = measure_accuracy(slotted, solve_table(slotted, 6.5), 24)
     monkeypatch.setattr("homolog.geodesics.cpu.solver.POINT_ELEMENT", -1)  # no second order
     first = measure_accuracy(slotted, solve_table(slotted, 6.5), 24)

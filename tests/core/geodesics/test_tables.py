@@ -120,7 +120,6 @@ def test_the_place_in_the_world_does_not_matter(slotted):
 
 
 def test_errors_against_the_exact_solver_are_within_the_goal(slotted):
-    pytest.importorskip("gdist", reason="the exact solver (tvb-gdist) is in the bench extra")
     accuracy = measure_accuracy(slotted, solve_table(slotted, 6.5), 48)  # 20 % of the diagonal
     assert accuracy.pairs > 3000
     assert accuracy.missing == 0
@@ -131,7 +130,6 @@ def test_errors_against_the_exact_solver_are_within_the_goal(slotted):
 
 
 def test_real_surfaces_are_as_accurate(data):
-    pytest.importorskip("gdist", reason="the exact solver (tvb-gdist) is in the bench extra")
     from homolog.files.meshes import read_mesh
 
     mesh = read_mesh(sorted((data / "vertebra_l1_verse" / "meshes").glob("*.ply"))[0])
