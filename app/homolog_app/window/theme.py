@@ -51,12 +51,16 @@ class Theme(QObject):
     def _apply(self) -> None:
         system_is_dark = QGuiApplication.styleHints().colorScheme() == Qt.ColorScheme.Dark
         dark = system_is_dark if self._choice == "system" else self._choice == "dark"
-        self.colours = DARK if dark else LIGHT
-        self._app.setPalette(_palette(self.colours))
-        sheet = (files("homolog_resources") / "style.qss").read_text(encoding="utf-8")
+        colours = DARK if dark else LIGHT
+        template = (files("homolog_resources") / "style.qss").read_text(encoding="utf-8")
         tick = "tick_dark" if dark else "tick_light"
-        names = asdict(self.colours) | {"icons": _icon_folder(), "tick": tick}
-        self._app.setStyleSheet(Template(sheet).substitute(names))
+        names = asdict(colours) | {"icons": _icon_folder(), "tick": tick}
+        sheet = Template(template).substitute(names)
+        if colours is self.colours and sheet == self._app.styleSheet():
+            return  # every widget would be styled, and every icon drawn, once more
+        self.colours = colours
+        self._app.setPalette(_palette(colours))
+        self._app.setStyleSheet(sheet)
         self.changed.emit()
 
 

@@ -25,11 +25,22 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture(scope="session")
-def qapp():
-    """Return the application with the surface format that the window needs."""
-    from homolog_app.window.start import make_application
+def qapp(tmp_path_factory):
+    """Return the application with the surface format that the window needs.
 
-    return make_application()
+    What remains of a first window, all modules and collected tests, is exempt from garbage collection: each
+    test of a window collects, which would take longer than most of the tests.
+    """
+    from homolog_app.window.start import make_application, make_window
+
+    app = make_application()
+    window = make_window(app, tmp_path_factory.mktemp("home"))
+    window.load_views()
+    shut(window, app)
+    del window
+    gc.collect()
+    gc.freeze()
+    return app
 
 
 @pytest.fixture
