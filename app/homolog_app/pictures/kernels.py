@@ -110,22 +110,23 @@ def fill(
     for face in range(scene.faces.shape[0]):
         indices = scene.faces[face]
         a, b, c = places[indices[0]], places[indices[1]], places[indices[2]]
-        grow = edges(a, b, c)
         top = wp.max(int(wp.ceil(wp.min(a[1], wp.min(b[1], c[1])) - 0.5)), low)
         bottom = wp.min(int(wp.floor(wp.max(a[1], wp.max(b[1], c[1])) - 0.5)) + 1, high)
-        left = wp.max(int(wp.ceil(wp.min(a[0], wp.min(b[0], c[0])) - 0.5)), 0)
-        right = wp.min(int(wp.floor(wp.max(a[0], wp.max(b[0], c[0])) - 0.5)) + 1, image.shape[1])
-        for row in range(top, bottom):
-            y = float(row) + 0.5 - c[1]
-            for column in range(left, right):
-                x = float(column) + 0.5 - c[0]
-                u, v = grow[0] * x + grow[1] * y, grow[2] * x + grow[3] * y
-                w = 1.0 - u - v
-                if u >= 0.0 and v >= 0.0 and w >= 0.0:
-                    depth = u * a[2] + v * b[2] + w * c[2]
-                    if nearest[row, column] < 0 or depth < relief[row, column][3]:
-                        nearest[row, column] = face
-                        relief[row, column] = wp.vec4(u, v, 0.0, depth)
+        if top < bottom:
+            grow = edges(a, b, c)
+            left = wp.max(int(wp.ceil(wp.min(a[0], wp.min(b[0], c[0])) - 0.5)), 0)
+            right = wp.min(int(wp.floor(wp.max(a[0], wp.max(b[0], c[0])) - 0.5)) + 1, image.shape[1])
+            for row in range(top, bottom):
+                y = float(row) + 0.5 - c[1]
+                for column in range(left, right):
+                    x = float(column) + 0.5 - c[0]
+                    u, v = grow[0] * x + grow[1] * y, grow[2] * x + grow[3] * y
+                    w = 1.0 - u - v
+                    if u >= 0.0 and v >= 0.0 and w >= 0.0:
+                        depth = u * a[2] + v * b[2] + w * c[2]
+                        if nearest[row, column] < 0 or depth < relief[row, column][3]:
+                            nearest[row, column] = face
+                            relief[row, column] = wp.vec4(u, v, 0.0, depth)
     for row in range(low, high):
         for column in range(image.shape[1]):
             front = nearest[row, column]
@@ -197,17 +198,23 @@ def occlude(
     normals: wp.array(dtype=wp.vec3),
     directions: wp.array(dtype=wp.vec3),
     reach: float,
+    first: int,
+    sets: int,
     openness: wp.array(dtype=float),
 ):
-    """Share of the directions (a half sphere around z) in which the surface does not see itself."""
-    i = wp.tid()
+    """Share of the directions (a half sphere around z) in which the surface does not see itself.
+
+    Every vertex looks along one of so many interleaved sets of the directions.
+    """
+    i = first + wp.tid()
+    own = (i * 7 + i // 5) % sets  # neighbours have different sets, however vertices are ordered
     normal = normals[i]
     turn = wp.quat_between_vectors(wp.vec3(0.0, 0.0, 1.0), normal)
     free = float(0.0)
-    for j in range(directions.shape[0]):
-        hit = wp.mesh_query_ray(
-            mesh, points[i] + 0.01 * reach * normal, wp.quat_rotate(turn, directions[j]), reach
-        )
+    count = directions.shape[0] // sets
+    for j in range(count):
+        along = wp.quat_rotate(turn, directions[own + j * sets])
+        hit = wp.mesh_query_ray(mesh, points[i] + 0.01 * reach * normal, along, reach)
         if not hit.result:
             free += 1.0
-    openness[i] = free / float(directions.shape[0])
+    openness[i] = free / float(count)

@@ -101,13 +101,17 @@ def draw_subjects(
     view = view or three_quarter_view(mean, particles.var(axis=0).sum(axis=1))
     radius = max(ball_radius(mesh, mean) for mesh in meshes)
     frame = frame_around([mesh.vertices for mesh in meshes], view, border=radius)
+    pixels = radius * width / frame.width
     size = columns * rows
     pages = -(-len(meshes) // size)
     for page in range(pages):
         panels = [
             Panel(
                 render(
-                    [surface(meshes[k], np.array(theme.surface)), balls(particles[k], radius, colours)],
+                    [
+                        surface(meshes[k], np.array(theme.surface)),
+                        balls(particles[k], radius, colours, pixels=pixels),
+                    ],
                     frame,
                     width,
                 ),

@@ -1,0 +1,169 @@
+"""Processor seconds of each step of whole runs on groomed sample hearts, pictures and reading included.
+
+    python tests/benchmarks/whole_study.py FOLDER --sizes 28x256 28x1024 [--device cpu]
+
+Makes FOLDER/heartsN (`homolog sample`) and grooms it once. Each size is then a run of its own process, with
+the kernels in Warp's cache. Prints a table of wall and processor seconds per step and each step's share of the
+processor time, the objective reached, iterations, and the largest memory.
+"""
+
+import argparse
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from pathlib import Path
+
+
+
+class StepTimes:
+    """Wall and processor seconds between the steps that a run reports."""
+
+    def __init__(self):
+        self.seconds = defaultdict(lambda: [0.0, 0.0])
+        self.step, self.processor, self.wall = "imports", 0.0, time.perf_counter() - time.process_time()
+
+    def enter(self, step):
+        processor, wall = _processor_seconds(), time.perf_counter()
+        spent = self.seconds[self.step]
+        spent[0] += processor - self.processor
+        spent[1] += wall - self.wall
+        self.step, self.processor, self.wall = step, processor, wall
+
+    def observe(self, status):
+        message = status.message
+        if "kernels" in message:
+            step = "kernels"
+        elif "first particles" in message:
+            step = "first particles"
+        elif ": " in message and status.phase in ("splitting", "optimizing"):
+            step = message.split(",")[0]
+        else:
+            step = str(status.phase)
+        if step != self.step:
+            self.enter(step)
+
+
+def _processor_seconds():
+    own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
+
+
+def one_run(folder, particles, device):
+    """Run a groomed project, draw its pictures and read it again; print the times as JSON."""
+    times = StepTimes()
+    from homolog.files.project import Project
+    from homolog.files.results import read_modes, read_result, read_surfaces
+    from homolog.run import Run
+
+    project = Project(folder)
+    record = project.read()
+    settings = record.settings.model_copy(
+        update={
+            "optimize": record.settings.optimize.model_copy(update={"particles": particles}),
+            "device": device,
+        }
+    )
+    times.enter("reading")
+    Run(project, project.cohort(), settings).execute(times.observe)
+    times.enter("pictures")
+    from homolog_app.cli.figures import draw_figures
+
+    draw_figures(project)
+    times.enter("opening")
+    result = read_result(project)
+    read_surfaces(project)
+    read_modes(project, result.mean_surface)
+    times.enter("end")
+    record = project.read().result
+    energies = result_energies(project)
+    print(
+        json.dumps(
+            {
+                "seconds": times.seconds,
+                "iterations": record.iterations,
+                "objective": energies,
+                "memory_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2,
+            }
+        )
+    )
+
+
+def result_energies(project):
+    """Return the objective at the end of the run."""
+    last = (project.folder / "energies.csv").read_text().splitlines()[-1]
+    return sum(float(value) for value in last.split(",")[1:])
+
+
+def groomed_project(folder, subjects):
+    """Return a project of sample hearts that has been groomed, made if it is not there."""
+    cohort, project = folder / f"hearts{subjects}", folder / f"groomed{subjects}"
+    program = [sys.executable, "-m", "homolog_app"]
+    if not cohort.exists():
+        sample = ["sample", "hearts", "--subjects", str(subjects), "--progress", "none"]
+        subprocess.run([*program, *sample, "--out", cohort], check=True, stdout=subprocess.DEVNULL)
+    if not (project / "project.json").exists():
+        quick = ["--particles", "32", "--anneal-iterations", "5", "--settle-iterations", "5"]
+        subprocess.run(
+            [*program, "run", cohort, "--out", project, *quick, "--no-figures", "--progress", "none"],
+            check=True,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    return project
+
+
+def reset(project):
+    """Give a project the default settings, so that each size starts from them."""
+    path = project / "project.json"
+    content = json.loads(path.read_text())
+    content["settings"]["optimize"] = {}
+    path.write_text(json.dumps(content))
+
+
+def report(size, found):
+    seconds = found["seconds"]
+    whole = [sum(item[k] for item in seconds.values()) for k in (0, 1)]
+    print(
+        f"\n{size}: {found['iterations']} iterations, objective {found['objective']:.5f}, "
+        f"{found['memory_gb']:.2f} GB\n| step | processor s | % | wall s |\n|---|---|---|---|"
+    )
+    for step, (processor, wall) in seconds.items():
+        print(f"| {step} | {processor:.2f} | {100 * processor / whole[0]:.1f} | {wall:.2f} |")
+    print(f"| whole | {whole[0]:.2f} | 100 | {whole[1]:.2f} |", flush=True)
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--sizes", nargs="+", default=["28x256", "28x1024"])
+    parser.add_argument("--device", default="cpu")
+    parser.add_argument("--keep", action="store_true", help="keep the projects that were run")
+    parser.add_argument("--one", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.one:
+        one_run(options.folder, options.one, options.device)
+        return
+    options.folder.mkdir(parents=True, exist_ok=True)
+    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+    for size in options.sizes:
+        subjects, particles = map(int, size.split("x"))
+        project = options.folder / f"run{size}"
+        shutil.rmtree(project, ignore_errors=True)
+        shutil.copytree(groomed_project(options.folder, subjects), project)
+        reset(project)
+        command = [sys.executable, __file__, project, "--one", str(particles), "--device", options.device]
+        found = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+        report(size, json.loads(found.stdout.splitlines()[-1]))
+        if not options.keep:
+            shutil.rmtree(project)
+
+
+if __name__ == "__main__":
+    main()
