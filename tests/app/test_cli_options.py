@@ -68,7 +68,7 @@ def test_each_bad_value_is_named_with_its_option(parser):
     ],
 )
 def test_an_option_works_by_its_former_name_with_a_hint(command, former, present, name, value, capsys):
-    parser = cli._parser()[0]
+    parser = cli.command_parser()[0]
     unset = getattr(parser.parse_args(command), name)
     assert capsys.readouterr().err == ""
     given = getattr(parser.parse_args([*command, *former]), name)

@@ -2,9 +2,9 @@
 
     python tests/benchmarks/whole_study.py FOLDER --sizes 28x256 28x1024 [--device cpu]
 
-Makes FOLDER/heartsN (`homolog sample`) and grooms it once. Each size is then a run of its own process, with
-the kernels in Warp's cache. Prints a table of wall and processor seconds per step and each step's share of the
-processor time, the objective reached, iterations, and the largest memory.
+Makes FOLDER/heartsN (`homolog sample`) and grooms it once. Each size is then a run in a process of its
+own, with the kernels in Warp's cache. Prints a table of wall and processor seconds per step and each step's
+share of the processor time, the objective reached, iterations, and the largest memory.
 """
 
 import argparse
@@ -17,7 +17,6 @@ import sys
 import time
 from collections import defaultdict
 from pathlib import Path
-
 
 
 class StepTimes:

@@ -1,42 +1,45 @@
 """The command line: the same pipeline as the window's.
 
 Each command is one module here with two functions: ``add_parser(subparsers)`` declares its options and
-``run(arguments)`` does the work and returns the exit code. What is slow to import (warp, SimpleITK, VTK,
-matplotlib) is imported inside ``run``, so that ``homolog --help`` answers at once.
+``run(arguments)`` does the work and returns the exit code. Only the module of the given command is
+imported, and what is slow to import (warp, SimpleITK, VTK, matplotlib) inside ``run``, so that help answers
+at once.
 """
 
 import argparse
 import importlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from homolog import __version__
 from homolog.errors import Cancelled, InputError, NumericalError, user_message
 
-__all__ = ["CANCELLED", "INPUT_ERROR", "OK", "PROGRAM_ERROR", "main", "open_window"]
+__all__ = ["CANCELLED", "INPUT_ERROR", "OK", "PROGRAM_ERROR", "command_parser", "main", "open_window"]
 
 OK, PROGRAM_ERROR, INPUT_ERROR, CANCELLED = 0, 1, 2, 130
 """Exit codes; 130 is the shell's own for a command ended by Ctrl-C."""
 
-_COMMANDS = (
-    "run",
-    "labels",
-    "batch",
-    "info",
-    "table",
-    "demo",
-    "sample",
-    "beans",
-    "analyze",
-    "check",
-    "report",
-    "import",
-    "export",
-    "geodesics",
-)
+_COMMANDS = {
+    "run": "groom a cohort, place corresponding particles, compute the shape model",
+    "labels": "list the structures in a cohort's label maps",
+    "batch": "compute a shape model of each structure of a cohort",
+    "info": "show what a project contains",
+    "table": "add or replace groups and covariates of a project",
+    "demo": "run the paper's coffee-bean experiment",
+    "sample": "generate a sample study with known truth",
+    "beans": "generate the paper's coffee-bean cohort",
+    "analyze": "compare groups, regress on a variable, compare pairs",
+    "check": "list places where the correspondence may be wrong, and repair them",
+    "report": "write one HTML page about a project's model and studies",
+    "import": "import a ShapeWorks project or a folder of particles",
+    "export": "films, pictures, plots, meshes, tables and particles for other programs",
+    "geodesics": "compute geodesic distances on a surface",
+}
+"""What each command does, for ``homolog --help``, which imports none of them."""
 
 _MODULES = {"import": "import_model"}  # a keyword of Python
 
@@ -51,10 +54,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv : sequence of str, optional
         Arguments after the program's name; those of the process by default.
     """
-    parser, modules = _parser()
     given = sys.argv[1:] if argv is None else list(argv)
-    if given and given[0] not in modules and Path(given[0]).exists():
+    command = next((word for word in given if not word.startswith("-")), None)
+    if given and given[0] not in _COMMANDS and Path(given[0]).exists():
         return open_window(given)
+    parser, modules = command_parser([command] if command in _COMMANDS else [])
     arguments = parser.parse_args(given)
     try:
         if arguments.command is None:
@@ -87,18 +91,42 @@ def open_window(paths: Sequence[str] | None = None) -> int:
     return start_window(sys.argv[1:] if paths is None else paths)
 
 
-def _parser() -> tuple[argparse.ArgumentParser, dict[str, ModuleType]]:
+def command_parser(
+    commands: Collection[str] = tuple(_COMMANDS),
+) -> tuple[argparse.ArgumentParser, dict[str, ModuleType]]:
+    """Return the parser of the command line, and the modules of those commands whose options it knows.
+
+    Parameters
+    ----------
+    commands : collection of str
+        All by default. Of the others the parser knows names and purposes only.
+    """
     parser = argparse.ArgumentParser(
         prog="homolog",
         description="Statistical shape analysis: corresponding points on a cohort of shapes, shape models "
         "and group tests. Without a command the window opens; homolog FOLDER opens it on a project.",
     )
     parser.add_argument("--version", action="version", version=f"homolog {__version__}")
-    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", title="commands")
-    modules = {name: importlib.import_module(f"{__name__}.{_MODULES.get(name, name)}") for name in _COMMANDS}
-    for module in modules.values():
-        module.add_parser(subparsers)
+    subparsers = _Subparsers(parser.add_subparsers(dest="command", metavar="COMMAND", title="commands"))
+    modules = {}
+    for name in _COMMANDS:
+        if name in commands:
+            modules[name] = importlib.import_module(f"{__name__}.{_MODULES.get(name, name)}")
+            modules[name].add_parser(subparsers)
+        else:
+            subparsers.add_parser(name)
     return parser, modules
+
+
+class _Subparsers:
+    """The commands' parsers, with the purpose of each."""
+
+    def __init__(self, subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+        self._subparsers = subparsers
+
+    def add_parser(self, name: str, **options: Any) -> argparse.ArgumentParser:  # noqa: ANN401 - argparse's own
+        """Declare a command."""
+        return self._subparsers.add_parser(name, **(options | {"help": _COMMANDS[name]}))
 
 
 def _complain(words: str) -> None:

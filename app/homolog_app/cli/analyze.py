@@ -21,7 +21,6 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "analyze",
-        help="compare groups, regress on a variable, compare pairs",
         description="Compare the groups of a column (the default), test the linear effect of a column, or "
         "compare paired subjects. Prints the results, writes tables to PROJECT/analysis and adds the study "
         "to homolog report.",

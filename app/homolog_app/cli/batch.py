@@ -24,7 +24,6 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "batch",
-        help="compute a shape model of each structure of a cohort",
         description="Compute a shape model of each structure in a cohort's label maps, each in its own "
         "project, and an index.html of them. A model contains the subjects that have the structure. If one "
         "structure fails, the others continue. After Ctrl-C the same command continues.",

@@ -16,7 +16,6 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "beans",
-        help="generate the paper's coffee-bean cohort",
         description="Generate the paper's coffee-bean cohort: label volumes (NRRD) and truth.csv.",
     )
     parser.add_argument("out", type=Path, help="output folder")

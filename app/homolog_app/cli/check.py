@@ -22,7 +22,6 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "check",
-        help="list places where the correspondence may be wrong, and repair them",
         description="List places where the correspondence may be wrong, the most severe first: exchanged "
         "particles, swapped neighbourhoods, normals that disagree with the other subjects, folded triangles, "
         "uncovered regions.",

@@ -34,7 +34,6 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "demo",
-        help="run the paper's coffee-bean experiment",
         description="Generate the paper's coffee-bean cohort, run two methods on it (original: Euclidean "
         "distances; proposed: geodesic distances and normals), print the comparison and draw the pictures.",
     )

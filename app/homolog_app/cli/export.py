@@ -27,7 +27,6 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command and its kinds."""
     parser = subparsers.add_parser(
         "export",
-        help="films, pictures, plots, meshes, tables and particles for other programs",
         description="Export a project's result. Ctrl-C removes partial files.",
     )
     kinds = parser.add_subparsers(dest="what", metavar="WHAT", title="what to export", required=True)

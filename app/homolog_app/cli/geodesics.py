@@ -16,7 +16,6 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "geodesics",
-        help="compute geodesic distances on a surface",
         description="Geodesic distances between all vertices of a closed surface, as a sparse matrix.",
     )
     parser.add_argument("mesh", type=Path, help="closed surface: .vtp, .vtk, .ply, .stl or .obj")

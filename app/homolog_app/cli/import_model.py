@@ -15,7 +15,6 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "import",
-        help="import a ShapeWorks project or a folder of particles",
         description="Make a project, with a result that can be looked at and analyzed, of a ShapeWorks "
         "project (.swproj, .xlsx) or of a folder of .particles. Nothing is optimized.",
     )

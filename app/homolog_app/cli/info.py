@@ -22,9 +22,7 @@ _ENDINGS = {
 
 def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
     """Declare the command."""
-    parser = subparsers.add_parser(
-        "info", help="show what a project contains", description="Show what a project contains."
-    )
+    parser = subparsers.add_parser("info", description="Show what a project contains.")
     parser.add_argument("project", type=Path, help="project folder")
     parser.add_argument("--json", action="store_true", help="print the complete record as JSON")
 

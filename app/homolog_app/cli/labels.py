@@ -22,7 +22,6 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "labels",
-        help="list the structures in a cohort's label maps",
         description="List the structures in a cohort's files: names, numbers, how many subjects have them, "
         "volumes, and in how many images they touch the border and may be cut off. Use homolog run COHORT "
         "--label NAME for one of them, homolog batch for all.",

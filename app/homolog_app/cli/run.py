@@ -39,7 +39,6 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "run",
-        help="groom a cohort, place corresponding particles, compute the shape model",
         description="Groom a cohort, place corresponding particles on its surfaces and compute the shape "
         "model. Ctrl-C stops the run; --resume continues it. If the project has a result with fewer "
         "particles, particles are added to it. If it already has this result, only groups and covariates are "
@@ -70,10 +69,12 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 def run(arguments: argparse.Namespace) -> int:
     """Run the pipeline; returns the exit code."""
     project, cohort, settings = _what_to_run(arguments)
+    with show_progress(arguments.progress) as progress:
+        progress.show(0.0, "starting")
+        from homolog.run import FinishReason, Run  # takes a second
     if _is_there(arguments, project, cohort, settings):
         return _use(arguments, project, cohort)
     from_result = bool(arguments.fit) or _adds_particles(arguments, project, cohort, settings)
-    from homolog.run import FinishReason, Run
     from homolog_app.cli import CANCELLED, OK
 
     job = Run(

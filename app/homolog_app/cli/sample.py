@@ -22,7 +22,6 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     kinds = "\n".join(f"  {kind:<11}{text}" for kind, text in _KINDS.items())
     parser = subparsers.add_parser(
         "sample",
-        help="generate a sample study with known truth",
         description="Generate a study to try Homolog on: label maps or meshes, cohort.csv with group, age, "
         f"sex and side, and truth/ with corresponding vertices and the true effect.\n\n{kinds}",
         formatter_class=argparse.RawDescriptionHelpFormatter,

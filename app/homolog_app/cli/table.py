@@ -15,7 +15,6 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "table",
-        help="add or replace groups and covariates of a project",
         description="Add or replace groups and covariates of a project from a table (CSV with commas, "
         "semicolons or tabs, or XLSX). Its column name, subject or id, else the first one, names the "
         "subjects, as the project does or as their files are called. Empty cells leave what is there. "

@@ -67,7 +67,10 @@ class _Page:
         return self.figure.add_axes((x / width, 1.0 - (y + h) / height, w / width, h / height))
 
     def image(self, x: float, y: float, w: float, h: float, pixels: Array) -> None:
-        """An image whose upper left corner is at (x, y); all images are in one axes, which are slow to make."""
+        """Draw an image whose upper left corner is at (x, y).
+
+        All images share one axes object, since axes are slow to make.
+        """
         if self._images is None:
             width, height = self._size
             self._images = self.axes(0.0, 0.0, width, height)
@@ -179,7 +182,7 @@ def write_picture(figure: Figure, path: Path) -> None:
             dpi=_DPI,
             facecolor=figure.get_facecolor(),
             metadata=_UNDATED.get(path.suffix),
-            pil_kwargs={"compress_level": _PNG_LEVEL} if kind == "png" else None,
+            **({"pil_kwargs": {"compress_level": _PNG_LEVEL}} if kind == "png" else {}),
         )
     with atomic_write(path) as part:
         part.write_bytes(drawn.getvalue())

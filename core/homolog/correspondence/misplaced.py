@@ -7,7 +7,6 @@ they predict its position.
 from collections.abc import Callable
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
@@ -152,6 +151,8 @@ def predict_positions(
     InputError
         If on some subject none is in place.
     """
+    from scipy.interpolate import RBFInterpolator  # slow to import, and rarely needed
+
     result = world.copy()
     for k in np.flatnonzero(misplaced.any(axis=1)).tolist():
         poll_cancel()
