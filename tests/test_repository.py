@@ -57,9 +57,15 @@ def test_the_core_loads_neither_qt_nor_a_renderer(package):
 
 
 def test_help_answers_without_the_heavy_libraries():
-    loaded = run("-c", "import sys, homolog_app.cli as c; c._parser(); print(*sys.modules)").split()
+    loaded = run("-c", "import sys, homolog_app.cli as c; c.command_parser(); print(*sys.modules)").split()
     heads = {name.split(".")[0] for name in loaded}
     assert not heads & {"warp", "SimpleITK", "vtkmodules", "pyvista", "matplotlib", "PySide6", "scipy"}
+
+
+def test_the_list_of_commands_imports_none_of_them():
+    loaded = run("-c", "import sys, homolog_app.cli as c; c.command_parser([]); print(*sys.modules)").split()
+    assert not {name for name in loaded if name.startswith("homolog_app.cli.")}
+    assert "numpy" not in loaded
 
 
 @pytest.mark.timeout(300)
