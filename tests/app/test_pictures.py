@@ -10,6 +10,7 @@ from skimage.measure import marching_cubes
 
 from homolog.errors import InputError
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.clipping import Clip
 from homolog_app.pictures import (
     DARK,
     VIEWS,
@@ -258,3 +259,36 @@ def test_pictures_load_neither_qt_nor_vtk():
         check=True,
     )
     assert done.stdout.strip() == "set()"
+
+
+def cut_of(plane, ball, **chosen):
+    clip = Clip(plane=plane, **chosen)
+    low, high = ball.vertices.min(axis=0), ball.vertices.max(axis=0)
+    return clip.cut(tuple(np.stack([low, high], axis=1).ravel()), -VIEWS["superior"].axes[2])
+
+
+@pytest.mark.parametrize("plane", ["axial", "view"])
+def test_a_hollow_ball_cut_in_the_middle_shows_its_wall_and_its_cavity(ball, plane):
+    centre = ball.vertices.mean(axis=0)
+    inside = TriangleMesh(centre + 0.6 * (ball.vertices - centre), ball.faces[:, ::-1])
+    solids = [surface(ball, [0, 0, 1]), surface(inside, [0, 1, 0])]
+    frame = frame_around([ball.vertices], VIEWS["superior"])
+    image = render(solids, frame, 200)
+    assert image[100, 100, 2] > image[100, 100, 1]
+    image = Renderer(solids).draw(frame, 200, cut_of(plane, ball), (1, 0, 0))
+    most = image[..., :3].argmax(axis=2)
+    each = [((most == colour) * image[..., 3]).sum() * (frame.width / 200) ** 2 for colour in range(3)]
+    np.testing.assert_allclose(each, [np.pi * 64.0, np.pi * 36.0, 0.0], atol=6.0)
+    assert most[100, 100] == 1
+
+
+def test_a_plane_beside_the_ball_leaves_all_or_nothing(ball):
+    frame = frame_around([ball.vertices], VIEWS["anterior"])
+    whole = render([surface(ball, GREY)], frame, 60)
+    renderer = Renderer([surface(ball, GREY)])
+    np.testing.assert_array_equal(renderer.draw(frame, 60, cut_of("sagittal", ball, position=0.0)), whole)
+    away = renderer.draw(frame, 60, cut_of("sagittal", ball, position=0.0, flipped=True))
+    assert away[..., 3].max() == 0.0
+    half = renderer.draw(frame, 60, cut_of("sagittal", ball, flipped=True))
+    np.testing.assert_allclose(half[..., 3].sum(), whole[..., 3].sum() / 2.0, rtol=0.02)
+    assert half[:, :28, 3].sum() > 0.9 * half[..., 3].sum()  # the patient's right is at the left

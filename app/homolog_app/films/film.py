@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
+from homolog_app.clipping import Box as Extent
+from homolog_app.clipping import Clip
 from homolog_app.films.board import Board, Box
 from homolog_app.films.motion import Motion
 from homolog_app.films.plan import SCALE_SHARE, make_plan, turned
@@ -23,6 +25,7 @@ from homolog_app.pictures import (
 from homolog_app.pictures.colours import Theme, diverging_colours
 from homolog_app.pictures.render import Renderer
 from homolog_app.pictures.solids import hollows, surface
+from homolog_app.pictures.views import Frame
 
 __all__ = ["Film"]
 
@@ -80,7 +83,7 @@ class Film:
                 f"{settings.width} x {settings.height} pixels are too few for {len(plan.cells)} pictures; "
                 "choose a larger size, fewer modes or fewer views"
             )
-        self._actors = [_Actor(motion, theme, limit) for motion in motions]
+        self._actors = [_Actor(motion, theme, limit, settings.cutting) for motion in motions]
         self._cells = plan.cells
         self._captions = [
             self._board.changing_text(x, y, motion.words(motion.low), room=room)
@@ -119,7 +122,7 @@ class Film:
             [
                 (
                     cell.box,
-                    self._actors[cell.motion].renderer.draw(turned(cell.frame, turn), cell.box.width),
+                    self._actors[cell.motion].draw(turned(cell.frame, turn), cell.box.width),
                 )
                 for cell in self._cells
             ]
@@ -136,8 +139,10 @@ class Film:
 class _Actor:
     """A motion with its renderer."""
 
-    def __init__(self, motion: Motion, theme: Theme, limit: float | None) -> None:
+    def __init__(self, motion: Motion, theme: Theme, limit: float | None, clip: Clip | None) -> None:
         self.motion = motion
+        self._clip, self._cap = clip, theme.cut
+        self._box = _box(motion.at((motion.low + motion.high) / 2.0).vertices)  # the plane stands still
         self._limit = limit
         self._plain = np.array(theme.surface)
         self._outward = outward_displacement(motion.start, motion.displacement)
@@ -156,6 +161,11 @@ class _Actor:
         solid = surface(self.motion.at(amount), colours, self._shadow(amount))
         self.renderer.move(solid.vertices, solid.normals, solid.colours)
 
+    def draw(self, frame: Frame, width: int) -> NDArray[np.float32]:
+        """Draw it, cut open if that is wanted."""
+        cut = None if self._clip is None else self._clip.cut(self._box, -frame.view.axes[2])
+        return self.renderer.draw(frame, width, cut, self._cap)
+
     def _colours(self, amount: float, limit: float) -> FloatArray:
         return diverging_colours(amount * self._outward, limit)
 
@@ -168,6 +178,11 @@ class _Actor:
         return np.asarray(
             (before + 1.0 - place) * self._shadows[before] + (place - before) * self._shadows[after]
         )
+
+
+def _box(vertices: FloatArray) -> Extent:
+    low, high = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
+    return low[0], high[0], low[1], high[1], low[2], high[2]
 
 
 def _limit(motions: Sequence[Motion]) -> float:

@@ -5,7 +5,9 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["SIGHTS", "Background", "Colouring", "FilmSettings", "PictureSettings", "StillSettings"]
+from homolog_app.clipping import Clip, ClipPlane
+
+__all__ = ["SIGHTS", "Background", "Colouring", "CutAway", "FilmSettings", "PictureSettings", "StillSettings"]
 
 SIGHTS = ("oblique", "opposite", "anterior", "posterior", "left", "right", "superior", "inferior")
 """From where to look: obliquely at the side that moves most, from opposite, or along a patient axis."""
@@ -23,6 +25,16 @@ class Colouring(StrEnum):
 
     DISPLACEMENT = "displacement"
     PLAIN = "plain"
+
+
+class CutAway(StrEnum):
+    """Plane that cuts the shapes open."""
+
+    NONE = "none"
+    AXIAL = "axial"
+    CORONAL = "coronal"
+    SAGITTAL = "sagittal"
+    VIEW = "view"
 
 
 _PIXELS = {"unit": "pixels"}
@@ -64,6 +76,27 @@ class PictureSettings(BaseModel):
     )
     caption: Annotated[bool, Field(description="Describe what is shown and how far it has moved.")] = True
     scale_bar: Annotated[bool, Field(description="Draw a scale bar in mm.")] = True
+    clip: Annotated[
+        CutAway,
+        Field(title="cut away", description="Plane that cuts the shapes open; view faces the viewer."),
+    ] = CutAway.NONE
+    clip_at: Annotated[
+        float,
+        Field(
+            ge=0.0, le=1.0, title="position of the cut",
+            description="0 at the feet, front, right or viewer, 1 at the other end of the mean shape.",
+        ),
+    ] = 0.5  # fmt: skip
+    clip_flip: Annotated[
+        bool, Field(title="flip the cut", description="Remove the other side of the plane.")
+    ] = False
+
+    @property
+    def cutting(self) -> Clip | None:
+        """The plane that cuts the shapes open."""
+        if self.clip is CutAway.NONE:
+            return None
+        return Clip(plane=ClipPlane(self.clip.value), position=self.clip_at, flipped=self.clip_flip)
 
 
 class FilmSettings(PictureSettings):

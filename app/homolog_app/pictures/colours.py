@@ -18,12 +18,17 @@ class Theme:
     background: tuple[float, float, float]
     text: tuple[float, float, float]
     surface: tuple[float, float, float]
+    cut: tuple[float, float, float]
 
 
-LIGHT = Theme(background=(1.0, 1.0, 1.0), text=(0.10, 0.10, 0.12), surface=(0.83, 0.82, 0.80))
+LIGHT = Theme(
+    background=(1.0, 1.0, 1.0), text=(0.10, 0.10, 0.12), surface=(0.83, 0.82, 0.80), cut=(0.71, 0.42, 0.36)
+)
 """Dark text on white, for print."""
 
-DARK = Theme(background=(0.09, 0.10, 0.11), text=(0.91, 0.91, 0.92), surface=(0.72, 0.72, 0.73))
+DARK = Theme(
+    background=(0.09, 0.10, 0.11), text=(0.91, 0.91, 0.92), surface=(0.72, 0.72, 0.73), cut=(0.65, 0.35, 0.30)
+)
 """Light text on near black, for slides and the dark window."""
 
 

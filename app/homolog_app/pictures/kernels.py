@@ -10,13 +10,18 @@ __all__ = ["fill", "occlude", "smooth_edges"]
 
 SAMPLES = wp.constant(4)  # rays of an edge's pixel, on a rotated grid: all in different rows and columns
 FAR = wp.constant(1.0e6)
+FLAT = wp.constant(1.0e-6)  # sine of the angle between a ray and a plane that it does not meet
 CREASE = wp.constant(0.95)  # cosine between the normals of neighbouring pixels
 JUMP = wp.constant(2.0)  # depth between neighbouring pixels beyond the slope's, in pixels
 
 
 @wp.struct
 class Scene:
-    """Triangles with their colours, and the picture's plane: upper left corner, axes, size of a pixel."""
+    """Triangles with their colours, and the picture's plane: upper left corner, axes, size of a pixel.
+
+    If `cut` is not 0, only what lies beyond a plane is drawn, where `plane` times place is at least `offset`.
+    Solids are closed: behind the plane a ray that meets a surface from inside has met the cut surface.
+    """
 
     mesh: wp.uint64
     faces: wp.array(dtype=wp.vec3i)
@@ -26,6 +31,10 @@ class Scene:
     right: wp.vec3
     up: wp.vec3
     step: float
+    cut: int
+    plane: wp.vec3
+    offset: float
+    cap: wp.vec3
 
 
 @wp.struct
@@ -68,13 +77,44 @@ def seen_at(scene: Scene, face: int, u: float, v: float, depth: float) -> Sight:
 
 
 @wp.func
+def cap_at(scene: Scene, start: wp.vec3, ahead: wp.vec3) -> Sight:
+    """Return what the cut surface looks like where a ray meets it."""
+    seen = Sight()
+    seen.opacity = 1.0
+    seen.normal = -scene.plane
+    seen.colour = shade(scene.cap, seen.normal, scene.right, scene.up, -ahead)
+    seen.depth = (scene.offset - wp.dot(scene.plane, start)) / wp.dot(scene.plane, ahead)
+    return seen
+
+
+@wp.func
+def pixel_ray(scene: Scene, column: float, row: float) -> wp.vec3:
+    """Return where the ray through a place in the picture [pixels] begins."""
+    return scene.corner + column * scene.step * scene.right - row * scene.step * scene.up
+
+
+@wp.func
 def look(scene: Scene, column: float, row: float) -> Sight:
     """Follow one ray through a place in the picture [pixels]."""
-    start = scene.corner + column * scene.step * scene.right - row * scene.step * scene.up
-    hit = wp.mesh_query_ray(scene.mesh, start, -wp.cross(scene.right, scene.up), FAR)
+    start = pixel_ray(scene, column, row)
+    ahead = -wp.cross(scene.right, scene.up)
+    first, last = float(0.0), float(FAR)
+    if scene.cut != 0:
+        slope, height = wp.dot(scene.plane, ahead), wp.dot(scene.plane, start) - scene.offset
+        if slope > FLAT:
+            first = wp.max(first, -height / slope)
+        elif slope < -FLAT:
+            last = wp.min(last, -height / slope)
+        elif height < 0.0:
+            last = 0.0
     seen = Sight()
-    if hit.result:
-        seen = seen_at(scene, hit.face, hit.u, hit.v, hit.t)
+    if last > first:
+        hit = wp.mesh_query_ray(scene.mesh, start + first * ahead, ahead, last - first)
+        if hit.result:
+            if first > 0.0 and hit.sign < 0.0:
+                seen = cap_at(scene, start, ahead)
+            else:
+                seen = seen_at(scene, hit.face, hit.u, hit.v, first + hit.t)
     return seen
 
 
@@ -83,6 +123,13 @@ def edges(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec4:
     """Return how the shares of a triangle's first two corners grow along rows and columns."""
     area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
     return wp.vec4(b[1] - c[1], c[0] - b[0], c[1] - a[1], a[0] - c[0]) / area
+
+
+@wp.func
+def seen_from_inside(places: wp.array(dtype=wp.vec3), corners: wp.vec3i) -> bool:
+    """Whether a triangle, given by columns and rows in the picture, shows its inner side."""
+    a, b, c = places[corners[0]], places[corners[1]], places[corners[2]]
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0.0
 
 
 @wp.kernel
@@ -107,6 +154,7 @@ def fill(
             nearest[row, column] = -1
             relief[row, column] = wp.vec4()
             image[row, column] = wp.vec4()
+    ahead = -wp.cross(scene.right, scene.up)
     for face in range(scene.faces.shape[0]):
         indices = scene.faces[face]
         a, b, c = places[indices[0]], places[indices[1]], places[indices[2]]
@@ -124,6 +172,10 @@ def fill(
                     w = 1.0 - u - v
                     if u >= 0.0 and v >= 0.0 and w >= 0.0:
                         depth = u * a[2] + v * b[2] + w * c[2]
+                        if scene.cut != 0:
+                            place = pixel_ray(scene, float(column) + 0.5, float(row) + 0.5) + depth * ahead
+                            if wp.dot(scene.plane, place) < scene.offset:
+                                continue
                         if nearest[row, column] < 0 or depth < relief[row, column][3]:
                             nearest[row, column] = face
                             relief[row, column] = wp.vec4(u, v, 0.0, depth)
@@ -133,6 +185,12 @@ def fill(
             if front >= 0:
                 found = relief[row, column]
                 seen = seen_at(scene, front, found[0], found[1], found[3])
+                if (
+                    scene.cut != 0
+                    and wp.dot(scene.plane, ahead) > FLAT
+                    and seen_from_inside(places, scene.faces[front])
+                ):
+                    seen = cap_at(scene, pixel_ray(scene, float(column) + 0.5, float(row) + 0.5), ahead)
                 image[row, column] = wp.vec4(seen.colour[0], seen.colour[1], seen.colour[2], 1.0)
                 relief[row, column] = wp.vec4(seen.normal[0], seen.normal[1], seen.normal[2], seen.depth)
 

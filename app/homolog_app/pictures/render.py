@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from homolog.arrays import FloatArray
 from homolog.device import cores
+from homolog_app.clipping import Cut
 from homolog_app.pictures import kernels
 from homolog_app.pictures.solids import Solid, warp_mesh, warp_vectors
 from homolog_app.pictures.views import Frame
@@ -46,7 +47,9 @@ class Renderer:
         self._scene.normals.assign(normals.astype(np.float32))
         self._scene.colours.assign(colours.astype(np.float32))
 
-    def draw(self, frame: Frame, width: int) -> NDArray[np.float32]:
+    def draw(
+        self, frame: Frame, width: int, cut: Cut | None = None, cap: Sequence[float] = (0.7, 0.4, 0.35)
+    ) -> NDArray[np.float32]:
         """Draw the solids in parallel projection.
 
         Parameters
@@ -55,6 +58,10 @@ class Renderer:
             The part of the world to show.
         width : int
             Pixels along the frame's width; pixels are square.
+        cut : (normal, origin), optional
+            A plane: draw only what its normal (3,) points to. The origin (3,) is one of its points [mm].
+        cap : sequence of 3 float
+            Colour of the cut surface.
 
         Returns
         -------
@@ -69,6 +76,10 @@ class Renderer:
         scene = self._scene
         scene.corner, scene.right, scene.up = (wp.vec3(*map(float, item)) for item in (corner, right, up))
         scene.step = step
+        scene.cut = 0 if cut is None else 1
+        if cut is not None:
+            scene.plane, scene.offset = wp.vec3(*map(float, cut[0])), float(cut[0] @ cut[1])
+            scene.cap = wp.vec3(*map(float, cap))
         if self._buffers[0].shape != (height, width):
             self._buffers = _buffers(height, width)
         nearest, relief, image = self._buffers

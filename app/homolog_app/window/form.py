@@ -32,6 +32,7 @@ _WORDS = {
     "axes": "Principal axes",
     "center": "Centre of mass",
     "none": "None",
+    "view": "Facing the camera",
     "vtp": "VTP (ParaView, 3D Slicer)",
     "ply": "PLY",
     "stl": "STL",

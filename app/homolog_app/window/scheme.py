@@ -31,6 +31,7 @@ class Colours:
     bone: str
     raw: str
     mark: str
+    cut: str
 
 
 LIGHT = Colours(
@@ -38,7 +39,7 @@ LIGHT = Colours(
     hover="#e6ecec", selected="#d3e9e7", notice="#fdf4dc", line="#d3d7dc", text="#1b1f24", dim="#59636e",
     faint="#9aa2ab", accent="#0a6f6a", accent_hover="#085a56", on_accent="#ffffff", danger="#b3261e",
     warning="#8a5a00", scene="#eef0f2", bone="#d9d4c8", raw="#d2b48c",
-    mark="#1b1f24",
+    mark="#1b1f24", cut="#b56a5c",
 )  # fmt: skip
 
 DARK = Colours(
@@ -46,7 +47,7 @@ DARK = Colours(
     hover="#333a41", selected="#194240", notice="#3a3322", line="#3b4149", text="#e7eaed", dim="#a3acb6",
     faint="#6b747e", accent="#35b8b0", accent_hover="#50cac2", on_accent="#06201f", danger="#ff8a80",
     warning="#f2b84b", scene="#121417", bone="#cdc6b6", raw="#bf9f74",
-    mark="#d81b60",
+    mark="#d81b60", cut="#a65a4d",
 )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QStackedWidget, QVBoxLayout, QWidget
 
 from homolog_app.window.actions import Actions
+from homolog_app.window.clip_bar import ClipBar
 from homolog_app.window.icons import pixmap
 from homolog_app.window.scene.scene import Scene
 from homolog_app.window.slice_view import SliceView
@@ -21,6 +22,7 @@ class Stage(QWidget):
         super().__init__()
         self.bar = ViewBar(actions)
         self.footer = ViewFooter(actions)
+        self.clip = ClipBar()
         self.slices = SliceView(theme)
         self.scene = Scene(self)
         self._theme = theme
@@ -36,6 +38,7 @@ class Stage(QWidget):
         self._column.setContentsMargins(0, 0, 0, 0)
         self._column.setSpacing(0)
         self._column.addWidget(self.bar)
+        self._column.addWidget(self.clip)
         self._column.addWidget(self._pages, 1)
         self._column.addWidget(self.footer)
         theme.changed.connect(self._paint)
@@ -57,7 +60,7 @@ class Stage(QWidget):
 
     def place_card(self, card: QWidget) -> None:
         """Put a card between the views and the strip below them."""
-        self._column.insertWidget(2, card)
+        self._column.insertWidget(self._column.indexOf(self.footer), card)
 
     def _empty(self) -> QWidget:
         page = QWidget()

@@ -8,7 +8,7 @@ from homolog_app.window.widgets import GRID, label
 
 __all__ = ["ViewBar", "ViewFooter"]
 
-_SHOWN = ("view.raw", "view.groomed", "view.particles", "view.slice")
+_SHOWN = ("view.raw", "view.groomed", "view.particles", "view.slice", "view.clip")
 _GRIDS = ("view.grid1", "view.grid4", "view.grid9", "view.grid16")
 
 

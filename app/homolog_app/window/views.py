@@ -38,6 +38,7 @@ class Views(QObject):
         self._explore = window.inspector.explore
         self._result: Loaded | None = None
         stage.bar.opacity_changed.connect(lambda value: stage.scene.switch(opacity=value))
+        stage.clip.changed.connect(self._cut)
         self.run.moved.connect(self._show_run)
         stage.scene.page_changed.connect(self._tell_page)
         for signal in (self._session.study_changed, self._session.facts_changed):
@@ -70,6 +71,7 @@ class Views(QObject):
             "view.link": lambda: scene.set_linked(commands["view.link"].isChecked()),
             "view.reset": scene.fit,
             "view.slice": self._switch_slices,
+            "view.clip": self._cut,
             "view.screenshot": self.save_picture,
             "view.copy": self.copy_picture,
             "run.play": self.play_or_stop,
@@ -279,7 +281,15 @@ class Views(QObject):
             self._switch_slices()
         self.stage.scene.switch(**{name: command.isChecked()})
 
+    @Slot()
+    def _cut(self) -> None:
+        """Cut the shapes open as the strip says, or leave them whole."""
+        bar, cut = self.stage.clip, self._window.commands["view.clip"].isChecked()
+        bar.setVisible(cut and not self.shows_slices)
+        self.stage.scene.cut(bar.clip if cut else None)
+
     def _switch_slices(self) -> None:
+        self._cut()
         self.stage.bar.opacity.setEnabled(not self.shows_slices)
         self.refresh()
         self._tell_page()

@@ -4,6 +4,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from homolog_app.clipping import Clip
+
 __all__ = ["CameraState", "Canvas"]
 
 _Point = tuple[float, float, float]
@@ -54,6 +56,8 @@ class Canvas(BaseModel):
         Of the surfaces.
     cameras : tuple of CameraState
         One for all views, or one each.
+    clip : Clip or None
+        The plane that cuts the shapes open.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -69,3 +73,4 @@ class Canvas(BaseModel):
     particles: bool = True
     opacity: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
     cameras: tuple[CameraState, ...] = ()
+    clip: Clip | None = None

@@ -12,7 +12,9 @@ from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLPointGaussianMapper
 from homolog.arrays import Array, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import mirrors
+from homolog_app.clipping import Box, Clip, around
 from homolog_app.window.scene.content import Content
+from homolog_app.window.scene.cutting import Cutter
 from homolog_app.window.scene.surface import (
     PLAIN,
     ArrowActor,
@@ -60,7 +62,9 @@ class Cell:
         self._radius = 1.0
         self._make_balls()
         self._marks = [one for mark in (self._arrows, self._lines) for one in (mark.actor, mark.hidden)]
-        for actor in (*self._surfaces.values(), *self._marks, self._balls):
+        self._cutter = Cutter(tuple(self._surfaces.values()), self._marks)
+        self._points: tuple[FloatArray, Array] | None = None
+        for actor in (*self._surfaces.values(), *self._marks, self._balls, *self._cutter.caps):
             renderer.AddActor(actor)
         self._words = Words(renderer)
         for place, strength in _LIGHTS:
@@ -125,19 +129,35 @@ class Cell:
             mapper.SetScalarVisibility(name == "groomed" and coloured)
             light_surface(actor, _COLOURED if coloured and name == "groomed" else PLAIN)
             actor.GetProperty().SetOpacity(0.35 * opacity if name == "raw" and both else opacity)
+        self._cutter.cap()
+
+    def cut(self, clip: Clip | None, box: Box) -> None:
+        """Before each drawing: cut the shapes open, as the camera sees them now, or leave them whole."""
+        if self._cutter.move(None if clip is None else clip.cut(box, self._axes[2])):
+            self._cutter.cap()
+            self._place_balls()
 
     def show_particles(self, points: FloatArray | None, colours: Array | None, radius: float) -> None:
         """Move the particles, or hide them."""
-        self._balls.SetVisibility(points is not None)
-        if points is None or colours is None:
-            return
+        self._points = (
+            None if points is None or colours is None else (np.asarray(points), np.asarray(colours))
+        )
         self._radius = radius
+        self._place_balls()
+
+    def _place_balls(self) -> None:
+        """Give VTK the particles that the cutting plane leaves."""
+        self._balls.SetVisibility(self._points is not None)
+        if self._points is None:
+            return
+        kept = self._cutter.keeps(self._points[0], self._radius)
+        points, colours = (part[kept] for part in self._points)
         held = vtkPoints()
         held.SetData(numpy_to_vtk(np.ascontiguousarray(points, dtype=np.float32), deep=True))
         self._ball_data.SetPoints(held)
         self._ball_data.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(colours), deep=True))
         self._ball_data.Modified()
-        self._ball_mapper.SetScaleFactor(radius)
+        self._ball_mapper.SetScaleFactor(self._radius)
 
     def show_words(self, size: int, *, small: bool) -> None:
         """Write the subject's name and note, and the letters, so many pixels high."""
@@ -151,6 +171,7 @@ class Cell:
         self._surfaces["raw"].GetProperty().SetColor(*rgb(colours.raw))
         for actor in self._marks:
             actor.GetProperty().SetColor(*rgb(colours.mark))
+        self._cutter.paint(rgb(colours.cut))
         self._words.paint(colours)
 
     def face_camera(self, bounds: tuple[float, ...]) -> None:
@@ -196,17 +217,21 @@ class Cell:
 
     @property
     def surface_actors(self) -> tuple[Any, ...]:
-        """The surfaces' actors, shown or not."""
-        return tuple(self._surfaces.values())
+        """What of the surfaces can be clicked, shown or not: caps hide what is behind them."""
+        return (*self._surfaces.values(), *self._cutter.caps)
+
+    def is_cap(self, actor: Any) -> bool:  # noqa: ANN401 - VTK is untyped
+        """Whether an actor of VTK is the surface of the cut."""
+        return actor in self._cutter.caps
 
     @property
-    def bounds(self) -> tuple[float, ...] | None:
+    def bounds(self) -> Box | None:
         """Extent of the surfaces [mm], of the input's only where it is shown; None if there are none."""
         raw = self._surfaces["raw"].GetVisibility() or len(self._meshes) == 1
         boxes = [mesh.GetBounds() for name, mesh in self._meshes.items() if raw or name != "raw"]
         if not boxes:
             return None
-        return tuple(pick(box[at] for box in boxes) for at, pick in enumerate((min, max) * 3))
+        return around(boxes)
 
     def _make_balls(self) -> None:
         verts = self._ball_mapper

@@ -7,6 +7,7 @@ import numpy as np
 from vtkmodules.vtkRenderingCore import vtkRenderer
 
 from homolog.arrays import Array, FloatArray
+from homolog_app.clipping import Box, Clip, around
 from homolog_app.window.scene.cameras import Cameras
 from homolog_app.window.scene.cell import Cell
 from homolog_app.window.scene.colours import colours_by_place
@@ -51,6 +52,10 @@ class Grid:
         self.radius = 1.0
         self.layout, self.columns, self.page = 1, 0, 0
         self.raw, self.groomed, self.balls, self.opacity = True, True, True, 1.0
+        self.clip: Clip | None = None
+        """The plane that cuts all shapes open."""
+        self._box: Box | None = None
+        self._boxed: list[str] = []
         self.cameras = Cameras(self.cells)
 
     @property
@@ -104,6 +109,8 @@ class Grid:
         for index, cell in enumerate(self.cells):
             cell.fill(shown[index] if index < min(len(shown), self.count) else None)
         self.refresh()
+        if (names := [one.name for one in shown]) != self._boxed:  # the plane stays where shapes only move
+            self._boxed, self._box = names, self.bounds
 
     def refresh(self) -> None:
         """Show surfaces, particles and words as they are to be seen now."""
@@ -162,18 +169,21 @@ class Grid:
         self.cells.clear()  # the picker holds the same list
 
     @property
-    def bounds(self) -> tuple[float, ...] | None:
+    def bounds(self) -> Box | None:
         """Extent of all that is in the views [mm]; None if there is nothing."""
-        boxes = [box for cell in self.cells[: self.count] if (box := cell.bounds) is not None]
-        if not boxes:
-            return None
-        return tuple(pick(box[at] for box in boxes) for at, pick in enumerate((min, max) * 3))
+        return around([box for cell in self.cells[: self.count] if (box := cell.bounds) is not None])
+
+    @property
+    def whole_clip(self) -> Clip | None:
+        """The cutting plane with the extent that its position refers to."""
+        return self.clip and self.clip.model_copy(update={"box": self.clip.box or self._box})
 
     def _before_drawing(self, *_: object) -> None:
         bounds = self.bounds
         if bounds is not None:
             for cell in self.cells[: self.count]:
                 cell.face_camera(bounds)
+                cell.cut(self.clip, self._box or bounds)
 
     def _tints_of(self, cell: Cell) -> Array | None:
         if isinstance(self.tints, Mapping):

@@ -89,6 +89,8 @@ class Picker(QObject):
             picker.AddPickList(actor)
         if cell.content is None or not picker.Pick(x, y, 0.0, cell.renderer):
             return None
+        if cell.is_cap(picker.GetActor()):  # inside the shape: no place of its surface
+            return None
         place = np.array(picker.GetPickPosition())
         return Pick(cell.content.name, place, self._particle_near(cell, place))
 

@@ -9,6 +9,7 @@ from PySide6.QtGui import QImage, QResizeEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from homolog.arrays import Array, FloatArray
+from homolog_app.clipping import Clip
 from homolog_app.window.scene.canvas import CameraState, Canvas
 from homolog_app.window.scene.colour_bar import ColourBar
 from homolog_app.window.scene.content import Content, Shown
@@ -168,6 +169,12 @@ class Scene(QWidget):
         grid.opacity = grid.opacity if opacity is None else opacity
         self._refresh()
 
+    def cut(self, clip: Clip | None) -> None:
+        """Cut all shapes open at a plane, or leave them whole."""
+        self._after_drawing()
+        self._grid.clip = clip
+        self._plot.update()
+
     def show_particles(
         self, particles: Mapping[str, FloatArray], tints: Array | None = None, *, live: bool = False
     ) -> None:
@@ -252,6 +259,7 @@ class Scene(QWidget):
             scheme="dark" if self._colours is DARK else "light",
             layout=grid.layout, page=grid.page, raw=grid.raw, groomed=grid.groomed, particles=grid.balls,
             opacity=grid.opacity, cameras=tuple(CameraState.of(one) for one in grid.cameras.each),
+            clip=grid.whole_clip,
         )  # fmt: skip
 
     @property

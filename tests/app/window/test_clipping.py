@@ -1,0 +1,140 @@
+"""Shapes cut open in the views."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from homolog_app.clipping import Clip
+from homolog_app.window.explore.chosen import Snapshot, SubjectsView
+from homolog_app.window.scene.canvas import CameraState
+from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scene.offscreen import drawn
+from homolog_app.window.scheme import LIGHT, rgb
+
+pytestmark = pytest.mark.window
+
+CUT = np.array(rgb(LIGHT.cut)) * 255.0
+
+
+def shell():
+    """Return a ball of radius 10 mm with a cavity of radius 6 mm as one content."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkFiltersSources import vtkSphereSource
+
+    from homolog.surfaces.mesh import TriangleMesh
+
+    source = vtkSphereSource()
+    source.SetThetaResolution(60)
+    source.SetPhiResolution(60)
+    source.SetRadius(10.0)
+    source.Update()
+    points = vtk_to_numpy(source.GetOutput().GetPoints().GetData()).astype(float)
+    faces = vtk_to_numpy(source.GetOutput().GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    both = TriangleMesh(
+        np.concatenate([points, 0.6 * points]), np.concatenate([faces, faces[:, ::-1] + len(points)])
+    )
+    return Content("shell", None, both, None, np.eye(4))
+
+
+def from_above(canvas, clip):
+    camera = CameraState(at=(0, 0, 0), eye=(0, 0, 50), up=(0, -1, 0), height=24.0)
+    return canvas.model_copy(
+        update={"width": 300, "height": 300, "ratio": 1.0, "layout": 1, "cameras": (camera,), "clip": clip,
+                "scheme": "light", "particles": True}
+    )  # fmt: skip
+
+
+def areas(picture):
+    """Return the area of the cut surface and of the whole shape [mm²]."""
+    millimetres = (24.0 / 300) ** 2
+    shape = (np.abs(picture[..., :3].astype(float) - picture[5, 5, :3]).max(axis=2) > 8) & (
+        np.hypot(*np.mgrid[-150:150, -150:150]) < 140
+    )
+    cap = np.abs(picture[..., :3] - CUT).max(axis=2) < 8
+    return cap.sum() * millimetres, shape.sum() * millimetres
+
+
+@pytest.mark.parametrize("plane", ["axial", "view"])
+def test_a_hollow_shape_shows_its_wall_where_it_is_cut(beans, plane):
+    canvas = beans.views.stage.scene.canvas
+    whole = drawn(Shown([shell()]), from_above(canvas, None))
+    assert areas(whole)[0] == 0.0
+    half = drawn(Shown([shell()]), from_above(canvas, Clip(plane=plane)))
+    np.testing.assert_allclose(areas(half), [np.pi * (100 - 36), np.pi * 100], rtol=0.03)
+    below = drawn(Shown([shell()]), from_above(canvas, Clip(plane=plane, flipped=True)))
+    assert areas(below)[0] < 2.0  # seen from outside
+
+
+def test_particles_on_the_removed_side_are_not_drawn(beans):
+    canvas, content = beans.views.stage.scene.canvas, shell()
+    particle = {"shell": np.array([[0.0, 0.0, 10.0]])}
+    tints = np.array([[255, 0, 255]], np.uint8)
+    shown = Shown([content], particles=particle, tints=tints)
+    seen = [
+        (
+            np.abs(drawn(shown, from_above(canvas, clip))[..., :3].astype(int) - tints[0]).max(axis=2) < 120
+        ).sum()
+        for clip in (None, Clip(), Clip(flipped=True))
+    ]
+    assert seen[0] > 20
+    assert seen[1] == 0
+    assert seen[2] == seen[0]
+
+
+def test_the_plane_of_the_window_is_that_of_a_picture_made_again(beans, wait):
+    scene, commands = beans.views.stage.scene, beans.commands
+    commands["view.grid1"].trigger()
+    before = scene.picture()
+    commands["view.clip"].trigger()
+    bar = beans.views.stage.clip
+    assert bar.isVisible()
+    bar.plane.setCurrentIndex(1)
+    bar.position.setValue(80)
+    wait(lambda: scene.canvas.clip.box is not None)
+    clip = scene.canvas.clip
+    assert (clip.plane, clip.position, clip.flipped) == ("coronal", 0.4, False)
+    assert scene.picture() != before
+    told = Snapshot(view=SubjectsView(), canvas=scene.canvas).words
+    assert Snapshot.model_validate_json(told).canvas.clip == clip
+
+
+def test_the_plane_stays_from_page_to_page_and_goes_with_the_command(explored):
+    commands, stage = explored.commands, explored.views.stage
+    commands["view.clip"].trigger()
+    explored.show_step("correspond")
+    assert stage.scene.canvas.clip is not None
+    commands["view.slice"].trigger()
+    assert not stage.clip.isVisible()
+    commands["view.slice"].trigger()
+    assert stage.clip.isVisible()
+    commands["view.clip"].trigger()
+    assert stage.scene.canvas.clip is None
+    assert not stage.clip.isVisible()
+
+
+def test_the_cut_surface_is_no_place_of_a_shape(beans, wait):
+    from PySide6.QtCore import QPointF
+
+    scene, stage = beans.views.stage.scene, beans.views.stage
+    beans.commands["view.grid1"].trigger()
+    content = replace(shell(), name="solid")
+    solid = content.groomed
+    half = len(solid.faces) // 2
+    from homolog.surfaces.mesh import TriangleMesh
+
+    scene.display(
+        Shown([replace(content, groomed=TriangleMesh(solid.vertices[:3482], solid.faces[:half]))], 1)
+    )
+    scene.look("head")
+    picks = []
+    scene.picker.picked.connect(picks.append)
+    middle = QPointF(scene._plot.width() / 2, scene._plot.height() / 2)
+    scene.picker.pick_at(middle)
+    assert [pick.name for pick in picks] == ["solid"]
+    stage.clip.position.setValue(100)
+    beans.commands["view.clip"].trigger()
+    scene.picture()
+    scene._plot.ren_win.Render()
+    scene.picker.pick_at(middle)
+    assert len(picks) == 1
