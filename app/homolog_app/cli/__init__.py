@@ -35,6 +35,8 @@ _COMMANDS = {
     "analyze": "compare groups, regress on a variable, compare pairs",
     "check": "list places where the correspondence may be wrong, and repair them",
     "report": "write one HTML page about a project's model and studies",
+    "reference": "freeze a project's controls as a reference for single patients",
+    "patient": "compare a patient's shape with a reference: how unusual, and where",
     "import": "import a ShapeWorks project or a folder of particles",
     "export": "films, pictures, plots, meshes, tables and particles for other programs",
     "geodesics": "compute geodesic distances on a surface",

@@ -36,8 +36,9 @@ class Picture:
 class Page:
     """A page that grows from top to bottom. Texts are plain: markup in them is shown as it is."""
 
-    def __init__(self, title: str, notice: str) -> None:
+    def __init__(self, title: str, notice: str, *, footer: str = "") -> None:
         self._title = title
+        self._footer = f'<p class="footer">{escape(footer)}</p>' if footer else ""
         self._parts = [f"<h1>{escape(title)}</h1>", f'<p class="notice">{escape(notice)}</p>']
 
     def heading(self, words: str, level: int = 2) -> None:
@@ -102,6 +103,7 @@ class Page:
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
             f"<title>{escape(self._title)}</title><style>\n{style}</style></head>\n<body>\n"
             + "\n".join(self._parts)
+            + self._footer
             + "\n</body></html>\n"
         )
 

@@ -1,0 +1,286 @@
+"""Patients' reports, tables and surfaces on disk."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from homolog.arrays import Array
+from homolog.cohort import (
+    TABLE_SUFFIXES,
+    Cohort,
+    Subject,
+    dicom_files,
+    landmarks_beside,
+    read_cohort,
+    suffix_of,
+)
+from homolog.errors import InputError, NumericalError
+from homolog.files.atomic import write_text
+from homolog.files.meshes import write_mesh
+from homolog.files.names import file_stems
+from homolog.files.particles import write_particles
+from homolog.files.tables import write_table
+from homolog.geometry import inverse_matrices
+from homolog.patient import PatientComparison, Reference, compare_patient
+from homolog.progress import Tick, no_tick, part_of
+from homolog.settings import GroomSettings
+from homolog_app.report.figures import ReportFigure
+from homolog_app.report.page import Page
+from homolog_app.report.patient_figures import draw_percentiles, map_pictures
+from homolog_app.report.patient_pages import write_pdf
+from homolog_app.report.patient_words import (
+    METHOD,
+    NOTICE,
+    REGION_COLUMNS,
+    measure_rows,
+    reference_rows,
+    region_rows,
+    verdict,
+)
+
+__all__ = ["PatientRequest", "PatientSummary", "patients_of", "write_patient", "write_patients"]
+
+_SUMMARY = (
+    "name", "flagged", "regions", "region_area_mm2", "largest_z", "limit", "largest_z_percentile",
+    "largest_z_p", "mahalanobis", "mahalanobis_percentile", "mahalanobis_p", "outside_mm",
+    "outside_percentile", "outside_p",
+    "size_ratio", "size_percentile", "size_p", "remarks", "error",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class PatientRequest:
+    """Who is compared.
+
+    Attributes
+    ----------
+    files : tuple of Path
+        Segmentations, meshes, DICOM series, folders of those, or tables.
+    covariates : mapping of str to str
+        Of all of them, where a table has no other value.
+    side : str
+        ``"left"``, ``"right"``, or empty if it is not given.
+    label : str or None
+        Value or name of the structure, if it is not that of the controls.
+    force : bool
+        Compare even what looks like another structure or side.
+    """
+
+    files: tuple[Path, ...]
+    covariates: Mapping[str, str]
+    side: str = ""
+    label: str | None = None
+    force: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PatientSummary:
+    """What came out: a line for each patient, and for each that could not be compared."""
+
+    lines: tuple[str, ...]
+    problems: tuple[str, ...]
+
+
+def write_patients(
+    folder: Path, reference: Reference, request: PatientRequest, tick: Tick = no_tick
+) -> PatientSummary:
+    """Compare patients and write their reports; several get a folder each and one table.
+
+    Parameters
+    ----------
+    folder : Path
+        Exists and is empty.
+    reference : Reference
+    request : PatientRequest
+    tick : Tick
+
+    Returns
+    -------
+    PatientSummary
+
+    Raises
+    ------
+    InputError
+        If the only patient can't be compared, none of several can, or the folder can't be written to.
+    """
+    subjects = patients_of(request.files)
+    reference = with_label(reference, request.label)
+    stems = file_stems([subject.name for subject in subjects])
+    rows: list[list[str | float | int | None]] = []
+    lines: list[str] = []
+    problems: list[str] = []
+    for index, (subject, stem) in enumerate(zip(subjects, stems, strict=True)):
+        here = part_of(tick, index / len(subjects), (index + 1) / len(subjects))
+        values = {**request.covariates, **{key: item for key, item in subject.columns.items() if item}}
+        try:
+            comparison = compare_patient(
+                reference,
+                subject,
+                values,
+                side=request.side or values.get("side", ""),
+                force=request.force,
+                tick=part_of(here, 0.0, 0.7),
+            )
+        except (InputError, NumericalError) as error:
+            if len(subjects) == 1:
+                raise
+            problems.append(str(error))
+            rows.append([subject.name, *[None] * (len(_SUMMARY) - 2), str(error)])
+            continue
+        own = folder if len(subjects) == 1 else folder / stem
+        write_patient(own, comparison, reference, part_of(here, 0.7, 1.0))
+        rows.append([*_summary(comparison, reference), None])
+        lines.append(f"{subject.name}: {verdict(comparison, reference)}")
+        lines += [f"{subject.name}: {words}" for words in comparison.remarks]
+    if not lines:
+        raise InputError("\n".join(problems))
+    write_table(folder / "patients.csv", _SUMMARY, rows)
+    return PatientSummary(tuple(lines), tuple(problems))
+
+
+def patients_of(files: Sequence[Path]) -> tuple[Subject, ...]:
+    """Return the patients of files, folders and tables.
+
+    Raises
+    ------
+    InputError
+        If a path does not exist, or two patients have the same name.
+    """
+    found: list[Subject] = []
+    for path in files:
+        if not path.exists():
+            raise InputError(f"{path}: does not exist; correct the path")
+        table = path.is_file() and suffix_of(path) in TABLE_SUFFIXES
+        series = path.is_dir() and bool(dicom_files(path))
+        if table or (path.is_dir() and not series):
+            cohort: Cohort = read_cohort(path)
+            found += cohort.subjects
+        else:
+            name = path.name if series else path.name[: len(path.name) - len(suffix_of(path))]
+            found.append(Subject(name, path, landmarks=landmarks_beside(path)))
+    names = [subject.name for subject in found]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"several patients are called {', '.join(twice)}; give each its own name")
+    return tuple(found)
+
+
+def with_label(reference: Reference, label: str | None) -> Reference:
+    """Return the reference with the structure to take from patients' files, if another is given."""
+    if label is None:
+        return reference
+    number = label.strip().isdecimal()
+    structure = {"label": int(label) if number else None, "segment": None if number else label}
+    groom = GroomSettings.model_validate(reference.provenance.groom.model_dump() | structure)
+    return replace(reference, provenance=replace(reference.provenance, groom=groom))
+
+
+def write_patient(
+    folder: Path, comparison: PatientComparison, reference: Reference, tick: Tick = no_tick
+) -> None:
+    """Write a patient's report (``report.html``, ``report.pdf``), tables and surfaces.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if need be.
+    comparison : PatientComparison
+    reference : Reference
+        That it is with.
+    tick : Tick
+
+    Raises
+    ------
+    InputError
+        If the folder can't be written to.
+    """
+    tick(0.0, "drawing the maps")
+    maps = map_pictures(comparison)
+    tick(0.5, "writing the report")
+    write_text(folder / "report.html", patient_page(comparison, reference, maps.figure()).html)
+    write_pdf(folder / "report.pdf", comparison, reference, maps)
+    tick(0.8, "writing tables and surfaces")
+    write_table(
+        folder / "regions.csv",
+        ["region", "area_mm2", "mean_mm", "peak_mm", "peak_z", "x_mm", "y_mm", "z_mm", "place",
+         "missing_share"],
+        (
+            [number, region.area, region.mean, region.peak, region.z, *comparison.position(region).tolist(),
+             comparison.place(region), region.missing]
+            for number, region in enumerate(comparison.regions, start=1)
+        ),
+    )  # fmt: skip
+    back = inverse_matrices(comparison.placement)
+    numbers = np.zeros(len(comparison.z), dtype=np.int32)
+    for number, region in enumerate(comparison.regions, start=1):
+        numbers[region.vertices] = number
+    values: dict[str, Array] = {
+        "difference_mm": comparison.residual, "z": comparison.z, "region": numbers,
+        "difference_from_mean_mm": comparison.total, "z_from_mean": comparison.total_z,
+    }  # fmt: skip
+    write_mesh(folder / "map.vtp", comparison.expected.placed(back), values)
+    write_mesh(folder / "patient.vtp", comparison.mesh)
+    write_particles(folder / "patient_local.particles", comparison.particles)
+
+
+def patient_page(comparison: PatientComparison, reference: Reference, maps: object) -> Page:
+    """Return a patient's report as a page; `maps` is the figure of the maps."""
+    from matplotlib.figure import Figure
+
+    assert isinstance(maps, Figure)
+    page = Page(f"Shape of {comparison.name} against a reference", NOTICE, footer=NOTICE)
+    about = reference.provenance
+    given = ", ".join(f"{name} {value}" for name, value in comparison.covariates.items())
+    page.paragraph(
+        f"Reference: {about.project}{f', {about.group}' if about.group else ''}, {about.controls} controls"
+        f"{f'. Patient: {given}' if given else ''}."
+    )
+    page.heading("Finding")
+    page.paragraph(verdict(comparison, reference))
+    for words in comparison.remarks:
+        page.caution(words)
+    caption = (
+        "Difference in mm on the subject's own surface: blue lies outward, yellow inward. Top: from the "
+        "shape that the reference expects of this subject, faint within the limit. Bottom: from the mean "
+        "of the reference."
+    )
+    page.figures([ReportFigure("maps", maps, caption)])
+    page.heading("Regions beyond the limit")
+    rows = region_rows(comparison, reference)
+    if rows:
+        page.table(REGION_COLUMNS, rows)
+    else:
+        page.paragraph("None.")
+    page.heading("Among the controls")
+    words = (
+        "Marks: controls fitted as patients; band: their middle 90 %; diamond: this subject, orange where "
+        "p is 0.05 or less; dashed: limit."
+    )
+    page.figures([ReportFigure("percentiles", draw_percentiles(comparison, reference), words)])
+    page.table(
+        ("", "value", "percentile of controls (95 % interval)", "p"), measure_rows(comparison, reference)
+    )
+    page.heading("Method")
+    for words in METHOD:
+        page.paragraph(words)
+    page.heading("Reference")
+    page.table(("", ""), reference_rows(reference), words=True)
+    return page
+
+
+def _summary(comparison: PatientComparison, reference: Reference) -> list[str | float | int | None]:
+    numbers: list[str | float | int | None] = [
+        comparison.name,
+        int(bool(comparison.regions)),
+        len(comparison.regions),
+        sum(region.area for region in comparison.regions),
+        comparison.local.value,
+        reference.limit,
+        comparison.local.percent,
+        comparison.local.p,
+    ]
+    for item in (comparison.mahalanobis, comparison.outside, comparison.size):
+        numbers += [item.value, item.percent, item.p]
+    return [*numbers, "; ".join(comparison.remarks)]

@@ -1,0 +1,131 @@
+"""What is said of a reference and of a patient, in sentences."""
+
+from homolog.patient import PatientComparison, Percentile, Reference, Region
+
+__all__ = [
+    "METHOD",
+    "NOTICE",
+    "REGION_COLUMNS",
+    "measure_rows",
+    "reference_rows",
+    "reference_words",
+    "region_rows",
+    "verdict",
+]
+
+NOTICE = "For research use only. Not a medical device; not for diagnosis or treatment."
+
+REGION_COLUMNS = ("region", "area (mm²)", "mean (mm)", "peak (mm)", "z at peak", "place", "particles")
+
+METHOD = (
+    "The surface was groomed with the settings of the controls, registered rigidly, and the reference's "
+    "mean and modes were fitted to it with robust weights (Geman and McClure), so that a place that the "
+    "modes do not explain counts little in the fit and stands out from it. The map is the distance from "
+    "the shape that the reference expects of this subject, along its normals, outward positive; z is that "
+    "distance in standard deviations of controls.",
+    "Every control was fitted in the same way, from its own surface alone, to the model of the other "
+    "controls. Percentiles are among those fits. The limit of z is such that a healthy subject exceeds it "
+    "anywhere on the surface in 5 % of cases. Intervals of percentiles are 95 % (Clopper and Pearson).",
+)
+
+
+def reference_words(reference: Reference) -> list[str]:
+    """Describe a reference in a few lines."""
+    about, quality = reference.provenance, reference.quality
+    lines = [
+        f"{about.controls} controls{f' ({about.group})' if about.group else ''} of {about.project}, "
+        f"{about.particles} particles, {reference.modes} modes above chance"
+        f"{', adjusted for ' + ' and '.join(reference.coding.names) if reference.coding.names else ''}",
+        f"controls fitted as patients: {quality.outside:.2f} mm from the fitted model on average; "
+        f"{100.0 * quality.near:.0f} % of particles within 0.3 spacings of their place in the joint run",
+        f"limit: |z| = {reference.limit:.2f}, on average {quality.limit_mm:.1f} mm",
+    ]
+    if about.controls < 20:
+        lines.append(
+            f"caution: {about.controls} controls are few; limits are wide and percentiles coarse (20 or "
+            "more are better)"
+        )
+    return lines
+
+
+def reference_rows(reference: Reference) -> list[tuple[str, str]]:
+    """Return what a reference is, as a table."""
+    about = reference.provenance
+    groom = about.groom
+    group = f", {about.group}" if about.group else ""
+    structure = groom.segment or (f"label {groom.label}" if groom.label else "all labels")
+    return [
+        ("Reference", f"{about.project}{group} ({reference.fingerprint})"),
+        ("Controls", str(about.controls)),
+        ("Adjusted for", ", ".join(reference.coding.names) or "nothing"),
+        ("Modes", f"{reference.modes} above chance; {len(reference.model.variances)} fitted"),
+        ("Particles", str(about.particles)),
+        ("Limit of |z|", f"{reference.limit:.2f} (5 % of healthy subjects anywhere)"),
+        ("Structure", structure),
+        ("Made", f"{about.made}, Homolog {about.versions.get('homolog', '')}"),
+        ("Result", f"{about.finished} ({about.result[:16]})"),
+    ]
+
+
+def verdict(comparison: PatientComparison, reference: Reference) -> str:
+    """Say in a sentence what was found."""
+    count = len(comparison.regions)
+    if not count:
+        return (
+            "No part of the surface differs from what the reference expects by more than its limit "
+            f"(largest |z| {comparison.local.value:.1f}, limit {reference.limit:.1f})."
+        )
+    first = comparison.regions[0]
+    where = comparison.place(first)
+    area = sum(region.area for region in comparison.regions)
+    parts = "1 region lies" if count == 1 else f"{count} regions lie"
+    return (
+        f"{parts} beyond the limit, {area:.0f} mm² in all; the most extreme is {_side(first)} "
+        f"by up to {abs(first.peak):.1f} mm{f' ({where})' if where else ''}, |z| {abs(first.z):.1f} (limit "
+        f"{reference.limit:.1f}; p = {comparison.local.p:.2g} against "
+        f"{reference.provenance.controls} controls)."
+    )
+
+
+def measure_rows(comparison: PatientComparison, reference: Reference) -> list[tuple[str, str, str, str]]:
+    """Return the global numbers: name, value, percentile with interval, p."""
+    named: list[tuple[str, str, Percentile]] = [
+        ("Distance in the modes", f"{comparison.mahalanobis.value:.2f} SD", comparison.mahalanobis),
+        ("Distance outside of them", f"{comparison.outside.value:.2f} mm", comparison.outside),
+        ("Size, of the expected", f"{100.0 * comparison.size.value:.0f} %", comparison.size),
+        ("Largest |z| on the surface", f"{comparison.local.value:.1f}", comparison.local),
+    ]
+    return [
+        (name, value, f"{item.percent:.0f} ({item.low:.0f} to {item.high:.0f})", f"{item.p:.2g}")
+        for name, value, item in named
+    ]
+
+
+def region_rows(comparison: PatientComparison, reference: Reference) -> list[tuple[str, ...]]:
+    """Return a row for each region: number, area, mean, peak, z, place, particles."""
+    return [
+        (
+            str(number),
+            f"{region.area:.0f}",
+            _signed(region.mean),
+            _signed(region.peak),
+            _signed(region.z),
+            _place(comparison, region),
+            " ".join(map(str, comparison.nearest_particles(region, reference).tolist())),
+        )
+        for number, region in enumerate(comparison.regions, start=1)
+    ]
+
+
+def _place(comparison: PatientComparison, region: Region) -> str:
+    x, y, z = comparison.position(region)
+    words = comparison.place(region)
+    return f"{words + ', ' if words else ''}LPS {x:.0f} {y:.0f} {z:.0f}"
+
+
+def _side(region: Region) -> str:
+    return "outward" if region.peak > 0.0 else "inward"
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.1f}".replace("-", "−")

@@ -1,0 +1,17 @@
+"""One patient against a population: a frozen reference, a robust fit, and how unusual a shape is."""
+
+from homolog.patient.build import make_reference
+from homolog.patient.compare import PatientComparison, compare_groomed, compare_patient
+from homolog.patient.distribution import Percentile
+from homolog.patient.local import Region
+from homolog.patient.reference import Reference
+
+__all__ = [
+    "PatientComparison",
+    "Percentile",
+    "Reference",
+    "Region",
+    "compare_groomed",
+    "compare_patient",
+    "make_reference",
+]

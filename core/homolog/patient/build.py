@@ -1,0 +1,203 @@
+"""A reference made from a finished project."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from homolog.analysis.parallel import parallel_analysis
+from homolog.arrays import FloatArray
+from homolog.errors import InputError
+from homolog.files.project import Project
+from homolog.files.records import IMPORTED, ResultRecord
+from homolog.files.results import Result, read_result
+from homolog.patient.coding import Coding
+from homolog.patient.controls import Controls, read_controls
+from homolog.patient.left_out import LeftOut, fit_left_out
+from homolog.patient.local import LocalNorm, maxima_left_out, prediction_limit
+from homolog.patient.reference import LEVEL, Provenance, Quality, Reference
+from homolog.patient.surface_model import SurfaceModel
+from homolog.progress import Tick, no_tick, part_of
+from homolog.run.fingerprints import versions
+
+__all__ = ["FEWEST", "make_reference", "reference_of"]
+
+FEWEST = 8
+"""Controls."""
+_FITTED_SHARE = 0.98
+"""Of the particles' variance in the modes that are fitted."""
+_NEAR = 0.3  # spacings
+_COLUMN = "group"
+
+
+def make_reference(
+    project: Project,
+    *,
+    group: str | None = None,
+    column: str = _COLUMN,
+    adjust: Sequence[str] = (),
+    workers: int | None = None,
+    tick: Tick = no_tick,
+) -> Reference:
+    """Freeze a model of a project's controls, and fit each control as a patient.
+
+    Parameters
+    ----------
+    project : Project
+        With a result.
+    group : str, optional
+        Who are the controls; all subjects by default.
+    column : str
+        Of the cohort's table, where groups are.
+    adjust : sequence of str
+        Covariates to allow for: columns of the table.
+    workers : int, optional
+        Processes; one per core by default.
+    tick : Tick
+
+    Returns
+    -------
+    Reference
+
+    Raises
+    ------
+    InputError
+        If the project has no result, its controls are too few, or a covariate is missing.
+    """
+    result = read_result(project)
+    record = project.read().result
+    assert record is not None, "a result was read"
+    if record.ended == IMPORTED:
+        raise InputError(
+            f"{project.folder}: its model was imported, so how its surfaces were groomed is "
+            "not known; run it here"
+        )
+    chosen = _chosen(result, group, column, project)
+    table = {name: [_cell(result, index, name, project) for index in chosen] for name in adjust}
+    coding, columns = Coding.of(table, [result.names[index] for index in chosen])
+    if len(chosen) - columns.shape[1] < FEWEST:
+        raise InputError(
+            f"{project.folder}: {len(chosen)} controls are too few for a reference; {FEWEST} "
+            "and one for each covariate is the least, 20 and more give useful limits"
+        )
+    controls = read_controls(project, result, chosen, part_of(tick, 0.0, 0.15))
+    about = _provenance(project, record, result, chosen, group)
+    return reference_of(controls, coding, columns, about, workers=workers, tick=part_of(tick, 0.15, 1.0))
+
+
+def reference_of(
+    controls: Controls,
+    coding: Coding,
+    columns: FloatArray,
+    provenance: Provenance,
+    *,
+    workers: int | None = None,
+    tick: Tick = no_tick,
+) -> Reference:
+    """Make a reference of controls that were read.
+
+    Parameters
+    ----------
+    controls : Controls
+    coding : Coding
+        Of the covariates.
+    columns : (M, c) array
+        Theirs, as `coding` makes them.
+    provenance : Provenance
+    workers : int, optional
+        Processes; one per core by default.
+    tick : Tick
+
+    Returns
+    -------
+    Reference
+    """
+    modes, fitted = _modes(controls, columns, part_of(tick, 0.0, 0.1))
+    left_out = fit_left_out(controls, columns, modes, fitted, workers=workers, tick=part_of(tick, 0.1, 0.95))
+    tick(0.95, "limits")
+    model = SurfaceModel.fit(controls.points, columns, fitted, controls.surface.faces)
+    return _reference(model, modes, coding, left_out, provenance)
+
+
+def _chosen(result: Result, group: str | None, column: str, project: Project) -> list[int]:
+    if group is None:
+        return list(range(len(result.names)))
+    values = [_value(result, index, column) for index in range(len(result.names))]
+    chosen = [index for index, value in enumerate(values) if value.strip().casefold() == group.casefold()]
+    if not chosen:
+        there = ", ".join(sorted(set(filter(None, values)))) or "no values"
+        raise InputError(f"{project.folder}: no subject has {group} in column {column}; it contains {there}")
+    return chosen
+
+
+def _value(result: Result, index: int, column: str) -> str:
+    if column == _COLUMN:
+        return result.groups[index] or ""
+    return result.columns[index].get(column, "")
+
+
+def _cell(result: Result, index: int, name: str, project: Project) -> str:
+    known = sorted({key for columns in result.columns for key in columns})
+    if name not in known:
+        raise InputError(
+            f"{project.folder}: has no column {name}; it has {', '.join(known) or 'none'} "
+            "(homolog table adds columns)"
+        )
+    return result.columns[index].get(name, "")
+
+
+def _modes(controls: Controls, columns: FloatArray, tick: Tick) -> tuple[int, int]:
+    """Return how many modes are above chance, and how many are fitted."""
+    count = len(controls.points)
+    aligned = controls.points[:, len(controls.surface.vertices) :]
+    nuisance = np.linalg.qr(np.column_stack([np.ones(count), columns]))[0]
+    found = parallel_analysis(aligned, nuisance=nuisance, tick=tick)
+    shares = np.cumsum(found.variances) / found.variances.sum()
+    enough = int(np.searchsorted(shares, _FITTED_SHARE)) + 1
+    most = max((count - nuisance.shape[1]) // 2, 1)
+    kept = max(1, min(found.kept, most))
+    return kept, max(kept, min(enough, most))
+
+
+def _reference(
+    model: SurfaceModel, modes: int, coding: Coding, left_out: LeftOut, provenance: Provenance
+) -> Reference:
+    maxima = maxima_left_out(left_out.residuals, model.faces)
+    limit = prediction_limit(maxima, LEVEL)
+    local = LocalNorm.of(left_out.residuals, model.faces)
+    values = {
+        name: np.array([getattr(item, name) for item in left_out.measures])
+        for name in ("mahalanobis", "outside", "size", "gap")
+    }
+    quality = Quality(
+        near=float((left_out.errors < _NEAR).mean()),
+        error_95=float(np.quantile(left_out.errors, 0.95)),
+        outside=float(values["outside"].mean()),
+        limit_mm=float(limit * local.deviation.mean()),
+    )
+    total = LocalNorm.of(left_out.totals, model.faces)
+    return Reference(
+        model=model, modes=modes, coding=coding, **values, maxima=maxima, limit=limit,
+        local=local, total=total, quality=quality, provenance=provenance,
+    )  # fmt: skip
+
+
+def _provenance(
+    project: Project, record: ResultRecord, result: Result, chosen: Sequence[int], group: str | None
+) -> Provenance:
+    subjects: list[Any] = [record.subjects[index] for index in chosen]
+    opposite = {"left": "right", "right": "left", "": ""}
+    sides = {opposite[item.side] if item.is_mirrored else item.side for item in subjects}
+    return Provenance(
+        project=project.folder.resolve().name,
+        group=group or "",
+        controls=len(chosen),
+        made=datetime.now(UTC).isoformat(timespec="seconds"),
+        finished=record.finished,
+        versions=versions(),
+        result=record.fingerprint,
+        particles=record.particles,
+        groom=record.settings.groom,
+        side=sides.pop() if len(sides) == 1 else "",
+    )

@@ -1,0 +1,181 @@
+"""Patients that are none: another unit, side or structure, or a part of the shape only."""
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from homolog.arrays import BoolArray, FloatArray
+from homolog.errors import InputError
+from homolog.geometry import inverse_matrices, rms_radius, transform_points
+from homolog.grooming import GroomedSubject
+from homolog.patient.controls import COARSE_VERTICES
+from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
+from homolog.patient.left_out import Measures, measures_of
+from homolog.patient.reference import Reference
+from homolog.patient.surface_model import SurfaceModel
+from homolog.progress import Tick, no_tick
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mirroring import MIRROR
+from homolog.surfaces.simplify import simplified
+
+__all__ = ["check_fit", "check_unit", "cut_off"]
+
+_OTHER_SIZE = 3.0
+_UNITS = {"m": 1000.0, "cm": 10.0, "inches": 25.4, "micrometres": 0.001}
+_UNIT_TOLERANCE = 1.6
+_MIRRORED_BETTER = 0.65
+_OTHER_SHAPE, _ODD_SHAPE = 0.10, 2.0
+_OTHER_MODES, _ODD_MODES = 15.0, 4.0
+"""Median distance over the size, and distance in the modes [SD], above which a structure is another, if they
+are also as many times the controls' largest."""
+_CAP_COSINE, _CAP_DEPTH = 0.97, 2.0
+_CAP_SHARE = 0.5
+_MOST_MISSING = 0.3
+_LEAST_MISSING = 0.005
+
+
+def check_unit(name: str, mesh: TriangleMesh, model: SurfaceModel, columns: FloatArray) -> None:
+    """Raise InputError if a surface is far larger or smaller than the reference."""
+    usual = float(rms_radius(model.expected(columns)[: model.vertices]))
+    ratio = float(rms_radius(mesh.vertices)) / usual
+    if 1.0 / _OTHER_SIZE < ratio < _OTHER_SIZE:
+        return
+    times, word = (ratio, "large") if ratio > 1.0 else (1.0 / ratio, "small")
+    likely = [
+        unit for unit, factor in _UNITS.items() if 1.0 / _UNIT_TOLERANCE < ratio * factor < _UNIT_TOLERANCE
+    ]
+    meant = (
+        f"its unit seems to be {likely[0]}: export it in mm"
+        if likely
+        else "check its unit (mm) and structure"
+    )
+    raise InputError(f"{name}: is {times:.3g} times as {word} as the reference; {meant}")
+
+
+def check_fit(
+    name: str,
+    reference: Reference,
+    mesh: TriangleMesh,
+    measures: Measures,
+    columns: FloatArray,
+    tick: Tick = no_tick,
+    *,
+    force: bool = False,
+) -> list[str]:
+    """Return remarks on a fit that is worse than every control's.
+
+    Parameters
+    ----------
+    name : str
+        The patient's, for messages.
+    reference : Reference
+    mesh : TriangleMesh
+        The patient's, as it was fitted.
+    measures : Measures
+        Of that fit.
+    columns : (c,) array
+        The patient's covariates.
+    tick : Tick
+    force : bool
+        Return what would be refused as a remark.
+
+    Raises
+    ------
+    InputError
+        If its mirror image fits far better, or nothing fits.
+    """
+    try:
+        return _checked(name, reference, mesh, measures, columns, tick)
+    except InputError as error:
+        if not force:
+            raise
+        return [str(error).removeprefix(f"{name}: ")]
+
+
+def _checked(
+    name: str,
+    reference: Reference,
+    mesh: TriangleMesh,
+    measures: Measures,
+    columns: FloatArray,
+    tick: Tick,
+) -> list[str]:
+    usual, usual_modes = float(reference.gap[-1]), float(reference.mahalanobis[-1])
+    if measures.mahalanobis > max(_OTHER_MODES, _ODD_MODES * usual_modes):
+        raise InputError(
+            f"{name}: does not look like the reference: {measures.mahalanobis:.0f} standard deviations "
+            f"from its mean, controls at most {usual_modes:.1f}; check that it shows the same structure "
+            "(label) as a whole"
+        )
+    if measures.gap <= usual:
+        return []
+    image = mesh.placed(MIRROR)
+    fit = fit_surface(reference.model, image, simplified(image, COARSE_VERTICES), columns, tick)
+    other = measures_of(reference.model, fit, columns, reference.modes)[0].gap
+    percent = f"{100.0 * measures.gap:.1f} % of its size"
+    if other < _MIRRORED_BETTER * measures.gap:
+        side = f"{reference.provenance.side} " if reference.provenance.side else ""
+        raise InputError(
+            f"{name}: fits the {side}controls far better mirrored ({100.0 * other:.1f} % of its size away, "
+            f"not {percent}): it is of the other side; give its side (left or right), or correct the file"
+        )
+    if measures.gap > max(_OTHER_SHAPE, _ODD_SHAPE * usual):
+        raise InputError(
+            f"{name}: does not look like the reference: {percent} away after fitting, controls at most "
+            f"{100.0 * usual:.1f} %; check that it shows the same structure (label) as a whole"
+        )
+    return [
+        f"fits worse than every control: half of its surface is more than {percent} away, of "
+        f"controls' at most {100.0 * usual:.1f} %"
+    ]
+
+
+def cut_off(groomed: GroomedSubject, reference: Reference, fit: SurfaceFit, z: FloatArray) -> list[str]:
+    """Return a remark on what the border of the image cuts off.
+
+    Parameters
+    ----------
+    groomed : GroomedSubject
+    reference : Reference
+    fit : SurfaceFit
+        Its pose from the file's frame.
+    z : (V,) array
+        Standardised differences.
+
+    Raises
+    ------
+    InputError
+        If so much is cut off that the rest is no basis.
+    """
+    if not groomed.report.padded:
+        return []
+    surface = reference.model.surface(fit.expected)
+    areas = vertex_areas(surface)
+    missing = (z < -reference.limit) & _over_cap(groomed, fit, surface)
+    share = float(areas[missing].sum() / areas.sum())
+    if share < _LEAST_MISSING:
+        return []
+    if share > _MOST_MISSING:
+        raise InputError(
+            f"{groomed.name}: is cut off by the border of its image: {100.0 * share:.0f} % of the surface is "
+            "missing; give an image that shows the whole structure"
+        )
+    return [
+        f"cut off by the border of its image: {100.0 * share:.0f} % of the surface is missing there, which "
+        "the map shows as lying inward; its size and distance are those of the rest"
+    ]
+
+
+def _over_cap(groomed: GroomedSubject, fit: SurfaceFit, surface: TriangleMesh) -> BoolArray:
+    """Return which vertices lie over a flat end of the patient, along an axis of its image, (V,)."""
+    mesh = groomed.mesh
+    axes = groomed.field.index_to_world[:3, :3]
+    steps = np.linalg.norm(axes, axis=0)
+    along = mesh.vertices @ (axes / steps)
+    slope = mesh.vertex_normals @ (axes / steps)
+    depth = _CAP_DEPTH * steps
+    cap = ((slope > _CAP_COSINE) & (along > along.max(axis=0) - depth)).any(axis=1)
+    cap |= ((slope < -_CAP_COSINE) & (along < along.min(axis=0) + depth)).any(axis=1)
+    here = transform_points(inverse_matrices(fit.pose), surface.vertices)
+    nearest = np.asarray(KDTree(mesh.vertices).query(here, k=8)[1])
+    over: BoolArray = cap[nearest].mean(axis=1) >= _CAP_SHARE
+    return over

@@ -1,0 +1,229 @@
+"""One patient compared with a reference: how unusual its shape is, and where."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.cohort import Subject
+from homolog.errors import InputError
+from homolog.geometry import inverse_matrices, transform_points
+from homolog.grooming import GroomedSubject, groom_subject
+from homolog.patient.checks import check_fit, check_unit, cut_off
+from homolog.patient.controls import COARSE_VERTICES
+from homolog.patient.distribution import Percentile, percentile
+from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
+from homolog.patient.left_out import Measures, measures_of
+from homolog.patient.local import Region, regions
+from homolog.patient.reference import Reference
+from homolog.progress import Tick, no_tick, part_of, run_in_background
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mirroring import MIRROR
+from homolog.surfaces.simplify import simplified
+
+__all__ = ["PatientComparison", "compare_groomed", "compare_patient"]
+
+_DIRECTIONS = (("right", "left"), ("anterior", "posterior"), ("inferior", "superior"))
+_CLEAR = 0.45
+"""Part of a unit vector from where on a direction is named."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatientComparison:
+    """A patient beside a reference; arrays are read-only.
+
+    Attributes
+    ----------
+    name : str
+    mesh : TriangleMesh
+        The groomed surface in the file's frame [mm].
+    placement : (4, 4) array
+        From the file's frame to the reference's; a reflection where the patient was mirrored.
+    covariates : mapping of str to str
+        As given.
+    fit : SurfaceFit
+        In the frame that `placement` gives, its pose with it.
+    mean : TriangleMesh
+        Of the reference at the patient's covariates, in its own frame.
+    expected : TriangleMesh
+        What the reference makes of the patient's shape, in the same frame.
+    measures : Measures
+    mahalanobis, outside, size, local : Percentile
+        Of the measures and of the largest absolute z among controls that were fitted as patients.
+    z : (V,) array
+        Differences from the expected shape, standardised.
+    total, total_z : (V,) arrays
+        Differences from the mean [mm], and standardised.
+    regions : tuple of Region
+        Where absolute z is above the reference's limit.
+    remarks : tuple of str
+        What a reader should know.
+    """
+
+    name: str
+    mesh: TriangleMesh
+    placement: FloatArray
+    covariates: Mapping[str, str]
+    fit: SurfaceFit
+    mean: TriangleMesh
+    expected: TriangleMesh
+    measures: Measures
+    mahalanobis: Percentile
+    outside: Percentile
+    size: Percentile
+    local: Percentile
+    z: FloatArray
+    total: FloatArray
+    total_z: FloatArray
+    regions: tuple[Region, ...]
+    remarks: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("placement", "z", "total", "total_z"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
+
+    @property
+    def residual(self) -> FloatArray:
+        """Differences from the expected shape along its normals [mm], outward positive, (V,)."""
+        return self.fit.residual
+
+    @property
+    def particles(self) -> FloatArray:
+        """The reference's particles on the patient, in the file's frame [mm], (N, 3)."""
+        back = inverse_matrices(self.placement) @ self.fit.pose
+        found: FloatArray = transform_points(back, self.fit.particles)
+        return found
+
+    def place(self, region: Region) -> str:
+        """Return where a region's centre is on the patient, in words: ``"left anterior"`` (LPS)."""
+        middle = self.mesh.vertices.mean(axis=0)
+        way = self.position(region) - middle
+        way = way / max(float(np.abs(self.mesh.vertices - middle).max()), 1e-9)
+        way = way / max(float(np.linalg.norm(way)), 1e-9)
+        named = [
+            words[int(part > 0.0)]
+            for words, part in zip(_DIRECTIONS, way.tolist(), strict=True)
+            if abs(part) > _CLEAR
+        ]
+        return " ".join(named)
+
+    def position(self, region: Region) -> FloatArray:
+        """Return a region's centre in the file's frame [mm], (3,)."""
+        vertex = self.expected.vertices[region.centre]
+        normal = self.expected.vertex_normals[region.centre]
+        there: FloatArray = transform_points(
+            inverse_matrices(self.placement), (vertex + self.residual[region.centre] * normal)[None]
+        )[0]
+        return there
+
+    def nearest_particles(self, region: Region, reference: Reference) -> IntArray:
+        """Return the particles nearest to a region's centre, at most four."""
+        points = self.fit.expected[reference.model.vertices :]
+        gaps = np.linalg.norm(points - self.expected.vertices[region.centre], axis=1)
+        return np.argsort(gaps, kind="stable")[:4]
+
+
+def compare_patient(
+    reference: Reference,
+    subject: Subject,
+    covariates: Mapping[str, str] | None = None,
+    *,
+    side: str = "",
+    force: bool = False,
+    tick: Tick = no_tick,
+) -> PatientComparison:
+    """Groom a patient's file as the controls were, and compare it with the reference.
+
+    Parameters
+    ----------
+    reference : Reference
+    subject : Subject
+        Its file is read.
+    covariates : mapping of str to str, optional
+        The patient's values of those that the reference allows for; others are ignored.
+    side : str
+        ``"left"`` or ``"right"``: the patient is mirrored if the reference is of the other one.
+    force : bool
+        Compare even what looks like another structure or side.
+    tick : Tick
+
+    Returns
+    -------
+    PatientComparison
+
+    Raises
+    ------
+    InputError
+        If the file holds no shape, is of another unit, side or structure, or a covariate is missing.
+    """
+    reference.coding.columns(covariates or {})
+    groomed = run_in_background(
+        lambda _: groom_subject(subject, reference.provenance.groom), part_of(tick, 0.0, 0.5), "grooming"
+    )
+    return compare_groomed(
+        reference, groomed, covariates, side=side, force=force, tick=part_of(tick, 0.5, 1.0)
+    )
+
+
+def compare_groomed(
+    reference: Reference,
+    groomed: GroomedSubject,
+    covariates: Mapping[str, str] | None = None,
+    *,
+    side: str = "",
+    force: bool = False,
+    tick: Tick = no_tick,
+) -> PatientComparison:
+    """Compare a groomed patient with the reference; see `compare_patient`."""
+    values = dict(covariates or {})
+    columns, remarks = reference.coding.columns(values)
+    model = reference.model
+    check_unit(groomed.name, groomed.mesh, model, columns)
+    turn, words = _turn(reference, side)
+    mesh = groomed.mesh.placed(turn)
+    coarse = simplified(mesh, COARSE_VERTICES)
+    fit = fit_surface(model, mesh, coarse, columns, part_of(tick, 0.0, 0.8))
+    measures, total = measures_of(model, fit, columns, reference.modes)
+    remarks += [
+        *words,
+        *check_fit(groomed.name, reference, mesh, measures, columns, part_of(tick, 0.8, 1.0), force=force),
+    ]
+    z = reference.local.standardised(fit.residual)
+    surface = model.surface(fit.expected)
+    cut = cut_off(groomed, reference, replace(fit, pose=fit.pose @ turn), z)
+    remarks += cut
+    largest = float(np.abs(z).max())
+    return PatientComparison(
+        name=groomed.name,
+        mesh=groomed.mesh,
+        placement=fit.pose @ turn,
+        covariates={name: values[name] for name in reference.coding.names},
+        fit=fit,
+        mean=model.surface(model.expected(columns)),
+        expected=surface,
+        measures=measures,
+        mahalanobis=percentile(measures.mahalanobis, reference.mahalanobis),
+        outside=percentile(measures.outside, reference.outside),
+        size=percentile(measures.size, reference.size, both_sides=True),
+        local=percentile(largest, reference.maxima),
+        z=z,
+        total=total,
+        total_z=reference.total.standardised(total),
+        regions=regions(surface, vertex_areas(surface), fit.residual, z, fit.met, reference.limit),
+        remarks=(*groomed.report.notes, *remarks),
+    )
+
+
+def _turn(reference: Reference, side: str) -> tuple[FloatArray, list[str]]:
+    """Return the reflection, if any, that brings a patient to the reference's side, and what to say."""
+    own = reference.provenance.side
+    if side not in ("", "left", "right"):
+        raise InputError(f"side {side}: must be left or right")
+    if not own or not side:
+        unsaid = [f"its side is not given; it was compared with {own} controls as it is"] if own else []
+        return np.eye(4), unsaid
+    if side == own:
+        return np.eye(4), []
+    return MIRROR, [f"a {side} one, mirrored to {own} like the controls"]

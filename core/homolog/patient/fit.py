@@ -1,0 +1,199 @@
+"""A model fitted to one surface, robustly: what the model does not explain stays where it is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from homolog.arrays import BoolArray, FloatArray, frozen
+from homolog.geometry import inverse_matrices, transform_points
+from homolog.grooming.icp import oriented_points, registered
+from homolog.patient.mesh_graph import median_of_ring, ring_mean
+from homolog.patient.surface_model import SurfaceModel
+from homolog.patient.target import Target
+from homolog.progress import Tick, no_tick
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["SurfaceFit", "fit_surface", "vertex_areas"]
+
+_ROUNDS = 40
+_SETTLED = 0.002
+"""Of the residual: root mean square change of the model's points at which the fit ends."""
+_TOLERANT = 2.0
+"""Times the usual residual: from where on a vertex counts little (Geman and McClure 1987)."""
+_INDEPENDENT = 200.0
+"""Independent measurements that a surface is worth: residuals of near vertices are alike."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceFit:
+    """How a model lies on a surface; arrays are read-only.
+
+    Attributes
+    ----------
+    pose : (4, 4) array
+        Rigid motion from the surface's frame to the model's.
+    scores : (K,) array
+        In the modes [mm].
+    expected : (P, 3) array
+        What the model makes of the shape: vertices, then particles, in the model's frame [mm].
+    residual : (V,) array
+        How far the surface lies outward of the expected one, along its normals [mm].
+    met : (V,) bool array
+        Where the line along the normal meets the surface; elsewhere a part is missing or out of reach.
+    weights : (V,) array
+        Of each vertex in the fit, in [0, 1].
+    particles : (N, 3) array
+        On the surface, in its own frame [mm].
+    """
+
+    pose: FloatArray
+    scores: FloatArray
+    expected: FloatArray
+    residual: FloatArray
+    met: BoolArray
+    weights: FloatArray
+    particles: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in self.__dataclass_fields__:
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+def fit_surface(
+    model: SurfaceModel,
+    mesh: TriangleMesh,
+    coarse: TriangleMesh,
+    columns: FloatArray,
+    tick: Tick = no_tick,
+) -> SurfaceFit:
+    """Fit a model to a surface by pose and modes, with little weight where they do not explain it.
+
+    Closest points in position and normal alternate with the maximum a posteriori pose and scores, from
+    point-to-plane distances with the weights of Geman and McClure (1987).
+
+    Parameters
+    ----------
+    model : SurfaceModel
+    mesh, coarse : TriangleMesh
+        The groomed surface [mm], and the same with few vertices, for the first registration.
+    columns : (c,) array
+        The subject's standardised covariates.
+    tick : Tick
+
+    Returns
+    -------
+    SurfaceFit
+    """
+    tick(0.0, "aligning")
+    target, shape = Target(mesh), model.expected(columns)
+    areas = vertex_areas(model.surface(shape))
+    share = _INDEPENDENT * areas / areas.sum()
+    pose = first_pose(model.surface(shape), coarse)
+    scores = np.zeros(len(model.variances))
+    weights = np.ones(model.vertices)
+    points = shape
+    for number in range(_ROUNDS):
+        tick(number / (_ROUNDS + 5), "fitting")
+        normals = model.surface(points).vertex_normals
+        back = inverse_matrices(pose)
+        nearest = target.nearest(transform_points(back, points[: model.vertices]), normals @ pose[:3, :3])
+        goals = transform_points(pose, target.points[nearest])
+        planes = target.normals[nearest] @ pose[:3, :3].T
+        apart = np.einsum("vi,vi->v", goals - points[: model.vertices], planes)
+        weights = _robust(apart / model.residual)
+        turn, shift, change = _step(
+            model, goals, planes, apart, share * weights / np.square(model.residual), scores
+        )
+        scores = scores + change
+        pose = _moved(pose, turn, shift, goals.mean(axis=0))
+        before, points = points, shape + np.tensordot(scores, model.components, axes=1)
+        moved = np.linalg.norm(turn) * target.size + np.linalg.norm(shift)
+        moved += float(np.sqrt(np.square(points - before).sum(axis=1).mean()))
+        if moved < _SETTLED * float(model.residual.mean()):
+            break
+    return _measured(model, target, pose, scores, points, weights)
+
+
+def first_pose(surface: TriangleMesh, coarse: TriangleMesh) -> FloatArray:
+    """Return a rigid motion (4, 4) that brings a surface about onto another, from any orientation."""
+    moving, fixed = oriented_points(coarse), oriented_points(surface)
+    pose = registered(moving.scaled(1.0 / moving.size), fixed.scaled(1.0 / fixed.size)).pose
+    result = np.eye(4)
+    result[:3, :3] = pose[:3, :3] / np.cbrt(np.linalg.det(pose[:3, :3]))
+    result[:3, 3] = fixed.centre + fixed.size * pose[:3, 3] - result[:3, :3] @ moving.centre
+    return result
+
+
+def vertex_areas(mesh: TriangleMesh) -> FloatArray:
+    """Return the area nearest to each vertex, a third of its faces' [mm²], (V,)."""
+    areas = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3.0, 3), len(mesh.vertices))
+    return np.asarray(areas, dtype=np.float64)
+
+
+def _robust(ratios: FloatArray) -> FloatArray:
+    """Return weights of residuals that are in units of what is usual at their place."""
+    usual = max(float(np.median(np.abs(ratios))) / 0.6745, 1.0)
+    weights: FloatArray = 1.0 / np.square(1.0 + np.square(ratios / (_TOLERANT * usual)))
+    return weights
+
+
+def _step(
+    model: SurfaceModel,
+    goals: FloatArray,
+    planes: FloatArray,
+    apart: FloatArray,
+    weights: FloatArray,
+    scores: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the turn (3,), shift (3,) of the goals and change of scores (K,) of one Gauss-Newton step."""
+    centred = goals - goals.mean(axis=0)
+    normal_part = np.einsum("kvi,vi->vk", model.components[:, : model.vertices], planes)
+    columns = np.hstack([np.cross(centred, planes), planes, -normal_part])
+    weighted = columns * weights[:, None]
+    matrix = columns.T @ weighted
+    right = -weighted.T @ apart
+    prior = np.arange(len(scores)) + 6
+    matrix[prior, prior] += 1.0 / model.variances
+    right[6:] -= scores / model.variances
+    matrix[np.arange(6), np.arange(6)] += 1e-9 * np.trace(matrix[:6, :6])  # a sphere turns freely
+    change: FloatArray = np.asarray(np.linalg.solve(matrix, right), np.float64)
+    return change[:3], change[3:6], change[6:]
+
+
+def _moved(pose: FloatArray, turn: FloatArray, shift: FloatArray, centre: FloatArray) -> FloatArray:
+    step = np.eye(4)
+    step[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+    step[:3, 3] = centre + shift - step[:3, :3] @ centre
+    result: FloatArray = step @ pose
+    return result
+
+
+def _measured(
+    model: SurfaceModel,
+    target: Target,
+    pose: FloatArray,
+    scores: FloatArray,
+    points: FloatArray,
+    weights: FloatArray,
+) -> SurfaceFit:
+    """Measure what is left, and put the particles onto the surface."""
+    surface = model.surface(points)
+    normals = surface.vertex_normals
+    back = inverse_matrices(pose)
+    local = transform_points(back, points)
+    own = normals @ pose[:3, :3]
+    residual, met = target.along_normals(local[: model.vertices], own)
+    residual = ring_mean(
+        median_of_ring(residual, model.faces), model.faces, 1
+    )  # single vertices are no lesion
+    particles = local[model.vertices :]
+    above = own[np.asarray(KDTree(surface.vertices).query(points[model.vertices :])[1])]
+    far, _ = target.along_normals(particles, above)
+    particles = particles + far[:, None] * above
+    nearest = target.nearest(particles, above)
+    planes = target.normals[nearest]
+    off = np.einsum("ni,ni->n", particles - target.points[nearest], planes)
+    return SurfaceFit(pose, scores, points, residual, met, weights, particles - off[:, None] * planes)

@@ -1,0 +1,199 @@
+"""Controls fitted as patients: each to the model of all others, from its own surface alone."""
+
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from dataclasses import dataclass
+
+import numpy as np
+
+from homolog.arrays import FloatArray, frozen
+from homolog.device import cores
+from homolog.errors import NumericalError
+from homolog.geometry import rms_radius
+from homolog.patient.controls import COARSE_VERTICES, Controls
+from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
+from homolog.patient.surface_model import SurfaceModel
+from homolog.progress import Tick, no_tick
+from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.simplify import simplified
+from homolog.workers import worker_processes
+
+__all__ = ["LeftOut", "Measures", "fit_left_out", "measures_of"]
+
+_PATIENCE = 0.1  # s between looks at the tick
+
+
+@dataclass(frozen=True, slots=True)
+class Measures:
+    """Global numbers of a fit.
+
+    Attributes
+    ----------
+    mahalanobis : float
+        Distance from the mean in the modes above chance [standard deviations].
+    outside : float
+        Root mean square of what the model leaves, over the surface [mm].
+    size : float
+        Of the shape, over what is expected at its covariates.
+    gap : float
+        Median distance from the fitted model, over the size: how well it fits at all.
+    """
+
+    mahalanobis: float
+    outside: float
+    size: float
+    gap: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeftOut:
+    """M controls fitted as patients, read-only arrays.
+
+    Attributes
+    ----------
+    measures : tuple of Measures
+    residuals : (M, V) array
+        Local differences from the expected shape [mm].
+    totals : (M, V) array
+        Local differences from the mean [mm].
+    errors : (M, N) array
+        Distance of particles from their place in the joint run [spacings].
+    """
+
+    measures: tuple[Measures, ...]
+    residuals: FloatArray
+    totals: FloatArray
+    errors: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("residuals", "totals", "errors"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
+
+
+def measures_of(
+    model: SurfaceModel, fit: SurfaceFit, columns: FloatArray, modes: int
+) -> tuple[Measures, FloatArray]:
+    """Return the global numbers of a fit, and the map of differences from the mean (V,) [mm].
+
+    Parameters
+    ----------
+    model : SurfaceModel
+    fit : SurfaceFit
+        Of that model.
+    columns : (c,) array
+        The subject's covariates.
+    modes : int
+        Those above chance, of which the distance is.
+    """
+    mean = model.expected(columns)
+    surface = model.surface(fit.expected)
+    areas = vertex_areas(surface)
+    share = areas / areas.sum()
+    scores = fit.scores[:modes]
+    sizes = rms_radius(fit.particles), rms_radius(mean[model.vertices :])
+    moved = (fit.expected - mean)[: model.vertices]
+    total = np.einsum("vi,vi->v", moved, model.surface(mean).vertex_normals) + fit.residual
+    measures = Measures(
+        mahalanobis=float(np.sqrt(np.sum(np.square(scores) / model.variances[:modes]))),
+        outside=float(np.sqrt(share @ np.square(fit.residual))),
+        size=float(sizes[0] / sizes[1]),
+        gap=float(np.median(np.abs(fit.residual)) / sizes[1]),
+    )
+    return measures, total
+
+
+def fit_left_out(
+    controls: Controls,
+    columns: FloatArray,
+    modes: int,
+    fitted_modes: int,
+    *,
+    workers: int | None = None,
+    tick: Tick = no_tick,
+) -> LeftOut:
+    """Fit each control to the model of the others, in parallel processes.
+
+    Parameters
+    ----------
+    controls : Controls
+    columns : (M, c) array
+        Covariates.
+    modes : int
+        Those above chance.
+    fitted_modes : int
+        Those that are fitted.
+    workers : int, optional
+        Processes; one per core by default.
+    tick : Tick
+
+    Returns
+    -------
+    LeftOut
+
+    Raises
+    ------
+    NumericalError
+        If a process died.
+    """
+    count = len(controls.names)
+    with worker_processes(min(workers or cores(), count)) as executor:
+        futures = {}
+        for index in range(count):
+            others = np.arange(count) != index
+            job = _Job(
+                controls.points[others], columns[others], controls.surface, controls.meshes[index],
+                controls.particles[index], columns[index], modes, fitted_modes,
+            )  # fmt: skip
+            futures[executor.submit(_fitted, job)] = index
+        done = _collected(futures, tick)
+    return LeftOut(
+        tuple(done[index][0] for index in range(count)),
+        np.stack([done[index][1] for index in range(count)]),
+        np.stack([done[index][2] for index in range(count)]),
+        np.stack([done[index][3] for index in range(count)]),
+    )
+
+
+_Fitted = tuple[Measures, FloatArray, FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Job:
+    points: FloatArray
+    columns: FloatArray
+    surface: TriangleMesh
+    mesh: TriangleMesh
+    particles: FloatArray
+    own: FloatArray
+    modes: int
+    fitted_modes: int
+
+
+def _fitted(job: _Job) -> _Fitted:
+    """Fit one control, in a worker."""
+    model = SurfaceModel.fit(job.points, job.columns, job.fitted_modes, job.surface.faces)
+    fit = fit_surface(model, job.mesh, simplified(job.mesh, COARSE_VERTICES), job.own)
+    measures, total = measures_of(model, fit, job.own, job.modes)
+    spacing = np.sqrt(job.surface.area / len(job.particles))
+    errors = np.linalg.norm(fit.particles - job.particles, axis=1) / spacing
+    return measures, fit.residual, total, errors
+
+
+def _collected(futures: dict[Future[_Fitted], int], tick: Tick) -> dict[int, _Fitted]:
+    pending = set(futures)
+    result: dict[int, _Fitted] = {}
+    try:
+        while pending:
+            tick(1.0 - len(pending) / len(futures), "fitting controls one by one")
+            done, pending = wait(pending, _PATIENCE, FIRST_COMPLETED)
+            for future in done:
+                try:
+                    result[futures[future]] = future.result()
+                except BrokenExecutor as error:
+                    raise NumericalError(
+                        "a process that fitted controls died, for lack of memory: use fewer workers"
+                    ) from error
+    finally:
+        for future in pending:
+            future.cancel()
+    return result

@@ -1,0 +1,175 @@
+"""Local statistics: standardised maps, their limit over the whole surface, and regions beyond it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
+from homolog.patient.mesh_graph import edges_of, ring_mean
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["LocalNorm", "Region", "maxima_left_out", "prediction_limit", "regions"]
+
+_PRIOR_DOF = 4.0
+"""Weight of the surface's mean variance against a vertex's own (Smyth 2004)."""
+_SMOOTHING_ROUNDS = 3
+"""Of averaging variances over neighbouring vertices."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalNorm:
+    """What is usual at each vertex, from leave-one-out fits of M controls; arrays are read-only.
+
+    Attributes
+    ----------
+    mean : (V,) array
+        Mean difference [mm]: what fitting alone makes.
+    deviation : (V,) array
+        Standard deviation of a new subject's difference [mm].
+    """
+
+    mean: FloatArray
+    deviation: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("mean", "deviation"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
+
+    @classmethod
+    def of(cls, maps: FloatArray, faces: IntArray) -> "LocalNorm":
+        """Return the norm of maps (M, V) [mm] on a surface with these faces.
+
+        Variances are averaged over neighbouring vertices and drawn towards the surface's mean, so that few
+        controls make no vertex look quieter than it is.
+        """
+        count = len(maps)
+        variance = ring_mean(maps.var(axis=0, ddof=1), faces, _SMOOTHING_ROUNDS)
+        dof = count - 1.0
+        moderated = (_PRIOR_DOF * variance.mean() + dof * variance) / (_PRIOR_DOF + dof)
+        return cls(maps.mean(axis=0), np.sqrt(moderated * (1.0 + 1.0 / count)))
+
+    def standardised(self, differences: FloatArray) -> FloatArray:
+        """Return differences (..., V) [mm] in standard deviations."""
+        z: FloatArray = (differences - self.mean) / self.deviation
+        return z
+
+
+def maxima_left_out(maps: FloatArray, faces: IntArray) -> FloatArray:
+    """Return each control's largest absolute z by the norm of the other controls, (M,)."""
+    everyone = np.arange(len(maps))
+    largest = [
+        np.abs(LocalNorm.of(maps[everyone != index], faces).standardised(maps[index])).max()
+        for index in everyone
+    ]
+    return np.array(largest)
+
+
+def prediction_limit(maxima: FloatArray, level: float = 0.05) -> float:
+    """Return the limit that a new subject's maximum exceeds with a probability of `level`.
+
+    With enough values it is a rank of them, whatever their distribution (Vovk et al. 2005). With fewer than
+    ``2 / level - 1`` that rank would be the largest or beyond it; then it is the one-sided prediction bound
+    of a normal distribution of their logarithms (Hahn and Meeker 1991).
+
+    Parameters
+    ----------
+    maxima : (M,) array
+        Positive.
+    level : float
+
+    Returns
+    -------
+    float
+    """
+    count = len(maxima)
+    if count + 1 >= 2.0 / level:
+        rank = int(np.ceil((1.0 - level) * (count + 1)))
+        return float(np.sort(maxima)[rank - 1])
+    logs = np.log(maxima)
+    bound = float(stats.t.ppf(1.0 - level, count - 1)) * logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / count)
+    return float(np.exp(logs.mean() + bound))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """A connected part of the surface beyond the limit.
+
+    Attributes
+    ----------
+    vertices : (n,) int array
+        Of the reference's surface, read-only.
+    area : float
+        Of the expected surface [mm²].
+    mean, peak : float
+        Difference [mm], outward positive; the peak is where absolute z is largest.
+    z : float
+        There.
+    centre : int
+        The vertex there.
+    missing : float
+        Share of the area whose normals do not meet the patient's surface.
+    """
+
+    vertices: IntArray
+    area: float
+    mean: float
+    peak: float
+    z: float
+    centre: int
+    missing: float
+
+
+def regions(
+    surface: TriangleMesh,
+    areas: FloatArray,
+    differences: FloatArray,
+    z: FloatArray,
+    met: BoolArray,
+    limit: float,
+) -> tuple[Region, ...]:
+    """Return the connected parts where absolute z is above a limit, the most extreme first.
+
+    Parameters
+    ----------
+    surface : TriangleMesh
+        V vertices.
+    areas : (V,) array
+        Of the vertices [mm²].
+    differences : (V,) array
+        [mm], outward positive.
+    z : (V,) array
+    met : (V,) bool array
+        Where the normal meets the patient's surface.
+    limit : float
+
+    Returns
+    -------
+    tuple of Region
+    """
+    sides = np.where(np.abs(z) > limit, np.sign(z), 0.0)
+    edges = edges_of(surface.faces)
+    same = (sides[edges[:, 0]] == sides[edges[:, 1]]) & (sides[edges[:, 0]] != 0.0)
+    first, second = edges[same].T
+    graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(z), len(z)))
+    labels = np.asarray(connected_components(graph, directed=False)[1])
+    found = []
+    for label in np.unique(labels[sides != 0.0]).tolist():
+        own = np.flatnonzero(labels == label)
+        share = areas[own] / areas[own].sum()
+        centre = int(own[np.abs(z[own]).argmax()])
+        found.append(
+            Region(
+                frozen(own),
+                float(areas[own].sum()),
+                float(share @ differences[own]),
+                float(differences[centre]),
+                float(z[centre]),
+                centre,
+                float(share @ ~met[own]),
+            )
+        )
+    return tuple(sorted(found, key=lambda region: -abs(region.z)))

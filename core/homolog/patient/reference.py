@@ -1,0 +1,268 @@
+"""A frozen model of controls in one file, with what is usual when a control is fitted as a patient."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from homolog.arrays import FloatArray, frozen
+from homolog.errors import InputError
+from homolog.files.arrays import read_arrays, write_arrays
+from homolog.patient.coding import Coding
+from homolog.patient.local import LocalNorm
+from homolog.patient.surface_model import SurfaceModel
+from homolog.settings import GroomSettings
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["Provenance", "Quality", "Reference", "check_name"]
+
+SUFFIX = ".npz"
+FORMAT_VERSION = 1
+LEVEL = 0.05
+"""Share of healthy people with a region anywhere."""
+
+_MODEL = ("mean", "components", "variances", "effects", "residual", "faces")
+_DISTRIBUTIONS = ("mahalanobis", "outside", "size", "gap", "maxima")
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """What a reference was made of.
+
+    Attributes
+    ----------
+    project : str
+        Name of the project's folder.
+    group : str
+        Of the controls; empty if all subjects are.
+    controls : int
+        How many.
+    made, finished : str
+        When the reference was made, and its project's result.
+    versions : mapping of str to str
+        Of everything that the reference depends on.
+    result : str
+        Fingerprint of the project's result.
+    particles : int
+        On each shape.
+    groom : GroomSettings
+        How controls were groomed, and patients are.
+    side : str
+        Of the body, if all controls have one: ``"left"``, ``"right"`` or empty.
+    """
+
+    project: str
+    group: str
+    controls: int
+    made: str
+    finished: str
+    versions: Mapping[str, str]
+    result: str
+    particles: int
+    groom: GroomSettings
+    side: str
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What JSON has."""
+        return {
+            **{name: getattr(self, name) for name in self.__dataclass_fields__ if name != "groom"},
+            "versions": dict(self.versions),
+            "groom": self.groom.model_dump(mode="json"),
+        }
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Any]) -> "Provenance":
+        """Return what `record` describes."""
+        return cls(**{**record, "groom": GroomSettings.model_validate(record["groom"])})
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How well controls are fitted without the joint run.
+
+    Attributes
+    ----------
+    near : float
+        Share of all particles within 0.3 spacings of their place in the joint run.
+    error_95 : float
+        Which distance 95 % of them do not exceed [spacings].
+    outside : float
+        Mean over controls of the root mean square distance from the fitted model [mm].
+    limit_mm : float
+        Mean over the surface of the difference at which absolute z reaches the limit [mm].
+    """
+
+    near: float
+    error_95: float
+    outside: float
+    limit_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """What a patient is compared with; holds no control's shape, name or file.
+
+    Made by `make_reference` or `Reference.load`. Distributions are sorted each by itself, so that they tell
+    nothing of one control.
+
+    Attributes
+    ----------
+    model : SurfaceModel
+        Of all controls.
+    modes : int
+        Leading modes above chance (parallel analysis); the others are fitted, but not part of the distance.
+    coding : Coding
+        Of the covariates that are allowed for.
+    mahalanobis, outside, size, gap : (M,) arrays
+        Sorted `Measures` of controls fitted as patients, read-only.
+    maxima : (M,) array
+        Sorted largest absolute z of theirs, read-only.
+    limit : float
+        Of absolute z, which 5 % of healthy people exceed anywhere.
+    local, total : LocalNorm
+        Of differences from the expected shape and from the mean.
+    quality : Quality
+    provenance : Provenance
+    """
+
+    model: SurfaceModel
+    modes: int
+    coding: Coding
+    mahalanobis: FloatArray
+    outside: FloatArray
+    size: FloatArray
+    gap: FloatArray
+    maxima: FloatArray
+    limit: float
+    local: LocalNorm
+    total: LocalNorm
+    quality: Quality
+    provenance: Provenance
+
+    def __post_init__(self) -> None:
+        """Sort and freeze the distributions."""
+        for name in _DISTRIBUTIONS:
+            object.__setattr__(self, name, frozen(np.sort(getattr(self, name)), np.float64))
+
+    @property
+    def surface(self) -> TriangleMesh:
+        """The mean surface at the mean of the covariates."""
+        return self.model.surface(self.model.mean)
+
+    @property
+    def fingerprint(self) -> str:
+        """A hash of all that numbers of patients depend on."""
+        digest = hashlib.blake2b(digest_size=8)
+        for name, array in sorted(self._arrays().items()):
+            digest.update(f"{name}{array.shape}{array.dtype}".encode())
+            digest.update(array.tobytes())
+        return digest.hexdigest()
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the reference to one file, whole or not at all.
+
+        Parameters
+        ----------
+        path : path
+            Ends in ``.npz``.
+
+        Raises
+        ------
+        InputError
+            If the name ends otherwise, or the file can't be written.
+        """
+        check_name(path)
+        record = {
+            "format": "homolog-reference",
+            "version": FORMAT_VERSION,
+            "modes": self.modes,
+            "limit": self.limit,
+            "coding": self.coding.record,
+            "quality": {name: getattr(self.quality, name) for name in Quality.__dataclass_fields__},
+            "provenance": self.provenance.record,
+        }
+        write_arrays(Path(path), {**self._arrays(), "record": np.array(json.dumps(record))})
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> "Reference":
+        """Read a reference that `save` wrote.
+
+        Raises
+        ------
+        InputError
+            If the file is missing, damaged, of a newer version, or no reference.
+        """
+        stored = read_arrays(Path(path))
+        if "record" not in stored:
+            raise InputError(f"{path}: is not a reference; give a file that homolog reference wrote")
+        try:
+            record = json.loads(str(stored["record"]))
+            if record["format"] != "homolog-reference":
+                raise InputError(f"{path}: is not a reference; give a file that homolog reference wrote")
+            if record["version"] > FORMAT_VERSION:
+                raise InputError(f"{path}: was written by a newer Homolog; update Homolog to open it")
+            reference = cls(
+                model=SurfaceModel(**{name: stored[f"model_{name}"] for name in _MODEL}),
+                modes=int(record["modes"]),
+                coding=Coding.from_record(record["coding"]),
+                **{name: stored[name] for name in _DISTRIBUTIONS},
+                limit=float(record["limit"]),
+                local=LocalNorm(stored["local_mean"], stored["local_deviation"]),
+                total=LocalNorm(stored["total_mean"], stored["total_deviation"]),
+                quality=Quality(**record["quality"]),
+                provenance=Provenance.from_record(record["provenance"]),
+            )
+        except InputError:
+            raise
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"{path}: is damaged: {error}; make the reference again") from error
+        reference._check(path)
+        return reference
+
+    def _arrays(self) -> dict[str, Any]:
+        return {
+            **{f"model_{name}": getattr(self.model, name) for name in _MODEL},
+            **{name: getattr(self, name) for name in _DISTRIBUTIONS},
+            "local_mean": self.local.mean,
+            "local_deviation": self.local.deviation,
+            "total_mean": self.total.mean,
+            "total_deviation": self.total.deviation,
+        }
+
+    def _check(self, path: str | PathLike[str]) -> None:
+        """Raise InputError if the arrays do not belong together."""
+        model, vertices = self.model, self.model.vertices
+        modes, columns = len(model.variances), len(self.coding.means)
+        points = model.mean.shape
+        fits = (
+            len(points) == 2
+            and points[1:] == (3,)
+            and model.components.shape == (modes, *points)
+            and model.effects.shape == (columns, *points)
+            and self.modes <= modes
+            and vertices + self.provenance.particles == points[0]
+            and 0 <= model.faces.min() <= model.faces.max() < vertices
+            and all(
+                item.shape == (vertices,)
+                for norm in (self.local, self.total)
+                for item in (norm.mean, norm.deviation)
+            )
+            and all(getattr(self, name).shape == (self.provenance.controls,) for name in _DISTRIBUTIONS)
+            and all(np.isfinite(item).all() for item in self._arrays().values())
+        )
+        if not fits:
+            raise InputError(
+                f"{path}: is damaged: its arrays do not belong together; make the reference again"
+            )
+
+
+def check_name(path: str | PathLike[str]) -> None:
+    """Raise InputError if a file's name is none of a reference."""
+    if Path(path).suffix != SUFFIX:
+        raise InputError(f"{path}: a reference is written as {SUFFIX}; choose such a name")

@@ -1,0 +1,85 @@
+"""A surface that a model is fitted to: closest points by position and normal, and distances along normals."""
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.geometry import rms_radius
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["Target"]
+
+_NORMAL_WEIGHT = 0.2
+"""Of the root mean square radius: how far apart points with normals at 60° seem."""
+_LEAST_COSINE = 0.5
+"""Between the line along which a distance is measured and the normal of what it meets."""
+_ROUNDS = 5
+"""Of following a line to the surface."""
+_REACH = 2.5
+"""Mean edges within which the met point has to be."""
+
+
+class Target:
+    """A patient's surface, ready to be searched.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Closed [mm].
+    """
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        self.mesh = mesh
+        self.points, self.normals = mesh.vertices, mesh.vertex_normals
+        self.size = float(rms_radius(mesh.vertices))
+        self._edge = mesh.mean_edge
+        self._weight = _NORMAL_WEIGHT * self.size
+        self._tree = KDTree(np.hstack([self.points, self._weight * self.normals]))
+        self._plain: KDTree | None = None
+
+    def nearest(self, points: FloatArray, normals: FloatArray) -> IntArray:
+        """Return the vertices (n,) nearest in position and normal to points (n, 3) with normals (n, 3)."""
+        return np.asarray(self._tree.query(np.hstack([points, self._weight * normals]))[1])
+
+    def along_normals(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return how far the surface lies from points along their normals.
+
+        Parameters
+        ----------
+        points, normals : (n, 3) arrays
+            Positions [mm] and unit normals.
+
+        Returns
+        -------
+        distances : (n,) array
+            Positive where the surface lies outward [mm].
+        met : (n,) bool array
+            Where the line meets the surface. Elsewhere the distance is that to the nearest point of the
+            surface: negative outside of it, where a part of the shape is missing.
+        """
+        distances = np.zeros(len(points))
+        for _ in range(_ROUNDS):
+            reached = points + distances[:, None] * normals
+            nearest = self.nearest(reached, normals)
+            plane = self.normals[nearest]
+            cosine = np.einsum("ni,ni->n", normals, plane)
+            along = np.einsum("ni,ni->n", self.points[nearest] - points, plane)
+            step = along / np.maximum(cosine, _LEAST_COSINE)
+            distances = np.clip(step, -self.size, self.size)
+        reached = points + distances[:, None] * normals
+        nearest = self.nearest(reached, normals)
+        gaps = np.linalg.norm(self.points[nearest] - reached, axis=1)
+        cosine = np.einsum("ni,ni->n", normals, self.normals[nearest])
+        met: BoolArray = (cosine > _LEAST_COSINE) & (gaps < _REACH * self._edge)
+        if not met.all():
+            distances[~met] = self._signed(points[~met])
+        return distances, met
+
+    def _signed(self, points: FloatArray) -> FloatArray:
+        """Return distances (n,) of the surface from points: negative where a point is outside of it."""
+        if self._plain is None:
+            self._plain = KDTree(self.points)
+        gaps, nearest = self._plain.query(points)
+        outside = np.einsum("ni,ni->n", points - self.points[nearest], self.normals[nearest]) > 0.0
+        signed: FloatArray = np.where(outside, -1.0, 1.0) * np.asarray(gaps)
+        return signed

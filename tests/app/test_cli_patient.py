@@ -1,0 +1,99 @@
+"""``homolog reference`` and ``homolog patient`` from a finished run to two pages."""
+
+import csv
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from homolog_app.cli import INPUT_ERROR, OK, main
+
+
+@pytest.fixture(scope="module")
+def reference(finished_run, tmp_path_factory):
+    """Return a reference of four ellipsoids, which are too few for anything but a test."""
+    from homolog.patient import build, left_out
+
+    @contextmanager
+    def threads(_):
+        with ThreadPoolExecutor(1) as executor:
+            yield executor
+
+    path = tmp_path_factory.mktemp("reference") / "ref.npz"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(left_out, "worker_processes", threads)
+        patch.setattr(build, "FEWEST", 4)
+        assert main(["reference", str(finished_run.folder), "--out", str(path), "--progress", "none"]) == OK
+    return path
+
+
+@pytest.fixture(scope="module")
+def report(reference, ellipsoids, tmp_path_factory):
+    """Return the folder of one patient."""
+    out = tmp_path_factory.mktemp("patient") / "out"
+    arguments = ["patient", str(reference), str(ellipsoids / "a.nrrd"), "--out", str(out)]
+    assert main([*arguments, "--progress", "none"]) == OK
+    return out
+
+
+def rows(path):
+    with path.open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_a_patient_gets_a_report_tables_and_surfaces(report):
+    from homolog.files.meshes import read_mesh
+
+    assert {path.name for path in report.iterdir()} == {
+        "report.html", "report.pdf", "patients.csv", "regions.csv", "map.vtp", "patient.vtp",
+        "patient_local.particles",
+    }  # fmt: skip
+    (row,) = rows(report / "patients.csv")
+    assert row["name"] == "a"
+    assert float(row["largest_z"]) < float(row["limit"])
+    patient, expected = read_mesh(report / "patient.vtp"), read_mesh(report / "map.vtp")
+    assert np.allclose(patient.vertices.mean(axis=0), expected.vertices.mean(axis=0), atol=1.0)
+
+
+def test_every_page_says_research_use(report):
+    page = (report / "report.html").read_text("utf-8")
+    assert page.count("For research use only") >= 2
+    assert "project, 4 controls" in page
+    pdf = (report / "report.pdf").read_bytes()
+    assert b"/Count 2" in pdf
+
+
+def test_several_patients_get_one_table_and_bad_ones_a_line(reference, ellipsoids, tmp_path, capsys):
+    import SimpleITK
+
+    scans = tmp_path / "scans"
+    scans.mkdir()
+    (scans / "b.nrrd").write_bytes((ellipsoids / "b.nrrd").read_bytes())
+    SimpleITK.WriteImage(SimpleITK.Image(8, 8, 8, SimpleITK.sitkUInt8), scans / "empty.nrrd")
+    out = tmp_path / "out"
+    arguments = ["patient", str(reference), str(scans), "--out", str(out), "--progress", "none"]
+    assert main(arguments) == INPUT_ERROR
+    good, bad = rows(out / "patients.csv")
+    assert (good["name"], good["error"]) == ("b", "")
+    assert "empty" in bad["error"]
+    assert (out / "b" / "report.html").is_file()
+    assert not (out / "empty").exists()
+    assert "homolog: " in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_shape_leaves_nothing(reference, tmp_path, capsys):
+    (tmp_path / "x.nrrd").write_text("no image")
+    out = tmp_path / "out"
+    assert main(["patient", str(reference), str(tmp_path / "x.nrrd"), "--out", str(out)]) == INPUT_ERROR
+    assert not out.exists()
+    assert "x.nrrd" in capsys.readouterr().err
+
+
+def test_a_few_controls_are_refused(finished_run, tmp_path, capsys):
+    out = tmp_path / "ref.npz"
+    assert main(["reference", str(finished_run.folder), "--out", str(out)]) == INPUT_ERROR
+    assert "too few" in capsys.readouterr().err
+    assert main(["reference", str(finished_run.folder), "--group", "X", "--out", str(out)]) == INPUT_ERROR
+    assert "no subject has X" in capsys.readouterr().err
+    assert not out.exists()

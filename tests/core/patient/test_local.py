@@ -1,0 +1,84 @@
+"""Limits, regions and percentiles."""
+
+import numpy as np
+import pytest
+
+from homolog.errors import InputError
+from homolog.patient.coding import Coding
+from homolog.patient.distribution import percentile
+from homolog.patient.fit import vertex_areas
+from homolog.patient.local import LocalNorm, maxima_left_out, prediction_limit, regions
+from homolog.patient.mesh_graph import median_of_ring, ring_mean
+from homolog.surfaces.mesh import TriangleMesh
+
+
+@pytest.mark.parametrize("count", [12, 24, 60])
+def test_the_limit_is_exceeded_by_five_percent_of_new_values(count):
+    random = np.random.default_rng(1)
+    exceeded = [
+        values[-1] > prediction_limit(values[:-1])
+        for values in np.exp(random.normal(1.2, 0.2, size=(4000, count + 1)))
+    ]
+    assert np.mean(exceeded) == pytest.approx(0.05, abs=0.012)
+
+
+def test_with_many_controls_the_limit_is_a_rank():
+    values = np.random.default_rng(0).permutation(np.arange(1.0, 101.0))
+    assert prediction_limit(values) == 96.0
+
+
+def test_a_control_left_out_is_judged_by_the_others(template):
+    _, faces = template
+    maps = np.random.default_rng(2).normal(size=(20, faces.max() + 1))
+    maps[4, 100:130] += 40.0
+    maxima = maxima_left_out(maps, faces)
+    assert maxima.argmax() == 4
+    inside = np.abs(LocalNorm.of(maps, faces).standardised(maps[4])).max()
+    assert maxima[4] > 2.0 * inside
+
+
+def test_regions_are_connected_and_of_one_sign(template):
+    directions, faces = template
+    mesh = TriangleMesh(10.0 * directions, faces)
+    z = np.zeros(len(directions))
+    for axis, value in ((0, 6.0), (1, -8.0), (2, 5.0)):
+        z[directions[:, axis] > 0.95] = value
+    met = np.ones(len(z), bool)
+    found = regions(mesh, vertex_areas(mesh), 0.5 * z, z, met, 5.5)
+    assert [region.z for region in found] == [-8.0, 6.0]
+    assert found[0].mean == pytest.approx(-4.0)
+    assert found[0].area == pytest.approx(2.0 * np.pi * 100.0 * 0.05, rel=0.35)
+
+
+def test_a_single_vertex_is_no_region(template):
+    _, faces = template
+    values = np.zeros(faces.max() + 1)
+    values[7] = 100.0
+    assert not median_of_ring(values, faces).any()
+
+
+def test_averaging_keeps_a_constant(template):
+    _, faces = template
+    assert ring_mean(np.full(faces.max() + 1, 3.0), faces, 4) == pytest.approx(3.0)
+
+
+def test_percentiles_have_intervals_that_hold_them():
+    controls = np.arange(1.0, 21.0)
+    middle = percentile(10.5, controls)
+    assert middle.percent == 50.0
+    assert middle.low < 50.0 < middle.high
+    assert percentile(99.0, controls).p == pytest.approx(1 / 21)
+    assert percentile(0.0, controls, both_sides=True).p == pytest.approx(2 / 21)
+
+
+def test_categories_may_be_shortened():
+    coding, columns = Coding.of({"sex": ["female", "male", "male"], "age": ["40", "50", "60"]}, list("abc"))
+    assert columns.shape == (3, 2)
+    own, remarks = coding.columns({"sex": "F", "age": "50"})
+    assert own == pytest.approx([columns[0, 0], columns[1, 1]])
+    assert remarks == []
+    with pytest.raises(InputError, match="must be one of female, male"):
+        coding.columns({"sex": "x", "age": "50"})
+    assert Coding.from_record(coding.record).columns({"sex": "m", "age": "40"})[0] == pytest.approx(
+        coding.columns({"sex": "male", "age": "40"})[0]
+    )

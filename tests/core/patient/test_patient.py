@@ -1,0 +1,144 @@
+"""A patient against a reference: what is found where, what is refused, and what the file holds."""
+
+import numpy as np
+import pytest
+
+from homolog.errors import InputError
+from homolog.geometry import transform_points
+from homolog.patient import Reference, compare_groomed
+from homolog.surfaces.mesh import TriangleMesh
+
+from .conftest import groomed, moved, shape
+
+AGE = {"age": "60"}
+
+
+def patient(template, *, bump=0.0, at=(0.0, 0.0, 1.0), width=6.0, scale=1.0, seed=11):
+    """Return a new subject, groomed; a bump [mm] at a direction has a width [mm]."""
+    directions, faces = template
+    random = np.random.default_rng(seed)
+    points = shape(directions, random)
+    centre = points[np.argmax(directions @ np.array(at))]
+    gaussian = np.exp(-0.5 * np.square(points - centre).sum(axis=1) / width**2)
+    points = points + bump * gaussian[:, None] * TriangleMesh(points, faces).vertex_normals
+    return groomed("p", TriangleMesh(scale * moved(points, random), faces))
+
+
+@pytest.fixture(scope="module")
+def bumped(reference, template):
+    return compare_groomed(reference, patient(template, bump=5.0), AGE)
+
+
+def test_a_bump_is_found_where_it_is_and_nothing_else_is(bumped, reference):
+    (region,) = bumped.regions
+    assert 3.0 < region.peak < 5.5
+    assert region.mean > 0.0
+    top = bumped.mean.vertices[:, 2].max()
+    assert bumped.expected.vertices[region.centre, 2] > 0.8 * top
+    assert bumped.local.p == pytest.approx(1 / 25)
+    assert set(bumped.nearest_particles(region, reference)) < set(range(100))
+
+
+def test_the_fit_does_not_bend_towards_the_bump(bumped, reference, template):
+    plain = compare_groomed(reference, patient(template), AGE)
+    gap = np.linalg.norm(bumped.expected.vertices - plain.expected.vertices, axis=1)
+    assert gap.max() < 1.0
+    assert not plain.regions
+
+
+def test_particles_lie_on_the_patient(bumped):
+    from homolog.surfaces.closest import distances_to
+
+    assert distances_to(bumped.mesh, bumped.particles).max() < 0.5
+
+
+def test_placement_takes_the_file_to_the_reference(bumped):
+    there = transform_points(bumped.placement, bumped.mesh.vertices)
+    assert there.mean(axis=0) == pytest.approx(bumped.mean.vertices.mean(axis=0), abs=2.0)
+
+
+def test_a_dent_is_inward(reference, template):
+    found = compare_groomed(reference, patient(template, bump=-4.0), AGE)
+    assert found.regions[0].peak < -2.0
+
+
+def test_a_large_patient_is_large_and_no_more(reference, template):
+    found = compare_groomed(reference, patient(template, scale=1.25), AGE)
+    assert found.size.percent == 100.0
+    assert found.size.p == pytest.approx(2 / 25)
+
+
+def test_age_is_adjusted_for(reference, template):
+    subject = patient(template)
+    young, old = (compare_groomed(reference, subject, {"age": age}) for age in ("45", "75"))
+    end = np.argmax(young.mean.vertices[:, 0])
+    assert old.mean.vertices[end, 0] - young.mean.vertices[end, 0] == pytest.approx(1.3, abs=0.5)
+
+
+def test_a_saved_reference_gives_the_same(reference, template, tmp_path):
+    reference.save(tmp_path / "ref.npz")
+    again = Reference.load(tmp_path / "ref.npz")
+    assert again.fingerprint == reference.fingerprint
+    subject = patient(template, bump=3.0)
+    first, second = (compare_groomed(item, subject, AGE) for item in (reference, again))
+    assert np.array_equal(first.z, second.z)
+
+
+def test_a_reference_names_no_control(reference, tmp_path):
+    reference.save(tmp_path / "ref.npz")
+    with np.load(tmp_path / "ref.npz") as stored:
+        assert "c0" not in str(stored["record"])
+        shapes = {name: stored[name].shape for name in stored.files}
+    assert not any(24 in item[:1] and len(item) > 1 for item in shapes.values())
+
+
+@pytest.mark.parametrize(
+    ("scale", "words"), [(0.1, "cm: export it in mm"), (0.001, "to be m: export"), (4.0, "check its unit")]
+)
+def test_another_unit_is_recognised(reference, template, scale, words):
+    subject = patient(template, scale=scale)
+    with pytest.raises(InputError, match=words):
+        compare_groomed(reference, subject, AGE)
+
+
+def test_another_structure_is_refused(reference, template):
+    directions, faces = template
+    rod = groomed("rod", TriangleMesh(directions * [6.0, 6.0, 48.0], faces))
+    with pytest.raises(InputError, match="rod: does not look like the reference"):
+        compare_groomed(reference, rod, AGE)
+
+
+def test_a_missing_covariate_is_named(reference, template):
+    with pytest.raises(InputError, match="adjusted for age"):
+        compare_groomed(reference, patient(template), {})
+
+
+def test_an_age_beyond_the_controls_is_remarked(reference, template):
+    found = compare_groomed(reference, patient(template), {"age": "95"})
+    assert any("extrapolated" in words for words in found.remarks)
+
+
+@pytest.mark.parametrize("damage", [{"limit": None}, {"model_mean": np.zeros((3, 3))}])
+def test_a_damaged_reference_is_refused(reference, tmp_path, damage):
+    import json
+
+    path = tmp_path / "ref.npz"
+    reference.save(path)
+    with np.load(path) as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    record = json.loads(str(arrays["record"]))
+    for name, value in damage.items():
+        if name in record:
+            del record[name]
+        else:
+            arrays[name] = value
+    arrays["record"] = np.array(json.dumps(record))
+    np.savez(path, **arrays)
+    with pytest.raises(InputError, match="damaged"):
+        Reference.load(path)
+
+
+def test_another_archive_is_no_reference(tmp_path):
+    np.savez(tmp_path / "x.npz", mean=np.zeros(3))
+    with pytest.raises(InputError, match="not a reference"):
+        Reference.load(tmp_path / "x.npz")
