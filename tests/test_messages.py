@@ -1,4 +1,4 @@
-"""The words of messages and help: standard terms, and no option of the command line in the core."""
+"""Messages and help in standard terms, no option of the command line in the core, and names that say what."""
 
 import ast
 import re
@@ -12,6 +12,8 @@ UNIDIOMATIC = re.compile(
     r"\b(anew|mend(ed|s)?|beside|all but|so many|(leave|left|leaves) out|put right|(go|goes) on"
     r"|allow(ed)? for|false alarms?|(?<!there )(is|are) no (?!longer|more))\b"
 )
+VAGUE = {"one", "words", "told", "found", "asked"}
+"""Names that say nothing of what they stand for; a noun does: subject, page, button, text, request."""
 OPTION = re.compile(r"(?<![\w-])--[a-z]")
 
 
@@ -29,7 +31,7 @@ def sentences(path: Path) -> Iterator[tuple[int, str]]:
             yield node.lineno, text
 
 
-def found(folders: list[str], pattern: re.Pattern[str]) -> list[str]:
+def occurrences(folders: list[str], pattern: re.Pattern[str]) -> list[str]:
     """Return where a pattern occurs in the texts of some folders."""
     files = sorted(file for folder in folders for file in (ROOT / folder).rglob("*.py"))
     assert files
@@ -43,8 +45,32 @@ def found(folders: list[str], pattern: re.Pattern[str]) -> list[str]:
 
 @pytest.mark.parametrize("folder", ["core/homolog", "app/homolog_app"])
 def test_messages_use_standard_english(folder):
-    assert found([folder], UNIDIOMATIC) == []
+    assert occurrences([folder], UNIDIOMATIC) == []
 
 
 def test_messages_of_the_core_name_no_option_of_the_command_line():
-    assert found(["core/homolog"], OPTION) == []
+    assert occurrences(["core/homolog"], OPTION) == []
+
+
+def bound_names(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Yield every name that a module gives to a variable, a parameter, an attribute or a function."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.lineno, node.id if isinstance(node, ast.Name) else node.attr
+        elif isinstance(node, ast.arg):
+            yield node.lineno, node.arg
+        elif isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node.lineno, node.name
+
+
+@pytest.mark.parametrize("folder", ["core/homolog"])
+def test_names_say_what_they_stand_for(folder):
+    files = sorted((ROOT / folder).rglob("*.py"))
+    assert files
+    vague = [
+        f"{file.relative_to(ROOT)}:{line}: {name}"
+        for file in files
+        for line, name in bound_names(ast.parse(file.read_text("utf-8")))
+        if name in VAGUE
+    ]
+    assert vague == []

@@ -89,7 +89,17 @@ def rows(inspection: Inspection, suspects: Sequence[Suspect], names: Sequence[st
         particles = " ".join(map(str, suspect.particles.tolist()))
         severity, area = round(suspect.severity, 3), round(suspect.area, 3)
         table.append(
-            (suspect.kind.value, names[suspect.subject], severity, particles, x, y, z, area, suspect.words)
+            (
+                suspect.kind.value,
+                names[suspect.subject],
+                severity,
+                particles,
+                x,
+                y,
+                z,
+                area,
+                suspect.description,
+            )
         )
     return table
 

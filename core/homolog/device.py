@@ -85,7 +85,7 @@ def device_faults(alias: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        full = isinstance(error, MemoryError) or any(words in str(error) for words in _FULL)
+        full = isinstance(error, MemoryError) or any(phrase in str(error) for phrase in _FULL)
         # Warp raises these two, and no class of its own: Exception where kernels can't be loaded any more
         from_warp = type(error) in (RuntimeError, Exception) and (full or alias != "cpu")
         if not from_warp and not isinstance(error, MemoryError):

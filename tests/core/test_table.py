@@ -45,7 +45,7 @@ def test_rows_and_subjects_without_the_other_are_told(read):
         ("p02_ED", "p10_ED"),
         ("stranger",),
     )
-    assert any("stranger" in line for line in found.words)
+    assert any("stranger" in line for line in found.lines)
 
 
 @pytest.mark.parametrize(

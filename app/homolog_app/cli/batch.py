@@ -114,7 +114,7 @@ def _draw(item: "BatchItem", progress: Progress) -> None:
 
 def _say(item: "BatchItem", mode: str) -> None:
     """Print a line for a structure, and for each subject that was skipped."""
-    counts = f"{len(item.structure.found)} subjects" + (
+    counts = f"{len(item.structure.by_subject)} subjects" + (
         f", absent in {len(item.absent)}" if item.absent else ""
     )
     kept = " before" if item.was_there else ""

@@ -97,7 +97,7 @@ def _repair(
             sum(s.severity for s in item.suspects if s.subject == suspect.subject) for item in (found, after)
         )
         better = now < before
-        lines.append(f"{'repaired' if better else 'unchanged'}: {name}: {suspect.words}")
+        lines.append(f"{'repaired' if better else 'unchanged'}: {name}: {suspect.description}")
         if better:
             found = after
             notes[name] = "particles of suspects were optimized again"

@@ -72,7 +72,7 @@ def _row(structure: "Structure", subjects: int) -> tuple[str, ...]:
     return (
         structure.name or "-",
         "/".join(map(str, structure.values)) or "-",
-        f"{len(structure.found)}/{subjects}",
+        f"{len(structure.by_subject)}/{subjects}",
         *(f"{volume:.4g}" for volume in structure.volumes),
         str(len(structure.at_border) or "-"),
     )
@@ -83,7 +83,9 @@ def _record(found: "Structures") -> dict[str, object]:
         {
             "name": structure.name,
             "numbers": structure.values,
-            "volumes_ml": {subject: round(there.volume, 6) for subject, there in structure.found.items()},
+            "volumes_ml": {
+                subject: round(there.volume, 6) for subject, there in structure.by_subject.items()
+            },
             "at_border": structure.at_border,
         }
         for structure in found.structures

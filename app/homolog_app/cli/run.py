@@ -131,7 +131,7 @@ def _use(arguments: argparse.Namespace, project: Project, cohort: Cohort) -> int
         "homolog: this project already has the result of these files and settings; --restart computes it "
         "again\n"
     )
-    for line in () if changes.is_empty else changes.words[1:]:
+    for line in () if changes.is_empty else changes.lines[1:]:
         sys.stderr.write(f"homolog: table: {line}\n")
     if arguments.progress == "json":
         sys.stdout.write(json.dumps({"reason": "completed", "project": str(project.folder)}) + "\n")

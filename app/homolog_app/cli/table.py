@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     project = Project(arguments.project)
     with project.locked(new=False):
         changes = with_table(project.cohort().subjects, arguments.table)
-        sys.stdout.write("".join(f"{line}\n" for line in changes.words))
+        sys.stdout.write("".join(f"{line}\n" for line in changes.lines))
         if arguments.dry_run:
             sys.stdout.write("nothing was written (--dry-run)\n")
         elif not changes.is_empty:

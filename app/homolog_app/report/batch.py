@@ -74,7 +74,7 @@ def _row(item: BatchItem, folder: Path) -> tuple[str | Link, ...]:
     return (
         title if result is None else Link(title, f"{item.project.folder.relative_to(folder).as_posix()}/"),
         "/".join(map(str, item.structure.values)) or "–",
-        str(len(result.subjects) if result is not None else len(item.structure.found)),
+        str(len(result.subjects) if result is not None else len(item.structure.by_subject)),
         str(len(item.absent) or "–"),
         str(len(item.structure.at_border) or "–"),
         str(pieces or "–"),
@@ -116,6 +116,6 @@ def _volumes(items: tuple[BatchItem, ...], cohort: Cohort) -> str:
     table = csv.writer(stream, lineterminator="\n")
     table.writerow(["name", *(f"{item.structure.title} [ml]" for item in items)])
     for subject in cohort.subjects:
-        found = (item.structure.found.get(subject.name) for item in items)
+        found = (item.structure.by_subject.get(subject.name) for item in items)
         table.writerow([subject.name, *("" if item is None else f"{item.volume:.6g}" for item in found)])
     return stream.getvalue()

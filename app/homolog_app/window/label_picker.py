@@ -119,7 +119,7 @@ def _text(structure: "Structure", subjects: int) -> str:
     """Return what the list says of a structure."""
     median = structure.volumes[1]
     parts = [structure.title, *([millilitres(median)] if median else [])]
-    parts.append(f"in {len(structure.found)} of {subjects} subjects")
+    parts.append(f"in {len(structure.by_subject)} of {subjects} subjects")
     if structure.at_border:
         parts.append(f"at the border in {len(structure.at_border)}")
     return " · ".join(parts)

@@ -266,7 +266,7 @@ class Library(Part):
         """Read groups and covariates, once the user has seen what changes."""
         study, changes = with_table(self._desk.session.study, path)
         answers = ("Close",) if changes.is_empty else ("Import", "Cancel")
-        if ask(self._window, f"Import {path.name}?", "\n".join(changes.words), answers) != "Import":
+        if ask(self._window, f"Import {path.name}?", "\n".join(changes.lines), answers) != "Import":
             return
         self._desk.session.edit("Import table", study)
         self._window.status.say(f"Rows for {len(changes.matched)} subjects read from {path.name}")

@@ -185,7 +185,7 @@ def compared(
             seed=options.seed,
             tick=part_of(tick, 0.8, 1.0),
         )
-    found = size_effect(size, design, alike, **drawn)
+    effect = size_effect(size, design, alike, **drawn)
     return Comparison(
         title=title,
         subjects=subjects,
@@ -193,13 +193,13 @@ def compared(
         mean=data.mean(axis=0) if mean is None else mean,
         test=test,
         local=local,
-        size=found,
+        size=effect,
         distance=_distance(test, design),
         dispersion=dispersion_test(data, design, test.modes, members, **drawn),
         discriminant=None,
         p_adjusted=min(options.answers * test.p_permutation, 1.0),
         p_family=np.minimum(options.answers * local.p_family, 1.0),
-        size_p_adjusted=None if found is None else found.p,
+        size_p_adjusted=None if effect is None else effect.p,
         false_positives=false_positives,
     )
 

@@ -56,13 +56,13 @@ def covariate_columns(
                 f"covariate {title!r}: no value for {who}; fill it in, or exclude such subjects "
                 "(complete cases)"
             )
-        found = None if title in categories else _numeric(title, values, names)
-        if found is None:
-            words = np.array([str(value).strip() for value in values])
-            levels = np.unique(words)
-            block = (words[:, None] == levels[1:]).astype(np.float64)
+        numeric = None if title in categories else _numeric(title, values, names)
+        if numeric is None:
+            texts = np.array([str(value).strip() for value in values])
+            levels = np.unique(texts)
+            block = (texts[:, None] == levels[1:]).astype(np.float64)
         else:
-            block = found[:, None]
+            block = numeric[:, None]
         if block.shape[1] == 0 or np.ptp(block[:, 0]) == 0.0:
             raise InputError(f"covariate {title!r} is the same for all subjects; remove it")
         columns.append(block)
@@ -85,10 +85,10 @@ def lookalikes(values: Sequence[str]) -> list[tuple[str, ...]]:
 def _numeric(title: str, values: Sequence[str | float], names: Sequence[str] | None) -> FloatArray | None:
     """Return the values as numbers, None if they are words; refuse a few words among numbers."""
     try:
-        found = numbers(values)
+        numeric = numbers(values)
     except InputError as error:
         raise InputError(f"covariate {title!r}: {error}") from error
-    if found is None:
+    if numeric is None:
         odd = [index for index, value in enumerate(values) if _is_word(value)]
         if len(odd) < len(values) / 2.0:
             cells = ", ".join(f"{values[index]!r} of {_name(names, index)}" for index in odd[:5])
@@ -97,13 +97,13 @@ def _numeric(title: str, values: Sequence[str | float], names: Sequence[str] | N
                 f"categories ({title}:c)"
             )
         return None
-    infinite = np.flatnonzero(~np.isfinite(found))
+    infinite = np.flatnonzero(~np.isfinite(numeric))
     if len(infinite):
         raise InputError(
             f"{title!r}: {values[infinite[0]]!r} of {_name(names, int(infinite[0]))} is not finite; "
             "correct or empty the cell"
         )
-    return found
+    return numeric
 
 
 def _is_word(value: str | float) -> bool:

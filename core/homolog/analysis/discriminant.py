@@ -159,8 +159,8 @@ def discriminant(
     rounds = [
         _round(gram, second, extra, modes, folds, generator, part_of(tick, 0.5, 0.6)) for _ in range(repeats)
     ]
-    found = np.array([_rates(places, second) for places in rounds])
-    accuracy, auc = (float(item) for item in found.mean(axis=0))
+    measured = np.array([_rates(places, second) for places in rounds])
+    accuracy, auc = (float(item) for item in measured.mean(axis=0))
     relabelled = np.empty((permutations, 2))
     for entry in range(permutations):
         tick(0.6 + 0.4 * entry / permutations, "permutations of the discriminant")
@@ -170,7 +170,7 @@ def discriminant(
             for _ in range(_REPEATS_OF_P)
         ]
         relabelled[entry] = np.mean(rates, axis=0)
-    compared = found[:_REPEATS_OF_P].mean(axis=0)
+    compared = measured[:_REPEATS_OF_P].mean(axis=0)
     p = [
         float(permutation_p_value(item, column)) if permutations else None
         for item, column in zip(compared, relabelled.T, strict=True)

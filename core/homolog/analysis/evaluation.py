@@ -110,5 +110,5 @@ def specificity(
             tick((row + draw / draws) / len(modes), "specificity")
             apart = particles - model.instance(deviations[draw, :k])
             nearest[row, draw] = np.sqrt(np.square(apart).sum(axis=2)).mean(axis=1).min()
-    found: FloatArray = nearest.mean(axis=1)
-    return found
+    errors: FloatArray = nearest.mean(axis=1)
+    return errors

@@ -118,13 +118,13 @@ def null_simulation(
         tick(done / total, "null simulation: type I error rates")
         explained = local.explained(some)
         p = wilks_p(1.0 - explained, local.variables, design.tested.shape[1], design.error_dof)
-        found = (
+        p_values = (
             np.exp(whole.log_p(some)),
             permutation_p_value(whole.studentized(some), reference),
             permutation_p_value(local.studentized(some).max(axis=1), reference_largest),
             p.min(axis=1),
         )
-        false_positives += [np.count_nonzero(values <= alpha) for values in found]
+        false_positives += [np.count_nonzero(values <= alpha) for values in p_values]
         done += len(some.tested)
     return tuple(
         _false_positives(name, int(count), repeats)

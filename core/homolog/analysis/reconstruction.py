@@ -164,21 +164,21 @@ def _unfolded(
     tree, spacing = KDTree(centres), _mean_spacing(centres)
     columns = moves.transpose(1, 0, 2).reshape(len(centres), -1)
     middles, smoothing = vertices[faces].mean(axis=1), smoothing.copy()
-    everywhere = asked = np.arange(len(faces))
+    everywhere = checked = np.arange(len(faces))
     for attempt in range(ROUNDS):
         now = part_of(tick, attempt / ROUNDS, (attempt + 1) / ROUNDS)
         weights = spline_weights(centres, columns, smoothing)
-        folded = asked[_folded(centres, vertices, faces[asked], weights, now)]
+        folded = checked[_folded(centres, vertices, faces[checked], weights, now)]
         if len(folded):
             _, near = tree.query(middles[folded], k=range(1, min(_NEAR, len(centres)) + 1))
             touched = np.unique(near)
             smoothing[touched] = np.maximum(2.0 * smoothing[touched], _FIRST_SMOOTHING * spacing)
             apart, _ = KDTree(middles[folded]).query(middles, distance_upper_bound=_AROUND * spacing)
-            asked = np.flatnonzero(np.isfinite(apart))  # elsewhere little changes: looked at again in the end
-        elif len(asked) == len(faces):
+            checked = np.flatnonzero(np.isfinite(apart))  # elsewhere little changes: checked in the end
+        elif len(checked) == len(faces):
             break
         else:
-            asked = everywhere
+            checked = everywhere
     return smoothing, len(folded)
 
 

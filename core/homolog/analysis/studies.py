@@ -70,7 +70,7 @@ def compare_two_groups(
     )
     if done.test.modes == 0:
         return done
-    found = discriminant(
+    separation = discriminant(
         prepared(shapes[subjects], options),
         labels[subjects] == between[1],
         done.test.modes,
@@ -81,9 +81,10 @@ def compare_two_groups(
         tick=part_of(tick, 0.6, 1.0),
     )
     accuracy, auc = (
-        None if p is None else min(options.answers * p, 1.0) for p in (found.accuracy.p, found.auc.p)
+        None if p is None else min(options.answers * p, 1.0)
+        for p in (separation.accuracy.p, separation.auc.p)
     )
-    return replace(done, discriminant=found, accuracy_p_adjusted=accuracy, auc_p_adjusted=auc)
+    return replace(done, discriminant=separation, accuracy_p_adjusted=accuracy, auc_p_adjusted=auc)
 
 
 def compare_groups(
@@ -125,10 +126,10 @@ def compare_groups(
     for index, pair in enumerate(pairs):
         tick_of_pair = part_of(tick, (index + 1) * share, (index + 2) * share)
         columns, notes = _varying(covariates, np.isin(labels, pair))
-        found = compare_two_groups(
+        comparison = compare_two_groups(
             shapes, groups, pair, covariates=columns, options=options, names=names, tick=tick_of_pair
         )
-        each.append(replace(found, notes=notes))
+        each.append(replace(comparison, notes=notes))
     return overall, _corrected(each)
 
 

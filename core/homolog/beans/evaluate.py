@@ -168,8 +168,8 @@ def _nearest_on_side(
     tree: cKDTree, points: FloatArray, normals: FloatArray, tree_normals: FloatArray, skip: int
 ) -> FloatArray:
     """Distance from each point to the nearest one of the tree on the same side of the surface."""
-    found = tree.query(points, k=range(1 + skip, min(_NEAR + skip, tree.n) + 1))
-    distance, index = np.asarray(found[0]), np.asarray(found[1])
+    answer = tree.query(points, k=range(1 + skip, min(_NEAR + skip, tree.n) + 1))
+    distance, index = np.asarray(answer[0]), np.asarray(answer[1])
     same_side = np.einsum("ni,nki->nk", normals, tree_normals[index]) > _SAME_SIDE
     nearest = np.where(same_side, distance, np.inf).min(axis=1)
     return np.where(np.isfinite(nearest), nearest, distance[:, -1])

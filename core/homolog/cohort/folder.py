@@ -94,25 +94,27 @@ def read_folder(folder: Path) -> Cohort:
 
 def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     """Read folders of subjects: one file in each, or one for each structure; or the one with all files."""
-    found = {item: sources for item in below if (sources := _sources(item))}
-    several = [item for item, sources in found.items() if len(sources) > 1]
-    if several and len(found) == 1:
+    by_folder = {item: sources for item in below if (sources := _sources(item))}
+    several = [item for item, sources in by_folder.items() if len(sources) > 1]
+    if several and len(by_folder) == 1:
         return read_folder(several[0])
-    if several and (labels := _label_folder(found)):
+    if several and (labels := _label_folder(by_folder)):
         return read_folder(labels)
-    if several and not _are_subjects(found):
-        counts = ", ".join(f"{item.name} ({len(found[item])})" for item in several[:_NAMED])
+    if several and not _are_subjects(by_folder):
+        counts = ", ".join(f"{item.name} ({len(by_folder[item])})" for item in several[:_NAMED])
         raise InputError(
             f"{folder}: contains folders with several segmentations or meshes: {counts}"
             f"{' …' if len(several) > _NAMED else ''}; give one of them, or a cohort.csv that names "
             "the files"
         )
-    if not found:
+    if not by_folder:
         raise InputError(
             f"{folder}: contains no segmentation or mesh; known files are "
             f"{', '.join(IMAGE_SUFFIXES + MESH_SUFFIXES)} and folders of DICOM files"
         )
-    subjects = [_subject_of(item, list(sources.values()), bool(several)) for item, sources in found.items()]
+    subjects = [
+        _subject_of(item, list(sources.values()), bool(several)) for item, sources in by_folder.items()
+    ]
     return Cohort(tuple(subjects), folder)
 
 
@@ -131,21 +133,21 @@ def _sources(folder: Path) -> Mapping[str, Path]:
     return mask_files(folder)
 
 
-def _label_folder(found: Mapping[Path, Mapping[str, Path]]) -> Path | None:
+def _label_folder(by_folder: Mapping[Path, Mapping[str, Path]]) -> Path | None:
     """Return the folder of label maps where all others hold pictures, as in imagesTr and labelsTr."""
-    labels = [item for item in found if _LABEL_FOLDER.fullmatch(item.name)]
-    others = [item for item in found if item not in labels]
+    labels = [item for item in by_folder if _LABEL_FOLDER.fullmatch(item.name)]
+    others = [item for item in by_folder if item not in labels]
     pictures = all(_IMAGE_FOLDER.fullmatch(other.name) for other in others)
     return labels[0] if len(labels) == 1 and others and pictures else None
 
 
-def _are_subjects(found: Mapping[Path, Mapping[str, Path]]) -> bool:
+def _are_subjects(by_folder: Mapping[Path, Mapping[str, Path]]) -> bool:
     """Return whether folders are subjects with a file for each structure: they share the files' names."""
     kinds = (_LABEL_FOLDER, _IMAGE_FOLDER, _MESH_FOLDER)
-    if any(kind.fullmatch(item.name) for item in found for kind in kinds):
+    if any(kind.fullmatch(item.name) for item in by_folder for kind in kinds):
         return False
-    counts = Counter(name.casefold() for files in found.values() for name in files)
-    return len(found) > 1 and max(counts.values()) * 2 > len(found)
+    counts = Counter(name.casefold() for files in by_folder.values() for name in files)
+    return len(by_folder) > 1 and max(counts.values()) * 2 > len(by_folder)
 
 
 def mask_files(folder: Path) -> dict[str, Path]:
@@ -201,13 +203,13 @@ def _known_files(entries: Sequence[Path]) -> list[Path]:
 def _series_below(folder: Path) -> Path | None:
     """Return where a patient's one series lies, as hospitals export it: PATIENT/STUDY/SERIES."""
     for pattern in ("*/", "*/*/"):
-        found = [path for path in sorted(folder.glob(pattern)) if path.is_dir() and dicom_files(path)]
-        if len(found) > 1:
+        series = [path for path in sorted(folder.glob(pattern)) if path.is_dir() and dicom_files(path)]
+        if len(series) > 1:
             raise InputError(
-                f"{folder}: contains {len(found)} DICOM series; give a cohort.csv that names one of them"
+                f"{folder}: contains {len(series)} DICOM series; give a cohort.csv that names one of them"
             )
-        if found:
-            return found[0]
+        if series:
+            return series[0]
     return None
 
 

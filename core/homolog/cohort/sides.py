@@ -70,15 +70,15 @@ def sides_of(cohort: Cohort) -> Sides:
 
 
 def _column(subject: Subject) -> str:
-    found = [value for name, value in subject.columns.items() if name.strip().casefold() == SIDE_COLUMN]
-    return found[0].strip() if found else ""
+    values = [value for name, value in subject.columns.items() if name.strip().casefold() == SIDE_COLUMN]
+    return values[0].strip() if values else ""
 
 
 def _of_name(subject: Subject) -> str | None:
     """Return the side that the file's name gives, else the subject's name; None if neither gives just one."""
     file = subject.path.name
     for text in (file[: len(file) - len(suffix_of(subject.path))], subject.name):
-        found = {side for word in _WORDS.findall(text) if (side := _CODES.get(word.casefold()))}
-        if len(found) == 1:
-            return found.pop()
+        sides = {side for word in _WORDS.findall(text) if (side := _CODES.get(word.casefold()))}
+        if len(sides) == 1:
+            return sides.pop()
     return None

@@ -62,7 +62,7 @@ class TableChanges:
         return not self.added and not self.replaced
 
     @property
-    def words(self) -> list[str]:
+    def lines(self) -> list[str]:
         """What changes, a line each."""
         lines = [f"{len(self.matched)} of {len(self.subjects)} subjects have a row (column {self.key})"]
         lines += [f"{name}: {_count(number, 'new value')}" for name, number in self.added.items()]
@@ -109,9 +109,9 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     rows = [row for _, row in lines]
     wanted = [item for key in _KEYS for item in named if item.casefold() == key]
     keys = wanted or [item for item in named if item.casefold() == "path"] or named[:1]
-    found = {key: [_named(subjects, row[key]) for row in rows] for key in keys}
-    key = max(keys, key=lambda item: sum(name is not None for name in found[item]))
-    names = found[key]
+    candidates = {key: [_named(subjects, row[key]) for row in rows] for key in keys}
+    key = max(keys, key=lambda item: sum(name is not None for name in candidates[item]))
+    names = candidates[key]
     if not any(names):
         raise InputError(f"{path}: its column {key!r} names none of the subjects, such as {subjects[0].name}")
     twice = [name for name, count in Counter(filter(None, names)).items() if count > 1]
@@ -173,9 +173,9 @@ def _named(subjects: Sequence[Subject], text: str) -> str | None:
     file = text.replace("\\", "/").rpartition("/")[2]
     said = {text.casefold(), file.casefold(), _stem(file).casefold()} - {""}
     for fits in (_is_called, _is_file, _begins):
-        found = [subject.name for subject in subjects if any(fits(subject, name) for name in said)]
-        if found:
-            return found[0] if len(found) == 1 else None
+        matches = [subject.name for subject in subjects if any(fits(subject, name) for name in said)]
+        if matches:
+            return matches[0] if len(matches) == 1 else None
     return None
 
 

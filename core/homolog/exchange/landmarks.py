@@ -75,8 +75,8 @@ def project_landmark_errors(project: Project) -> LandmarkErrors | None:
         if subject.landmarks is not None
     }
     chosen = [index for index, name in enumerate(result.names) if name in files]
-    found = [read_markups(files[result.names[index]]) for index in chosen]
-    names, table = landmark_table(found)
+    markups = [read_markups(files[result.names[index]]) for index in chosen]
+    names, table = landmark_table(markups)
     if not names:
         return None
     meshes = [read_mesh(surface_file(project, record.subjects[index].file)) for index in chosen]

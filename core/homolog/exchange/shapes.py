@@ -61,14 +61,14 @@ def surfaces_of(
         From local to world.
     tick : Tick
     """
-    found: list[SubjectSurface | None] = []
+    surfaces: list[SubjectSurface | None] = []
     refused: list[str] = []
     for index, (subject, points) in enumerate(zip(subjects, local, strict=True)):
         tick(index / len(subjects), f"surface of {subject.name}")
         surface, reason = _own(subject, points)
-        found.append(surface)
+        surfaces.append(surface)
         refused.append(reason)
-    have = [index for index, surface in enumerate(found) if surface is not None]
+    have = [index for index, surface in enumerate(surfaces) if surface is not None]
     if not have:
         return [
             SubjectSurface(
@@ -80,11 +80,11 @@ def surfaces_of(
         ]
     positions = np.array(world)
     template = have[medoid(positions[have], positions.mean(axis=0))]
-    mesh = found[template]
+    mesh = surfaces[template]
     assert mesh is not None, "the template is one of those that were found"
     template_mesh = mesh.mesh.placed(alignments[template])
     result = []
-    for index, surface in enumerate(found):
+    for index, surface in enumerate(surfaces):
         if surface is None:
             warped = mean_surface(
                 positions[index], positions[template], template_mesh.vertices, template_mesh.faces

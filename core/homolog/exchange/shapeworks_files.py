@@ -55,17 +55,17 @@ class ShapeWorksProject:
         """Names of the anatomies, in the order of their columns; a project of particles only has ``"1"``."""
         keys = list(dict.fromkeys(key for row in self.rows for key in row))
         for prefixes in (INPUTS, ("groomed_",), ("world_particles_", "local_particles_")):
-            found = [
+            names = [
                 key.removeprefix(prefix) for key in keys for prefix in prefixes if key.startswith(prefix)
             ]
-            if found:
-                return list(dict.fromkeys(found))
+            if names:
+                return list(dict.fromkeys(names))
         return ["1"]
 
     def table(self, key: str) -> Row:
         """Return one of the other tables, such as ``optimize``; empty if it is not there or no table."""
-        found = self.others.get(key)
-        return self.texts(found) if isinstance(found, dict) else {}
+        nested = self.others.get(key)
+        return self.texts(nested) if isinstance(nested, dict) else {}
 
     @staticmethod
     def texts(table: dict[Any, Any]) -> Row:

@@ -63,16 +63,16 @@ def model_of_folder(folder: Path) -> ForeignModel:
     InputError
         If there are fewer than two, or one can't be read.
     """
-    found: dict[str, dict[str, Path]] = {}
+    files: dict[str, dict[str, Path]] = {}
     for path in sorted(folder.iterdir()):
         if path.suffix.lower() not in (".particles", ".pts") or path.name.startswith("."):
             continue
         end = next((item for item in _ENDS if path.stem.endswith(item)), "")
-        frames = found.setdefault(path.stem.removesuffix(end), {})
+        frames = files.setdefault(path.stem.removesuffix(end), {})
         if (frame := _ENDS.get(end, "world")) in frames:
             raise InputError(f"{path}: {frames[frame].name} exists too; keep one of them")
         frames[frame] = path
-    if not found:
+    if not files:
         others = [
             item.name for item in sorted(folder.iterdir()) if item.suffix.lower() in (".swproj", ".xlsx")
         ]
@@ -80,7 +80,7 @@ def model_of_folder(folder: Path) -> ForeignModel:
         raise InputError(f"{folder}: contains no particles (.particles, .pts); {remedy}")
     subjects = tuple(
         ForeignSubject(name, particles_of(item.get("local")), particles_of(item.get("world")))
-        for name, item in found.items()
+        for name, item in files.items()
     )
     return ForeignModel(f"particles in the folder {folder.resolve().name}", subjects)
 

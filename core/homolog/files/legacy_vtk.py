@@ -73,11 +73,11 @@ class _File:
         return self._text().lower()
 
     def _text(self) -> str:
-        found = _WORD.search(self._content, self._at)
-        if found is None:
+        match = _WORD.search(self._content, self._at)
+        if match is None:
             return ""
-        self._at = found.end()
-        return found[0].decode("latin-1")
+        self._at = match.end()
+        return match[0].decode("latin-1")
 
     def number(self) -> int:
         """Return a count, which can't be larger than the file."""
@@ -93,13 +93,13 @@ class _File:
         dtype = np.dtype(_KINDS[kind])
         if self._binary:
             return np.frombuffer(self._bytes(count * dtype.itemsize), dtype)
-        words = []
-        for found in islice(_WORD.finditer(self._content, self._at), count):
-            words.append(found[0])
-            self._at = found.end()
-        if len(words) < count:
+        tokens = []
+        for match in islice(_WORD.finditer(self._content, self._at), count):
+            tokens.append(match[0])
+            self._at = match.end()
+        if len(tokens) < count:
             raise ValueError("cut short")
-        return numbers_of(words, whole=dtype.kind != "f")
+        return numbers_of(tokens, whole=dtype.kind != "f")
 
     def _bytes(self, count: int) -> bytes:
         """Return the bytes that begin with the next line."""
@@ -159,19 +159,19 @@ class _File:
     def _texts(self, count: int) -> list[str]:
         """Return texts: each a line, or bytes after a length whose first two bits tell its own size."""
         self._bytes(0)
-        found = []
+        strings = []
         for _ in range(count):
             if self._binary:
                 size = 8 >> (self._taken(self._at, 1)[0] >> 6)
                 length = int.from_bytes(self._taken(self._at - 1, size), "big") & ((1 << (8 * size - 2)) - 1)
-                found.append(self._taken(self._at, length))
+                strings.append(self._taken(self._at, length))
             else:
                 end = self._content.index(b"\n", self._at)
-                found.append(self._taken(self._at, end - self._at).strip())
+                strings.append(self._taken(self._at, end - self._at).strip())
                 self._at = end + 1
-        return [item.decode("latin-1") for item in found]
+        return [item.decode("latin-1") for item in strings]
 
     def skip_metadata(self) -> None:
         """Go on behind the blank line that ends a block of metadata."""
-        found = _BLANK_LINE.search(self._content, self._at)
-        self._at = found.end() if found else len(self._content)
+        blank = _BLANK_LINE.search(self._content, self._at)
+        self._at = blank.end() if blank else len(self._content)

@@ -57,14 +57,14 @@ def read_particles(path: Path) -> FloatArray:
 def _of_lines(path: Path, lines: list[str]) -> FloatArray:
     points = []
     for number, line in enumerate(lines, start=1):
-        words = line.split()
-        if not words:
+        tokens = line.split()
+        if not tokens:
             continue
-        if not _is_number(words[0]):
+        if not _is_number(tokens[0]):
             break
-        if len(words) != 3 or not all(_is_number(word) for word in words):
+        if len(tokens) != 3 or not all(_is_number(word) for word in tokens):
             raise InputError(f"{path}, line {number}: is not a point; each line must have three numbers")
-        points.append([float(word) for word in words])
+        points.append([float(word) for word in tokens])
     return np.array(points)
 
 

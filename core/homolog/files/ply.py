@@ -31,9 +31,9 @@ def read_ply(content: bytes) -> Polygons:
         raise ValueError("no points or no faces")
     if max(counts["vertex"], counts["face"]) > len(content):
         raise ValueError("fewer bytes than points or faces")
-    found = load_ply(io.BytesIO(content), skip_materials=True)
-    points = np.array(found["vertices"], dtype=np.float64).reshape(-1, 3)
-    faces = found["faces"]
+    model = load_ply(io.BytesIO(content), skip_materials=True)
+    points = np.array(model["vertices"], dtype=np.float64).reshape(-1, 3)
+    faces = model["faces"]
     if len(points) != counts["vertex"] or len(faces) < counts["face"]:
         raise ValueError("fewer points or faces than the header says")
     if isinstance(faces, np.ndarray) and faces.ndim == 2 and faces.shape[1] == 3:

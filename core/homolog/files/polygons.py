@@ -121,27 +121,27 @@ class Polygons:
         splitter.AddObserver("ErrorEvent", lambda *_: None)  # observed, so that nothing is printed
         splitter.SetInputData(surface)
         splitter.Update()
-        found = vtk_to_numpy(splitter.GetOutput().GetPolys().GetConnectivityArray())
-        triangles: IntArray = found.astype(np.int64).reshape(-1, 3)
+        corners = vtk_to_numpy(splitter.GetOutput().GetPolys().GetConnectivityArray())
+        triangles: IntArray = corners.astype(np.int64).reshape(-1, 3)
         return triangles
 
 
 def _of_strips(strips: Cells) -> IntArray:
     """Return the triangles of strips: each three corners in a row, every second turned over."""
-    found: list[IntArray] = [np.empty((0, 3), np.int64)]
+    parts: list[IntArray] = [np.empty((0, 3), np.int64)]
     for start, end in pairwise(strips.starts.tolist()):
         corners = strips.corners[start:end]
         rows = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
         rows[1::2] = rows[1::2, ::-1]
-        found.append(rows)
-    return np.concatenate(found)
+        parts.append(rows)
+    return np.concatenate(parts)
 
 
-def numbers_of(words: Sequence[str] | Sequence[bytes], *, whole: bool) -> Array:
+def numbers_of(tokens: Sequence[str] | Sequence[bytes], *, whole: bool) -> Array:
     """Return numbers written as text, int64 or float64.
 
     One by one: an array of texts would be as wide as the longest.
     """
     if whole:
-        return np.array([int(word) for word in words], np.int64)
-    return np.array([float(word) for word in words])
+        return np.array([int(word) for word in tokens], np.int64)
+    return np.array([float(word) for word in tokens])

@@ -109,10 +109,10 @@ class ResultRecord(_Record):
     @property
     def surface_words(self) -> str:
         """How the mean surface follows the particles."""
-        words = f"{self.folded_faces} folded faces on the mean"
+        text = f"{self.folded_faces} folded faces on the mean"
         if self.smoothed_particles:
-            words += f", smoothed around {self.smoothed_particles} particles where it would fold"
-        return words
+            text += f", smoothed around {self.smoothed_particles} particles where it would fold"
+        return text
 
     @model_validator(mode="after")
     def _files_are_distinct(self) -> "ResultRecord":

@@ -41,11 +41,11 @@ def _binary(content: bytes, count: int) -> Polygons:
 
 
 def _text(text: bytes, content: bytes) -> Polygons:
-    words = [word for corner in _VERTEX.findall(text) for word in corner]
+    tokens = [word for corner in _VERTEX.findall(text) for word in corner]
     counts = [len(re.findall(word, text)) for word in (rb"\bvertex\b", rb"\bendloop\b", rb"\bendfacet\b")]
-    if b"endsolid" not in text or counts != [len(words) // 3, len(words) // 9, len(words) // 9]:
+    if b"endsolid" not in text or counts != [len(tokens) // 3, len(tokens) // 9, len(tokens) // 9]:
         raise ValueError("cut short, or facets that are not triangles")
-    return _of_corners(numbers_of(words, whole=False).reshape(-1, 3), content)
+    return _of_corners(numbers_of(tokens, whole=False).reshape(-1, 3), content)
 
 
 def _of_corners(corners: FloatArray, content: bytes) -> Polygons:
@@ -65,13 +65,13 @@ def read_obj(content: bytes) -> Polygons:
     faces: list[list[int]] = []
     text = content.decode("latin-1")
     for line in text.replace("\\\r\n", " ").replace("\\\n", " ").split("\n"):
-        kind, *words = line.partition("#")[0].split() or [""]
+        kind, *tokens = line.partition("#")[0].split() or [""]
         if kind == "v":
-            points.append([float(word) for word in words[:3]])
-            if len(words) < 3:
+            points.append([float(word) for word in tokens[:3]])
+            if len(tokens) < 3:
                 raise ValueError("a point of fewer than three numbers")
         elif kind in ("f", "fo"):
-            corners = [int(word.partition("/")[0]) for word in words]
+            corners = [int(word.partition("/")[0]) for word in tokens]
             faces.append(
                 [number - 1 if number > 0 else number + len(points) if number else -1 for number in corners]
             )

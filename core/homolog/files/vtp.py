@@ -72,10 +72,10 @@ def read_vtp(content: bytes) -> Polygons:
 
 def _piece(file: "_File", piece: ElementTree.Element, size: int) -> Polygons:
     def count(name: str) -> int:
-        found = int(piece.get(f"NumberOf{name}", "0"))
-        if not 0 <= found <= min(_DEFLATED * size, MOST):
+        count = int(piece.get(f"NumberOf{name}", "0"))
+        if not 0 <= count <= min(_DEFLATED * size, MOST):
             raise ValueError("claims more points or faces than it can contain")
-        return found
+        return count
 
     def cells(name: str) -> Cells:
         ends = file.values(piece.find(f"{name}/DataArray[@Name='offsets']"), count(name))
@@ -129,10 +129,10 @@ class _File:
             raise ValueError("lacks an array")
         dtype = np.dtype(self._order + _KINDS[node.get("type", "")])
         if node.get("format") == "ascii":
-            words = (node.text or "").split()
-            if len(words) != count:
+            tokens = (node.text or "").split()
+            if len(tokens) != count:
                 raise ValueError("cut short")
-            return numbers_of(words, whole=dtype.kind != "f")
+            return numbers_of(tokens, whole=dtype.kind != "f")
         return np.frombuffer(self._stored(node, count * dtype.itemsize), dtype)
 
     def _stored(self, node: ElementTree.Element, size: int | None) -> bytes:
@@ -161,8 +161,8 @@ class _File:
         return b"".join(_whole(self._unpack(part, n), n) for part, n in zip(parts, sizes, strict=True))
 
     def _words(self, stored: bytes) -> list[int]:
-        words: list[int] = np.frombuffer(stored, self._word).tolist()
-        return words
+        integers: list[int] = np.frombuffer(stored, self._word).tolist()
+        return integers
 
 
 class _Source:
@@ -179,15 +179,15 @@ class _Source:
     def peek(self, count: int) -> bytes:
         """Return the next bytes without going on."""
         size = count if self._raw else (count + 2) // 3 * 4
-        found = self._stored[self._at : self._at + size]
-        decoded = found if self._raw else binascii.a2b_base64(found)
+        encoded = self._stored[self._at : self._at + size]
+        decoded = encoded if self._raw else binascii.a2b_base64(encoded)
         return _whole(decoded[:count], count)
 
     def take(self, count: int) -> bytes:
         """Return the next bytes and go on behind them."""
-        found = self.peek(count)
+        taken = self.peek(count)
         self._at += count if self._raw else (count + 2) // 3 * 4
-        return found
+        return taken
 
 
 def _check(claimed: int, size: int | None) -> None:
@@ -195,10 +195,10 @@ def _check(claimed: int, size: int | None) -> None:
         raise ValueError("its arrays are not as long as its points and faces need")
 
 
-def _whole(found: bytes, size: int) -> bytes:
-    if len(found) != size:
+def _whole(content: bytes, size: int) -> bytes:
+    if len(content) != size:
         raise ValueError("cut short")
-    return found
+    return content
 
 
 def _inflated(part: bytes, size: int) -> bytes:
@@ -212,9 +212,9 @@ def _from_lzma(part: bytes, size: int) -> bytes:
 def _from_lz4(part: bytes, size: int) -> bytes:
     from vtkmodules.vtkIOCore import vtkLZ4DataCompressor
 
-    unpacker, found = vtkLZ4DataCompressor(), bytearray(size)
+    unpacker, unpacked = vtkLZ4DataCompressor(), bytearray(size)
     unpacker.AddObserver("ErrorEvent", lambda *_: None)  # observed, so that nothing is printed
-    return bytes(found[: unpacker.Uncompress(part, len(part), found, size)])
+    return bytes(unpacked[: unpacker.Uncompress(part, len(part), unpacked, size)])
 
 
 _UNPACK: dict[str, Callable[[bytes, int], bytes]] = {

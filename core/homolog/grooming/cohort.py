@@ -139,8 +139,8 @@ def groom_cohort(
     Cancelled
         From the tick; processes of our own end at once, those of a given executor finish what they began.
     """
-    found, cached = _from_cache(cohort, settings, cache, part_of(tick, 0.0, 0.1))
-    missing = [subject for subject in cohort.subjects if subject.name not in found]
+    groomed, cached = _from_cache(cohort, settings, cache, part_of(tick, 0.0, 0.1))
+    missing = [subject for subject in cohort.subjects if subject.name not in groomed]
     if missing:
         with nullcontext(executor) if executor else worker_processes(min(len(missing), cores())) as used:
             futures = {
@@ -159,27 +159,27 @@ def groom_cohort(
                     raise InputError(
                         f"{subject.path}: changed while it was read; run again when it is complete"
                     )
-                found[subject.name] = _noted(cache, done, key) if cache else done
+                groomed[subject.name] = _noted(cache, done, key) if cache else done
                 if keys is not None:
                     keys[subject.name] = key
                 if cache:
                     save_groomed(cache, done, key)
-    return [found[subject.name] for subject in cohort.subjects if subject.name in found]
+    return [groomed[subject.name] for subject in cohort.subjects if subject.name in groomed]
 
 
 def _from_cache(
     cohort: Cohort, settings: GroomSettings, cache: Path | None, tick: Tick
 ) -> tuple[dict[str, GroomedSubject], dict[str, str]]:
     """Return what the cache holds, and every subject's key."""
-    found: dict[str, GroomedSubject] = {}
+    cached: dict[str, GroomedSubject] = {}
     keys: dict[str, str] = {}
     for index, subject in enumerate(cohort.subjects if cache else ()):
         tick(index / len(cohort.subjects), f"looking for the groomed shape of {subject.name}")
         keys[subject.name] = content_key(read_source(subject, settings), settings)
         groomed = load_groomed(cache, subject.name, keys[subject.name]) if cache else None
         if groomed:
-            found[subject.name] = groomed
-    return found, keys
+            cached[subject.name] = groomed
+    return cached, keys
 
 
 def _source(subject: Subject, settings: GroomSettings, source: Source | None) -> Source:

@@ -43,8 +43,8 @@ class _Layers(Sequence[Array]):
             raise IndexError(index)
         if self._last is None or self._last[0] != index:
             with dicom_faults(self._path, _KIND):
-                found = self._seg.get_volume(segment_numbers=[self._numbers[index]])
-            self._last = (index, np.pad(np.asarray(found.array)[..., 0], _ROOM))
+                volume = self._seg.get_volume(segment_numbers=[self._numbers[index]])
+            self._last = (index, np.pad(np.asarray(volume.array)[..., 0], _ROOM))
         return self._last[1]
 
 

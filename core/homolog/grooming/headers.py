@@ -107,10 +107,10 @@ class Header:
             stored = stream.read()
         unpacker = zlib.decompressobj(_ZLIB_OR_GZIP)
         try:
-            found = len(unpacker.decompress(stored, needed + 1))
+            size = len(unpacker.decompress(stored, needed + 1))
         except zlib.error:
-            found = -1
-        if found != needed or not unpacker.eof or self._number("compresseddatasize") != len(stored):
+            size = -1
+        if size != needed or not unpacker.eof or self._number("compresseddatasize") != len(stored):
             raise InputError(
                 f"{self.path}: its compressed voxels are not the {needed} bytes that its header declares, or "
                 "of another size when compressed; copy or export it again"
@@ -219,7 +219,7 @@ def segments_of(path: Path, values: Mapping[str, str]) -> tuple[Segment, ...]:
     InputError
         If a value or layer is no number.
     """
-    found = []
+    segments = []
     for number in sorted(int(key[1]) for key in map(_NAMED.fullmatch, values) if key):
         name = values[f"Segment{number}_Name"]
         try:
@@ -228,8 +228,8 @@ def segments_of(path: Path, values: Mapping[str, str]) -> tuple[Segment, ...]:
             raise InputError(
                 f"{path}: its header says nothing sensible of segment {name!r} ({error}); save it again"
             ) from error
-        found.append(Segment(name, value, layer))
-    return tuple(found)
+        segments.append(Segment(name, value, layer))
+    return tuple(segments)
 
 
 _NAMED = re.compile(r"Segment(0|[1-9][0-9]{0,5})_Name")  # some programs begin with 1, or leave gaps
@@ -238,12 +238,12 @@ _DEFAULTS = (("LabelValue", "1"), ("Layer", "0"))
 
 def _names(value: str, following: list[str]) -> list[str]:
     """Return the files that a header names: one, a list, or those of a pattern."""
-    words = value.split()
-    if not words or words[0].upper() == "LOCAL":
+    tokens = value.split()
+    if not tokens or tokens[0].upper() == "LOCAL":
         return []
-    if words[0].upper() == "LIST":
+    if tokens[0].upper() == "LIST":
         return [line.strip() for line in following if line.strip()]
-    if len(words) >= 3 and len(re.findall("%", words[0])) == 1 and re.search(r"%0?\d?d", words[0]):
-        first, last, step = (int(word) if word.isdecimal() else 0 for word in (*words[1:4], "1")[:3])
-        return [words[0] % number for number in range(first, last + 1, step or 1)[:_MOST_FILES]]
+    if len(tokens) >= 3 and len(re.findall("%", tokens[0])) == 1 and re.search(r"%0?\d?d", tokens[0]):
+        first, last, step = (int(word) if word.isdecimal() else 0 for word in (*tokens[1:4], "1")[:3])
+        return [tokens[0] % number for number in range(first, last + 1, step or 1)[:_MOST_FILES]]
     return [value]

@@ -115,8 +115,8 @@ class _Half:
 
     def nearest(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, IntArray]:
         """Return distances to the nearest points in position and normal, and their indices."""
-        distances, found = self.tree.query(np.concatenate([points, _NORMAL_WEIGHT * normals], axis=1))
-        return np.asarray(distances), np.asarray(found)
+        distances, indices = self.tree.query(np.concatenate([points, _NORMAL_WEIGHT * normals], axis=1))
+        return np.asarray(distances), np.asarray(indices)
 
 
 def _axes(shape: OrientedPoints) -> FloatArray:

@@ -346,8 +346,9 @@ def _resampled(
         for axis in range(3):
             along = np.eye(level.shape[axis], dtype=np.float32)
             places = offset[axis] + step / spacing[axis] * np.arange(shape[axis])
-            one = ndimage.map_coordinates
-            weights = np.stack([one(row, places[None], order=3, mode="nearest") for row in along], axis=1)
+            weights = np.stack(
+                [ndimage.map_coordinates(row, places[None], order=3, mode="nearest") for row in along], axis=1
+            )
             level = np.moveaxis(np.tensordot(weights, level, (1, axis)), 0, axis)
         return np.ascontiguousarray(level)
     resampled: Array = ndimage.affine_transform(

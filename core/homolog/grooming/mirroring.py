@@ -72,12 +72,12 @@ def align_cohort(
     """
     given = known or {}
     plan = _plan(cohort, settings, given)
-    found, better = _aligned(groomed, plan, settings, given, part_of(tick, 0.0, 0.6))
+    registered, better = _aligned(groomed, plan, settings, given, part_of(tick, 0.0, 0.6))
     if plan.from_names and len(better & plan.mirrored) > len(plan.mirrored) / 2:
         plan = plan.without_mirroring()
-        found, better = _aligned(groomed, plan, settings, given, part_of(tick, 0.6, 1.0))
+        registered, better = _aligned(groomed, plan, settings, given, part_of(tick, 0.6, 1.0))
     result = []
-    for item, registered_as in zip(groomed, found.notes, strict=True):
+    for item, registered_as in zip(groomed, registered.notes, strict=True):
         notes = [plan.notes[item.name]] if item.name in plan.notes else []
         if item.name in better:
             notes.append(
@@ -87,7 +87,7 @@ def align_cohort(
         elif registered_as is not None:
             notes.append(registered_as)
         result.append(replace(item, report=replace(item.report, notes=(*item.report.notes, *notes))))
-    return result, found.alignments
+    return result, registered.alignments
 
 
 def _aligned(
@@ -99,15 +99,15 @@ def _aligned(
 ) -> tuple[Registration, set[str]]:
     """Return alignments, reflections where mirrored, and the names of who would fit far better otherwise."""
     taken = [_image(item) if item.name in plan.mirrored else item for item in groomed]
-    found = register(taken, settings, part_of(tick, 0.0, 0.5))
-    alignments = found.alignments
+    registered = register(taken, settings, part_of(tick, 0.0, 0.5))
+    alignments = registered.alignments
     better: set[str] = set()
     if settings.mirror is not Mirror.OFF:
         registered_already = settings.alignment is Alignment.ICP
         better = _better_mirrored(taken, alignments, known, registered_already, part_of(tick, 0.5, 1.0))
     mirrored = np.array([item.name in plan.mirrored for item in groomed])
     reflected = np.where(mirrored[:, None, None], alignments @ MIRROR, alignments)
-    return replace(found, alignments=reflected), better
+    return replace(registered, alignments=reflected), better
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,10 +196,10 @@ def _better_mirrored(
     clouds = [cloud.scaled(1.0 / cloud.size) for cloud in placed]
     middle = medoid(clouds)
     fixed = _thinned(clouds[middle], _FIXED)
-    asked = {k: item.name for k, item in enumerate(groomed) if k != middle and item.name not in known}
-    found = set()
-    for number, (k, name) in enumerate(asked.items()):
-        tick(number / len(asked), f"comparing {name} with its mirror image")
+    undecided = {k: item.name for k, item in enumerate(groomed) if k != middle and item.name not in known}
+    mirrored = set()
+    for number, (k, name) in enumerate(undecided.items()):
+        tick(number / len(undecided), f"comparing {name} with its mirror image")
         cloud, turned = _thinned(clouds[k], _MOVING), MIRROR[:3, :3]
         image = OrientedPoints(cloud.points @ turned, cloud.normals @ turned, cloud.centre)
         if registered_already:  # to the same one, whose centre is the origin
@@ -207,9 +207,13 @@ def _better_mirrored(
         else:
             own = _gap(_moved(cloud, fixed), fixed)
         if _gap(_moved(image, fixed), fixed) < _FAR_BETTER * own:
-            found.add(name)
+            mirrored.add(name)
     # Where most would fit better mirrored, it is the reference and its like that are odd.
-    return {item.name for item in groomed} - found if not known and 2 * len(found) > len(groomed) else found
+    return (
+        {item.name for item in groomed} - mirrored
+        if not known and 2 * len(mirrored) > len(groomed)
+        else mirrored
+    )
 
 
 def _thinned(cloud: OrientedPoints, points: int) -> OrientedPoints:

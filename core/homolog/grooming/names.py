@@ -64,14 +64,14 @@ def matching(items: Iterable[tuple[str, _Named]], wanted: str) -> list[_Named]:
 def near(names: Iterable[str], wanted: str) -> list[str]:
     """Return the names that a user may have meant, best first; none if there are none."""
     tokens = {name: set(_tokens(name)) for name in names if name}
-    words = set(_tokens(wanted))
-    inside = [name for name, own in tokens.items() if words <= own or own <= words]
+    wanted_tokens = set(_tokens(wanted))
+    inside = [name for name, own in tokens.items() if wanted_tokens <= own or own <= wanted_tokens]
     plain = {" ".join(sorted(own)): name for name, own in tokens.items()}
     alike = [
         plain[get_close_match]
-        for get_close_match in difflib.get_close_matches(" ".join(sorted(words)), plain, 3, 0.75)
+        for get_close_match in difflib.get_close_matches(" ".join(sorted(wanted_tokens)), plain, 3, 0.75)
     ]
-    telling = {word for word in words - {"left", "right"} if len(word) > 3}
+    telling = {word for word in wanted_tokens - {"left", "right"} if len(word) > 3}
     partly = [name for name, own in tokens.items() if telling & own]
     return list(dict.fromkeys([*inside, *alike, *partly]))[:_NEAR]
 
@@ -85,8 +85,8 @@ def _keys(name: str) -> frozenset[str]:
 
 
 def _tokens(name: str) -> list[str]:
-    words = re.findall(r"[^\W_]+", unicodedata.normalize("NFKC", name).casefold())
-    return [_SYNONYMS.get(word, word) for word in words]
+    tokens = re.findall(r"[^\W_]+", unicodedata.normalize("NFKC", name).casefold())
+    return [_SYNONYMS.get(word, word) for word in tokens]
 
 
 _SYNONYMS = {
@@ -201,9 +201,9 @@ def _of_lines(text: str) -> dict[int, str]:
     lines = [line.strip() for line in text.splitlines()]
     lines = [line for line in lines if line and not line.startswith("#")]
     for pattern, name in ((_SNAP, 3), (_COLOURED, 2)):
-        found = [pattern.fullmatch(line) for line in lines]
-        if all(found):
-            return {int(item[1]): item[name] for item in found if item}
+        matches = [pattern.fullmatch(line) for line in lines]
+        if all(matches):
+            return {int(item[1]): item[name] for item in matches if item}
     return {}
 
 
@@ -243,7 +243,7 @@ def _of_mapping(content: Mapping[str, object]) -> dict[int, str]:
 
 def _of_entries(content: object) -> dict[int, str]:
     """Return the names of ``[{"value": 1, "name": "spleen"}]``, whatever the two are called."""
-    found: dict[int, str] = {}
+    names: dict[int, str] = {}
     for entry in content if isinstance(content, list) else ():
         if not isinstance(entry, dict):
             return {}
@@ -257,5 +257,5 @@ def _of_entries(content: object) -> dict[int, str]:
         )
         if value is None or name is None:
             return {}
-        found[value] = name
-    return found
+        names[value] = name
+    return names

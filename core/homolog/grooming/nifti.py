@@ -95,12 +95,12 @@ def read_nifti(path: Path) -> Volume:
 
 def _named(header: Any) -> tuple[Segment, ...]:  # noqa: ANN401 - half of nibabel is untyped
     """Return the structures that an extension of the header names."""
-    found: dict[int, str] = {}
+    names: dict[int, str] = {}
     for extension in header.extensions:
         if b"<LabelTable" in extension.content:
             for item in _NAMED.finditer(extension.content.decode("utf-8", "replace")):
-                found.setdefault(int(item[1]), html.unescape(item[3] or "") or item[2] or "")
-    return tuple(Segment(name.strip(), value) for value, name in found.items() if value > 0 and name.strip())
+                names.setdefault(int(item[1]), html.unescape(item[3] or "") or item[2] or "")
+    return tuple(Segment(name.strip(), value) for value, name in names.items() if value > 0 and name.strip())
 
 
 def read_mgh(path: Path) -> Volume:

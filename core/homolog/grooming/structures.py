@@ -61,13 +61,13 @@ class Structure:
         As most subjects' files call it; empty if nothing names it.
     values : tuple of int
         Its labels, one where all files agree; none if it has files of its own.
-    found : mapping of str to Found
+    by_subject : mapping of str to Found
         By the names of the subjects that have it.
     """
 
     name: str
     values: tuple[int, ...]
-    found: Mapping[str, Found] = field(default_factory=dict)
+    by_subject: Mapping[str, Found] = field(default_factory=dict)
 
     @property
     def title(self) -> str:
@@ -77,13 +77,13 @@ class Structure:
     @property
     def volumes(self) -> tuple[float, float, float]:
         """Smallest, median and largest volume [ml]."""
-        volumes = [item.volume for item in self.found.values()]
+        volumes = [item.volume for item in self.by_subject.values()]
         return min(volumes), median(volumes), max(volumes)
 
     @property
     def at_border(self) -> list[str]:
         """The subjects in whose images it touches the border."""
-        return [name for name, item in self.found.items() if item.at_border]
+        return [name for name, item in self.by_subject.items() if item.at_border]
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,15 +125,15 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
             f"{subject.path}: {what}; choose one by its name (label: {next(iter(masks))}), or run a batch of "
             f"all; available: {listed}"
         )
-    found = matching(masks.items(), segment)
-    if len(found) > 1:
-        names = " and ".join(item.name for item in found)
+    matches = matching(masks.items(), segment)
+    if len(matches) > 1:
+        names = " and ".join(item.name for item in matches)
         raise InputError(f"{subject.path}: {segment!r} is {names}; give the full name of one")
-    if not found:
+    if not matches:
         alike = near(masks, segment)
         nearest = f"similar names: {', '.join(alike)}; " if alike else ""
         raise InputError(f"{subject.path}: has no file of {segment!r}; {nearest}available: {listed}")
-    return found[0]
+    return matches[0]
 
 
 def structures_of(subject: Subject) -> list[Found]:
@@ -147,7 +147,7 @@ def structures_of(subject: Subject) -> list[Found]:
     if subject.is_mesh:
         return []
     if masks := masks_of(subject):
-        return [one for name, path in masks.items() if (one := _found_in(name, path)) is not None]
+        return [structure for name, path in masks.items() if (structure := _found_in(name, path)) is not None]
     return [
         Found(extent.segment.name, extent.segment.value, extent.volume / 1000.0, extent.at_border)
         for extent in read_volume(subject.path).with_names().extents()
@@ -169,24 +169,24 @@ def list_structures(cohort: Cohort, tick: Tick = no_tick) -> Structures:
     Those of one name are one structure, whatever their numbers; those without a name go by their number.
     """
     problems: dict[str, str] = {}
-    found: dict[str, list[Found]] = {}
+    by_subject: dict[str, list[Found]] = {}
     for index, subject in enumerate(cohort.subjects):
         tick(index / len(cohort.subjects), f"reading {subject.name}")
         try:
-            found[subject.name] = structures_of(subject)
+            by_subject[subject.name] = structures_of(subject)
         except InputError as error:
             problems[subject.name] = str(error)
-    return Structures(joined(_named_alike(found)), problems)
+    return Structures(joined(_named_alike(by_subject)), problems)
 
 
-def _named_alike(found: Mapping[str, Sequence[Found]]) -> dict[str, Sequence[Found]]:
+def _named_alike(by_subject: Mapping[str, Sequence[Found]]) -> dict[str, Sequence[Found]]:
     """Return what was found, named by FreeSurfer's list also in files of too few labels to speak for it."""
     names = FREESURFER.names
     follow = any(
-        item.name and item.name == names.get(item.value or 0) for ones in found.values() for item in ones
+        item.name and item.name == names.get(item.value or 0) for ones in by_subject.values() for item in ones
     )
     result: dict[str, Sequence[Found]] = {}
-    for subject, ones in found.items():
+    for subject, ones in by_subject.items():
         values = {item.value for item in ones}
         nameless = bool(values) and values <= FREESURFER.common and not any(item.name for item in ones)
         if follow and nameless:
@@ -196,11 +196,11 @@ def _named_alike(found: Mapping[str, Sequence[Found]]) -> dict[str, Sequence[Fou
     return result
 
 
-def joined(found: Mapping[str, Sequence[Found]]) -> tuple[Structure, ...]:
+def joined(by_subject: Mapping[str, Sequence[Found]]) -> tuple[Structure, ...]:
     """Return the structures of a cohort from those of its subjects, by the subjects' names."""
     kinds: dict[tuple[str, ...] | int, dict[str, Found]] = {}
     names: dict[str, tuple[str, ...]] = {}
-    for subject, ones in found.items():
+    for subject, ones in by_subject.items():
         for item in ones:
             key = names.setdefault(item.name, _key_of(item.name, kinds)) if item.name else item.value or 0
             kinds.setdefault(key, {}).setdefault(subject, item)
@@ -215,10 +215,10 @@ def _key_of(name: str, kinds: Mapping[tuple[str, ...] | int, object]) -> tuple[s
     return next(same, (name,))
 
 
-def _structure(found: Mapping[str, Found]) -> Structure:
-    names = [item.name for item in found.values()]
-    values = sorted({item.value for item in found.values() if item.value is not None})
-    return Structure(max(names, key=names.count), tuple(values), found)
+def _structure(by_subject: Mapping[str, Found]) -> Structure:
+    names = [item.name for item in by_subject.values()]
+    values = sorted({item.value for item in by_subject.values() if item.value is not None})
+    return Structure(max(names, key=names.count), tuple(values), by_subject)
 
 
 def chosen_structures(structures: Sequence[Structure], wanted: Sequence[str]) -> list[Structure]:
@@ -233,13 +233,14 @@ def chosen_structures(structures: Sequence[Structure], wanted: Sequence[str]) ->
         return list(structures)
     chosen, wrong = [], []
     for text in wanted:
-        found = matching(((structure.name, structure) for structure in structures), text)
-        if not found and text.isdecimal():
-            found = [structure for structure in structures if int(text) in structure.values]
-        if len(found) == 1:
-            chosen.append(found[0])
-        elif found:
-            wrong.append(f"{text!r} is {' and '.join(one.title for one in found)}; give the full name of one")
+        matches = matching(((structure.name, structure) for structure in structures), text)
+        if not matches and text.isdecimal():
+            matches = [structure for structure in structures if int(text) in structure.values]
+        if len(matches) == 1:
+            chosen.append(matches[0])
+        elif matches:
+            titles = " and ".join(structure.title for structure in matches)
+            wrong.append(f"{text!r} is {titles}; give the full name of one")
         else:
             alike = near([structure.name for structure in structures], text)
             nearest = (

@@ -192,10 +192,10 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
     surface = None
     if isinstance(source, Segmentation):
         notes += source.notes
-        found = cleaned(source, settings.pieces)
-        dropped, filled, at_border = found.components_dropped, found.holes_filled, found.at_border
+        clean = cleaned(source, settings.pieces)
+        dropped, filled, at_border = clean.components_dropped, clean.holes_filled, clean.at_border
         volume = source.volume
-        field, further = _field_of_voxels(found.segmentation, settings)
+        field, further = _field_of_voxels(clean.segmentation, settings)
         if dropped:
             notes.append(f"the largest of {dropped + 1} separate pieces was kept")
         if filled:

@@ -70,8 +70,8 @@ def check_triangles(mesh: TriangleMesh, settings: GroomSettings) -> None:
     if spread[2] <= _THINNEST**2 * spread[0]:
         raise InputError("the mesh is flat and encloses no volume; export the complete surface")
     if settings.pieces is Pieces.LARGEST:
-        found = clusters(mesh)
-        _check_share(_share(mesh.face_areas, found == 0), int(found.max()) + 1)
+        labels = clusters(mesh)
+        _check_share(_share(mesh.face_areas, labels == 0), int(labels.max()) + 1)
 
 
 def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles:
@@ -102,8 +102,8 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
         dropped = int(pieces.max())
         note = (f"the largest of {dropped + 1} separate pieces was kept",) if dropped else ()
         return Triangles(level, abs(mesh.volume), dropped, 0, None, note)
-    found = clusters(mesh) if settings.pieces is Pieces.LARGEST else np.zeros(len(mesh.faces), np.int64)
-    solid = solid_of(_chosen(mesh, found == 0))
+    labels = clusters(mesh) if settings.pieces is Pieces.LARGEST else np.zeros(len(mesh.faces), np.int64)
+    solid = solid_of(_chosen(mesh, labels == 0))
     if not solid.bounds.any():
         raise InputError(_NOTHING)
     level = level_of_solid(solid, settings.spacing)
@@ -118,8 +118,8 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
             f"the mesh is in {apart + 1} pieces that do not touch, which can't give one surface; join them, "
             "or keep the largest (pieces: largest)"
         )
-    dropped = int(found.max()) + apart
-    share = _share(mesh.face_areas, found == 0) * _share(area, touching)
+    dropped = int(labels.max()) + apart
+    share = _share(mesh.face_areas, labels == 0) * _share(area, touching)
     _check_share(share, dropped + 1)
     notes = _notes(solid, touching, dropped, share)
     surface = _chosen(solid.mesh, touching & solid.bounds)
@@ -163,7 +163,7 @@ def _notes(solid: Solid, touching: BoolArray, dropped: int, share: float) -> tup
             f"the largest of {dropped + 1} separate pieces was kept ({100.0 * share:.0f} % of the area)",
         ),
     ]
-    return tuple(words for is_true, words in said if is_true)
+    return tuple(note for is_true, note in said if is_true)
 
 
 def _largest(level: Level) -> tuple[Level, BoolArray, int]:

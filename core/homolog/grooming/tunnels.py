@@ -126,8 +126,8 @@ def _patched(solid: BoolArray, radius: float) -> BoolArray:
 def _patches(voxels: BoolArray) -> Iterator[tuple[tuple[slice, ...], BoolArray]]:
     """Return the connected patches of voxels, each with a box that holds it and its neighbours."""
     labels, _ = ndimage.label(voxels, _ANY_NEIGHBOUR)
-    for number, found in enumerate(ndimage.find_objects(labels), start=1):
-        box = tuple(slice(max(axis.start - 1, 0), axis.stop + 1) for axis in found)
+    for number, bounds in enumerate(ndimage.find_objects(labels), start=1):
+        box = tuple(slice(max(axis.start - 1, 0), axis.stop + 1) for axis in bounds)
         yield box, labels[box] == number
 
 

@@ -88,7 +88,7 @@ class Segment:
     layer: int = 0
 
     @property
-    def words(self) -> str:
+    def title(self) -> str:
         """How messages call it."""
         return f"{self.name} ({self.value})" if self.name else str(self.value)
 
@@ -125,16 +125,16 @@ class Volume:
         """Return what has voxels, in the order of `segments`, with its volume; one look at each layer."""
         voxel = abs(float(np.linalg.det(self.index_to_world[:3, :3])))
         known = {(item.layer, item.value): item for item in self.named}
-        found = []
+        contents = []
         for number in range(len(self.layers)):
             layer = self._labels(number)
             border = {value for side in _sides(layer) for value in _counted(side)}
-            found += [
+            contents += [
                 Extent(known.get((number, value), Segment("", value, number)), count * voxel, value in border)
                 for value, count in sorted(_counted(layer).items())
             ]
         order = {item: index for index, item in enumerate(self.named)}
-        return sorted(found, key=lambda item: (order.get(item.segment, len(order)), item.segment.value))
+        return sorted(contents, key=lambda item: (order.get(item.segment, len(order)), item.segment.value))
 
     def with_names(self, wanted: str | None = None) -> "Volume":
         """Return the volume with names from a table beside its file, or from a public list.
@@ -197,16 +197,17 @@ class Volume:
     def _plain(self, label: int) -> list[Segment]:
         return [Segment("", label)] if len(self.layers) == 1 else []
 
-    def _one(self, found: Sequence[Segment], wanted: str, name: str = "") -> Segmentation:
-        if len(found) > 1:
+    def _one(self, segments: Sequence[Segment], wanted: str, name: str = "") -> Segmentation:
+        if len(segments) > 1:
+            titles = " and ".join(segment.title for segment in segments)
             raise InputError(
-                f"{self.path}: {wanted} is {' and '.join(one.words for one in found)}; choose one by its "
+                f"{self.path}: {wanted} is {titles}; choose one by its "
                 "name or number, and give each its own name"
             )
-        for item in found:
+        for item in segments:
             if (cropped := self.placed(item)) is not None:
                 return cropped
-        lacks = "has no voxel of" if found or not name else "has no structure called"
+        lacks = "has no voxel of" if segments or not name else "has no structure called"
         raise InputError(f"{self.path}: {lacks} {wanted}; {self._what_there_is(name)}")
 
     def _what_there_is(self, name: str) -> str:
@@ -214,7 +215,7 @@ class Volume:
         there = self.segments()
         if not there:
             return "segment the structure or exclude the subject"
-        listed = ", ".join(item.words for item in there[:_NAMED])
+        listed = ", ".join(item.title for item in there[:_NAMED])
         more = f" and {len(there) - _NAMED} more" if len(there) > _NAMED else ""
         alike = near([item.name for item in there], name) if name else []
         nearest = f"similar names: {', '.join(alike)}; " if alike else ""
@@ -226,15 +227,15 @@ class Volume:
         if len(self.layers) == 1:
             layer = self._labels(0)
             several = _labels_seen(self.path, layer) > 1
-            found = _cropped(layer, lambda values: values > 0)
+            crop = _cropped(layer, lambda values: values > 0)
         else:
             several = True
-            found = _cropped(self._union(), lambda values: values)
-        if found is None:
+            crop = _cropped(self._union(), lambda values: values)
+        if crop is None:
             raise InputError(
                 f"{self.path}: has no voxel above 0; segment the structure or exclude the subject"
             )
-        whole = self._placed(*found)
+        whole = self._placed(*crop)
         return replace(whole, notes=(*whole.notes, _TOGETHER)) if several else whole
 
     def _union(self) -> BoolArray:
@@ -246,7 +247,7 @@ class Volume:
             overlap |= bool((mask & (layer > 0)).any())
             mask = mask | (layer > 0)
         if overlap:
-            listed = ", ".join(segment.words for segment in self.segments())
+            listed = ", ".join(segment.title for segment in self.segments())
             raise InputError(
                 f"{self.path}: its segments overlap ({listed}), so that they are not one structure; "
                 "choose one by its name"
@@ -255,8 +256,8 @@ class Volume:
 
     def placed(self, segment: Segment) -> Segmentation | None:
         """Return the voxels of a structure; None if there are none."""
-        found = _cropped(self._labels(segment.layer), lambda values: values == segment.value)
-        return None if found is None else self._placed(*found, segment.name)
+        crop = _cropped(self._labels(segment.layer), lambda values: values == segment.value)
+        return None if crop is None else self._placed(*crop, segment.name)
 
     def _labels(self, number: int) -> Array:
         """Return the values of a layer, whole numbers; raises InputError if they are none."""
@@ -315,11 +316,11 @@ def check_size(path: Path, shape: Sequence[int], voxel_bytes: float) -> None:
     InputError
         With the number of GB if memory would not do.
     """
-    words = " x ".join(map(str, shape))
+    size = " x ".join(map(str, shape))
     if len(shape) != 3 or min(shape) < 2:
-        raise InputError(f"{path}: is not a 3-D volume but {words}; export one label map per subject")
+        raise InputError(f"{path}: is not a 3-D volume but {size}; export one label map per subject")
     needed = float(np.prod(shape, dtype=np.float64)) * (voxel_bytes + _MASKS)
-    check_fits(f"{path} ({words} voxels)", needed, "crop it or make it coarser, or correct its header")
+    check_fits(f"{path} ({size} voxels)", needed, "crop it or make it coarser, or correct its header")
 
 
 def _slices(values: Array) -> Iterator[Array]:
@@ -335,7 +336,7 @@ def _sides(values: Array) -> list[Array]:
 
 def _counted(values: Array) -> Counter[int]:
     """Return how many voxels have each value above 0."""
-    found: Counter[int] = Counter()
+    n_voxels: Counter[int] = Counter()
     flat = values.ravel(order="K")
     for start in range(0, flat.size, _COUNTED):
         part = flat[start : start + _COUNTED]
@@ -344,12 +345,12 @@ def _counted(values: Array) -> Counter[int]:
         if part.size and part.max() < _LISTED:
             counts = np.bincount(part.astype(np.intp, copy=False))
             present = np.flatnonzero(counts)
-            found.update(dict(zip(present.tolist(), counts[present].tolist(), strict=True)))
+            n_voxels.update(dict(zip(present.tolist(), counts[present].tolist(), strict=True)))
         elif part.size:
             several, counts = np.unique(part, return_counts=True)
-            found.update(dict(zip(several.tolist(), counts.tolist(), strict=True)))
-    del found[0]
-    return found
+            n_voxels.update(dict(zip(several.tolist(), counts.tolist(), strict=True)))
+    del n_voxels[0]
+    return n_voxels
 
 
 def _cropped(values: Array, inside: Callable[[Array], Array]) -> tuple[BoolArray, tuple[int, ...]] | None:

@@ -67,8 +67,8 @@ def uncovered(located: LocatedParticles, tick: Tick = no_tick) -> list[Suspect]:
                     severity=gap.distance / limit * float(np.sqrt(wanting)),
                     place=linear @ located.meshes[m].vertices[gap.centre] + origin,
                     area=gap.area,
-                    words=f"{gap.area:.3g} mm² without particles, up to {gap.distance * spacing:.3g} mm from "
-                    f"the nearest; usual {consensus * spacing:.2g} mm",
+                    description=f"{gap.area:.3g} mm² without particles, up to {gap.distance * spacing:.3g} "
+                    f"mm from the nearest; usual {consensus * spacing:.2g} mm",
                 )
             )
     return suspects

@@ -84,12 +84,12 @@ def swap_log_ratios(
     """
     neighbours, far = consensus.neighbours[counterpart], consensus.distances[counterpart]
     rows = np.repeat(occupant, neighbours.shape[1])
-    found = np.asarray(located.distances[subject][rows, neighbours.ravel()]).reshape(neighbours.shape)
+    distances = np.asarray(located.distances[subject][rows, neighbours.ravel()]).reshape(neighbours.shape)
     place = occupant[:, None] == neighbours  # this neighbour would stand in the other's place in turn
     swapped = np.asarray(located.distances[subject][occupant, counterpart])
-    found = np.where(place, swapped[:, None], found)
-    found[found == 0.0] = REACH
-    ratios: FloatArray = np.log(found / np.where(np.isfinite(far), far, np.nan))
+    distances = np.where(place, swapped[:, None], distances)
+    distances[distances == 0.0] = REACH
+    ratios: FloatArray = np.log(distances / np.where(np.isfinite(far), far, np.nan))
     return ratios
 
 

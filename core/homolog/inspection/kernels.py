@@ -24,19 +24,19 @@ def closest_points_on(
 ):
     """Find the mesh's point nearest to each point: its unit normal (from the vertices), face and distance."""
     p = wp.tid()
-    found = wp.mesh_query_point_no_sign(mesh, points[p], reach)
+    query = wp.mesh_query_point_no_sign(mesh, points[p], reach)
     away[p] = reach
-    if found.result:
+    if query.result:
         corners = wp.vec3i(
-            wp.mesh_get_index(mesh, 3 * found.face),
-            wp.mesh_get_index(mesh, 3 * found.face + 1),
-            wp.mesh_get_index(mesh, 3 * found.face + 2),
+            wp.mesh_get_index(mesh, 3 * query.face),
+            wp.mesh_get_index(mesh, 3 * query.face + 1),
+            wp.mesh_get_index(mesh, 3 * query.face + 2),
         )
-        last = 1.0 - found.u - found.v
-        normal = found.u * vertex_normals[corners[0]] + found.v * vertex_normals[corners[1]]
+        last = 1.0 - query.u - query.v
+        normal = query.u * vertex_normals[corners[0]] + query.v * vertex_normals[corners[1]]
         normals[p] = wp.normalize(normal + last * vertex_normals[corners[2]])
-        faces[p] = found.face
-        away[p] = wp.length(wp.mesh_eval_position(mesh, found.face, found.u, found.v) - points[p])
+        faces[p] = query.face
+        away[p] = wp.length(wp.mesh_eval_position(mesh, query.face, query.u, query.v) - points[p])
 
 
 @wp.kernel

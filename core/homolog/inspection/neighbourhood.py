@@ -69,12 +69,12 @@ def _nearest(distances: Sequence[csr_array]) -> tuple[IntArray, FloatArray]:
     keys = [_keys(distance) for distance in distances]
     pairs, counts = np.unique(np.concatenate(keys), return_counts=True)
     pairs = pairs[2 * counts > len(distances)]
-    found = np.full((len(distances), len(pairs)), np.inf)
-    for row, key, item in zip(found, keys, distances, strict=True):
+    table = np.full((len(distances), len(pairs)), np.inf)
+    for row, key, item in zip(table, keys, distances, strict=True):
         at = np.searchsorted(pairs, key).clip(max=len(pairs) - 1)
         there = pairs[at] == key
         row[at[there]] = item.data[there]
-    median = np.median(found, axis=0)
+    median = np.median(table, axis=0)
     order = np.lexsort([median, pairs // n])
     particle, other, median = pairs[order] // n, pairs[order] % n, median[order]
     rank = np.arange(len(particle)) - np.searchsorted(particle, particle)
@@ -105,7 +105,7 @@ def _triangles(
     Around each particle its neighbours are laid out in the plane of the mean normal: in the direction in
     which they are seen, as far as the surface says.
     """
-    found = []
+    triangles_of = []
     for i, (others, far) in enumerate(zip(neighbours, consensus, strict=True)):
         tick(i / len(shape), "triangles of neighbours")
         there = np.isfinite(far)
@@ -115,8 +115,8 @@ def _triangles(
         seen = (shape[others[there]] - shape[i]) @ flat.T
         seen *= (far[there] / np.maximum(np.linalg.norm(seen, axis=1), 1e-12))[:, None]
         corners = Delaunay(np.vstack([np.zeros(2), seen])).simplices  # counter-clockwise
-        found.append(np.concatenate([[i], others[there]])[corners[(corners == 0).any(axis=1)]])
-    triangles = np.concatenate(found)
+        triangles_of.append(np.concatenate([[i], others[there]])[corners[(corners == 0).any(axis=1)]])
+    triangles = np.concatenate(triangles_of)
     first = triangles.argmin(axis=1)
     turned = triangles[np.arange(len(triangles))[:, None], (first[:, None] + np.arange(3)) % 3]
     unique, votes = np.unique(turned, axis=0, return_counts=True)

@@ -41,7 +41,7 @@ class SuspectCollector:
         )
         worst = np.maximum(normals, neighbours)
         np.maximum.at(worst, corners.ravel(), np.repeat(triangles, 3))
-        found = []
+        suspects = []
         candidates = np.argsort(-worst, kind="stable")[: min(_MOST, int((worst > _CANDIDATE).sum()))]
         for pair in swapped_pairs(m, candidates, self._located, self._consensus):
             touched = np.isin(corners, pair).any(axis=1)
@@ -49,19 +49,19 @@ class SuspectCollector:
             own = np.concatenate([self._normals[m, pair], self._neighbours[m, pair], bad])
             if own.max() < 1.0:
                 continue
-            words = f"particles {pair[0]} and {pair[1]} are exchanged"
+            description = f"particles {pair[0]} and {pair[1]} are exchanged"
             total = np.array([own.sum()])  # no accident, so its signs add up plainly
-            found.append(self._suspect(Kind.EXCHANGED, m, pair, total, words))
+            suspects.append(self._suspect(Kind.EXCHANGED, m, pair, total, description))
             normals[pair] = neighbours[pair] = triangles[touched] = 0.0
-        for kind, severities, words_of in (
-            (Kind.NORMALS, normals, self._outlier_words),
-            (Kind.NEIGHBOURS, neighbours, self._misfit_words),
+        for kind, severities, describe in (
+            (Kind.NORMALS, normals, self._outlier_description),
+            (Kind.NEIGHBOURS, neighbours, self._misfit_description),
         ):
             for patch in self._patches(severities >= 1.0):
                 particles = patch[np.argsort(-severities[patch], kind="stable")]
-                words = words_of(m, particles)
-                found.append(self._suspect(kind, m, particles, severities[particles], words))
-        return found + self._folds(m, triangles)
+                description = describe(m, particles)
+                suspects.append(self._suspect(kind, m, particles, severities[particles], description))
+        return suspects + self._folds(m, triangles)
 
     def _folds(self, m: int, severities: FloatArray) -> list[Suspect]:
         """Return the patches of folded or extremely distorted triangles that touch each other."""
@@ -69,34 +69,41 @@ class SuspectCollector:
         corners = self._consensus.triangles[bad]
         inside = np.zeros(len(self._consensus.shape), dtype=bool)
         inside[corners] = True
-        found = []
+        suspects = []
         for patch in self._patches(inside):
             own = np.isin(corners[:, 0], patch)
             weight = np.bincount(corners[own].ravel(), np.repeat(severities[bad[own]], 3), len(inside))
             folded = int(self._folded[m, bad[own]].sum())
             count = int(own.sum())
-            words = f"{count} {'triangles' if count > 1 else 'triangle'} around particle {weight.argmax()} "
-            words += "folded over" if folded == count else "distorted far beyond the usual"
-            words += f", {folded} of them folded over" if 0 < folded < count else ""
+            noun = "triangles" if count > 1 else "triangle"
+            description = f"{count} {noun} around particle {weight.argmax()} "
+            description += "folded over" if folded == count else "distorted far beyond the usual"
+            description += f", {folded} of them folded over" if 0 < folded < count else ""
             particles = patch[np.argsort(-weight[patch], kind="stable")]
             area = self._area(m, corners[own])
-            found.append(self._suspect(Kind.FOLDED, m, particles, severities[bad[own]], words, area))
-        return found
+            suspects.append(self._suspect(Kind.FOLDED, m, particles, severities[bad[own]], description, area))
+        return suspects
 
     def _suspect(
-        self, kind: Kind, m: int, particles: IntArray, severities: FloatArray, words: str, area: float = 0.0
+        self,
+        kind: Kind,
+        m: int,
+        particles: IntArray,
+        severities: FloatArray,
+        description: str,
+        area: float = 0.0,
     ) -> Suspect:
         total = float(np.sqrt(np.square(severities).sum()))
-        return Suspect(kind, m, particles, total, self._located.world[m, particles[0]], area, words)
+        return Suspect(kind, m, particles, total, self._located.world[m, particles[0]], area, description)
 
-    def _outlier_words(self, m: int, particles: IntArray) -> str:
+    def _outlier_description(self, m: int, particles: IntArray) -> str:
         angle = np.degrees(self._angles[:, particles[0]])
         return (
             f"{_named(particles)} normal {angle[m]:.0f}° from the mean of all subjects, "
             f"usual {np.median(angle):.0f}°"
         )
 
-    def _misfit_words(self, m: int, particles: IntArray) -> str:
+    def _misfit_description(self, m: int, particles: IntArray) -> str:
         factor = np.exp(self._misfits[:, particles[0]])
         return (
             f"{_named(particles)} distances to neighbours wrong by a factor of {factor[m]:.1f}, "

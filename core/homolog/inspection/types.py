@@ -41,7 +41,7 @@ class Suspect:
         Where to look [mm], in aligned coordinates.
     area : float
         Of the uncovered region or the folded triangles [mm² of the subject's file]; 0 of other kinds.
-    words : str
+    description : str
         One sentence.
     """
 
@@ -51,7 +51,7 @@ class Suspect:
     severity: float
     place: FloatArray
     area: float
-    words: str
+    description: str
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""

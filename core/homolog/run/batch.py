@@ -119,7 +119,7 @@ class Batch:
             BatchItem(
                 structure,
                 Project(folder / stem),
-                absent=tuple(name for name in names if name not in structure.found),
+                absent=tuple(name for name in names if name not in structure.by_subject),
             )
             for structure, stem in zip(structures, stems, strict=True)
         ]
@@ -242,18 +242,18 @@ def _where_it_runs(settings: RunSettings) -> RunSettings:
 
 
 def _remarks(item: BatchItem) -> dict[str, tuple[str, ...]]:
-    found: dict[str, tuple[str, ...]] = dict.fromkeys(item.absent, ("absent",))
-    for name, there in item.structure.found.items():
+    problems: dict[str, tuple[str, ...]] = dict.fromkeys(item.absent, ("absent",))
+    for name, there in item.structure.by_subject.items():
         report = load_report(item.project.groomed, name) if item.state is ItemState.FINISHED else None
-        words = ["touches the border of its image and may be cut off"] if there.at_border else []
+        reasons = ["touches the border of its image and may be cut off"] if there.at_border else []
         if report is not None and report.components_dropped:
             kept = min(report.volume_after / max(report.volume_before, 1e-9), 1.0)
-            words.append(
+            reasons.append(
                 f"{report.components_dropped + 1} pieces, the largest kept ({kept:.0%} of the volume)"
             )
-        if words:
-            found[name] = tuple(words)
-    return found
+        if reasons:
+            problems[name] = tuple(reasons)
+    return problems
 
 
 def _read_record(folder: Path) -> dict[str, Any]:

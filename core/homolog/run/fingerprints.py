@@ -42,10 +42,10 @@ def run_fingerprint(settings: OptimizeSettings, shapes: Sequence[Shape], tick: T
 
 def versions() -> dict[str, str]:
     """Return the versions of everything that numbers depend on."""
-    found = {"homolog": __version__, "python": platform.python_version()}
+    versions = {"homolog": __version__, "python": platform.python_version()}
     for name in _PACKAGES:
         try:
-            found[name] = version(name)
+            versions[name] = version(name)
         except PackageNotFoundError:
-            found[name] = "unknown"
-    return found
+            versions[name] = "unknown"
+    return versions

@@ -129,10 +129,10 @@ def write_repaired(
 def _groomed(project: Project, subject: ResultSubject) -> GroomedSubject:
     """Return a subject's archive, whatever its input file is by now."""
     path = project.groomed / f"{subject.file}.npz"
-    found = load_groomed(project.groomed, subject.name, str(read_arrays(path).get("key")))
-    if found is None:
+    groomed = load_groomed(project.groomed, subject.name, str(read_arrays(path).get("key")))
+    if groomed is None:
         raise InputError(f"{path}: is damaged; groom and run again")
-    return found
+    return groomed
 
 
 def _cohort(project: Project, result: ResultRecord) -> Cohort:

@@ -99,17 +99,17 @@ def add_note(groomed: GroomedSubject, note: str) -> GroomedSubject:
     return replace(groomed, report=replace(groomed.report, notes=(*groomed.report.notes, note)))
 
 
-def add_repair_notes(inputs: OptimizationInput, found: OptimizedParticles) -> OptimizationInput:
+def add_repair_notes(inputs: OptimizationInput, optimized: OptimizedParticles) -> OptimizationInput:
     """Return the study with a note on every subject whose particles were repaired, if any were."""
-    if not found.repaired.any():
+    if not optimized.repaired.any():
         return inputs
-    subjects: BoolArray = np.any(found.repaired > 0, axis=1)
-    objective = found.energies[:, 1:].sum(axis=1)
-    first = found.repaired[found.repaired > 0].min()
-    before = objective[np.searchsorted(found.energies[:, 0], first)]
+    subjects: BoolArray = np.any(optimized.repaired > 0, axis=1)
+    objective = optimized.energies[:, 1:].sum(axis=1)
+    first = optimized.repaired[optimized.repaired > 0].min()
+    before = objective[np.searchsorted(optimized.energies[:, 0], first)]
     note = (
         "misplaced particles (normals that disagreed with most subjects, exchanged, or off the surface) were "
-        f"repaired: {np.count_nonzero(found.repaired)} on {subjects.sum()} subjects in total "
+        f"repaired: {np.count_nonzero(optimized.repaired)} on {subjects.sum()} subjects in total "
         f"(objective {before:.4f} at the first repair, {objective[-1]:.4f} at the end)"
     )
     groomed = [

@@ -30,10 +30,10 @@ def distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu")
     """
     with wp.ScopedDevice(choose_device(device)):
         surface, centre = _on_device(mesh)
-        asked = wp.array((points - centre).astype(np.float32), dtype=wp.vec3)
-        found = wp.empty(len(points), dtype=wp.float32)
-        wp.launch(kernels.distances_of_points, len(points), [surface.id, asked, found])
-        return np.asarray(found.numpy(), dtype=np.float64)
+        queries = wp.array((points - centre).astype(np.float32), dtype=wp.vec3)
+        distances = wp.empty(len(points), dtype=wp.float32)
+        wp.launch(kernels.distances_of_points, len(points), [surface.id, queries, distances])
+        return np.asarray(distances.numpy(), dtype=np.float64)
 
 
 def thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
@@ -53,9 +53,9 @@ def thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
     """
     with wp.ScopedDevice(choose_device(device)):
         surface, _ = _on_device(mesh)
-        found = wp.empty(len(mesh.faces), dtype=wp.float32)
-        wp.launch(kernels.thickness_of_faces, len(mesh.faces), [surface.id, found])
-        return np.asarray(found.numpy(), dtype=np.float64)
+        thickness = wp.empty(len(mesh.faces), dtype=wp.float32)
+        wp.launch(kernels.thickness_of_faces, len(mesh.faces), [surface.id, thickness])
+        return np.asarray(thickness.numpy(), dtype=np.float64)
 
 
 def _on_device(mesh: TriangleMesh) -> tuple[wp.Mesh, FloatArray]:

@@ -113,15 +113,15 @@ def _unit(mesh: TriangleMesh) -> tuple[FloatArray, float]:
     return mesh.vertices.min(axis=0), float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))) / _UNITS
 
 
-def escaping(mesh: TriangleMesh, asked: IntArray, n_directions: int) -> tuple[IntArray, IntArray]:
+def escaping(mesh: TriangleMesh, faces: IntArray, n_directions: int) -> tuple[IntArray, IntArray]:
     """Return how many rays leave the mesh from before and from behind some of its faces.
 
     Parameters
     ----------
     mesh : TriangleMesh
         Any triangles.
-    asked : (N,) int array
-        Faces.
+    faces : (N,) int array
+        Indices of the faces that the rays start from.
     n_directions : int
         Rays per face, spread evenly over the sphere.
 
@@ -131,7 +131,7 @@ def escaping(mesh: TriangleMesh, asked: IntArray, n_directions: int) -> tuple[In
         Rays on the side of the normal, and on the other, that meet no face.
     """
     low, scale = _unit(mesh)
-    corners = mesh.vertices[mesh.faces[asked]]
+    corners = mesh.vertices[mesh.faces[faces]]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = across / np.linalg.norm(across, axis=1, keepdims=True)
     # a Fibonacci lattice on the sphere
@@ -143,8 +143,8 @@ def escaping(mesh: TriangleMesh, asked: IntArray, n_directions: int) -> tuple[In
         surface = _surface(mesh, low, scale)
         given = ((corners.mean(axis=1) - low) / scale, normals, ways)
         vectors = [wp.array(item.astype(np.float32), dtype=wp.vec3) for item in given]
-        counts = [wp.zeros(len(asked), dtype=wp.int32) for _ in range(2)]
-        wp.launch(kernels.count_escaping, len(asked), [surface.id, *vectors, 1e-3, *counts])
+        counts = [wp.zeros(len(faces), dtype=wp.int32) for _ in range(2)]
+        wp.launch(kernels.count_escaping, len(faces), [surface.id, *vectors, 1e-3, *counts])
         ahead, behind = (np.array(count.numpy()) for count in counts)
     return ahead, behind
 

@@ -126,8 +126,8 @@ def _bounding(mesh: TriangleMesh) -> BoolArray:
     for place in _PLACES:
         left = np.flatnonzero(~result & met[mesh.faces].any(axis=1))
         points = np.einsum("k,fkd->fd", place, corners[left])
-        found = winds_around(mesh, np.concatenate([points - aside[left], points + aside[left]]))
-        behind, before = found.reshape(2, -1)
+        winding = winds_around(mesh, np.concatenate([points - aside[left], points + aside[left]]))
+        behind, before = winding.reshape(2, -1)
         result[left] = behind & ~before
         met[:] = False
         met[mesh.faces[result]] = True  # at further places only the neighbours of faces found so far
@@ -316,18 +316,18 @@ def _filled(vertices: FloatArray, rim: IntArray, normal: FloatArray) -> IntArray
     names = rim[:, 0]
     flat = vertices[names] @ plane
     try:
-        found = Delaunay(flat).simplices
+        triangles = Delaunay(flat).simplices
     except QhullError:
         return np.empty((0, 3), np.int64)
     a, b = vertices[rim[:, 0]] @ plane, vertices[rim[:, 1]] @ plane
-    x, y = flat[found].mean(axis=1).T[..., None]
+    x, y = flat[triangles].mean(axis=1).T[..., None]
     crosses = (a[:, 1] > y) != (b[:, 1] > y)
     with np.errstate(divide="ignore", invalid="ignore"):
         at = a[:, 0] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
-    found = np.asarray(found[np.count_nonzero(crosses & (at > x), axis=1) % 2 == 1])
-    sides = np.diff(flat[found], axis=1)
+    triangles = np.asarray(triangles[np.count_nonzero(crosses & (at > x), axis=1) % 2 == 1])
+    sides = np.diff(flat[triangles], axis=1)
     wrong = sides[:, 0, 0] * sides[:, 1, 1] < sides[:, 0, 1] * sides[:, 1, 0]
-    return np.asarray(names[np.where(wrong[:, None], found[:, ::-1], found)])
+    return np.asarray(names[np.where(wrong[:, None], triangles[:, ::-1], triangles)])
 
 
 def _outsides(mesh: TriangleMesh, patches: IntArray, left: IntArray) -> tuple[IntArray, BoolArray]:
@@ -350,10 +350,10 @@ def _outsides(mesh: TriangleMesh, patches: IntArray, left: IntArray) -> tuple[In
     weight = rng.random(len(patches)) / np.maximum(mesh.face_areas, 1e-300)
     order = np.lexsort((weight, patches))
     start = np.searchsorted(patches[order], np.arange(count))
-    asked = order[np.arange(len(order)) - start[patches[order]] < _SAMPLES]
-    asked = asked[unsure[patches[asked]]]
+    sampled = order[np.arange(len(order)) - start[patches[order]] < _SAMPLES]
+    sampled = sampled[unsure[patches[sampled]]]
     ahead, behind = (
-        np.bincount(patches[asked], item, minlength=count) for item in escaping(mesh, asked, _DIRECTIONS)
+        np.bincount(patches[sampled], item, minlength=count) for item in escaping(mesh, sampled, _DIRECTIONS)
     )
     seen = np.where(ahead == behind, np.where(ahead == 0, 0, result), np.sign(ahead - behind))
     return np.where(unsure, seen, result), unsure

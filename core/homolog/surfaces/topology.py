@@ -33,9 +33,9 @@ def face_components(faces: IntArray) -> IntArray:
     Faces that share a vertex are connected.
     """
     labels = _vertex_components(faces, int(faces.max(initial=-1)) + 1)[faces[:, 0]]
-    found, counts = np.unique(labels, return_counts=True)
+    present, counts = np.unique(labels, return_counts=True)
     rank = np.empty(labels.max(initial=-1) + 1, np.int64)
-    rank[found[np.argsort(-counts, kind="stable")]] = np.arange(len(found))
+    rank[present[np.argsort(-counts, kind="stable")]] = np.arange(len(present))
     return rank[labels]
 
 

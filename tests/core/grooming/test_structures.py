@@ -147,7 +147,7 @@ def test_a_cohorts_structures_count_the_subjects_that_have_them(nifti, brain, tm
     nifti("b.nii.gz", np.where(brain == 53, 0, brain))  # too few labels to speak for FreeSurfer alone
     (tmp_path / "c.nii.gz").write_bytes(b"no image")
     found = list_structures(read_cohort(tmp_path))
-    assert {structure.title: sorted(structure.found) for structure in found.structures} == {
+    assert {structure.title: sorted(structure.by_subject) for structure in found.structures} == {
         "Left-Lateral-Ventricle": ["a", "b"], "Left-Hippocampus": ["a", "b"], "Right-Hippocampus": ["a"],
     }  # fmt: skip
     assert found.structures[0].at_border == ["a", "b"]
@@ -165,7 +165,7 @@ def test_structures_are_joined_by_name_though_numbers_and_spelling_differ(nifti,
     nifti("a.nii.gz", ball() * 3, {3: "kidney_left"})
     nifti("b.nii.gz", ball() * 7, {7: "Left Kidney"})
     (kidney,) = list_structures(read_cohort(tmp_path)).structures
-    assert (len(kidney.found), kidney.values) == (2, (3, 7))
+    assert (len(kidney.by_subject), kidney.values) == (2, (3, 7))
 
 
 def test_structures_are_chosen_by_name_number_or_all(nifti, brain, tmp_path):
@@ -217,5 +217,5 @@ def test_folders_of_masks_are_refused_until_it_is_said_which_is_meant(patients):
 
 def test_folders_of_masks_are_listed_without_the_empty_ones(patients):
     found = list_structures(read_cohort(patients)).structures
-    assert {item.title: len(item.found) for item in found} == {"kidney_left": 2, "liver": 2, "spleen": 1}
+    assert {item.title: len(item.by_subject) for item in found} == {"kidney_left": 2, "liver": 2, "spleen": 1}
     assert all(item.values == () for item in found)

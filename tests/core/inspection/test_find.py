@@ -25,7 +25,7 @@ def test_two_exchanged_particles_head_the_list(known, good, subject, pair):
     assert first.subject == subject
     assert set(first.particles) == set(pair)
     assert first.severity > 2.0
-    assert "are exchanged" in first.words
+    assert "are exchanged" in first.description
 
 
 def test_exchanged_neighbours_are_told_from_others(known, good):
@@ -59,7 +59,7 @@ def test_a_particle_on_the_other_wall_has_the_wrong_normal(thin):
     local[3, top] = matrix[:3, :3] @ world + matrix[:3, 3]
     found = [suspect for suspect in thin.inspect(local).suspects if suspect.kind is Kind.NORMALS]
     assert [(item.subject, item.particles[0]) for item in found] == [(3, top)]
-    assert "normal 1" in found[0].words  # 150° or more from the mean
+    assert "normal 1" in found[0].description  # 150° or more from the mean
 
 
 def test_a_particle_beyond_its_neighbour_folds_triangles(known, good):
@@ -123,7 +123,7 @@ def test_looking_at_one_subject_again_gives_what_looking_at_all_gives(known, goo
     local = exchanged(known.local, 4, [8, 100])
     again = known.again(good, local, 4)
     anew = known.inspect(local)
-    assert [s.words for s in again.suspects] == [s.words for s in anew.suspects]
+    assert [s.description for s in again.suspects] == [s.description for s in anew.suspects]
     np.testing.assert_array_equal(again.located.normals, anew.located.normals)
 
 

@@ -193,7 +193,7 @@ class CheckPage(ExplorePage):
     def _choose(self, row: int) -> None:
         if 0 <= row < len(self.rows.suspects):
             one = self.rows.suspects[row]
-            self.words.setText(f"{self._names[one.subject]}: {one.words}.")
+            self.words.setText(f"{self._names[one.subject]}: {one.description}.")
             self.look.mark(int(one.particles[0]), one.subject, one.particles)
             self._tell_state()
             self._go(one.subject, one.place)
@@ -229,6 +229,6 @@ class CheckPage(ExplorePage):
             for one in found.suspects
             if one.subject == suspect.subject and np.isin(one.particles, suspect.particles).any()
         ]
-        outcome = "No longer suspect." if not near else f"Still suspect: {near[0].words}."
+        outcome = "No longer suspect." if not near else f"Still suspect: {near[0].description}."
         self.words.setText(f"Optimized again. {outcome} Undo reverts it; saving keeps it.")
         self._go(suspect.subject, suspect.place)

@@ -66,7 +66,7 @@ class SuspectModel(QAbstractTableModel):
         if role == Qt.ItemDataRole.DisplayRole:
             return cells[index.column()]
         if role == Qt.ItemDataRole.ToolTipRole:
-            return one.words
+            return one.description
         if role == Qt.ItemDataRole.AccessibleTextRole:
             return ", ".join(cells)
         if role == Qt.ItemDataRole.DecorationRole and index.column() == 0:

@@ -165,11 +165,11 @@ def find_arrival(
     )
     if u == 0.0:
         candidates = StencilWords(wp.uint32(NO_STENCIL))
-    words = (b * corrections.stencil_word.shape[1] + item) * MAX_STENCILS * ctx.lanes + lane
+    first_word = (b * corrections.stencil_word.shape[1] + item) * MAX_STENCILS * ctx.lanes + lane
     for k in range(MAX_STENCILS):
         # Two words are always read, further ones up to the first NO_STENCIL.
         if k < 2 or candidates[wp.max(k - 1, 0)] != wp.uint32(NO_STENCIL):
-            store_word(corrections.stencil_word, words + k * ctx.lanes, candidates[k])
+            store_word(corrections.stencil_word, first_word + k * ctx.lanes, candidates[k])
 
 
 @wp.kernel
