@@ -152,11 +152,11 @@ def _modes(controls: Controls, columns: FloatArray, tick: Tick) -> tuple[int, in
     count = len(controls.points)
     aligned = controls.points[:, len(controls.surface.vertices) :]
     nuisance = np.linalg.qr(np.column_stack([np.ones(count), columns]))[0]
-    found = parallel_analysis(aligned, nuisance=nuisance, tick=tick)
-    shares = np.cumsum(found.variances) / found.variances.sum()
+    analysis = parallel_analysis(aligned, nuisance=nuisance, tick=tick)
+    shares = np.cumsum(analysis.variances) / analysis.variances.sum()
     enough = int(np.searchsorted(shares, _FITTED_SHARE)) + 1
     most = max((count - nuisance.shape[1]) // 2, 1)
-    kept = max(1, min(found.kept, most))
+    kept = max(1, min(analysis.kept, most))
     return kept, max(kept, min(enough, most))
 
 

@@ -93,8 +93,8 @@ class PatientComparison:
     def particles(self) -> FloatArray:
         """The reference's particles on the patient, in the file's frame [mm], (N, 3)."""
         back = inverse_matrices(self.placement) @ self.fit.pose
-        found: FloatArray = transform_points(back, self.fit.particles)
-        return found
+        local: FloatArray = transform_points(back, self.fit.particles)
+        return local
 
     def place(self, region: Region) -> str:
         """Return where a region's centre is on the patient, in words: ``"left anterior"`` (LPS)."""
@@ -103,8 +103,8 @@ class PatientComparison:
         way = way / max(float(np.abs(self.mesh.vertices - middle).max()), 1e-9)
         way = way / max(float(np.linalg.norm(way)), 1e-9)
         named = [
-            words[int(part > 0.0)]
-            for words, part in zip(_DIRECTIONS, way.tolist(), strict=True)
+            senses[int(part > 0.0)]
+            for senses, part in zip(_DIRECTIONS, way.tolist(), strict=True)
             if abs(part) > _CLEAR
         ]
         return " ".join(named)
@@ -181,13 +181,13 @@ def compare_groomed(
     columns, remarks = reference.coding.columns(values)
     model = reference.model
     check_unit(groomed.name, groomed.mesh, model, columns)
-    turn, words = _turn(reference, side)
+    turn, remarks = _turn(reference, side)
     mesh = groomed.mesh.placed(turn)
     coarse = simplified(mesh, COARSE_VERTICES)
     fit = fit_surface(model, mesh, coarse, columns, part_of(tick, 0.0, 0.8))
     measures, total = measures_of(model, fit, columns, reference.modes)
     remarks += [
-        *words,
+        *remarks,
         *check_fit(groomed.name, reference, mesh, measures, columns, part_of(tick, 0.8, 1.0), force=force),
     ]
     z = reference.local.standardised(fit.residual)

@@ -156,12 +156,12 @@ def regions(
     first, second = edges[same].T
     graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(z), len(z)))
     labels = np.asarray(connected_components(graph, directed=False)[1])
-    found = []
+    regions = []
     for label in np.unique(labels[sides != 0.0]).tolist():
         own = np.flatnonzero(labels == label)
         share = areas[own] / areas[own].sum()
         centre = int(own[np.abs(z[own]).argmax()])
-        found.append(
+        regions.append(
             Region(
                 frozen(own),
                 float(areas[own].sum()),
@@ -172,4 +172,4 @@ def regions(
                 float(share @ ~met[own]),
             )
         )
-    return tuple(sorted(found, key=lambda region: -abs(region.z)))
+    return tuple(sorted(regions, key=lambda region: -abs(region.z)))
