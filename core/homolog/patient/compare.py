@@ -181,13 +181,13 @@ def compare_groomed(
     columns, remarks = reference.coding.columns(values)
     model = reference.model
     check_unit(groomed.name, groomed.mesh, model, columns)
-    turn, remarks = _turn(reference, side)
+    turn, side_remarks = _turn(reference, side)
     mesh = groomed.mesh.placed(turn)
     coarse = simplified(mesh, COARSE_VERTICES)
     fit = fit_surface(model, mesh, coarse, columns, part_of(tick, 0.0, 0.8))
     measures, total = measures_of(model, fit, columns, reference.modes)
     remarks += [
-        *remarks,
+        *side_remarks,
         *check_fit(groomed.name, reference, mesh, measures, columns, part_of(tick, 0.8, 1.0), force=force),
     ]
     z = reference.local.standardised(fit.residual)
