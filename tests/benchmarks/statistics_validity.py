@@ -119,6 +119,8 @@ STUDIES = {
     "8 + 34, dispersion doubled in the larger": groups(8, 34, doubled="b"),
     "12 + 30, dispersion doubled in the smaller": groups(12, 30, doubled="a"),
     "21 + 21, dispersion doubled in one": groups(21, 21, doubled="a"),
+    "two groups, 5 + 6": groups(5, 6),
+    "5 + 6, dispersion doubled in the smaller": groups(5, 6, doubled="a"),
     "8 + 34, skewed": groups(8, 34, kind="skewed"),
     "8 + 34, skewed, dispersion doubled in the smaller": groups(8, 34, doubled="a", kind="skewed"),
     "8 + 34, outliers (one in twenty, 4 x)": groups(8, 34, kind="outliers"),

@@ -7,8 +7,8 @@ import numpy as np
 from scipy import optimize, stats
 
 from homolog.analysis.design import Design
-from homolog.analysis.permutation import permutation_p_value, relabelling_count, relabellings
-from homolog.analysis.studentized import identity, null_weights, studentized_ratio
+from homolog.analysis.permutation import Relabelling, permutation_p_value, relabelling_count, relabellings
+from homolog.analysis.studentized import WelchStatistic, equalized, identity, null_weights, studentized_ratio
 from homolog.arrays import BoolArray, FloatArray
 from homolog.threads import on_one_thread
 
@@ -161,15 +161,20 @@ def size_effect(
     left = residuals - design.tested @ (design.tested.T @ residuals)
     if spread == 0.0 or float(np.square(left).sum()) <= _NOTHING * spread:
         return None
-    observed = studentized_ratio(residuals, identity(design), design)
-    count, _ = relabelling_count(design, permutations)
-    drawn, done = np.empty(count), 0
-    for some in relabellings(design, permutations, chunk=_CHUNK, seed=seed):
+    count, exact = relabelling_count(design, permutations)
+    groups = equalized(residuals, design, scaled=not exact)
+    welch = None if groups is None else WelchStatistic(groups.values[None], np.ones(1), groups, design)
+
+    def statistic(some: Relabelling) -> FloatArray:
+        if welch is not None:
+            return welch.deviate(some)[:, 0]
         rest = residuals[None, :, :]
         rest = rest - some.covariates @ (np.swapaxes(some.covariates, 1, 2) @ rest)
-        drawn[done : done + len(some.tested)] = studentized_ratio(rest, some, design)
-        done += len(some.tested)
-    p = float(permutation_p_value(observed, drawn)[0])
+        return studentized_ratio(rest, some, design)
+
+    some = relabellings(design, permutations, chunk=_CHUNK, seed=seed)
+    drawn = np.concatenate([statistic(each) for each in some])
+    p = float(permutation_p_value(statistic(identity(design)), drawn)[0])
     if design.tested.shape[1] > 1:
         return Effect(float("nan"), float("nan"), float("nan"), p, count)
     value, low, high = (

@@ -1,6 +1,6 @@
 """Local maps: a test at every particle, corrected over the surface.
 
-Each particle's position is tested by a studentized ratio (`homolog.analysis.studentized`), which holds when
+Each particle's position is tested by a studentized statistic (`homolog.analysis.studentized`), which holds when
 the groups' dispersions differ. Over the surface, family-wise error is held by the permutation distribution
 of the largest ratio (Westfall and Young 1993) and the false discovery rate by Benjamini and Hochberg (1995).
 Hotelling's T² (Wilks' lambda for several columns) and its parametric p stand beside it.
@@ -22,7 +22,7 @@ from homolog.analysis.permutation import (
     relabelling_count,
     relabellings,
 )
-from homolog.analysis.studentized import identity, null_weights
+from homolog.analysis.studentized import WelchStatistic, equalized, identity, null_weights
 from homolog.analysis.wilks import wilks_p
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
@@ -49,7 +49,8 @@ class LocalMap:
     p_f : (N,) array
         Parametric p of that (Hotelling's T²), not corrected; of groups it needs equal covariances.
     studentized : (N,) array
-        The statistic: ratio of the tested sum of squares to the one expected without an effect.
+        Welch's F of groups; with covariates or for a variable the ratio of the tested sum of squares to the
+        one expected without an effect.
     p : (N,) array
         Its permutation p, for each particle by itself, not corrected.
     p_family : (N,) array
@@ -103,20 +104,21 @@ class LocalStatistic:
         Positions with the nuisance columns of the design regressed out [mm].
     design : Design
         Whose rows are exchanged.
+    scaled : bool
+        Whether the groups' dispersions are equalized before subjects are exchanged; see `equalized`.
     """
 
-    def __init__(self, residuals: FloatArray, design: Design) -> None:
+    def __init__(self, residuals: FloatArray, design: Design, *, scaled: bool = True) -> None:
         self._design = design
-        # Whitened positions: 1 - lambda doesn't depend on the axes, and their scatter is the identity.
-        scatter = np.einsum("mni,mnj->nij", residuals, residuals)
-        values, vectors = np.linalg.eigh(scatter)
-        kept = values > _FLAT * max(float(values.max()), np.finfo(float).tiny)
-        scale = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
-        white = np.einsum("mni,nij->jmn", residuals, vectors * scale[:, None, :])
-        self._white = np.ascontiguousarray(white)
+        self._white, varying = _whitened(residuals)
         self._squares = np.square(self._white).sum(axis=0)
-        self.variables = int(kept.sum(axis=1).max())
+        self.variables = int(varying.max())
         self.particles = residuals.shape[1]
+        self._welch: WelchStatistic | None = None
+        groups = equalized(residuals.reshape(len(residuals), -1), design, scaled=scaled)
+        if groups is not None:
+            white, varying = _whitened(groups.values.reshape(residuals.shape))
+            self._welch = WelchStatistic(white, np.maximum(varying, 1.0), groups, design)
 
     def explained(self, relabelling: Relabelling) -> FloatArray:
         """Return 1 - Wilks' lambda, shape (c, N)."""
@@ -126,8 +128,18 @@ class LocalStatistic:
         explained: FloatArray = 1.0 - np.clip(error / np.maximum(total, np.finfo(float).tiny), 0.0, 1.0)
         return explained
 
+    def statistic(self) -> FloatArray:
+        """Return the studentized statistic of the real labels, shape (N,); see `LocalMap.studentized`."""
+        real = identity(self._design)
+        return self.studentized(real)[0] if self._welch is None else self._welch.f(real)[0][0]
+
     def studentized(self, relabelling: Relabelling) -> FloatArray:
-        """Return the ratio of the tested to the expected sum of squares, shape (c, N)."""
+        """Return a statistic that is comparable between relabellings and particles, shape (c, N).
+
+        For groups the normal deviate of Welch's F, else the ratio of tested to expected sum of squares.
+        """
+        if self._welch is not None:
+            return self._welch.deviate(relabelling)
         weights = null_weights(relabelling, self._design)
         columns = np.concatenate([relabelling.covariates, relabelling.tested], axis=2)
         crossed = np.einsum("cm,cmq,cmr->cqr", weights, columns, columns)
@@ -202,25 +214,26 @@ def local_map(
             "use more subjects or fewer covariates"
         )
     rows = shapes.reshape(len(shapes), -1)
-    statistic = LocalStatistic(design.residuals(rows).reshape(shapes.shape), design)
+    count, exact = relabelling_count(design, permutations)
+    statistic = LocalStatistic(design.residuals(rows).reshape(shapes.shape), design, scaled=not exact)
     real = identity(design)
     explained, observed = statistic.explained(real)[0], statistic.studentized(real)[0]
-    count, _ = relabelling_count(design, permutations)
     largest, beyond = np.empty(count), np.zeros(len(observed), np.int64)
     limit, done = lowered(observed), 0
-    chunk = max(1, _CHUNK_VALUES // (statistic.particles * design.tested.shape[1]))
+    chunk = max(1, _CHUNK_VALUES // (statistic.particles * (1 + design.tested.shape[1])))
     for some in relabellings(design, permutations, chunk=chunk, seed=seed):
         tick(done / max(count, 1), "permutations of the local map")
         drawn = statistic.studentized(some)
         largest[done : done + len(drawn)] = drawn.max(axis=1)
         beyond += np.count_nonzero(drawn >= limit, axis=0)
         done += len(drawn)
-    p = np.where(observed > 0.0, (beyond + 1.0) / (count + 1.0), 1.0)
+    value = statistic.statistic()
+    p = np.where(value > 0.0, (beyond + 1.0) / (count + 1.0), 1.0)
     return LocalMap(
         effect=design.coefficients(rows).reshape(-1, *shapes.shape[1:]),
         explained=explained,
         p_f=wilks_p(1.0 - explained, statistic.variables, design.tested.shape[1], design.error_dof),
-        studentized=observed,
+        studentized=value,
         p=p,
         p_family=permutation_p_value(observed, largest),
         q=stats.false_discovery_control(p),
@@ -228,6 +241,19 @@ def local_map(
         variables=statistic.variables,
         **_errors(design.residuals(rows), design, members),
     )
+
+
+def _whitened(residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return positions (3, M, N) of unit scatter at each particle, 0 in flat directions, and the others' number (N,).
+
+    1 - lambda does not depend on the axes.
+    """
+    scatter = np.einsum("mni,mnj->nij", residuals, residuals)
+    values, vectors = np.linalg.eigh(scatter)
+    kept = values > _FLAT * max(float(values.max()), np.finfo(float).tiny)
+    scale = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
+    white = np.einsum("mni,nij->jmn", residuals, vectors * scale[:, None, :])
+    return np.ascontiguousarray(white), kept.sum(axis=1).astype(np.float64)
 
 
 def _errors(residuals: FloatArray, design: Design, members: Sequence[BoolArray]) -> dict[str, FloatArray]:

@@ -19,7 +19,7 @@ from homolog.analysis.checks import checked_particles
 from homolog.analysis.design import Design, Exchange
 from homolog.analysis.parallel import Null, ParallelAnalysis, parallel_analysis
 from homolog.analysis.permutation import Relabelling, permutation_p_value, relabelling_count, relabellings
-from homolog.analysis.studentized import identity, studentized_ratio
+from homolog.analysis.studentized import WelchStatistic, equalized, identity, studentized_ratio
 from homolog.analysis.wilks import hotelling, rao_f, wilks_p
 from homolog.arrays import FloatArray, IntArray
 from homolog.errors import InputError
@@ -57,9 +57,10 @@ class ModeTest:
     p : float
         Parametric p-value of F; of groups it needs equal covariances.
     studentized : float
-        Ratio of the tested sum of squares to the one expected without an effect, in standardized modes.
+        Welch's F of groups in standardized modes; with covariates or for a variable the ratio of the tested
+        sum of squares to the one expected without an effect.
     p_permutation : float
-        Share of the relabellings whose studentized ratio, with modes chosen anew, is as large.
+        Share of the relabellings whose studentized statistic, with modes chosen anew, is as large.
     permutations : int
         Number of relabellings.
     exact : bool
@@ -99,10 +100,19 @@ class ModeStatistic:
         Modes tested in, where they are not chosen anew.
     threshold : (K,) array or None
         Variances above which a mode is kept; None tests in the first `kept` modes always.
+    scaled : bool
+        Whether the groups' dispersions are equalized before subjects are exchanged; see `equalized`. The
+        modes of Welch's F are then those of the equalized shapes.
     """
 
     def __init__(
-        self, residuals: FloatArray, design: Design, kept: int, threshold: FloatArray | None
+        self,
+        residuals: FloatArray,
+        design: Design,
+        kept: int,
+        threshold: FloatArray | None,
+        *,
+        scaled: bool = True,
     ) -> None:
         self._gram = residuals @ residuals.T
         self._design = design
@@ -110,6 +120,13 @@ class ModeStatistic:
         self._dof = len(residuals) - design.nuisance.shape[1]
         self._threshold = None if threshold is None else threshold * self._dof
         self._frame, _ = self._decomposed(self._gram)
+        self._welch: WelchStatistic | None = None
+        groups = equalized(residuals, design, scaled=scaled)
+        if groups is not None and kept:
+            frame, _ = self._decomposed(groups.values @ groups.values.T)
+            self._welch = WelchStatistic(
+                frame.T[:kept, :, None], np.array([float(kept)]), groups, design
+            )
 
     def projections(self, relabelling: Relabelling) -> tuple[FloatArray, IntArray]:
         """Return the tested columns in the modes, (c, d, K) with zeros from mode k on, and k (c,).
@@ -145,12 +162,22 @@ class ModeStatistic:
         projected, modes = self.projections(relabelling)
         return _log_p(_wilks(projected), modes, self._design)
 
-    def studentized(self, relabelling: Relabelling) -> FloatArray:
-        """Return the studentized ratio of each relabelling, shape (c,); 0 without a mode.
+    def statistic(self) -> float:
+        """Return the studentized statistic of the real labels; see `ModeTest.studentized`."""
+        real = identity(self._design)
+        if self._welch is not None:
+            return float(self._welch.f(real)[0][0, 0])
+        return float(studentized_ratio(self.scores(self._kept), real, self._design)[0]) if self._kept else 0.0
 
-        Where modes are chosen anew it is the quantile that the ratio is among F ratios of so many modes, so
-        that relabellings with more and with fewer modes can be compared.
+    def studentized(self, relabelling: Relabelling) -> FloatArray:
+        """Return a statistic that is comparable between relabellings, shape (c,); 0 without a mode.
+
+        For groups the normal deviate of Welch's F, else the studentized ratio. Where modes are chosen anew
+        it is the quantile that the ratio is among F ratios of so many modes, so that relabellings with more
+        and with fewer modes can be compared.
         """
+        if self._welch is not None:
+            return self._welch.deviate(relabelling)[:, 0]
         scores, modes = self._scores(relabelling)
         ratio = studentized_ratio(scores, relabelling, self._design)
         if relabelling.covariates.shape[2]:
@@ -209,11 +236,12 @@ def mode_test(
     )
     kept = parallel.kept if modes is None else modes
     _check_modes(kept, design, len(parallel.variances))
-    statistic = ModeStatistic(residuals, design, kept, parallel.threshold if modes is None else None)
+    count, exact = relabelling_count(design, permutations)
+    threshold = parallel.threshold if modes is None else None
+    statistic = ModeStatistic(residuals, design, kept, threshold, scaled=not exact)
     real = identity(design)
     projected, _ = statistic.projections(real)
     wilks = float(_wilks(projected)[0])
-    count, exact = relabelling_count(design, permutations)
     drawn = np.empty(count)
     done = 0
     chunk = max(1, min(_CHUNK, _CHUNK_VALUES // (len(shapes) * max(kept, 1))))
@@ -236,7 +264,7 @@ def mode_test(
         f=f if kept else 0.0,
         dof=(between, within) if kept else (0.0, 0.0),
         p=float(np.exp(observed[0])),
-        studentized=float(studentized_ratio(statistic.scores(kept), real, design)[0]) if kept else 0.0,
+        studentized=statistic.statistic(),
         p_permutation=float(permutation_p_value(statistic.studentized(real), drawn)[0]),
         permutations=count,
         exact=exact,

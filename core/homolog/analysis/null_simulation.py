@@ -97,12 +97,12 @@ def null_simulation(
 
     Returns
     -------
-    tuple of FalseAlarms
+    tuple of FalsePositives
     """
     shapes = checked_particles(particles)
     residuals = design.residuals(shapes.reshape(len(shapes), -1))
-    whole = ModeStatistic(residuals, design, modes, None)
-    local = LocalStatistic(residuals.reshape(shapes.shape), design)
+    whole = ModeStatistic(residuals, design, modes, None, scaled=False)
+    local = LocalStatistic(residuals.reshape(shapes.shape), design, scaled=False)
     count, _ = relabelling_count(design, permutations)
     reference, reference_largest = np.empty(count), np.empty(count)
     total, done = count + repeats, 0

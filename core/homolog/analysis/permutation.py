@@ -29,10 +29,13 @@ class Relabelling:
         The tested basis of each of c relabellings.
     covariates : (c, M, q - 1) array
         The nuisance basis of each, without the intercept.
+    signs : (c, M) array, optional
+        A random sign for each subject, for what else a statistic draws at random.
     """
 
     tested: FloatArray
     covariates: FloatArray
+    signs: FloatArray | None = None
 
 
 def relabelling_count(design: Design, count: int) -> tuple[int, bool]:
@@ -66,7 +69,7 @@ def relabellings(
     if exhaustive and relabelling_count(design, count)[1]:
         yield from _all_relabellings(design, chunk)
         return
-    generator = np.random.default_rng(seed)
+    generator, of_signs = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     subjects = len(design.tested)
     for start in range(0, count, chunk):
         some = min(chunk, count - start)
@@ -75,7 +78,8 @@ def relabellings(
             yield Relabelling(signs * design.tested, np.zeros((some, subjects, 0)))
         else:
             order = generator.random((some, subjects)).argsort(axis=1)
-            yield Relabelling(design.tested[order], design.covariates[order])
+            drawn = 2.0 * of_signs.integers(0, 2, size=(some, subjects)) - 1.0
+            yield Relabelling(design.tested[order], design.covariates[order], drawn)
 
 
 def permutation_p_value(observed: FloatArray | float, drawn: FloatArray) -> FloatArray:
