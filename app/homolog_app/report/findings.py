@@ -194,17 +194,10 @@ def _dispersion_words(comparison: Comparison) -> str:
     )
     if uneven:
         words += " and in size"
-    several = (
-        " Of three or more groups the test of particles can find something in 15 % of cohorts without "
-        "an effect when one group scatters twice as much; rely on the pairs of groups."
-        if len(counts) > 2
-        else ""
-    )
     return (
         f"{words}. Hotelling's T², Wilks' lambda, F and the interval of D assume equal dispersion: do not "
-        "rely on them. The permutation tests are studentized and hold approximately; with few subjects or "
-        "skewed shapes their type I error rate may still differ from the nominal one."
-        f"{several}"
+        "rely on them. The permutation tests restore each group's dispersion and hold approximately; with "
+        "few subjects or skewed shapes their type I error rate may still differ from the nominal one."
     )
 
 

@@ -26,10 +26,11 @@ _REFERENCES = {
     "procrustes": "Gower JC. Generalized Procrustes analysis. Psychometrika 1975; 40: 33-51.",
     "parallel": "Horn JL. A rationale and test for the number of factors. Psychometrika 1965; 30: 179-185.",
     "studentized": (
-        "Brown MB, Forsythe AB. The small sample behavior of some statistics which test the equality of "
-        "several means. Technometrics 1974; 16: 129-132. Chung E, Romano JP. Exact and asymptotically robust "
-        "permutation tests. Ann Stat 2013; 41: 484-507. Alekseyenko AV. Multivariate Welch t-test on "
-        "distances. Bioinformatics 2016; 32: 3552-3558."
+        "Welch BL. On the comparison of several mean values: an alternative approach. Biometrika 1951; 38: "
+        "330-336. Brown MB, Forsythe AB. The small sample behavior of some statistics which test the "
+        "equality of several means. Technometrics 1974; 16: 129-132. Chung E, Romano JP. Exact and "
+        "asymptotically robust permutation tests. Ann Stat 2013; 41: 484-507. Alekseyenko AV. "
+        "Multivariate Welch t-test on distances. Bioinformatics 2016; 32: 3552-3558."
     ),
     "hc2": (
         "MacKinnon JG, White H. Some heteroskedasticity-consistent covariance matrix estimators. J Econom "
@@ -148,11 +149,9 @@ def _statistics(study: Study) -> str:
         "signs of the differences under the null",
     }[request.kind]
     words = [
-        f"{request.title}. {what} in {modes}, by permutation of a studentized statistic: the tested sum of "
-        "squares in standardized modes divided by its expectation without an effect, estimated from each "
-        "group's own variance (Brown and Forsythe; Welch for two groups; HC2 with covariates or a continuous "
-        f"variable). {_permutations(first)}; seed {request.seed}. Hotelling's T² or Wilks' lambda with the F "
-        "distribution are given as well and assume equal covariances.",
+        f"{request.title}. {what} in {modes}, by permutation of a studentized statistic: "
+        f"{_statistic(study)}. {_permutations(first)}; seed {request.seed}. Hotelling's T² or Wilks' lambda "
+        "with the F distribution are given as well and assume equal covariances.",
         aligned,
         "At every particle the position was tested by the same statistic; p-values were corrected over the "
         "surface by the permutation distribution of the largest statistic (family-wise error, Westfall and "
@@ -206,6 +205,21 @@ def _statistics(study: Study) -> str:
             "cohort."
         )
     return " ".join(words)
+
+
+def _statistic(study: Study) -> str:
+    """Return what the permutation tests of a study compare."""
+    if study.request.kind != "groups" or study.request.covariates:
+        return (
+            "the tested sum of squares in standardized modes divided by its expectation without an effect, "
+            "estimated from each subject's own residual (Brown and Forsythe; HC2)"
+        )
+    scaled = (
+        ""
+        if study.overall.test.exact
+        else ". Before permutation the groups were scaled to one dispersion, and afterwards to their own"
+    )
+    return f"Welch's F over standardized modes, from each group's own variance{scaled}"
 
 
 def _permutations(comparison: Comparison) -> str:

@@ -1,8 +1,9 @@
 """Local maps: a test at every particle, corrected over the surface.
 
-Each particle's position is tested by a studentized statistic (`homolog.analysis.studentized`), which holds when
-the groups' dispersions differ. Over the surface, family-wise error is held by the permutation distribution
-of the largest ratio (Westfall and Young 1993) and the false discovery rate by Benjamini and Hochberg (1995).
+Each particle's position is tested by a studentized statistic (`homolog.analysis.studentized`), which holds
+when the groups' dispersions differ. Over the surface, family-wise error is held by the permutation
+distribution of the largest statistic (Westfall and Young 1993) and the false discovery rate by Benjamini
+and Hochberg (1995).
 Hotelling's T² (Wilks' lambda for several columns) and its parametric p stand beside it.
 """
 
@@ -31,7 +32,7 @@ from homolog.threads import on_one_thread
 
 __all__ = ["LocalMap", "LocalStatistic", "local_map"]
 
-_CHUNK_VALUES = 2_000_000
+_CHUNK_VALUES = 200_000
 _FLAT = 1e-12
 """Part of the largest variance below which a direction at a particle holds no variation."""
 
@@ -131,7 +132,8 @@ class LocalStatistic:
     def statistic(self) -> FloatArray:
         """Return the studentized statistic of the real labels, shape (N,); see `LocalMap.studentized`."""
         real = identity(self._design)
-        return self.studentized(real)[0] if self._welch is None else self._welch.f(real)[0][0]
+        value: FloatArray = self.studentized(real)[0] if self._welch is None else self._welch.f(real)[0][0]
+        return value
 
     def studentized(self, relabelling: Relabelling) -> FloatArray:
         """Return a statistic that is comparable between relabellings and particles, shape (c, N).
@@ -244,9 +246,9 @@ def local_map(
 
 
 def _whitened(residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return positions (3, M, N) of unit scatter at each particle, 0 in flat directions, and the others' number (N,).
+    """Return positions of unit scatter at each particle, (3, M, N), and how many directions vary there, (N,).
 
-    1 - lambda does not depend on the axes.
+    Coordinates in flat directions are 0. 1 - lambda does not depend on the axes.
     """
     scatter = np.einsum("mni,mnj->nij", residuals, residuals)
     values, vectors = np.linalg.eigh(scatter)

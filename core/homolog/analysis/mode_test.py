@@ -124,9 +124,7 @@ class ModeStatistic:
         groups = equalized(residuals, design, scaled=scaled)
         if groups is not None and kept:
             frame, _ = self._decomposed(groups.values @ groups.values.T)
-            self._welch = WelchStatistic(
-                frame.T[:kept, :, None], np.array([float(kept)]), groups, design
-            )
+            self._welch = WelchStatistic(frame.T[:kept, :, None], np.array([float(kept)]), groups, design)
 
     def projections(self, relabelling: Relabelling) -> tuple[FloatArray, IntArray]:
         """Return the tested columns in the modes, (c, d, K) with zeros from mode k on, and k (c,).

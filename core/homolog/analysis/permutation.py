@@ -78,7 +78,7 @@ def relabellings(
             yield Relabelling(signs * design.tested, np.zeros((some, subjects, 0)))
         else:
             order = generator.random((some, subjects)).argsort(axis=1)
-            drawn = 2.0 * of_signs.integers(0, 2, size=(some, subjects)) - 1.0
+            drawn = of_signs.choice(np.array([-1.0, 1.0]), size=(some, subjects))
             yield Relabelling(design.tested[order], design.covariates[order], drawn)
 
 

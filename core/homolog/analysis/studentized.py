@@ -23,6 +23,8 @@ __all__ = ["EqualizedGroups", "WelchStatistic", "equalized", "identity", "null_w
 
 _LEAST_ROOM = 1e-6
 """A residual is divided by no less than this: with a leverage of one it is zero."""
+_FLAT = 1e-20
+"""Sum of squares where nothing varies, of standardized coordinates."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +38,7 @@ class EqualizedGroups:
     dispersions : (K,) array
         Of the groups, relative to their geometric mean.
     mean_spread : float
-        Standard deviation of the true mean of `values` about zero, in those of one subject: what centring took.
+        Standard deviation that centring took from the mean of `values`, relative to that of one subject.
     """
 
     values: FloatArray
@@ -119,7 +121,7 @@ class WelchStatistic:
         squares = (flat @ self._squares).reshape(draws, groups, -1)
         means = np.stack([(flat @ axis).reshape(draws, groups, -1) for axis in self._coordinates]) / counts
         within = np.maximum(squares - counts * np.square(means).sum(axis=0), _LEAST_ROOM * squares)
-        within = np.maximum(within * np.square(self._dispersions), np.finfo(float).tiny)
+        within = np.maximum(within * np.square(self._dispersions), _FLAT)
         if relabelling.signs is not None and self._mean_spread:
             means += np.stack([self._random_mean(relabelling.signs, axis) for axis in self._coordinates])
         means *= self._dispersions
@@ -134,7 +136,7 @@ class WelchStatistic:
         return ratio, (groups**2 - 1.0) / (3.0 * spread)
 
     def deviate(self, relabelling: Relabelling) -> FloatArray:
-        """Return the normal deviate that is as unlikely as F, (c, N), comparable between degrees of freedom."""
+        """Return the normal deviate that is as unlikely as F, (c, N)."""
         ratio, dof = self.f(relabelling)
         across = self._varying * float(self._design.tested.shape[1])
         of_numerator, of_denominator = 2.0 / (9.0 * across), 2.0 / (9.0 * dof)
@@ -145,7 +147,7 @@ class WelchStatistic:
         return deviate
 
     def _random_mean(self, signs: FloatArray, axis: FloatArray) -> FloatArray:
-        """Return random means of the true spread with the covariance of the data over the surface, (c, 1, N)."""
+        """Return random means, (c, 1, N), whose covariance over the surface is that of the data."""
         drawn: FloatArray = (self._mean_spread / np.sqrt(signs.shape[1]) * signs @ axis)[:, None]
         return drawn
 

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from homolog.analysis.permutation import permutation_p_value
+from homolog.analysis.design import group_design
+from homolog.analysis.permutation import permutation_p_value, relabelling_count, relabellings
+from homolog.analysis.studentized import WelchStatistic, equalized, identity
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
@@ -13,7 +15,7 @@ from homolog.threads import on_one_thread
 
 __all__ = ["WelchMap", "welch_map"]
 
-_CHUNK_VALUES = 2_000_000
+_CHUNK_VALUES = 200_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,8 +31,8 @@ class WelchMap:
     p : (N,) array
         Parametric and two-sided, for each particle by itself, not corrected.
     p_family : (N,) array
-        Corrected by the permutation distribution of the largest magnitude of t over the surface, each as the
-        normal deviate of the same p (Wallace 1959), so that t of few and of many degrees of freedom compare.
+        Corrected by the permutation distribution of the largest magnitude of t over the surface, each as a
+        normal deviate, so that t of few and of many degrees of freedom compare.
     q : (N,) array
         Benjamini-Hochberg false discovery rate.
     """
@@ -82,42 +84,23 @@ def welch_map(
     """
     if min(np.count_nonzero(second), np.count_nonzero(~second)) < 2 or not np.isfinite(values).all():
         raise InputError("a local comparison needs finite values and two or more subjects in each group")
+    design = group_design(np.where(second, "b", "a").tolist(), ["a", "b"])
     centred = values - values.mean(axis=0)
-    membership = second.astype(np.float64)
-    difference, t, dof = (item[0] for item in _welch(centred, membership[None]))
-    generator = np.random.default_rng(seed)
-    largest = np.empty(permutations)
-    chunk = max(1, _CHUNK_VALUES // values.shape[1])
-    for start in range(0, permutations, chunk):
-        tick(start / permutations, "permutations of the outward map")
-        order = generator.random((min(chunk, permutations - start), len(second))).argsort(axis=1)
-        _, drawn, freedom = _welch(centred, membership[order])
-        largest[start : start + len(order)] = _deviate(drawn, freedom).max(axis=1)
+    floor = np.sqrt(np.square(centred).mean(axis=0))
+    centred = centred / np.where(floor > 0.0, floor, 1.0)
+    count, exact = relabelling_count(design, permutations)
+    groups = equalized(centred, design, scaled=not exact)
+    assert groups is not None
+    welch = WelchStatistic(groups.values[None], np.ones(values.shape[1]), groups, design)
+    real = identity(design)
+    (f,), (dof,) = welch.f(real)
+    difference = values[second].mean(axis=0) - values[~second].mean(axis=0)
+    largest, done = np.empty(count), 0
+    for some in relabellings(design, permutations, chunk=max(1, _CHUNK_VALUES // values.shape[1]), seed=seed):
+        tick(done / max(count, 1), "permutations of the outward map")
+        largest[done : done + len(some.tested)] = welch.deviate(some).max(axis=1)
+        done += len(some.tested)
+    t = np.copysign(np.sqrt(f), difference)
     p = np.asarray(2.0 * stats.t.sf(np.abs(t), dof), np.float64)
-    return WelchMap(
-        difference, t, p, permutation_p_value(_deviate(t, dof), largest), stats.false_discovery_control(p)
-    )
-
-
-def _deviate(t: FloatArray, dof: FloatArray) -> FloatArray:
-    """Return the magnitude of the normal deviate that is as unlikely as t (Wallace 1959)."""
-    deviate: FloatArray = (8.0 * dof + 1.0) / (8.0 * dof + 3.0) * np.sqrt(dof * np.log1p(np.square(t) / dof))
-    return deviate
-
-
-def _welch(centred: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Difference of means, t and its degrees of freedom, (c, N) each, for memberships (c, M) of 0 and 1."""
-    squares, floor = np.square(centred), 1e-12 * np.square(centred).mean(axis=0)
-    means, errors, spreads = [], [], []
-    for members in (1.0 - second, second):
-        count = members.sum(axis=1, keepdims=True)
-        mean = members @ centred / count
-        variance = np.maximum(members @ squares / count - np.square(mean), floor) * count / (count - 1.0)
-        means.append(mean)
-        errors.append(variance / count)
-        spreads.append(np.square(variance / count) / (count - 1.0))
-    error = np.maximum(errors[0] + errors[1], np.finfo(float).tiny)
-    spread = np.maximum(spreads[0] + spreads[1], np.finfo(float).tiny)
-    difference = means[1] - means[0]
-    dof = np.clip(np.square(error) / spread, 1.0, float(second.shape[1]))
-    return difference, difference / np.sqrt(error), dof
+    p_family = permutation_p_value(welch.deviate(real)[0], largest)
+    return WelchMap(difference, t, p, p_family, stats.false_discovery_control(p))

@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+from scipy import stats
+from statsmodels.stats.oneway import anova_oneway
+
+from homolog.analysis.design import group_design, paired_design, regression_design
+from homolog.analysis.studentized import WelchStatistic, equalized, identity
+
+
+@pytest.mark.parametrize("counts", [(7, 12), (6, 9, 14), (4, 5, 6, 7)])
+def test_f_of_one_coordinate_is_the_welch_anova_of_statsmodels(counts):
+    labels = [name for name, count in zip("abcd", counts, strict=False) for _ in range(count)]
+    values = np.random.default_rng(3).normal(size=(len(labels), 5)) * (
+        1.0 + (np.array(labels) == "a")[:, None]
+    )
+    values -= values.mean(axis=0)
+    design = group_design(labels, sorted(set(labels)))
+    for scaled in (False, True):
+        groups = equalized(values, design, scaled=scaled)
+        f, dof = WelchStatistic(groups.values[None], np.ones(5), groups, design).f(identity(design))
+        for place in range(5):
+            parts = [values[np.array(labels) == name, place] for name in sorted(set(labels))]
+            expected = anova_oneway(parts, use_var="unequal", welch_correction=True)
+            assert f[0, place] == pytest.approx(expected.statistic, rel=1e-9)
+            assert dof[0, place] == pytest.approx(expected.df_denom, rel=1e-9)
+
+
+def test_the_deviate_is_as_unlikely_as_f():
+    labels = ["a"] * 9 + ["b"] * 6 + ["c"] * 5
+    design = group_design(labels, list("abc"))
+    values = np.random.default_rng(4).normal(size=(20, 40))
+    values[:9] += np.linspace(0.0, 3.0, 40)
+    groups = equalized(values - values.mean(axis=0), design)
+    welch = WelchStatistic(groups.values[None], np.ones(40), groups, design)
+    f, dof = welch.f(identity(design))
+    p = stats.f.sf(f, 2.0, dof)
+    np.testing.assert_allclose(stats.norm.sf(welch.deviate(identity(design))), p, rtol=0.15, atol=0.01)
+
+
+def test_equalized_groups_have_one_dispersion():
+    labels = ["a"] * 30 + ["b"] * 60
+    values = np.random.default_rng(5).normal(size=(90, 50)) * np.repeat([3.0, 1.0], [30, 60])[:, None]
+    groups = equalized(values - values.mean(axis=0), group_design(labels, ["a", "b"]))
+    first, second = groups.values[:30].std(axis=0), groups.values[30:].std(axis=0)
+    assert first.mean() == pytest.approx(second.mean(), rel=0.05)
+    assert groups.dispersions[0] / groups.dispersions[1] == pytest.approx(3.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "design",
+    [
+        paired_design(6),
+        regression_design(np.arange(6.0)),
+        group_design(["a", "b"] * 3, ["a", "b"], np.arange(6.0)[:, None] ** 2),
+    ],
+)
+def test_only_groups_without_covariates_are_equalized(design):
+    assert equalized(np.random.default_rng(1).normal(size=(6, 4)), design) is None
