@@ -30,13 +30,9 @@ __all__ = [
     "groom",
     "groomed_before",
     "import_model",
-    "make_sample",
     "prepare",
     "read_files",
 ]
-
-_SAMPLE_SEED = 5
-_SAMPLE_COMPLETE = ".complete"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,17 +74,6 @@ def read_files(
     for number, subject in enumerate(subjects):
         tick(number / len(subjects), f"reading {subject.name}")
         arrived(survey_subject(subject, groom.label, groom.segment))
-
-
-def make_sample(folder: Path, tick: Tick) -> Path:
-    """Write the coffee-bean cohort, unless it is there already; return its folder."""
-    from homolog.beans.files import write_beans
-    from homolog.beans.generate import draw_beans
-
-    if not (folder / _SAMPLE_COMPLETE).is_file():
-        write_beans(folder, draw_beans(), _SAMPLE_SEED, tick)
-        (folder / _SAMPLE_COMPLETE).touch()
-    return folder
 
 
 def import_model(source: Path, folder: Path, domain: str, tick: Tick) -> list[str]:

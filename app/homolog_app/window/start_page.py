@@ -13,7 +13,7 @@ from homolog_app.window.widgets import GRID, button, label, rule
 
 __all__ = ["StartPage"]
 
-_CARDS = ("file.new", "file.open", "file.sample")
+_CARDS = ("file.new", "file.open", "file.sample_hearts")
 _RECENT = 6
 _WORDS_PX = 240
 
@@ -103,7 +103,7 @@ class StartPage(QFrame):
         texts = {
             "file.new": "Segmentations (NRRD, NIfTI, MetaImage) or closed surfaces (VTP, PLY, STL, OBJ).",
             "file.open": "Open a saved study.",
-            "file.sample": "Ten synthetic beans with a known truth, and a one-minute tour.",
+            "file.sample_hearts": "Twelve generated left ventricles, healthy or after infarct; a short tour.",
         }
         for column, identifier in enumerate(_CARDS):
             card, icon = self._card(command(identifier).title.rstrip("…"), texts[identifier])

@@ -1,43 +1,20 @@
-"""The sample: ten beans made on the spot, and a tour of one minute."""
+"""The sample studies, made on the spot, and a tour of one minute."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout
 
-from homolog.settings import Alignment
+from homolog_app.window.samples import BEANS, HEARTS, Sample, Stop
 from homolog_app.window.widgets import GRID, button, label
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
-__all__ = ["STOPS", "Stop", "Tour"]
-
-
-@dataclass(frozen=True, slots=True)
-class Stop:
-    """One card of the tour: the step that it belongs to, what it says, and the command that it offers."""
-
-    step: str
-    title: str
-    words: str
-    offer: str = ""
-
-
-STOPS = (
-    Stop("cohort", "Ten beans", "Each is an ellipsoid with a slot. Where the slot sits and how wide it is "
-         "differ: two things to find out. Tick, sort and group subjects in the table."),
-    Stop("groom", "Smooth surfaces", "Grooming fills holes and smooths voxel steps. The beans lie alike: no "
-         "alignment is needed. Switch between input and groomed surface with 1 and 2, see slices with 4.",
-         "run.groom"),
-    Stop("correspond", "Corresponding particles", "Particles spread over every bean at once and keep to the "
-         "same places. Distances run along the surface: the two sides of a slot stay apart.", "run.start"),
-    Stop("explore", "The result", "Equal colours mark equal places. Turn the beans with the mouse. The tab "
-         "Modes shows what varies: where the slot sits, then how wide it is. Space plays it."),
-)  # fmt: skip
+__all__ = ["Tour"]
 
 
 class Tour(QObject):
@@ -47,6 +24,7 @@ class Tour(QObject):
         super().__init__(window)
         self._window = window
         self._at = 0
+        self._sample = HEARTS
         self.card = _Card()
         self.card.hide()
         self.card.back.clicked.connect(lambda: self.show_stop(self._at - 1))
@@ -57,44 +35,60 @@ class Tour(QObject):
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of the tour do."""
-        return {"help.tour": lambda: self.show_stop(0), "file.sample": self.open_sample}
+        return {
+            "help.tour": lambda: self.show_stop(0),
+            "file.sample_hearts": partial(self.open_sample, HEARTS),
+            "file.sample": partial(self.open_sample, BEANS),
+        }
 
-    def open_sample(self) -> None:
-        """Make the beans, list them and begin the tour."""
+    def open_sample(self, sample: Sample) -> None:
+        """Make a sample study, list its subjects and begin the tour."""
         window = self._window
         if window.library.may_leave():
             window.library.begin()
-            window.desk.work.make_sample(window.desk.home / "samples" / "coffee-beans", self._take_sample)
+            folder = window.desk.home / "samples" / sample.name
+            window.desk.work.make_sample(sample, folder, partial(self._take_sample, sample))
 
-    def _take_sample(self, folder: Path) -> None:
-        self._window.library.take([folder])
-        groom = self._window.desk.session.study.settings.groom
-        lying = groom.model_copy(update={"alignment": Alignment.NONE})  # half turned a bean fits, too
-        self._window.desk.edit_settings("groom", "alignment", lying)
+    def _take_sample(self, sample: Sample, folder: Path) -> None:
+        window, self._sample = self._window, sample
+        window.library.take([folder])
+        settings = window.desk.session.study.settings
+        window.desk.edit_settings("groom", "alignment", sample.groom_settings(settings.groom))
+        window.desk.edit_settings(
+            "optimize", "particles", settings.optimize.model_copy(update=sample.optimize)
+        )
         self.show_stop(0)
 
     def show_stop(self, index: int) -> None:
         """Show a card, and the step that it is about."""
-        if index >= len(STOPS):
+        if index >= len(self._stops):
             self.card.hide()
             return
         self._at = max(0, index)
         self.card.show()
-        self._window.show_step(STOPS[self._at].step)
+        stop = self._stops[self._at]
+        self._window.show_step(stop.step)
+        if stop.opens and self._window.commands[stop.opens].isEnabled():
+            self._window.commands[stop.opens].trigger()
         self._refresh()
 
+    @property
+    def _stops(self) -> tuple[Stop, ...]:
+        return self._sample.stops
+
     def _take_offer(self) -> None:
-        self._window.commands[STOPS[self._at].offer].trigger()
+        self._window.commands[self._stops[self._at].offer].trigger()
 
     def _refresh(self) -> None:
         if self.card.isHidden():
             return
-        stop = STOPS[self._at]
+        stop = self._stops[self._at]
         offer = self._window.commands[stop.offer] if stop.offer else None
-        following = STOPS[self._at + 1].step if self._at + 1 < len(STOPS) else ""
+        following = self._stops[self._at + 1].step if self._at + 1 < len(self._stops) else ""
         reachable = not following or self._window.commands[f"view.{following}"].isEnabled()
-        done = offer is None or (reachable and not self._window.desk.work.is_busy)
-        self.card.show_stop(stop, f"{self._at + 1} of {len(STOPS)}", self._at > 0, done)
+        last = self._at + 1 == len(self._stops)
+        done = last or offer is None or (reachable and not self._window.desk.work.is_busy)
+        self.card.show_stop(stop, f"{self._at + 1} of {len(self._stops)}", self._at > 0, done, last)
         if offer is not None:
             self.card.offer.setText(offer.text())
             self.card.offer.setEnabled(offer.isEnabled())
@@ -127,11 +121,11 @@ class _Card(QFrame):
         layout.addWidget(self._words)
         layout.addLayout(row)
 
-    def show_stop(self, stop: Stop, number: str, has_back: bool, done: bool) -> None:
+    def show_stop(self, stop: Stop, number: str, has_back: bool, done: bool, last: bool) -> None:
         self._title.setText(stop.title)
         self._words.setText(stop.words)
         self._number.setText(number)
         self.offer.setVisible(bool(stop.offer))
         self.back.setVisible(has_back)
         self.go_on.setEnabled(done)
-        self.go_on.setText("Done" if stop is STOPS[-1] else "Next")
+        self.go_on.setText("Done" if last else "Next")

@@ -19,12 +19,12 @@ from homolog_app.window.jobs import (
     groom,
     groomed_before,
     import_model,
-    make_sample,
     prepare,
     read_files,
 )
 from homolog_app.window.loaded import Loaded, load_result
 from homolog_app.window.runner import Ended, Job, Runner, Status, Task
+from homolog_app.window.samples import Sample
 from homolog_app.window.session import Session
 from homolog_app.window.subjects import Groomed
 
@@ -207,9 +207,9 @@ class Work(QObject):
         work = Task(lambda tick: import_model(source, folder, domain, tick), "importing the model")
         self._order("import", work, lambda ended: take(ended.result))
 
-    def make_sample(self, folder: Path, take: Callable[[Path], None]) -> None:
-        """Make the coffee-bean cohort."""
-        work = Task(lambda tick: make_sample(folder, tick), "making coffee beans")
+    def make_sample(self, sample: Sample, folder: Path, take: Callable[[Path], None]) -> None:
+        """Make a sample study."""
+        work = Task(lambda tick: sample.make(folder, tick), f"making {sample.name}")
         self._order("sample", work, lambda ended: take(ended.result))
 
     def cancel(self) -> None:

@@ -103,11 +103,16 @@ def test_twenty_good_files_load_and_five_bad_ones_are_listed_with_their_reason(
         assert any(reason in str(one.data(Qt.ItemDataRole.ToolTipRole)) for one in shown)
 
 
-def test_the_bean_tour_leads_from_the_sample_to_a_result(
-    window, monkeypatch, errors, wait, ellipsoids, groomed_cache, quick
+@pytest.mark.parametrize(
+    ("sample", "pages"),
+    [("file.sample", ["Overview"]), ("file.sample_hearts", ["Modes", "Groups"])],
+    ids=["beans", "hearts"],
+)
+def test_a_tour_leads_from_the_sample_to_a_result(
+    window, monkeypatch, errors, wait, ellipsoids, groomed_cache, quick, sample, pages
 ):
-    monkeypatch.setattr("homolog_app.window.work.make_sample", lambda folder, tick: ellipsoids)
-    window.commands["file.sample"].trigger()
+    monkeypatch.setattr("homolog_app.window.samples.Sample.make", lambda *_: ellipsoids)
+    window.commands[sample].trigger()
     wait(lambda: window.tour.card.isVisible())
     session, card = window.desk.session, window.tour.card
     wait(lambda: len(session.surveys) == 4 and card.go_on.isEnabled())
@@ -118,8 +123,10 @@ def test_the_bean_tour_leads_from_the_sample_to_a_result(
         assert window.step == step
         card.offer.click()
         wait(lambda: card.go_on.isEnabled() and not window.desk.work.is_busy)
-    card.go_on.click()
-    assert window.step == "explore"
+    for page in pages:
+        card.go_on.click()
+        assert window.step == "explore"
+        assert window.inspector.explore.page.title == page
     card.go_on.click()
     assert not card.isVisible()
     assert not errors
