@@ -44,6 +44,7 @@ REASONS: Mapping[str, str] = {
     "next_page": "this is the last page",
     "raw": "a shape of the model has no input surface",
     "picture": _NO_STUDY,
+    "coloured": "the views show no colours of a model",
     **{f"grid{count}": "the open page has no such number of views" for count in LAYOUTS},
 }
 """Why a command is not possible, by what it needs: ends the sentence "Not now: …"."""
@@ -64,6 +65,7 @@ def available(
     layouts: Collection[int],
     model: bool,
     slices: bool,
+    coloured: bool,
 ) -> Mapping[str, bool]:
     """Return whether each need of the command table is met.
 
@@ -88,6 +90,8 @@ def available(
         Numbers of views that can be chosen.
     model, slices : bool
         Whether shapes of the model, or slices of a file, are seen.
+    coloured : bool
+        Whether a colour scale is shown whose ends can be set.
     """
     study = session.is_open and ready
     idle = not busy
@@ -125,5 +129,6 @@ def available(
         "next_page": study and page + 1 < pages,
         "raw": study and (slices or not model),
         "picture": study,
+        "coloured": study and coloured and not slices,
         **{f"grid{count}": study and count in layouts for count in LAYOUTS},
     }

@@ -142,6 +142,8 @@ COMMANDS = (
             "View", "4", "slice", "study", True),
     Command("view.clip", "Cut away", "Cut the shapes open with a plane, to see what is inside.",
             "View", "5", "cut", "views", True, ends_section=True),
+    Command("view.range", "Colour range…", "Set the lowest and highest value of the colour scale.",
+            "View", "", "range", "coloured"),
     Command("view.screenshot", "Screenshot…", "Save a picture of the views, up to four times as large.",
             "View", "Ctrl+Alt+S", "screenshot", "picture"),
     Command("view.copy", "Copy picture", "Put a picture of the views on the clipboard.",

@@ -102,6 +102,7 @@ class MainWindow(QMainWindow):
                 plays=self.step == "explore" and self.inspector.explore.page.plays,
                 answered=bool(self.inspector.explore.page_of(GroupsPage).answers),
                 layouts=views.layouts if views else (), model=views is not None and views.shows_model,
+                coloured=views is not None and views.is_coloured,
                 slices=self.commands["view.slice"].isChecked(),
             )
         )  # fmt: skip

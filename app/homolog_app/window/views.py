@@ -5,14 +5,16 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, Slot
+from PySide6.QtCore import QObject, Qt, Slot
 from PySide6.QtWidgets import QApplication
 
 from homolog_app.window.availability import LAYOUTS
-from homolog_app.window.explore.chosen import Snapshot, SubjectsView
+from homolog_app.window.explore.chosen import ColouredView, Snapshot, SubjectsView
 from homolog_app.window.loaded import Loaded
+from homolog_app.window.range_dialog import RangeDialog
 from homolog_app.window.run_particles import RunParticles
 from homolog_app.window.scene.cameras import VIEWS
+from homolog_app.window.scene.colour_scale import ColourScale
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.picking import Pick
 from homolog_app.window.subjects import Groomed, subject_contents
@@ -39,6 +41,7 @@ class Views(QObject):
         self._result: Loaded | None = None
         stage.bar.opacity_changed.connect(lambda value: stage.scene.switch(opacity=value))
         stage.clip.changed.connect(self._cut)
+        stage.scene.bar.clicked.connect(lambda: window.commands["view.range"].trigger())
         self.run.moved.connect(self._show_run)
         stage.scene.page_changed.connect(self._tell_page)
         for signal in (self._session.study_changed, self._session.facts_changed):
@@ -52,7 +55,7 @@ class Views(QObject):
         for name in ("link", "raw", "groomed", "particles", "grid4"):
             window.commands[f"view.{name}"].setChecked(True)
         self._own_particles, self._balls, self._generation = False, False, 0
-        self._told: tuple[int, tuple[int, ...]] = (0, ())
+        self._told: tuple[int, tuple[int, ...], bool] = (0, (), False)
         self.refresh()
 
     def handlers(self) -> dict[str, Callable[[], object]]:
@@ -72,6 +75,7 @@ class Views(QObject):
             "view.reset": scene.fit,
             "view.slice": self._switch_slices,
             "view.clip": self._cut,
+            "view.range": self.choose_range,
             "view.screenshot": self.save_picture,
             "view.copy": self.copy_picture,
             "run.play": self.play_or_stop,
@@ -81,6 +85,33 @@ class Views(QObject):
     def shows_model(self) -> bool:
         """Whether the views show shapes of the model."""
         return self._page is not None and self._page.layouts is not None
+
+    @property
+    def is_coloured(self) -> bool:
+        """Whether the ends of the colour scale can be set."""
+        page = self._page
+        return page is not None and isinstance(page.chosen, ColouredView) and self._scale is not None
+
+    @property
+    def _scale(self) -> ColourScale | None:
+        return self.stage.scene.bar.scale
+
+    def choose_range(self) -> None:
+        """Ask for the ends of the colour scale, and show them as they are typed."""
+        page, scale = self._page, self._scale
+        if page is None or scale is None:
+            return
+        dialog = RangeDialog(self._window, scale)
+        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+
+        def take(range_: tuple[float, float] | None) -> None:
+            page.set_colour_range(range_)
+            if (present := self._scale) is not None:
+                dialog.show_scale(present)
+
+        dialog.chosen.connect(take)
+        self._explore.page_changed.connect(dialog.reject)
+        dialog.show()
 
     @property
     def layouts(self) -> tuple[int, ...]:
@@ -222,7 +253,7 @@ class Views(QObject):
         page = self._page
         offered = page.layouts if page is not None else None
         count = offered[0] if offered else self.stage.scene.layout_count
-        told = (count, self.layouts)
+        told = (count, self.layouts, self.is_coloured)
         if told != self._told:
             self._told = told
             self._window.commands[f"view.grid{count}"].setChecked(True)

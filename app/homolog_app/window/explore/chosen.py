@@ -1,19 +1,42 @@
 """What the user chose to see on each page, as a value that window and command line draw from."""
 
 import json
+from math import inf
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from homolog_app.report.request import StudyRequest
 from homolog_app.window.scene.canvas import Canvas
 
-__all__ = ["CheckView", "GroupsView", "MeasureView", "ModesView", "Snapshot", "SubjectsView", "View"]
+__all__ = [
+    "CheckView",
+    "ColouredView",
+    "GroupsView",
+    "MeasureView",
+    "ModesView",
+    "Snapshot",
+    "SubjectsView",
+    "View",
+]
 
 
 class _View(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ColouredView(_View):
+    """A view whose colours mean numbers; `colour_range` is set by hand, lowest and highest, or automatic."""
+
+    colour_range: tuple[float, float] | None = None
+
+    @field_validator("colour_range")
+    @classmethod
+    def _ascends(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and not -inf < value[0] < value[1] < inf:
+            raise ValueError("two numbers, the lower one first")
+        return value
 
 
 class SubjectsView(_View):
@@ -23,7 +46,7 @@ class SubjectsView(_View):
     moment: int | None = None
 
 
-class ModesView(_View):
+class ModesView(ColouredView):
     """Shapes along modes.
 
     Attributes
@@ -52,7 +75,7 @@ class ModesView(_View):
     arrows: bool = False
 
 
-class GroupsView(_View):
+class GroupsView(ColouredView):
     """The answer to a question.
 
     Attributes

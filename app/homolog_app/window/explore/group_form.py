@@ -13,6 +13,7 @@ from homolog_app.window.widgets import GRID, button, choice, label
 __all__ = ["GroupForm"]
 
 _MOST_VALUES = 12
+_REFERENCES = ("control", "controls", "healthy", "normal", "nor", "hc", "cn", "ctrl", "reference", "baseline")
 _LONG = 48
 _ALIGNMENTS = {
     "Form: size and shape (rigid alignment)": Alignment.RIGID,
@@ -34,6 +35,11 @@ class GroupForm(QWidget):
         self._session = session
         self.column = choice("Column of the comparison")
         self.first, self.second = choice("From"), choice("To")
+        self.first.setToolTip("Reference group: the difference is what must be added to it")
+        self.swap = button("⇄", "flat")
+        self.swap.setToolTip("Swap the two groups")
+        self.swap.setAccessibleName("Swap the two groups")
+        self.swap.clicked.connect(self._swap)
         self.every = QCheckBox("All pairs of groups (Holm's correction)")
         self.every.setToolTip(
             "Test for any difference, then each two groups; p-values of the whole shape, of particles and of "
@@ -70,16 +76,17 @@ class GroupForm(QWidget):
         grid.setHorizontalSpacing(GRID)
         grid.setVerticalSpacing(GRID)
         self._names = [QLabel(words) for words in ("Column", "From", "To")]
-        places = ((0, 0, 3), (1, 0, 1), (1, 2, 1))
+        places = ((0, 0, 4), (1, 0, 1), (1, 2, 1))
         boxes = (self.column, self.first, self.second)
         for (row, at, span), name, box in zip(places, self._names, boxes, strict=True):
             name.setBuddy(box)
             grid.addWidget(name, row, at)
             grid.addWidget(box, row, at + 1, 1, span)
+        grid.addWidget(self.swap, 1, 4)
         for row, widget in enumerate(
             (self.slope, self.allow, self.complete, self.every, self.alignment), start=2
         ):
-            grid.addWidget(widget, row, 0, 1, 4)
+            grid.addWidget(widget, row, 0, 1, 5)
         for column in (1, 3):
             grid.setColumnStretch(column, 1)
 
@@ -155,17 +162,26 @@ class GroupForm(QWidget):
             self.column.setItemData(at, problem, Qt.ItemDataRole.ToolTipRole)
         self._offer_values()
 
+    def _swap(self) -> None:
+        """Let the second group be the reference."""
+        first, second = self.first.currentIndex(), self.second.currentIndex()
+        self.first.setCurrentIndex(second)
+        self.second.setCurrentIndex(first)
+        self.edited.emit()
+
     def _offer_values(self) -> None:
         slope, column = self.is_regression, ""
         if self.column.count():
             column, _ = self.column.currentData()
         values = values_of(self._session.study, column)
-        for index, box in enumerate((self.first, self.second)):
+        reference = next((at for at, value in enumerate(values) if value.lower() in _REFERENCES), 0)
+        other = next((at for at in range(len(values)) if at != reference), 0)
+        for index, box in ((reference, self.first), (other, self.second)):
             if [box.itemText(at) for at in range(box.count())] != values:
                 box.clear()
                 box.addItems(values)
-                box.setCurrentIndex(min(index, len(values) - 1))
-        for widget in (*self._names[1:], self.first, self.second):
+                box.setCurrentIndex(index if values else -1)
+        for widget in (*self._names[1:], self.first, self.second, self.swap):
             widget.setVisible(not slope)
         self.slope.setVisible(slope)
         self.every.setVisible(len(values) > 2 and not slope)

@@ -59,7 +59,7 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
         first.study.request.covariates
     )
     words += ["the question has changed"] if view.outdated else []
-    scale = displacement_scale(limit, words[0], " · ".join(words[1:]))
+    scale = displacement_scale(limit, words[0], " · ".join(words[1:])).within(view.colour_range)
     if view.only_significant:
         scale = replace(
             scale, grey_words=GREY_WORDS["both" if view.count > 1 and first.values is None else view.map]

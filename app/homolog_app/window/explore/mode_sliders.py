@@ -16,7 +16,8 @@ from PySide6.QtWidgets import (
 )
 
 from homolog.arrays import FloatArray
-from homolog_app.window.quantities import short, signed
+from homolog_app.window.quantities import short
+from homolog_app.window.value_edit import ValueEdit
 from homolog_app.window.widgets import GRID, button, label
 
 if TYPE_CHECKING:
@@ -143,9 +144,7 @@ class _Row(QWidget):
         self.slider.setSingleStep(_STEPS // 10)
         self.slider.setPageStep(_STEPS // 2)
         self.slider.setAccessibleName(f"Mode {mode + 1} in standard deviations")
-        self._value = label("")
-        self._value.setMinimumWidth(64)
-        self._value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        self.typed = ValueEdit(f"Standard deviations of mode {mode + 1}", -REACH, REACH)
         words = f"{100 * share:.1f} % of variance · {short(rms)} mm at 1 SD"
         self._about = label(words if above else f"{words} · not retained", "FieldHelp")
         self._about.setToolTip("Root-mean-square displacement of the particles at one standard deviation")
@@ -156,10 +155,12 @@ class _Row(QWidget):
         grid.setVerticalSpacing(0)
         grid.addWidget(self.name, 0, 0)
         grid.addWidget(self.slider, 0, 1)
-        grid.addWidget(self._value, 0, 2)
-        grid.addWidget(self._about, 1, 1, 1, 2)
+        grid.addWidget(self.typed, 0, 2)
+        grid.addWidget(label("SD", "Unit"), 0, 3)
+        grid.addWidget(self._about, 1, 1, 1, 3)
         grid.setColumnStretch(1, 1)
         self.slider.valueChanged.connect(self._tell)
+        self.typed.entered.connect(lambda value: self.slider.setValue(round(value * _STEPS)))
         self._tell()
 
     @property
@@ -175,4 +176,4 @@ class _Row(QWidget):
         self._tell()
 
     def _tell(self) -> None:
-        self._value.setText(f"{signed(self.value)} SD")
+        self.typed.show_value(self.value)

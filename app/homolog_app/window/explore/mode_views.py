@@ -66,7 +66,7 @@ def _look(view: ModesView, models: _Models) -> Look:
     factor = arrow_factor(models[0], limit) if view.arrows else 0.0
     note = f"arrows drawn {factor:g} × as long" if factor > 1.0 else ""
     scale = displacement_scale(limit, "Outward displacement from the mean", note) if view.colours else None
-    return Look(scale, factor)
+    return Look(scale and scale.within(view.colour_range), factor)
 
 
 def _rows(view: ModesView, models: _Models) -> list[int]:

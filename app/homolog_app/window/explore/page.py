@@ -36,6 +36,8 @@ class ExplorePage(Panel):
         What the dock below the views shows while the page is open.
     views : QComboBox or None
         What the views show of the model, each with its number of views; None if the page shows subjects.
+    colour_range : tuple of 2 float or None
+        Ends of the colour scale that were set by hand.
     """
 
     title = ""
@@ -49,6 +51,7 @@ class ExplorePage(Panel):
         self.desk, self.actions_, self.fitted = desk, actions, fitted
         self.plots: QWidget | None = None
         self.views: QComboBox | None = None
+        self.colour_range: tuple[float, float] | None = None
 
     @property
     def chosen(self) -> View | None:
@@ -80,6 +83,11 @@ class ExplorePage(Panel):
             The subjects as they are shown anyway; `dataclasses.replace` gives them colours, arrows, lines.
         """
         return Shown(subjects)
+
+    def set_colour_range(self, range_: tuple[float, float] | None) -> None:
+        """Set the ends of the colour scale by hand, or let them be chosen by the values."""
+        self.colour_range = range_
+        self.shown_changed.emit()
 
     def enter(self) -> None:
         """Do what is to be done when the page is opened."""

@@ -1,7 +1,7 @@
 """The colour scale below the views."""
 
-from PySide6.QtCore import QSize
-from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent
+from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
 from homolog_app.window.quantities import short
@@ -13,7 +13,9 @@ __all__ = ["ColourBar"]
 
 
 class ColourBar(QWidget):
-    """Shows what is put below saved pictures as well."""
+    """Shows what is put below saved pictures as well. A click asks for another range."""
+
+    clicked = Signal()
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
@@ -22,6 +24,7 @@ class ColourBar(QWidget):
         self._colours = LIGHT
         self._drawn: tuple[object, QImage] | None = None
         self.setAccessibleName("Colour scale")
+        self.setCursor(Qt.CursorShape.PointingHandCursor)
         self.hide()
 
     @property
@@ -41,13 +44,18 @@ class ColourBar(QWidget):
             self.setAccessibleDescription(words)
             words += f"; grey: {scale.grey_words}" if scale.grey_words else ""
             hollow = " On the inner wall of a hollow organ, out of the tissue makes the cavity smaller."
-            self.setToolTip(words + "." + hollow * ("tissue" in scale.high_words))
+            self.setToolTip(words + ". Click to set the range." + hollow * ("tissue" in scale.high_words))
         self.update()
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
         self._colours = colours
         self.update()
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        """Ask for another range."""
+        if event.button() == Qt.MouseButton.LeftButton and self.rect().contains(event.position().toPoint()):
+            self.clicked.emit()
 
     def sizeHint(self) -> QSize:
         """Return the usual size."""

@@ -1,6 +1,6 @@
 """Colours for numbers on surfaces, and what is needed to print the scale beside them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,6 +41,13 @@ class ColourScale:
     high_words: str = ""
     note: str = ""
     grey_words: str = ""
+
+    def within(self, range_: tuple[float, float] | None) -> "ColourScale":
+        """Return the scale with its ends set by hand, or as it is."""
+        if range_ is None:
+            return self
+        note = " · ".join(part for part in (self.note, "range set by hand") if part)
+        return replace(self, low=range_[0], high=range_[1], note=note)
 
     def colours(self, values: Array, faded: BoolArray | None = None) -> Array:
         """Return (V, 3) uint8 colours of values (V,); those marked in `faded` (V,) are greyed."""

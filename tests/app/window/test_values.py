@@ -1,0 +1,66 @@
+"""Values set by hand: beside sliders, the ends of the colour scale, the reference group."""
+
+import pytest
+
+from homolog_app.window.explore.chosen import ModesView
+from homolog_app.window.range_dialog import RangeDialog
+
+pytestmark = pytest.mark.window
+
+
+@pytest.fixture
+def modes(explored, wait):
+    explored.commands["explore.modes"].trigger()
+    wait(lambda: explored.inspector.explore.fitted.shape is not None)
+    return explored.inspector.explore.page
+
+
+def test_a_value_can_be_typed_beside_a_slider(modes):
+    row = modes.sliders._rows[0]
+    for text, value, shown in (
+        ("1,5", 1.5, "+1.50"), ("-9", -3.0, "−3.00"), ("nonsense", -3.0, "−3.00"), ("nan", -3.0, "−3.00"),
+    ):  # fmt: skip
+        row.typed.setText(text)
+        row.typed.editingFinished.emit()
+        assert modes.sliders.values[0] == value
+        assert row.typed.text() == shown
+
+
+def test_the_range_of_colours_is_set_by_hand_and_automatic_again(explored, modes, wait):
+    bar, command = explored.views.stage.scene.bar, explored.commands["view.range"]
+    automatic = bar.scale.high
+    assert command.isEnabled()
+    command.trigger()
+    dialog = explored.findChild(RangeDialog)
+    dialog.high.setText("0.25")
+    dialog.high.textEdited.emit("0.25")
+    dialog.apply.click()
+    assert (bar.scale.low, bar.scale.high) == (-0.25, 0.25)
+    assert "by hand" in bar.scale.note
+    assert modes.chosen.colour_range == (-0.25, 0.25)
+    dialog.symmetric.setChecked(False)
+    dialog.low.setText("1")
+    dialog.apply.click()
+    assert not dialog.problem.isHidden()
+    assert bar.scale.high == 0.25
+    dialog.automatic.click()
+    assert bar.scale.high == automatic
+    dialog.close()
+    explored.show_step("correspond")
+    assert not command.isEnabled()
+
+
+@pytest.mark.parametrize("range_", [(1.0, 1.0), (2.0, -2.0), (0.0, float("inf"))])
+def test_a_range_that_is_none_is_refused(range_):
+    with pytest.raises(ValueError, match="colour_range"):
+        ModesView(colour_range=range_)
+
+
+def test_a_control_group_is_the_reference_and_groups_can_be_swapped(explored):
+    session, form = explored.desk.session, explored.inspector.explore.pages[2].form
+    for names, group in ((["a", "b"], "HCM"), (["c", "d"], "NOR")):
+        session.select(names)
+        session.set_group(group)
+    assert form.between == ("NOR", "HCM")
+    form.swap.click()
+    assert form.between == ("HCM", "NOR")
