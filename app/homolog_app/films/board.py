@@ -57,9 +57,9 @@ class Board:
         text.set_fontsize(max(points * min(room / taken, 1.0), _LEAST_TEXT * 72.0 / _DPI))
         return text
 
-    def changing_text(self, x: float, y: float, words: str, *, room: float) -> Text:
+    def changing_text(self, x: float, y: float, words: str, *, room: float, size: float = 1.0) -> Text:
         """Add a line that is drawn anew in each frame; `words` are its longest."""
-        text = self.text(x, y, words, room=room)
+        text = self.text(x, y, words, room=room, size=size)
         text.set_animated(True)
         self._changing.append(text)
         return text

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from homolog.arrays import FloatArray
@@ -11,8 +12,9 @@ from homolog_app.clipping import Box as Extent
 from homolog_app.clipping import Clip
 from homolog_app.films.board import Board, Box
 from homolog_app.films.motion import Motion
-from homolog_app.films.plan import SCALE_SHARE, make_plan, turned
+from homolog_app.films.plan import SCALE_SHARE, Cell, make_plan, turned
 from homolog_app.films.settings import Background, Colouring, FilmSettings, PictureSettings
+from homolog_app.letters import edge_letters
 from homolog_app.pictures import (
     DARK,
     LIGHT,
@@ -29,6 +31,7 @@ from homolog_app.pictures.views import Frame
 
 __all__ = ["Film"]
 
+_RIM = 1.4  # letters around a picture [em]
 _THEMES = {Background.LIGHT: LIGHT, Background.DARK: DARK}
 
 
@@ -77,6 +80,7 @@ class Film:
             strip=settings.scale_bar or one_line,
             caption=settings.caption,
             bar=coloured,
+            rim=round(_RIM * self._board.em) if settings.directions else 0,
         )
         if not np.isfinite(plan.millimetres):
             raise InputError(
@@ -92,6 +96,7 @@ class Film:
         ]
         for x, y, room, name in plan.names:
             self._board.text(x, y, name, room=room, size=0.8)
+        self._letters = [self._letters_of(cell) for cell in self._cells] if settings.directions else []
         if settings.scale_bar:
             em = self._board.em
             most = SCALE_SHARE * settings.width
@@ -118,15 +123,25 @@ class Film:
             actor.go(share)
         for text, actor in zip(self._captions, self._actors, strict=False):
             text.set_text(actor.motion.words(actor.amount(share)))
+        frames = [turned(cell.frame, turn) for cell in self._cells]
+        for texts, frame in zip(self._letters, frames, strict=False):
+            right, up, _ = frame.view.axes
+            for text, letters in zip(texts, edge_letters(np.eye(3), right, up), strict=True):
+                text.set_text(letters)
         return self._board.compose(
             [
-                (
-                    cell.box,
-                    self._actors[cell.motion].draw(turned(cell.frame, turn), cell.box.width),
-                )
-                for cell in self._cells
+                (cell.box, self._actors[cell.motion].draw(frame, cell.box.width))
+                for cell, frame in zip(self._cells, frames, strict=True)
             ]
         )
+
+    def _letters_of(self, cell: Cell) -> list[Text]:
+        """Return the texts at the left, right, lower and upper edge of a shape."""
+        em, box = self._board.em, cell.box
+        x, y = box.x + box.width / 2.0, box.y + box.height / 2.0
+        across, along = ((size + _RIM * em) / 2.0 for size in cell.taken)
+        places = ((x - across, y), (x + across, y), (x, y + along), (x, y - along))
+        return [self._board.changing_text(*place, "LA", room=_RIM * em, size=0.7) for place in places]
 
     def moment(self, index: int, settings: FilmSettings) -> NDArray[np.uint8]:
         """Return a frame of a film: going smoothly up and, in a loop, down again."""

@@ -23,11 +23,12 @@ _MARGIN = 0.03
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One picture: which motion, seen how, where on the page."""
+    """One picture: which motion, seen how, where on the page, and the most that the shape takes [pixels]."""
 
     motion: int
     frame: Frame
     box: Box
+    taken: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +66,7 @@ def make_plan(
     strip: bool = True,
     caption: bool = True,
     bar: bool = False,
+    rim: int = 0,
 ) -> Plan:
     """Lay a page out: a row for each motion and a column for each view, or whatever grid shows them largest.
 
@@ -84,6 +86,8 @@ def make_plan(
         Whether there are captions.
     bar : bool
         Whether there is a colour bar.
+    rim : int
+        Room around each picture [pixels].
     """
     edge = max(round(0.6 * em), 6)
     width, height = size
@@ -100,16 +104,20 @@ def make_plan(
     needs = [[_extent(motion, view, turntable) for view in views] for motion in motions]
     count = len(motions) * len(views)
     grids = [
-        _Grid(columns, -(-count // columns), area, above - head, below)
+        _Grid(columns, -(-count // columns), area, above - head, below, rim)
         for columns in ([len(views)] if table else range(1, count + 1))
     ]
     flat = [item for row in needs for item in row]
     millimetres, _, grid = min((grid.scale(flat), index, grid) for index, grid in enumerate(grids))
     boxes = list(grid.boxes(len(flat)))
+    inner = [Box(box.x + rim, box.y + rim, box.width - 2 * rim, box.height - 2 * rim) for box in boxes]
     cells = tuple(
-        Cell(index // len(views), _sized(frame, box, millimetres), box)
-        for index, (frame, box) in enumerate(zip(flat, boxes, strict=True))
-    )
+        Cell(
+            index // len(views), _sized(frame, box, millimetres), box,
+            (frame.width / millimetres, frame.height / millimetres),
+        )
+        for index, (frame, box) in enumerate(zip(flat, inner, strict=True))
+    )  # fmt: skip
     middle = area.x + area.width / 2.0
     if len(motions) == 1:
         room = area.width - 2.0 * (SCALE_SHARE * width + 1.5 * em)
@@ -136,10 +144,10 @@ def turned(frame: Frame, angle: float) -> Frame:
 class _Grid:
     """Equal cells, each with a line above and below its picture."""
 
-    def __init__(self, columns: int, rows: int, area: Box, above: int, below: int) -> None:
-        self.columns, self.rows, self.area, self.above, self.below = columns, rows, area, above, below
-        self.width = area.width // columns
-        self.height = area.height // rows - above - below
+    def __init__(self, columns: int, rows: int, area: Box, above: int, below: int, rim: int) -> None:
+        self.columns, self.rows, self.area, self.above, self.rim = columns, rows, area, above, rim
+        self.width = area.width // columns - 2 * rim
+        self.height = area.height // rows - above - below - 2 * rim
 
     def scale(self, frames: Sequence[Frame]) -> float:
         """Return the millimetres of a pixel with which all the frames fit into cells."""
@@ -154,7 +162,7 @@ class _Grid:
             missing = self.columns - min(self.columns, count - row * self.columns)
             x = self.area.x + round((column + missing / 2.0) * self.area.width / self.columns)
             y = self.area.y + row * (self.area.height // self.rows) + self.above
-            yield Box(x, y, self.width, self.height)
+            yield Box(x, y, self.width + 2 * self.rim, self.height + 2 * self.rim)
 
 
 def _extent(motion: Motion, view: View, turntable: bool) -> Frame:

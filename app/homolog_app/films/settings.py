@@ -76,6 +76,9 @@ class PictureSettings(BaseModel):
     )
     caption: Annotated[bool, Field(description="Describe what is shown and how far it has moved.")] = True
     scale_bar: Annotated[bool, Field(description="Draw a scale bar in mm.")] = True
+    directions: Annotated[
+        bool, Field(description="Letters of the patient's directions: R, L, A, P, S, I.")
+    ] = True
     clip: Annotated[
         CutAway,
         Field(title="cut away", description="Plane that cuts the shapes open; view faces the viewer."),

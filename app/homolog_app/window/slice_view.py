@@ -9,7 +9,7 @@ from scipy import ndimage
 from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.grooming.images import Segmentation
 from homolog.surfaces.distance_field import DistanceField
-from homolog_app.window.scene.letters import direction_letters
+from homolog_app.letters import direction_letters
 from homolog_app.window.scheme import rgb
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID, label

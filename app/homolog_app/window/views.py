@@ -52,7 +52,7 @@ class Views(QObject):
             page.place_wanted.connect(stage.scene.go_to)
         stage.scene.picker.picked.connect(self._hand_over_pick)
         self._session.selection_changed.connect(self._follow_selection)
-        for name in ("link", "raw", "groomed", "particles", "grid4"):
+        for name in ("link", "raw", "groomed", "particles", "grid4", "letters", "scale_bar"):
             window.commands[f"view.{name}"].setChecked(True)
         self._own_particles, self._balls, self._generation = False, False, 0
         self._told: tuple[int, tuple[int, ...], bool] = (0, (), False)
@@ -75,6 +75,8 @@ class Views(QObject):
             "view.reset": scene.fit,
             "view.slice": self._switch_slices,
             "view.clip": self._cut,
+            "view.letters": lambda: scene.switch(letters=commands["view.letters"].isChecked()),
+            "view.scale_bar": lambda: scene.switch(scale_bar=commands["view.scale_bar"].isChecked()),
             "view.range": self.choose_range,
             "view.screenshot": self.save_picture,
             "view.copy": self.copy_picture,

@@ -55,7 +55,9 @@ def test_a_whole_turn_shows_the_other_side_halfway_and_comes_back(ellipsoid):
 
 def test_the_scale_bar_is_as_long_as_it_says(bulging):
     film = Film(
-        [bulging], ["anterior"], PictureSettings(width=640, height=480, caption=False, colours="plain")
+        [bulging],
+        ["anterior"],
+        PictureSettings(width=640, height=480, caption=False, colours="plain", directions=False),
     )
     page = film.draw(0.5)[..., :3].max(axis=-1)
     shape = page[: 480 - 60].min(axis=0) < 240
@@ -83,7 +85,9 @@ def test_expansion_is_blue_and_contraction_yellow_beside_a_scale(bulging):
 
 @pytest.mark.parametrize(("motions", "sights"), [(1, 3), (3, 1), (2, 2), (1, 8)])
 def test_every_picture_of_a_grid_is_there(bulging, motions, sights):
-    film = Film([bulging] * motions, SIGHTS[:sights], PictureSettings(width=960, height=640))
+    film = Film(
+        [bulging] * motions, SIGHTS[:sights], PictureSettings(width=960, height=640, directions=False)
+    )
     page = film.draw(1.0)[..., :3].min(axis=-1)
     assert len(film.boxes) == motions * sights
     for box in film.boxes:
@@ -108,3 +112,18 @@ def test_a_transparent_picture_has_no_paper_and_soft_edges(bulging):
 def test_a_page_too_small_for_its_pictures_is_refused(bulging):
     with pytest.raises(InputError, match="480 x 320 pixels are too few for 160 pictures"):
         Film([bulging] * 20, SIGHTS, PictureSettings(width=480, height=320))
+
+
+def test_directions_stand_around_the_shape_and_turn_with_it(bulging):
+    settings = {**SMALL, **BARE}
+    plain, named = (
+        Film([bulging], ["anterior"], PictureSettings(**settings, directions=shown))
+        for shown in (False, True)
+    )
+    film = Film([bulging], ["anterior"], PictureSettings(**settings), turntable=True)
+    film.draw(0.5)
+    assert [text.get_text() for text in film._letters[0]] == ["R", "L", "I", "S"]
+    film.draw(0.5, np.pi / 2.0)
+    assert sorted(text.get_text() for text in film._letters[0][:2]) == ["A", "P"]
+    (inner,), (outer,) = named.boxes, plain.boxes
+    assert inner.width < outer.width

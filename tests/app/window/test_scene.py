@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from homolog_app.letters import direction_letters, edge_letters
 from homolog_app.window.scene.colours import colours_by_place
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.kept import KEPT, read_shown, write_shown
-from homolog_app.window.scene.letters import direction_letters, edge_letters
 from homolog_app.window.scene.offscreen import drawn
+from homolog_app.window.scene.scale_bar import round_length
 
 
 @pytest.mark.parametrize(
@@ -273,3 +274,27 @@ def test_a_shape_that_grows_along_a_mode_stays_whole_and_in_its_place(explore, f
     zoomed = camera.GetParallelScale()
     scene.display(scene._shown)
     assert camera.GetParallelScale() == zoomed
+
+
+@pytest.mark.window
+def test_scale_bar_and_directions_can_be_hidden_and_are_in_pictures(beans):
+    scene, commands = beans.views.stage.scene, beans.commands
+    commands["view.grid1"].trigger()
+    both = pixels(scene.picture())
+    seen = {}
+    for name in ("scale_bar", "letters"):
+        commands[f"view.{name}"].trigger()
+        assert not getattr(scene.canvas, name)
+        changed = np.argwhere((pixels(scene.picture()) != both).any(axis=-1))
+        seen[name] = changed.mean(axis=0) / both.shape[:2]
+        commands[f"view.{name}"].trigger()
+    assert seen["scale_bar"][0] > 0.85
+    assert seen["scale_bar"][1] < 0.25
+    np.testing.assert_allclose(seen["letters"], 0.5, atol=0.25)
+
+
+@pytest.mark.parametrize(
+    ("most", "length"), [(1.0, 1.0), (9.9, 5.0), (0.35, 0.2), (100.0, 100.0), (47.0, 20.0)]
+)
+def test_scale_bars_are_1_2_or_5(most, length):
+    assert round_length(most) == pytest.approx(length)

@@ -33,6 +33,11 @@ class Cameras:
         self.link(True)
 
     @property
+    def linked(self) -> bool:
+        """Whether there is one camera for all views."""
+        return self._linked
+
+    @property
     def each(self) -> list[Any]:
         """The camera of all views, or those of each if they are not linked."""
         return [cell.renderer.GetActiveCamera() for cell in self._first(self._cells)]

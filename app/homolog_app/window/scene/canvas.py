@@ -56,6 +56,8 @@ class Canvas(BaseModel):
         Of the surfaces.
     cameras : tuple of CameraState
         One for all views, or one each.
+    letters, scale_bar : bool
+        Whether the anatomical directions and a scale bar are shown.
     clip : Clip or None
         The plane that cuts the shapes open.
     """
@@ -73,4 +75,6 @@ class Canvas(BaseModel):
     particles: bool = True
     opacity: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
     cameras: tuple[CameraState, ...] = ()
+    letters: bool = True
+    scale_bar: bool = True
     clip: Clip | None = None

@@ -15,6 +15,7 @@ from homolog.surfaces.mirroring import mirrors
 from homolog_app.clipping import Box, Clip, around
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.cutting import Cutter
+from homolog_app.window.scene.scale_bar import ScaleBar
 from homolog_app.window.scene.surface import (
     PLAIN,
     ArrowActor,
@@ -66,7 +67,7 @@ class Cell:
         self._points: tuple[FloatArray, Array] | None = None
         for actor in (*self._surfaces.values(), *self._marks, self._balls, *self._cutter.caps):
             renderer.AddActor(actor)
-        self._words = Words(renderer)
+        self._words, self._bar = Words(renderer), ScaleBar(renderer)
         for place, strength in _LIGHTS:
             light = vtkLight()
             light.SetLightTypeToCameraLight()
@@ -159,10 +160,11 @@ class Cell:
         self._ball_data.Modified()
         self._ball_mapper.SetScaleFactor(self._radius)
 
-    def show_words(self, size: int, *, small: bool) -> None:
-        """Write the subject's name and note, and the letters, so many pixels high."""
+    def show_words(self, size: int, *, small: bool, letters: bool, bar: bool) -> None:
+        """Write the subject's name and note, the letters and a scale bar, so many pixels high."""
         lines = [self.content.name, self.content.note] if self.content is not None else []
-        self._words.show([one for one in lines if one], size, small=small)
+        self._words.show([one for one in lines if one], size, small=small, letters=letters)
+        self._bar.show(bar and self.content is not None, round(0.85 * size))
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
@@ -173,12 +175,14 @@ class Cell:
             actor.GetProperty().SetColor(*rgb(colours.mark))
         self._cutter.paint(rgb(colours.cut))
         self._words.paint(colours)
+        self._bar.paint(rgb(colours.text))
 
     def face_camera(self, bounds: tuple[float, ...]) -> None:
         """Before each drawing: depth range, letters, and particles lifted off the surface towards the eye."""
         self.renderer.ResetCameraClippingRange(bounds)
         right, up, ahead = self._axes
         self._balls.SetPosition(*(-self._radius * ahead))
+        self._bar.face()
         if self.content is not None:
             self._words.face(self.content.patient_axes, right, up)
 

@@ -20,6 +20,7 @@ MOST = 16
 """Views that there can be."""
 
 _GAP = 0.0015
+_FEW = 4
 
 
 class Grid:
@@ -52,6 +53,7 @@ class Grid:
         self.radius = 1.0
         self.layout, self.columns, self.page = 1, 0, 0
         self.raw, self.groomed, self.balls, self.opacity = True, True, True, 1.0
+        self.letters, self.scale_bar = True, True
         self.clip: Clip | None = None
         """The plane that cuts all shapes open."""
         self._box: Box | None = None
@@ -115,9 +117,10 @@ class Grid:
     def refresh(self) -> None:
         """Show surfaces, particles and words as they are to be seen now."""
         size = {1: 16, 4: 15, 9: 13}.get(self.count, 12) * self.ratio
-        for cell in self.cells[: self.count]:
+        for index, cell in enumerate(self.cells[: self.count]):
             cell.show(self.raw, self.groomed, self.quick, self.opacity)
-            cell.show_words(round(size), small=self.count > 4)
+            bar = self.scale_bar and (self.count <= _FEW or index == 0 or not self.cameras.linked)
+            cell.show_words(round(size), small=self.count > _FEW, letters=self.letters, bar=bar)
         self.radius = self._ball_radius(len(next(iter(self.particles.values()), ())))
         self.refresh_particles(range(self.count))
 

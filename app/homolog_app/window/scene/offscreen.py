@@ -58,6 +58,7 @@ def drawn(shown: Shown, canvas: Canvas, scale: int = 1, *, transparent: bool = F
     grid = Grid(window, [vtkRenderer() for _ in range(MOST)])
     grid.ratio, grid.layout = ratio, canvas.layout
     grid.raw, grid.groomed, grid.balls = canvas.raw, canvas.groomed, canvas.particles
+    grid.letters, grid.scale_bar = canvas.letters, canvas.scale_bar
     grid.opacity, grid.clip = canvas.opacity, canvas.clip
     grid.paint(colours)
     grid.show_backdrop(not transparent)

@@ -159,14 +159,16 @@ class Scene(QWidget):
 
     def switch(
         self, *, raw: bool | None = None, groomed: bool | None = None, particles: bool | None = None,
-        opacity: float | None = None,
+        opacity: float | None = None, letters: bool | None = None, scale_bar: bool | None = None,
     ) -> None:  # fmt: skip
-        """Show or hide the input surface, the groomed one and the particles; set how opaque surfaces are."""
+        """Show or hide surfaces, particles, directions and scale bar; set how opaque surfaces are."""
         grid = self._grid
         grid.raw = grid.raw if raw is None else raw
         grid.groomed = grid.groomed if groomed is None else groomed
         grid.balls = grid.balls if particles is None else particles
         grid.opacity = grid.opacity if opacity is None else opacity
+        grid.letters = grid.letters if letters is None else letters
+        grid.scale_bar = grid.scale_bar if scale_bar is None else scale_bar
         self._refresh()
 
     def cut(self, clip: Clip | None) -> None:
@@ -198,7 +200,7 @@ class Scene(QWidget):
     def set_linked(self, linked: bool) -> None:
         """Turn all views together, or each alone."""
         self._grid.cameras.link(linked)
-        self._plot.update()
+        self._refresh()
 
     def look(self, view: str) -> None:
         """Look from one of `VIEWS` and fit the shapes."""
@@ -259,7 +261,7 @@ class Scene(QWidget):
             scheme="dark" if self._colours is DARK else "light",
             layout=grid.layout, page=grid.page, raw=grid.raw, groomed=grid.groomed, particles=grid.balls,
             opacity=grid.opacity, cameras=tuple(CameraState.of(one) for one in grid.cameras.each),
-            clip=grid.whole_clip,
+            letters=grid.letters, scale_bar=grid.scale_bar, clip=grid.whole_clip,
         )  # fmt: skip
 
     @property

@@ -7,7 +7,7 @@ from vtkmodules.vtkRenderingFreeType import vtkTextRendererStringToImage  # noqa
 
 from homolog.arrays import FloatArray
 from homolog_app.fonts import font_file, written
-from homolog_app.window.scene.letters import edge_letters
+from homolog_app.letters import edge_letters
 from homolog_app.window.scheme import Colours, rgb
 
 __all__ = ["Words"]
@@ -24,7 +24,7 @@ class Words:
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
         self._renderer = renderer
         self._lines: list[str] = []
-        self._small = False
+        self._small, self._lettered = False, True
         self._shown: object = None
         self._fitted: object = None
         self._caption = _text(0.015, 0.975)
@@ -36,18 +36,18 @@ class Words:
         for actor in (self._caption, *self._letters):
             renderer.AddViewProp(actor)
 
-    def show(self, lines: list[str], size: int, *, small: bool) -> None:
+    def show(self, lines: list[str], size: int, *, small: bool, letters: bool) -> None:
         """Write a caption of so many lines, or nothing, so many pixels high.
 
         Small views leave out the letter at the top, where the name is; its opposite is at the bottom.
         """
-        wanted = (lines, size, small)
+        wanted = (lines, size, small, letters)
         if wanted == self._shown:
             return
         self._shown, self._fitted = wanted, None
-        self._lines, self._small = lines, small
+        self._lines, self._small, self._lettered = lines, small, letters
         for actor in (self._caption, *self._letters):
-            actor.SetVisibility(bool(lines))
+            actor.SetVisibility(bool(lines) and (letters or actor is self._caption))
             actor.GetTextProperty().SetFontSize(size)
 
     def face(self, axes: FloatArray, right: FloatArray, up: FloatArray) -> None:
@@ -76,7 +76,7 @@ class Words:
         fitting = [self._shortened(*one, _ROOM * width) for one in zip(lines, lengths, strict=True)]
         self._caption.SetInput("\n".join(fitting))
         free = max(lengths, default=0.0) <= _FREE * width
-        self._letters[-1].SetVisibility(bool(lines) and not self._small and free)
+        self._letters[-1].SetVisibility(bool(lines) and self._lettered and not self._small and free)
 
     def _shortened(self, line: str, length: float, room: float) -> str:
         """Return a line, so many pixels long, without so much of its middle that it fits into the room."""
