@@ -272,6 +272,15 @@ class RunSettings(_Settings):
             description="Number of grooming processes; one per core if not given.",
         ),
     ] = None
+    cluster: Annotated[
+        str | None,
+        Field(
+            pattern=r"^(local|(tcp|tls|ucx)://\S+)$",
+            max_length=300,
+            description="Dask cluster that grooms the subjects: local, or the address of a scheduler "
+            "(tcp://host:8786) whose workers see the same files; processes of this machine if not given.",
+        ),
+    ] = None
 
     @property
     def placing(self) -> OptimizeSettings:

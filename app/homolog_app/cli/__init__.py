@@ -40,6 +40,7 @@ _COMMANDS = {
     "import": "import a ShapeWorks project or a folder of particles",
     "export": "films, pictures, plots, meshes, tables and particles for other programs",
     "geodesics": "compute geodesic distances on a surface",
+    "worker": "work for a Dask scheduler, for runs with --cluster",
 }
 """What each command does, for ``homolog --help``, which imports none of them."""
 

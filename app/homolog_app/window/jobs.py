@@ -87,11 +87,11 @@ def groom(
     cohort: Cohort, settings: RunSettings, project: Project, tick: Tick
 ) -> "tuple[list[GroomedSubject], FloatArray]":
     """Groom and align a cohort; what was groomed before comes from the project."""
+    from homolog.cluster import subject_executor
     from homolog.device import cores
     from homolog.grooming import align_cohort, groom_cohort
-    from homolog.workers import worker_processes
 
-    with worker_processes(settings.workers or cores()) as executor:
+    with subject_executor(settings.workers or cores(), settings.cluster) as executor:
         groomed = groom_cohort(
             cohort, settings.groom, executor=executor, cache=project.groomed, tick=part_of(tick, 0.0, 0.9)
         )

@@ -4,6 +4,7 @@ import shutil
 
 import numpy as np
 
+from homolog.cluster import subject_executor
 from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Frame
 from homolog.device import choose_device, cores, device_faults
@@ -22,7 +23,6 @@ from homolog.run.result import CANCELLED, OptimizationInput, OptimizationOutcome
 from homolog.run.steps import prepare_inputs, run_optimization
 from homolog.run.table_cache import TableCache
 from homolog.settings import RunSettings
-from homolog.workers import worker_processes
 
 __all__ = ["Run"]
 
@@ -229,7 +229,11 @@ class Run:
     def _groomed(self, cohort: Cohort) -> tuple[Cohort, list[GroomedSubject]]:
         self._control.enter(Phase.GROOMING, "grooming")
         left_out: list[Problem] = []
-        with worker_processes(self._settings.workers or cores()) as executor:
+        with subject_executor(
+            self._settings.workers or cores(),
+            self._settings.cluster,
+            lambda line: self._control.enter(Phase.GROOMING, f"grooming on {line}"),
+        ) as executor:
             groomed = groom_cohort(
                 cohort,
                 self._settings.groom,

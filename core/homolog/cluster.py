@@ -1,0 +1,165 @@
+"""Where the work on single subjects is done: processes of this machine, or a Dask cluster.
+
+Subjects are groomed independently. What a worker returns is written by the program that asked, one file a
+subject, so that a worker, a scheduler or the program itself may end at any time: only subjects in work are
+groomed again.
+"""
+
+import logging
+from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import ExitStack, contextmanager
+from typing import Any, TypeVar
+
+from homolog import __version__
+from homolog.errors import InputError
+from homolog.workers import worker_processes
+
+_T = TypeVar("_T")
+
+__all__ = ["LOCAL", "serve_as_worker", "subject_executor"]
+
+LOCAL = "local"
+"""A Dask cluster of this machine's cores."""
+
+_ANSWER_S = 15
+"""Within which a scheduler must answer."""
+_log = logging.getLogger(__name__)
+
+
+@contextmanager
+def subject_executor(
+    workers: int, cluster: str | None = None, announce: Callable[[str], None] = _log.info
+) -> Iterator[Executor]:
+    """Give an executor for the work on single subjects; its own processes end with the block.
+
+    Parameters
+    ----------
+    workers : int
+        Processes, of this machine or of a local cluster.
+    cluster : str, optional
+        ``"local"`` for a Dask cluster of this machine, or the address of a scheduler (``tcp://HOST:PORT``),
+        whose workers must see the same files under the same paths. Plain processes if not given.
+    announce : callable, optional
+        Takes a line with the addresses of the cluster and its dashboard.
+
+    Yields
+    ------
+    Executor
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed, no scheduler answers, or its workers have no or another Homolog.
+    """
+    if cluster is None:
+        with worker_processes(workers) as executor:
+            yield executor
+        return
+    distributed = _distributed()
+    with ExitStack() as stack:
+        where: Any = cluster
+        if cluster == LOCAL:
+            where = stack.enter_context(
+                distributed.LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    dashboard_address=":0",
+                    silence_logs=logging.ERROR,
+                )
+            )
+        try:
+            client = stack.enter_context(distributed.Client(where, timeout=_ANSWER_S, set_as_default=False))
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"{cluster}: no Dask scheduler answers there ({error}); start one with dask scheduler, or "
+                "use the cluster local"
+            ) from error
+        _check_workers(client, cluster)
+        announce(f"Dask cluster {client.scheduler.address}, dashboard {client.dashboard_link}")
+        yield _ClusterExecutor(stack.enter_context(client.get_executor(pure=False)))
+
+
+class _ClusterExecutor(Executor):
+    """Dask's executor; a cluster that is lost breaks it as a dead process breaks a pool of processes."""
+
+    def __init__(self, dask: Executor) -> None:
+        self._dask = dask
+
+    def submit(self, function: Callable[..., _T], /, *args: Any, **kwargs: Any) -> Future[_T]:  # noqa: ANN401
+        """Let a worker call a function; Dask calls it again elsewhere if the worker dies."""
+        result: Future[_T] = Future()
+
+        def done(inner: Future[_T]) -> None:
+            if not result.set_running_or_notify_cancel():
+                return
+            if inner.cancelled():
+                result.set_exception(BrokenExecutor("the cluster's scheduler ended"))
+                return
+            error = inner.exception()
+            if error is None:
+                result.set_result(inner.result())
+            elif type(error).__name__ in ("KilledWorker", "CommClosedError"):
+                result.set_exception(BrokenExecutor(str(error)))
+            else:
+                result.set_exception(error)
+
+        inner = self._dask.submit(function, *args, **kwargs)
+        result.add_done_callback(lambda outer: inner.cancel() if outer.cancelled() else None)
+        inner.add_done_callback(done)
+        return result
+
+
+def serve_as_worker(address: str) -> None:
+    """Work for a Dask scheduler until it ends or the process is interrupted.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, ``tcp://HOST:PORT``.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed or no scheduler answers.
+    """
+    import asyncio
+
+    distributed = _distributed()
+
+    async def serve() -> None:
+        async with distributed.Nanny(address, nthreads=1, death_timeout=_ANSWER_S) as nanny:
+            await nanny.finished()
+
+    try:
+        asyncio.run(serve())
+    except (OSError, TimeoutError) as error:
+        raise InputError(f"{address}: no Dask scheduler answers there; correct the address") from error
+
+
+def _distributed() -> Any:  # noqa: ANN401 - an optional library without types
+    try:
+        import distributed
+    except ImportError as error:
+        raise InputError(
+            'clusters need Dask, which is not installed; install it with: pip install "homolog[cluster]"'
+        ) from error
+    return distributed
+
+
+def _check_workers(client: Any, cluster: str) -> None:  # noqa: ANN401
+    try:
+        versions: dict[str, str] = client.run(_version)
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"{cluster}: its workers have no Homolog; install version {__version__} there"
+        ) from error
+    if not versions:
+        raise InputError(f"{cluster}: its scheduler has no workers; start some with: homolog worker ADDRESS")
+    for worker, version in versions.items():
+        if version != __version__:
+            raise InputError(f"{worker}: has Homolog {version}, not {__version__}; install the same there")
+
+
+def _version() -> str:
+    return __version__

@@ -1,0 +1,58 @@
+import os
+import signal
+import sys
+
+import numpy as np
+import pytest
+
+from homolog.cluster import subject_executor
+from homolog.cohort import read_cohort
+from homolog.errors import InputError
+from homolog.grooming import groom_cohort
+from homolog.settings import GroomSettings, RunSettings
+
+SETTINGS = GroomSettings(mesh_edge=2.0)
+
+
+@pytest.mark.filterwarnings("ignore")  # of Dask's own
+def test_a_cluster_grooms_as_plain_processes_do_and_a_killed_worker_loses_nothing(sphere_volume, tmp_path):
+    for name, radius in (("a.nrrd", 6.0), ("b.nrrd", 8.0), ("c.nrrd", 7.0)):
+        sphere_volume(name, radius)
+    cohort = read_cohort(tmp_path)
+    with subject_executor(2, "local") as executor:
+        doomed = [executor.submit(os.getpid).result(60)]
+
+        def kill_one(fraction, message):
+            if message.startswith("grooming") and doomed:
+                os.kill(doomed.pop(), signal.SIGKILL)
+
+        on_cluster = groom_cohort(
+            cohort, SETTINGS, executor=executor, cache=tmp_path / "groomed", tick=kill_one
+        )
+    assert not doomed
+    assert len(list((tmp_path / "groomed").glob("*.npz"))) == 3
+    for item, other in zip(on_cluster, groom_cohort(cohort, SETTINGS), strict=True):
+        np.testing.assert_array_equal(item.mesh.vertices, other.mesh.vertices)
+        np.testing.assert_array_equal(item.field.values, other.field.values)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
+    monkeypatch.setattr("homolog.cluster._ANSWER_S", 1)
+    with (
+        pytest.raises(InputError, match=r"tcp://127\.0\.0\.1:9: no Dask scheduler answers"),
+        subject_executor(1, "tcp://127.0.0.1:9"),
+    ):
+        pass
+
+
+def test_without_dask_a_cluster_is_refused_with_the_command_that_installs_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"homolog\[cluster\]"), subject_executor(1, "local"):
+        pass
+
+
+@pytest.mark.parametrize("address", ["node1:8786", "http://x", "", "local "])
+def test_addresses_of_clusters_are_checked_with_the_settings(address):
+    with pytest.raises(ValueError, match="cluster"):
+        RunSettings(cluster=address)
