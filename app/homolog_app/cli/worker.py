@@ -11,8 +11,8 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "worker",
-        description="Work for a Dask scheduler, one subject at a time, until the scheduler ends or Ctrl-C. Start "
-        "one for each core, on any machine that sees the same files, and run with --cluster ADDRESS.",
+        description="Work for a Dask scheduler, one subject at a time, until the scheduler ends or Ctrl-C. "
+        "Start one for each core, on any machine that sees the same files, and run with --cluster ADDRESS.",
     )
     parser.add_argument("address", help="of the scheduler, such as tcp://node1:8786")
 
