@@ -34,6 +34,7 @@ REASONS: Mapping[str, str] = {
     "resumable": "there is no unfinished run",
     "cancelled": "no run was cancelled",
     "result": _NO_RESULT,
+    "model": _NO_RESULT,
     "particles": _NO_RESULT,
     "idle_result": f"{_NO_RESULT}, or wait for what is being computed",
     "fit": "include new subjects in addition to those of the result, with its settings",
@@ -66,6 +67,7 @@ def available(
     model: bool,
     slices: bool,
     coloured: bool,
+    preliminary: bool,
 ) -> Mapping[str, bool]:
     """Return whether each need of the command table is met.
 
@@ -92,6 +94,8 @@ def available(
         Whether shapes of the model, or slices of a file, are seen.
     coloured : bool
         Whether a colour scale is shown whose ends can be set.
+    preliminary : bool
+        Whether there is a model of a run that has not finished.
     """
     study = session.is_open and ready
     idle = not busy
@@ -124,7 +128,12 @@ def available(
         "result": study and session.result is not None,
         "particles": study and (running or session.result is not None),
         "idle_result": study and idle and session.result is not None,
-        "frames": study and idle and session.result is not None and (plays or len(session.result.frames) > 1),
+        "model": study and (session.result is not None or preliminary),
+        "frames": study
+        and (
+            (preliminary and plays)
+            or (idle and session.result is not None and (plays or len(session.result.frames) > 1))
+        ),
         "previous_page": study and page > 0,
         "next_page": study and page + 1 < pages,
         "raw": study and (slices or not model),

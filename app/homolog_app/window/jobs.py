@@ -5,7 +5,7 @@ What they need of the core is slow to import, so they do it themselves.
 
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from homolog.files.project import Project
 from homolog.progress import Tick, part_of
 from homolog.settings import GroomSettings, RunSettings
 from homolog_app.window.loaded import Loaded, Recorder, load_result
+from homolog_app.window.preliminary import PreliminaryFits, PreliminaryModel
 
 if TYPE_CHECKING:
     from homolog.correspondence import Frame
@@ -134,6 +135,7 @@ class RunJob:
         *,
         resume: bool,
         from_result: bool = False,
+        title: str = "",
     ) -> None:
         from homolog.run import Run
 
@@ -143,11 +145,23 @@ class RunJob:
         self._last: Frame | None = None
         self.recorder = Recorder()
         self.names = [one.name for one in cohort.subjects]
+        self._status: RunStatus = self._run.status
+        self._news: tuple[RunStatus, PreliminaryModel | None] = (self._status, None)
+        optimize = settings.optimize
+        self._fits = PreliminaryFits(self._run, title, optimize.method, optimize.particles)
+
+    @property
+    def preliminary(self) -> PreliminaryModel | None:
+        """The shape model of the particles placed so far; None before the first."""
+        return self._fits.newest
 
     @property
     def status(self) -> "RunStatus":
-        """Where the run is."""
-        return self._run.status
+        """Where the run is; another object also when there is another preliminary model."""
+        news = (self._run.status, self._fits.newest)
+        if any(now is not before for now, before in zip(news, self._news, strict=True)):
+            self._news, self._status = news, replace(news[0])
+        return self._status
 
     @property
     def frame(self) -> "Frame | None":
@@ -171,7 +185,11 @@ class RunJob:
         """Do the run and read its result; raises Cancelled if it was cancelled."""
         from homolog.run import FinishReason
 
-        if self._run.execute(self._watch) is FinishReason.CANCELLED:
+        try:
+            reason = self._run.execute(self._watch)
+        finally:
+            self._fits.close()
+        if reason is FinishReason.CANCELLED:
             raise Cancelled("cancelled")
         return self._finished()
 
@@ -184,3 +202,5 @@ class RunJob:
         if frame is not None and frame is not self._last:
             self._last = frame
             self.recorder.take(frame.iteration, frame.world, frame.energies)
+        if self.keeps:
+            self._fits.look()

@@ -104,6 +104,7 @@ class MainWindow(QMainWindow):
                 layouts=views.layouts if views else (), model=views is not None and views.shows_model,
                 coloured=views is not None and views.is_coloured,
                 slices=self.commands["view.slice"].isChecked(),
+                preliminary=self.inspector.explore.fitted.preliminary is not None,
             )
         )  # fmt: skip
         steps = steps_of(desk.session, desk.work)

@@ -22,13 +22,13 @@ def steps_of(session: Session, work: Work) -> dict[str, Step]:
         "cohort": session.is_open,
         "groom": included > 0,
         "correspond": included >= 2,
-        "explore": result is not None,
+        "explore": result is not None or work.preliminary is not None,
     }
     words = {
         "cohort": f"{included} subjects" if session.is_open else "",
         "groom": f"{groomed} of {included}" if groomed else "",
         "correspond": f"{result.result.world.shape[1]} particles" if result else "",
-        "explore": "",
+        "explore": "preliminary" if work.preliminary is not None else "",
     }
     if work.status is not None and work.kind in ("groom", "run"):
         words["groom" if work.kind == "groom" else "correspond"] = f"{100 * work.status.fraction:.0f} %"

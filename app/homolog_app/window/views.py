@@ -129,6 +129,8 @@ class Views(QObject):
         if self._work.run_job is not None or self._window.exporting.missing:
             return None
         page = self._page
+        if page is not None and self._session.result is None:
+            return None  # a preliminary model is in no file
         view = (page.chosen if page is not None else None) or SubjectsView(moment=self.run.moment)
         return Snapshot(
             view=view, canvas=self.stage.scene.canvas, title=self._session.title,
@@ -231,7 +233,8 @@ class Views(QObject):
     @property
     def _page(self) -> "ExplorePage | None":
         """The page of Explore that says what is shown."""
-        return self._explore.page if self._window.step == "explore" and self._session.result else None
+        there = self._session.result is not None or self._explore.fitted.preliminary is not None
+        return self._explore.page if self._window.step == "explore" and there else None
 
     @Slot()
     def _display(self) -> None:

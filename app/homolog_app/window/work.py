@@ -23,6 +23,7 @@ from homolog_app.window.jobs import (
     read_files,
 )
 from homolog_app.window.loaded import Loaded, load_result
+from homolog_app.window.preliminary import PreliminaryModel
 from homolog_app.window.runner import Ended, Job, Runner, Status, Task
 from homolog_app.window.samples import Sample
 from homolog_app.window.session import Session
@@ -82,6 +83,12 @@ class Work(QObject):
     def run_job(self) -> RunJob | None:
         """The run that is going on."""
         return self.runner.job if isinstance(self.runner.job, RunJob) else None
+
+    @property
+    def preliminary(self) -> PreliminaryModel | None:
+        """The model so far of the run that goes on or was cancelled, while the study has no result."""
+        job = self.run_job or self.cancelled_run
+        return job.preliminary if job is not None and self._session.result is None else None
 
     @Slot()
     def go_on(self) -> None:
@@ -161,7 +168,14 @@ class Work(QObject):
         """Place the particles, or go on from a checkpoint or from the result."""
         study = self._session.study
         self.cancelled_run = None
-        job = RunJob(project, study.cohort, study.settings, resume=resume, from_result=from_result)
+        job = RunJob(
+            project,
+            study.cohort,
+            study.settings,
+            resume=resume,
+            from_result=from_result,
+            title=self._session.title,
+        )
         self._order("run", job, self._take_result)
 
     def keep(self) -> None:

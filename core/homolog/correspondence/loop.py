@@ -130,6 +130,7 @@ class OptimizationLoop:
                     raise
             reason = self._stage(index, done)
             self._relocate_lost()
+            self.log.emit_frame(plan.stage, self.engine, ends_stage=0 < index < len(self.stages) - 1)
             done = 0
         return reason
 

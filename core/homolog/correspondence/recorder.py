@@ -87,10 +87,10 @@ class RunRecorder:
         """Make the next frame due at once, so that even a short stage is shown."""
         self._next_frame = 0.0
 
-    def emit_frame(self, stage: Stage, engine: Engine) -> None:
-        """Emit a frame if one is due and energies have been recorded."""
+    def emit_frame(self, stage: Stage, engine: Engine, *, ends_stage: bool = False) -> None:
+        """Emit a frame if one is due, or a stage ends, and energies have been recorded."""
         now = time.monotonic()
-        if self.observe is None or now < self._next_frame or not self.rows:
+        if self.observe is None or not self.rows or (now < self._next_frame and not ends_stage):
             return
         self._next_frame = now + FRAME_INTERVAL_S
         world, alignments = engine.aligned_positions() * self.unit, self.aligned(engine.poses)
@@ -100,7 +100,7 @@ class RunRecorder:
             growth = (self.scales / before)[:, None, None]
             world = centres[:, None] + growth * (world - centres[:, None])
         latest = np.array(self.rows[-1][1:])
-        self.observe(Frame(stage, self.iteration, world, latest, alignments))
+        self.observe(Frame(stage, self.iteration, world, latest, alignments, ends_stage))
 
     def checkpoint_is_due(self) -> bool:
         """Return whether a checkpoint is due."""

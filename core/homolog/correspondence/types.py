@@ -106,6 +106,9 @@ class Frame:
         Sampling, ensemble and normals part of the objective, per particle.
     alignments : (M, 4, 4) float64 array
         Local to world, at this moment.
+    ends_stage : bool
+        Whether a stage in which the shapes were compared has just ended and others follow: a preliminary
+        result.
     """
 
     stage: Stage
@@ -113,6 +116,7 @@ class Frame:
     world: FloatArray
     energies: FloatArray
     alignments: FloatArray
+    ends_stage: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,12 +12,14 @@ from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import report_os_errors
 from homolog.files.project import Project
 from homolog.files.records import ProjectRecord
+from homolog.files.results import Result
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, Problem, check_cohort, check_sides, groom_cohort
-from homolog.progress import no_tick, run_in_background
+from homolog.progress import Tick, no_tick, run_in_background
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.control import Control
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
+from homolog.run.preliminary import preliminary_result
 from homolog.run.prior_result import PriorResult, read_prior_result
 from homolog.run.result import CANCELLED, OptimizationInput, OptimizationOutcome, model_of, write_result
 from homolog.run.steps import prepare_inputs, run_optimization
@@ -75,6 +77,7 @@ class Run:
         self._skip_bad = skip_bad
         self._control = Control()
         self._frame: Frame | None = None
+        self._preliminary: Frame | None = None
         self._study: OptimizationInput | None = None
         self._energies = np.empty((0, 4))
         self._notes: list[str] = []
@@ -88,6 +91,22 @@ class Run:
     def frame(self) -> Frame | None:
         """The newest particles, None before the first; a mailbox to look into as often as one can draw."""
         return self._frame
+
+    @property
+    def preliminary(self) -> Frame | None:
+        """The particles at the end of the latest stage that compared the shapes, None before the first."""
+        return self._preliminary
+
+    def preliminary_result(self, frame: Frame, tick: Tick = no_tick) -> Result:
+        """Return `preliminary` particles as a result in memory; may be called from any thread.
+
+        Raises
+        ------
+        NumericalError
+            If particles coincide, so that no surface can be carried by them.
+        """
+        assert self._study is not None, "there are particles"
+        return preliminary_result(self._study, frame, tick)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -254,6 +273,8 @@ class Run:
 
         def observe(frame: Frame) -> None:
             self._frame = frame
+            if frame.ends_stage:
+                self._preliminary = frame
 
         def save(checkpoint: Checkpoint) -> None:
             self._energies = checkpoint.energies

@@ -10,6 +10,7 @@ from homolog.files.project import Project
 from homolog.progress import Tick
 from homolog_app.window.desk import Desk
 from homolog_app.window.loaded import Loaded
+from homolog_app.window.preliminary import PreliminaryModel
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.model_shape import ModelShape
@@ -31,6 +32,8 @@ class Fitted(QObject):
         self._shape: ModelShape | None = None
         self._other: ModelShape | None = None
         self._folder: Path | None = None
+        self._early: PreliminaryModel | None = None
+        self._early_of: tuple[int, Loaded | None] = (0, None)
         self.draw_ms = 0.0
         """How long the views take to draw [ms]; what plays rests accordingly."""
         desk.session.facts_changed.connect(self._look)
@@ -40,6 +43,11 @@ class Fitted(QObject):
     def shape(self) -> "ModelShape | None":
         """The model of the result that is open; None until it is fitted."""
         return self._shape if self._of is self._desk.session.result else None
+
+    @property
+    def preliminary(self) -> PreliminaryModel | None:
+        """The model of a run that has not finished, until that of its result is fitted."""
+        return self._early if self.shape is None else None
 
     @property
     def other(self) -> "ModelShape | None":
@@ -96,6 +104,7 @@ class Fitted(QObject):
     @Slot()
     def _look(self) -> None:
         result, work = self._desk.session.result, self._desk.work
+        self._look_for_preliminary(result)
         if self._of is not None and self._of is not result:
             self._of = self._shape = self._other = None
             self.changed.emit()
@@ -114,3 +123,18 @@ class Fitted(QObject):
             self.changed.emit()
 
         work.compute("model", fit, "fitting the shape model", take)
+
+    def _look_for_preliminary(self, result: Loaded | None) -> None:
+        """Take the newest preliminary model; drop one whose study, run or result is gone."""
+        early, generation = self._desk.work.preliminary, self._desk.session.generation
+        if early is not None:
+            self._early_of = generation, None
+        elif self._early is not None:
+            of_generation, of_result = self._early_of
+            if result is None or generation != of_generation or of_result not in (None, result):
+                early = None
+            else:
+                self._early_of, early = (generation, result), self._early
+        if early is not self._early:
+            self._early = early
+            self.changed.emit()

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel
@@ -19,6 +20,9 @@ from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.player import Player
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.widgets import GRID, choice, label
+
+if TYPE_CHECKING:
+    from homolog_app.window.explore.model_shape import ModelShape
 
 __all__ = ["ModesPage"]
 
@@ -45,15 +49,19 @@ class ModesPage(ExplorePage):
         self.colours = QCheckBox("Displacement colours")
         self.colours.setChecked(True)
         self.arrows = QCheckBox("Arrows")
+        self.mark = label("", "Problem", wrap=True)
+        self.mark.hide()
         self.state = label("", "Hint", wrap=True)
         self.compare = CompareBox(actions, fitted)
         self.plots = self.charts = ModePlots(desk.theme)
+        self._was_preliminary = False
         self.base.hide()
         self._lay_out()
         self._connect()
         self._show_model()
 
     def _lay_out(self) -> None:
+        self.body.addWidget(self.mark)
         self.body.addWidget(self.state)
         self.body.addWidget(self.sliders)
         self.body.addWidget(self.player)
@@ -99,7 +107,7 @@ class ModesPage(ExplorePage):
 
     def play_or_stop(self) -> bool:
         """Play the chosen mode, or hold."""
-        if self.fitted.shape is not None:
+        if self._shape is not None:
             self.player.play_or_stop()
         return True
 
@@ -113,12 +121,19 @@ class ModesPage(ExplorePage):
         if view is None:
             return Shown(subjects)
         own = next((one for one in subjects if one.name == view.subject), None)
-        return mode_scene(view, self.fitted.both, own and replace(own, raw=None, note="groomed surface"))
+        own = own and replace(own, raw=None, note="groomed surface")
+        early = self.fitted.preliminary
+        if early is None:
+            return mode_scene(view, self.fitted.both, own)
+        shown = mode_scene(view, (early.shape,), own)
+        marks = (f"{one.note} · {early.words}".removeprefix(" · ") for one in shown.contents)
+        marked = [replace(one, note=mark) for one, mark in zip(shown.contents, marks, strict=True)]
+        return replace(shown, contents=marked)
 
     @property
     def chosen(self) -> ModesView | None:
         """What the controls say; None until the model is fitted."""
-        if self.fitted.shape is None:
+        if self._shape is None:
             return None
         return ModesView(
             count=self.views.currentData(), deviations=tuple(self.sliders.values.tolist()),
@@ -131,23 +146,39 @@ class ModesPage(ExplorePage):
     def _subject(self) -> str:
         return self.who.currentText() if self.who.currentIndex() > 0 else ""
 
+    @property
+    def _shape(self) -> "ModelShape | None":
+        """The model of the result, or of a run that has not finished."""
+        early = self.fitted.preliminary
+        return self.fitted.shape if early is None else early.shape
+
     def _show_model(self) -> None:
-        shape = self.fitted.shape
-        if shape is None or self.sliders.model is not shape:
-            self.player.stop()
+        shape, before = self._shape, self.sliders.model
+        refines = self._was_preliminary and shape is not None and before is not None
+        self._was_preliminary = self.fitted.preliminary is not None
+        if shape is None or before is not shape:
+            values, chosen, subject = self.sliders.values, self.sliders.chosen, self.who.currentIndex()
+            if not refines:
+                self.player.stop()
             self.sliders.show_model(shape)
             self.charts.show_model(shape)
             self.charts.scatter.show_cursor(0.0, 0.0)
             self.who.clear()
             self.who.addItems([_MODEL, *(shape.result.names if shape else ())])
             self._show_scores()
+            if refines:  # the same modes, of more particles: what is looked at stays
+                self.who.setCurrentIndex(subject)
+                self.sliders.choose(chosen)
+                self.sliders.show_values(values)
         self._tell_state()
         self.shown_changed.emit()
 
     def _tell_state(self) -> None:
-        shape, work = self.fitted.shape, self.desk.work
-        for widget in (self.sliders, self.player, self.who, self.views, self.compare):
+        shape, work = self._shape, self.desk.work
+        for widget in (self.sliders, self.player, self.who, self.views):
             widget.setEnabled(shape is not None)
+        self.compare.setEnabled(self.fitted.shape is not None)
+        self._tell_preliminary()
         if shape is None:
             busy = work.kind == "model" and work.status is not None
             words = (
@@ -161,6 +192,20 @@ class ModesPage(ExplorePage):
         self.state.setText(
             f"{kept} {verb} retained by parallel analysis: {share:.1f} % of the variance (parallel analysis)."
         )
+
+    def _tell_preliminary(self) -> None:
+        """Mark a model of a run that has not finished."""
+        early, work = self.fitted.preliminary, self.desk.work
+        self.mark.setVisible(early is not None)
+        if early is None:
+            return
+        if work.run_job is not None:
+            words = "The model is replaced as the run goes on."
+        elif self.desk.session.result is None:
+            words = "The run was cancelled: keep the particles or resume the run in Correspond."
+        else:
+            words = "The model of the result is being fitted."
+        self.mark.setText(f"{early.words.capitalize()}. {words}")
 
     def _follow_sliders(self) -> None:
         first, second = self.charts.axes
@@ -178,7 +223,7 @@ class ModesPage(ExplorePage):
             self.sliders.show_value(second, y)
 
     def _choose_subject(self, name: str) -> None:
-        shape = self.fitted.shape
+        shape = self._shape
         self.player.stop()
         if shape is not None and self._subject:
             self.desk.session.select([name])
@@ -190,12 +235,12 @@ class ModesPage(ExplorePage):
         self.charts.scatter.show_selection(self.desk.session.selection)
 
     def _scores(self) -> FloatArray:
-        shape = self.fitted.shape
+        shape = self._shape
         assert shape is not None
         return np.asarray(shape.model.scores / shape.model.standard_deviations)
 
     def _show_scores(self) -> None:
-        shape = self.fitted.shape
+        shape = self._shape
         if shape is None:
             return
         present = {one.name: one.subject.group or "" for one in self.desk.session.study.members}

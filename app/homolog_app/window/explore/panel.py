@@ -64,6 +64,7 @@ class ExplorePanel(QWidget):
         self._session = desk.session
         for signal in (desk.session.study_changed, desk.session.facts_changed):
             signal.connect(self._tell_outdated)
+        self.fitted.changed.connect(self._offer_pages)
         self._tell_outdated()
 
     @property
@@ -85,6 +86,14 @@ class ExplorePanel(QWidget):
         words = outdated_words(self._session.study, result.record) if result is not None else ""
         self.outdated.setText(words)
         self.outdated.setVisible(bool(words))
+
+    def _offer_pages(self) -> None:
+        """Offer the modes alone as long as there is a preliminary model only."""
+        only_modes = self._session.result is None and self.fitted.preliminary is not None
+        for index, page in enumerate(self.pages):
+            self.tabs.setTabEnabled(index, not only_modes or isinstance(page, ModesPage))
+        if only_modes:
+            self.open_page(self.page_of(ModesPage))
 
     def _turn(self, index: int) -> None:
         before = self._stack.currentWidget()

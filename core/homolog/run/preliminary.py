@@ -1,0 +1,51 @@
+"""Particles of a run that goes on, as a result in memory."""
+
+import numpy as np
+
+from homolog.analysis.shape_model import ShapeModel
+from homolog.arrays import frozen
+from homolog.correspondence import Frame
+from homolog.files.results import Result
+from homolog.geometry import inverse_matrices, transform_points
+from homolog.progress import Tick, no_tick
+from homolog.run.result import OptimizationInput
+from homolog.run.shape_files import surface_of_model
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["preliminary_result"]
+
+
+def preliminary_result(inputs: OptimizationInput, frame: Frame, tick: Tick = no_tick) -> Result:
+    """Return the particles of a moment of a run with their mean surface; nothing is written.
+
+    Parameters
+    ----------
+    inputs : OptimizationInput
+    frame : Frame
+        Of the optimization of these inputs.
+    tick : Tick
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    NumericalError
+        If particles coincide, so that no surface can be carried by them.
+    """
+    world = frame.world.astype(np.float64)
+    model = ShapeModel.fit(world, names=[shape.name for shape in inputs.shapes])
+    meshes = [shape.mesh for shape in inputs.shapes]
+    surface = surface_of_model(model, world, meshes, frame.alignments, tick)
+    subjects = inputs.cohort.subjects
+    return Result(
+        names=tuple(subject.name for subject in subjects),
+        groups=tuple(subject.group for subject in subjects),
+        columns=tuple(dict(subject.columns) for subject in subjects),
+        world=frozen(world),
+        local=frozen(transform_points(inverse_matrices(frame.alignments), world)),
+        alignments=frozen(frame.alignments),
+        mean_surface=TriangleMesh(surface.vertices, surface.faces),
+        smoothing=frozen(surface.smoothing),
+    )

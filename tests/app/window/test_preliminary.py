@@ -1,0 +1,65 @@
+"""The modes of a run that has not finished."""
+
+import pytest
+
+pytestmark = pytest.mark.window
+
+
+@pytest.fixture
+def paused(groomed, wait, quick):
+    """Return a window whose run is held with a preliminary model."""
+    window, work = groomed, groomed.desk.work
+    settings = quick().model_copy(update={"anneal_iterations": 400})
+    window.desk.edit_settings("optimize", "anneal_iterations", settings)
+    window.show_step("correspond")
+    window.commands["run.start"].trigger()
+    wait(lambda: work.run_job is not None and work.run_job._run.preliminary is not None)
+    window.commands["run.pause"].trigger()
+    wait(lambda: window.inspector.explore.fitted.preliminary is not None)
+    return window
+
+
+def test_the_modes_of_a_run_can_be_looked_at_and_say_that_they_are_preliminary(paused):
+    explore = paused.inspector.explore
+    assert paused.commands["explore.modes"].isEnabled()
+    assert not paused.commands["explore.groups"].isEnabled()
+    paused.commands["view.explore"].trigger()
+    assert explore.page.title == "Modes"
+    assert [explore.tabs.isTabEnabled(index) for index in range(5)] == [False, True, False, False, False]
+    assert explore.page.mark.isVisible()
+    assert "32 of 32 particles" in explore.page.mark.text()
+    before = paused.views.stage.scene.shown[0].groomed.vertices.copy()
+    explore.page.sliders.show_value(0, 2.0)
+    (content,) = paused.views.stage.scene.shown
+    assert "preliminary" in content.note
+    assert abs(content.groomed.vertices - before).max() > 0.1
+    paused.commands["run.play"].trigger()
+    assert explore.page.player.is_playing
+    assert paused.views.snapshot is None
+
+
+def test_the_finished_model_takes_the_place_of_the_preliminary_one_and_the_sliders_stay(paused, wait):
+    paused.commands["view.explore"].trigger()
+    page = paused.inspector.explore.page
+    page.sliders.show_value(0, 1.5)
+    paused.commands["run.pause"].trigger()
+    wait(lambda: page.fitted.shape is not None)
+    assert page.fitted.preliminary is None
+    assert not page.mark.isVisible()
+    assert page.sliders.values[0] == 1.5
+    assert page.fitted.shape.result is paused.desk.session.result.result
+    assert paused.inspector.explore.tabs.isTabEnabled(0)
+
+
+def test_a_cancelled_run_leaves_its_preliminary_model_until_another_study_is_opened(paused, wait):
+    paused.commands["view.explore"].trigger()
+    page = paused.inspector.explore.page
+    paused.commands["run.cancel"].trigger()
+    wait(lambda: not paused.desk.work.is_busy)
+    assert page.mark.isVisible()
+    assert "cancelled" in page.mark.text()
+    assert page.sliders.model is page.fitted.preliminary.shape
+    paused.library.begin()
+    assert page.fitted.preliminary is None
+    assert page.sliders.model is None
+    assert not paused.commands["explore.modes"].isEnabled()
