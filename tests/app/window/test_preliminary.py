@@ -13,9 +13,9 @@ def paused(groomed, wait, quick):
     window.desk.edit_settings("optimize", "anneal_iterations", settings)
     window.show_step("correspond")
     window.commands["run.start"].trigger()
-    wait(lambda: work.run_job is not None and work.run_job._run.preliminary is not None)
+    wait(lambda: work.run_job is not None and work.run_job._run.preliminary is not None, 200.0)
     window.commands["run.pause"].trigger()
-    wait(lambda: window.inspector.explore.fitted.preliminary is not None)
+    wait(lambda: window.inspector.explore.fitted.preliminary is not None, 200.0)
     return window
 
 
@@ -43,7 +43,7 @@ def test_the_finished_model_takes_the_place_of_the_preliminary_one_and_the_slide
     page = paused.inspector.explore.page
     page.sliders.show_value(0, 1.5)
     paused.commands["run.pause"].trigger()
-    wait(lambda: page.fitted.shape is not None)
+    wait(lambda: page.fitted.shape is not None, 200.0)
     assert page.fitted.preliminary is None
     assert not page.mark.isVisible()
     assert page.sliders.values[0] == 1.5

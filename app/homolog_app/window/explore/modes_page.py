@@ -200,7 +200,7 @@ class ModesPage(ExplorePage):
         if early is None:
             return
         if work.run_job is not None:
-            words = "The model is replaced as the run goes on."
+            words = "The model is replaced as the run continues."
         elif self.desk.session.result is None:
             words = "The run was cancelled: keep the particles or resume the run in Correspond."
         else:
