@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from homolog.arrays import BoolArray, FloatArray, IntArray
+from homolog.arrays import BoolArray, FloatArray
 from homolog.geometry import inverse_matrices
 from homolog.patient import PatientComparison, Percentile, Reference
 from homolog.surfaces.mesh import TriangleMesh
@@ -19,14 +18,13 @@ from homolog_app.pictures.layout import Panel, arrange
 from homolog_app.pictures.render import Renderer
 from homolog_app.pictures.solids import Solid, hollows, surface
 from homolog_app.pictures.views import VIEWS, View, frame_around, three_quarter_view
+from homolog_app.pictures.visible import view_of_region
 
 __all__ = ["MapPictures", "draw_bars", "draw_percentiles", "map_pictures"]
 
 _BLUE, _ORANGE, _GREY = "#0072B2", "#D55E00", "#8a8a8a"
 _FONT_PT = 8.5
 _ANATOMICAL = ("anterior", "posterior", "superior")
-_GLANCE = 72
-"""Pixels of a picture in which a region's visible part is counted."""
 _FADED = 0.35
 """Of the map's colour where the difference is within the limit."""
 
@@ -131,30 +129,11 @@ def _views(comparison: PatientComparison, own: TriangleMesh) -> list[View]:
     """Return a view at the most extreme region, or an oblique one, and anatomical ones."""
     first = replace(three_quarter_view(own.vertices), name="oblique")
     if comparison.regions:
-        first = _view_of(own, comparison.regions[0].vertices, comparison.regions[0].centre)
-    return [first, *(VIEWS[name] for name in _ANATOMICAL)]
-
-
-def _view_of(own: TriangleMesh, vertices: IntArray, centre: int) -> View:
-    """Return the direction from which most of a region is seen; other walls may hide it."""
-    marked = np.zeros_like(own.vertices)
-    marked[vertices] = 1.0
-    renderer = Renderer([Solid(own.vertices, own.vertex_normals, own.faces, marked)])
-    ways = [np.array(way, dtype=np.float64) for way in product((-1, 0, 1), repeat=3) if any(way)]
-    views = [_view(way) for way in [own.vertex_normals[centre], *ways]]
-    width = float(np.linalg.norm(np.ptp(own.vertices, axis=0)))  # one scale for all
-    seen = [
-        float(image[..., :3].sum())
-        for image in (
-            renderer.draw(frame_around([own.vertices], view, width=width), _GLANCE) for view in views
+        first = replace(
+            view_of_region(own, comparison.regions[0].vertices, comparison.regions[0].centre),
+            name="towards region 1",
         )
-    ]
-    return views[int(np.argmax(seen))]
-
-
-def _view(toward: FloatArray) -> View:
-    x, y, z = (toward / np.linalg.norm(toward)).tolist()
-    return View((x, y, z), (0.0, 0.0, 1.0) if abs(z) < 0.9 else (0.0, -1.0, 0.0), "towards region 1")
+    return [first, *(VIEWS[name] for name in _ANATOMICAL)]
 
 
 def _shaded(differences: FloatArray, limit: float, beyond: BoolArray) -> FloatArray:

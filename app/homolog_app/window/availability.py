@@ -40,6 +40,8 @@ REASONS: Mapping[str, str] = {
     "fit": "include new subjects in addition to those of the result, with its settings",
     "more": "set more particles than the result has, with the same subjects and settings",
     "answer": "compare groups first",
+    "reference": "make or open a reference on the page Patient first",
+    "patient": "compare a patient's file first",
     "frames": "there is nothing to play here",
     "previous_page": "this is the first page",
     "next_page": "this is the last page",
@@ -63,6 +65,8 @@ def available(
     ready: bool,
     plays: bool,
     answered: bool,
+    reference: bool,
+    patient: bool,
     layouts: Collection[int],
     model: bool,
     slices: bool,
@@ -88,6 +92,8 @@ def available(
         Whether the open page of Explore plays something.
     answered : bool
         Whether a question about groups or a number was answered.
+    reference, patient : bool
+        Whether there is a reference for patients, and a patient compared with it.
     layouts : collection of int
         Numbers of views that can be chosen.
     model, slices : bool
@@ -121,6 +127,8 @@ def available(
         "more": study and idle and further is not None and further.particles > 0,
         "fit": study and idle and further is not None and bool(further.subjects),
         "answer": study and idle and session.result is not None and answered,
+        "reference": study and idle and session.result is not None and reference,
+        "patient": study and idle and session.result is not None and patient,
         "busy": busy,
         "running": running,
         "resumable": study and idle and two and project.checkpoint.is_file(),

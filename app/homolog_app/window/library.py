@@ -20,9 +20,9 @@ from homolog_app.window.study_files import ViewRecord, open_project, save_projec
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
-__all__ = ["Library", "dropped_paths"]
+__all__ = ["FILES", "Library", "dropped_paths"]
 
-_FILES = "Segmentations and surfaces (*.nrrd *.nhdr *.nii *.nii.gz *.mha *.mhd *.vtp *.vtk *.ply *.stl *.obj)"
+FILES = "Segmentations and surfaces (*.nrrd *.nhdr *.nii *.nii.gz *.mha *.mhd *.vtp *.vtk *.ply *.stl *.obj)"
 _TABLES, _READ = "Tables (*.csv)", "Tables (*.csv *.tsv *.txt *.xlsx)"
 _NOT_HELD = (
     "Subjects, settings, particles, surfaces and the shape model were saved. Groomed volumes, kept answers, "
@@ -246,7 +246,7 @@ class Library(Part):
             self.take([Path(path)])
 
     def _add(self) -> None:
-        paths, _ = QFileDialog.getOpenFileNames(self._window, "Add files", "", _FILES)
+        paths, _ = QFileDialog.getOpenFileNames(self._window, "Add files", "", FILES)
         if paths:
             self.take([Path(one) for one in paths])
 

@@ -16,6 +16,7 @@ from homolog_app.window.desk import Desk
 from homolog_app.window.docks import Docks
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.orders import Exploring
+from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.export.exporting import Exporting
 from homolog_app.window.helping import Helping
 from homolog_app.window.inspector import Inspector
@@ -101,6 +102,8 @@ class MainWindow(QMainWindow):
                 page=page, pages=pages, ready=views is not None,
                 plays=self.step == "explore" and self.inspector.explore.page.plays,
                 answered=bool(self.inspector.explore.page_of(GroupsPage).answers),
+                reference=self.inspector.explore.page_of(PatientPage).reference is not None,
+                patient=self.inspector.explore.page_of(PatientPage).comparison is not None,
                 layouts=views.layouts if views else (), model=views is not None and views.shows_model,
                 coloured=views is not None and views.is_coloured,
                 slices=self.commands["view.slice"].isChecked(),
@@ -141,7 +144,9 @@ class MainWindow(QMainWindow):
     def dropEvent(self, event: QDropEvent) -> None:
         """Open or add what was dropped."""
         event.acceptProposedAction()
-        self.library.take(dropped_paths(event.mimeData()))
+        paths = dropped_paths(event.mimeData())
+        if self.step != "explore" or not self.exploring.take_files(paths):
+            self.library.take(paths)
 
     def changeEvent(self, event: QEvent) -> None:
         """Rest the drawing while minimized."""

@@ -129,8 +129,8 @@ class Views(QObject):
         if self._work.run_job is not None or self._window.exporting.missing:
             return None
         page = self._page
-        if page is not None and self._session.result is None:
-            return None  # a preliminary model is in no file
+        if page is not None and (self._session.result is None or not page.can_be_drawn_again):
+            return None  # a preliminary model and a patient are in no file of the project
         view = (page.chosen if page is not None else None) or SubjectsView(moment=self.run.moment)
         return Snapshot(
             view=view, canvas=self.stage.scene.canvas, title=self._session.title,

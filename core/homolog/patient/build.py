@@ -15,7 +15,7 @@ from homolog.files.results import Result, read_result
 from homolog.patient.coding import Coding
 from homolog.patient.controls import Controls, read_controls
 from homolog.patient.left_out import LeftOut, fit_left_out
-from homolog.patient.local import LocalNorm, maxima_left_out, prediction_limit
+from homolog.patient.local import LocalNorm, bands_of, maxima_left_out, prediction_limit
 from homolog.patient.reference import LEVEL, Provenance, Quality, Reference
 from homolog.patient.surface_model import SurfaceModel
 from homolog.progress import Tick, no_tick, part_of
@@ -165,7 +165,7 @@ def _reference(
 ) -> Reference:
     maxima = maxima_left_out(left_out.residuals, model.faces)
     limit = prediction_limit(maxima, LEVEL)
-    local = LocalNorm.of(left_out.residuals, model.faces)
+    local = LocalNorm.of(bands_of(left_out.residuals, model.faces), model.faces)
     values = {
         name: np.array([getattr(item, name) for item in left_out.measures])
         for name in ("mahalanobis", "outside", "size", "gap")
@@ -174,7 +174,7 @@ def _reference(
         near=float((left_out.errors < _NEAR).mean()),
         error_95=float(np.quantile(left_out.errors, 0.95)),
         outside=float(values["outside"].mean()),
-        limit_mm=float(limit * local.deviation.mean()),
+        limit_mm=float(limit * local.deviation[0].mean()),
     )
     total = LocalNorm.of(left_out.totals, model.faces)
     return Reference(

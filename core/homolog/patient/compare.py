@@ -15,7 +15,7 @@ from homolog.patient.controls import COARSE_VERTICES
 from homolog.patient.distribution import Percentile, percentile
 from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
 from homolog.patient.left_out import Measures, measures_of
-from homolog.patient.local import Region, regions
+from homolog.patient.local import Region, bands_of, regions, scores_of
 from homolog.patient.reference import Reference
 from homolog.progress import Tick, no_tick, part_of, run_in_background
 from homolog.surfaces.mesh import TriangleMesh
@@ -190,7 +190,7 @@ def compare_groomed(
         *side_remarks,
         *check_fit(groomed.name, reference, mesh, measures, columns, part_of(tick, 0.8, 1.0), force=force),
     ]
-    z = reference.local.standardised(fit.residual)
+    z = scores_of(reference.local, fit.residual, bands_of(fit.residual, model.faces))
     surface = model.surface(fit.expected)
     cut = cut_off(groomed, reference, replace(fit, pose=fit.pose @ turn), z)
     remarks += cut

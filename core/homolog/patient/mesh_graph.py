@@ -5,7 +5,7 @@ from scipy.sparse import csr_array
 
 from homolog.arrays import FloatArray, IntArray
 
-__all__ = ["edges_of", "median_of_ring", "ring_mean"]
+__all__ = ["edges_of", "median_of_ring", "ring_mean", "without_spikes"]
 
 
 def edges_of(faces: IntArray) -> IntArray:
@@ -15,16 +15,18 @@ def edges_of(faces: IntArray) -> IntArray:
 
 
 def ring_mean(values: FloatArray, faces: IntArray, rounds: int) -> FloatArray:
-    """Return values (V,) averaged, so many times, with those of the neighbouring vertices."""
+    """Return values (..., V) averaged, so many times, with those of the neighbouring vertices."""
     first, second = edges_of(faces).T
-    count = len(values)
+    count = values.shape[-1]
     own = np.arange(count)
     rows, columns = np.concatenate([own, first, second]), np.concatenate([own, second, first])
     matrix = csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
-    sums = matrix @ np.ones(count)
+    sums = np.asarray(matrix.sum(axis=1), np.float64)
+    flat = values.reshape(-1, count).T
     for _ in range(rounds):
-        values = (matrix @ values) / sums
-    return values
+        flat = np.asarray(matrix @ flat) / sums[:, None]
+    averaged: FloatArray = flat.T.reshape(values.shape)
+    return averaged
 
 
 def median_of_ring(values: FloatArray, faces: IntArray) -> FloatArray:
@@ -40,3 +42,14 @@ def median_of_ring(values: FloatArray, faces: IntArray) -> FloatArray:
     low, high = start + (size - 1) // 2, start + size // 2
     middle: FloatArray = 0.5 * (sorted_values[low] + sorted_values[high])
     return middle
+
+
+def without_spikes(values: FloatArray, faces: IntArray, most: float) -> FloatArray:
+    """Return values (V,) where those that are farther than `most` from their ring's median are that median.
+
+    Where a line along a normal grazes the surface it may meet another part of it: a single vertex then stands
+    out as no surface with such edges can.
+    """
+    usual = median_of_ring(values, faces)
+    result: FloatArray = np.where(np.abs(values - usual) > most, usual, values)
+    return result

@@ -14,7 +14,7 @@ from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.patient.coding import Coding
-from homolog.patient.local import LocalNorm
+from homolog.patient.local import BANDS, LocalNorm
 from homolog.patient.surface_model import SurfaceModel
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
@@ -95,7 +95,7 @@ class Quality:
     outside : float
         Mean over controls of the root mean square distance from the fitted model [mm].
     limit_mm : float
-        Mean over the surface of the difference at which absolute z reaches the limit [mm].
+        Mean over the surface of the wide difference at which absolute z reaches the limit [mm].
     """
 
     near: float
@@ -126,7 +126,7 @@ class Reference:
     limit : float
         Of absolute z, which 5 % of healthy people exceed anywhere.
     local, total : LocalNorm
-        Of differences from the expected shape and from the mean.
+        Of differences from the expected shape at several widths, and from the mean.
     quality : Quality
     provenance : Provenance
     """
@@ -248,11 +248,8 @@ class Reference:
             and self.modes <= modes
             and vertices + self.provenance.particles == points[0]
             and 0 <= model.faces.min() <= model.faces.max() < vertices
-            and all(
-                item.shape == (vertices,)
-                for norm in (self.local, self.total)
-                for item in (norm.mean, norm.deviation)
-            )
+            and all(item.shape == (len(BANDS), vertices) for item in (self.local.mean, self.local.deviation))
+            and all(item.shape == (vertices,) for item in (self.total.mean, self.total.deviation))
             and all(getattr(self, name).shape == (self.provenance.controls,) for name in _DISTRIBUTIONS)
             and all(np.isfinite(item).all() for item in self._arrays().values())
         )

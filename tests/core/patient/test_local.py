@@ -7,7 +7,14 @@ from homolog.errors import InputError
 from homolog.patient.coding import Coding
 from homolog.patient.distribution import percentile
 from homolog.patient.fit import vertex_areas
-from homolog.patient.local import LocalNorm, maxima_left_out, prediction_limit, regions
+from homolog.patient.local import (
+    LocalNorm,
+    bands_of,
+    maxima_left_out,
+    prediction_limit,
+    regions,
+    scores_of,
+)
 from homolog.patient.mesh_graph import median_of_ring, ring_mean
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -33,7 +40,8 @@ def test_a_control_left_out_is_judged_by_the_others(template):
     maps[4, 100:130] += 40.0
     maxima = maxima_left_out(maps, faces)
     assert maxima.argmax() == 4
-    inside = np.abs(LocalNorm.of(maps, faces).standardised(maps[4])).max()
+    bands = bands_of(maps, faces)
+    inside = np.abs(scores_of(LocalNorm.of(bands, faces), maps[4], bands[:, 4])).max()
     assert maxima[4] > 2.0 * inside
 
 
@@ -82,3 +90,13 @@ def test_categories_may_be_shortened():
     assert Coding.from_record(coding.record).columns({"sex": "m", "age": "40"})[0] == pytest.approx(
         coding.columns({"sex": "male", "age": "40"})[0]
     )
+
+
+def test_around_a_bump_nothing_is_reported(template):
+    directions, faces = template
+    gaps = np.square(30.0 * (directions - directions[350])).sum(axis=1)
+    bump = np.exp(-0.5 * gaps / 4.0**2)
+    flat = LocalNorm(np.zeros((3, len(bump))), np.full((3, len(bump)), 0.01))
+    z = scores_of(flat, bump, bands_of(bump, faces))
+    assert z.max() > 20.0
+    assert z.min() > -1e-9

@@ -1,6 +1,6 @@
 """What the commands of Explore do."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,11 +12,15 @@ from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.measure_page import MeasurePage
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.page import ExplorePage
+from homolog_app.window.explore.patient_page import PatientPage
+from homolog_app.window.library import FILES
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
 __all__ = ["Exploring"]
+
+_REFERENCES = "References (*.npz)"
 
 
 class Exploring(Part):
@@ -28,6 +32,7 @@ class Exploring(Part):
         self._modes, self._groups = self._panel.page_of(ModesPage), self._panel.page_of(GroupsPage)
         self._measure = self._panel.page_of(MeasurePage)
         self._check = self._panel.page_of(CheckPage)
+        self._patient = self._panel.page_of(PatientPage)
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of Explore do."""
@@ -47,6 +52,12 @@ class Exploring(Part):
             "explore.keep": self._groups.keep_study,
             "explore.compare": self.compare,
             "explore.table": self.write_table,
+            "explore.patient": lambda: self._turn_to(self._patient),
+            "patient.reference": self._patient.make_reference,
+            "patient.open_reference": self.open_reference,
+            "patient.keep_reference": self.keep_reference,
+            "patient.open": self.open_patient,
+            "patient.save": self.save_patient,
         }
 
     @reported
@@ -71,6 +82,40 @@ class Exploring(Part):
         )
         if path:
             self._check.checked.export(Path(path))
+
+    def take_files(self, paths: Sequence[Path]) -> bool:
+        """Let the open page have files that were dropped; return whether it took them."""
+        return self._panel.page.take_files(paths)
+
+    @reported
+    def open_reference(self) -> None:
+        """Ask for a reference's file and compare with it."""
+        path, _ = QFileDialog.getOpenFileName(self._window, "Open reference", "", _REFERENCES)
+        if path:
+            self._patient.open_reference(Path(path))
+            self._window.refresh()
+
+    @reported
+    def keep_reference(self) -> None:
+        """Ask for a file and write the reference."""
+        path, _ = QFileDialog.getSaveFileName(self._window, "Save reference", "reference.npz", _REFERENCES)
+        if path:
+            self._patient.keep_reference(Path(path))
+
+    @reported
+    def open_patient(self) -> None:
+        """Ask for a patient's file and compare it."""
+        self._turn_to(self._patient)
+        path, _ = QFileDialog.getOpenFileName(self._window, "Patient's segmentation or surface", "", FILES)
+        if path:
+            self._patient.compare(Path(path))
+
+    @reported
+    def save_patient(self) -> None:
+        """Ask for a new folder and write the patient's report there."""
+        path, _ = QFileDialog.getSaveFileName(self._window, "Save report as (creates a folder)", "Patient")
+        if path:
+            self._patient.write(Path(path))
 
     def _next_suspect(self) -> None:
         self._turn_to(self._check)

@@ -1,6 +1,7 @@
 """What every page of Explore is."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Signal
@@ -94,6 +95,15 @@ class ExplorePage(Panel):
 
     def play_or_stop(self) -> bool:
         """Play what the page can play, or hold; return whether it can."""
+        return False
+
+    @property
+    def can_be_drawn_again(self) -> bool:
+        """Whether what is shown follows from the project and `chosen`."""
+        return True
+
+    def take_files(self, paths: Sequence[Path]) -> bool:
+        """Do something with files that were dropped while the page is open; return whether it did."""
         return False
 
     def take_pick(self, pick: "Pick") -> None:

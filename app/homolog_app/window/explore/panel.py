@@ -14,6 +14,7 @@ from homolog_app.window.explore.measure_page import MeasurePage
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.overview_page import OverviewPage
 from homolog_app.window.explore.page import ExplorePage
+from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.going_on import outdated_words
 from homolog_app.window.widgets import GRID, label
 
@@ -25,6 +26,7 @@ PAGES: tuple[type[ExplorePage], ...] = (
     GroupsPage,
     MeasurePage,
     CheckPage,
+    PatientPage,
 )
 """The pages in the order of their tabs."""
 

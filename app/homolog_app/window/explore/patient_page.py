@@ -1,0 +1,318 @@
+"""One patient against the controls: how unusual the shape is, and where."""
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QModelIndex, Qt
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QCheckBox,
+    QComboBox,
+    QFormLayout,
+    QHBoxLayout,
+    QHeaderView,
+    QLabel,
+    QLineEdit,
+    QSlider,
+    QTableView,
+)
+
+from homolog.arrays import FloatArray
+from homolog.errors import InputError
+from homolog.progress import Tick
+from homolog_app.window.actions import Actions
+from homolog_app.window.desk import Desk
+from homolog_app.window.explore.fitted import Fitted
+from homolog_app.window.explore.page import ExplorePage
+from homolog_app.window.explore.patient_views import (
+    EXPECTED,
+    MEAN,
+    Z,
+    patient_scene,
+    patient_surface,
+    place_of,
+)
+from homolog_app.window.explore.percentile_bars import PercentileBars
+from homolog_app.window.explore.subject_table import SubjectTable
+from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.widgets import ActionButton, choice, label, rule
+
+if TYPE_CHECKING:
+    from homolog.patient import PatientComparison, Reference
+
+__all__ = ["PatientPage"]
+
+_EVERYONE = "All subjects"
+_MAPS = {
+    "Difference from the expected shape": EXPECTED,
+    "… in standard deviations": Z,
+    "Difference from the mean": MEAN,
+}
+_VIEWS = {"Map on the patient": 1, "Mean, patient, expected, map": 4}
+_HEADS = ("Region", "Area\n(mm²)", "Mean\n(mm)", "z")
+_RESEARCH = "For research use only; not for diagnosis."
+
+
+class PatientPage(ExplorePage):
+    """A reference, a patient's file, and what comes of it."""
+
+    title = "Patient"
+    hint = f"One shape against the controls: how unusual, and where. {_RESEARCH}"
+
+    def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
+        super().__init__(desk, actions, fitted)
+        self.reference: Reference | None = None
+        self.comparison: PatientComparison | None = None
+        self._seen_from: Sequence[FloatArray] = ()
+        self.group = choice("Controls")
+        self.make = ActionButton("Make reference", actions["patient.reference"])
+        self.open = ActionButton("Open…", actions["patient.open_reference"])
+        self.keep = ActionButton("Save…", actions["patient.keep_reference"])
+        self.about = label("", "FieldHelp", wrap=True)
+        self.fields: dict[str, QLineEdit] = {}
+        self.form = QFormLayout()
+        self.file = ActionButton("Choose a patient's file…", actions["patient.open"], "primary")
+        self.verdict = label("", wrap=True)
+        self.remarks = label("", "Problem", wrap=True)
+        self.map = choice("Map", _MAPS)
+        self.views: QComboBox = choice("Views", _VIEWS)
+        self.way = QSlider(Qt.Orientation.Horizontal)
+        self.only_beyond = QCheckBox("Only beyond the limit")
+        self.bars = PercentileBars(desk.theme)
+        self.table = SubjectTable(_HEADS, self)
+        self.regions = QTableView()
+        self.save = ActionButton("Save report…", actions["patient.save"])
+        self._lay_out()
+        self._connect()
+        self._show_groups()
+        self._show_reference()
+
+    def _lay_out(self) -> None:
+        self.body.addWidget(label("Reference", "SectionTitle"))
+        for widgets in ((self.group, self.make), (self.open, self.keep)):
+            row = QHBoxLayout()
+            for widget in widgets:
+                row.addWidget(widget, 1)
+            self.body.addLayout(row)
+        self.body.addWidget(self.about)
+        self.body.addWidget(label("Patient", "SectionTitle"))
+        self.body.addLayout(self.form)
+        self.body.addWidget(self.file)
+        self.body.addWidget(label("Or drop a segmentation or a surface here.", "FieldHelp", wrap=True))
+        self.verdict.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.body.addWidget(self.verdict)
+        self.body.addWidget(self.remarks)
+        for words, box in (("Map", self.map), ("Views", self.views)):
+            line = QHBoxLayout()
+            name = QLabel(words)
+            name.setBuddy(box)
+            name.setFixedWidth(56)
+            line.addWidget(name)
+            line.addWidget(box, 1)
+            self.body.addLayout(line)
+        self.way.setRange(0, 100)
+        self.way.setValue(100)
+        self.way.setAccessibleName("From the mean to the patient")
+        ends = QHBoxLayout()
+        for part in (label("mean", "FieldHelp"), self.way, label("patient", "FieldHelp")):
+            ends.addWidget(part, int(part is self.way))
+        self.body.addLayout(ends)
+        self.body.addWidget(self.only_beyond)
+        self.body.addWidget(rule())
+        self.body.addWidget(self.bars)
+        self.regions.setModel(self.table)
+        self.regions.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.regions.setShowGrid(False)
+        self.regions.verticalHeader().hide()
+        self.regions.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.regions.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        self.regions.setAccessibleName("Regions beyond the limit")
+        self.regions.setMinimumHeight(120)
+        self.body.addWidget(self.regions)
+        self.body.addStretch()
+        self.footer.addWidget(self.save)
+
+    def _connect(self) -> None:
+        self.desk.session.study_changed.connect(self._show_groups)
+        self.regions.clicked.connect(self._go_to)
+        for box in (self.map, self.views):
+            box.activated.connect(lambda _: self.shown_changed.emit())
+        self.way.valueChanged.connect(lambda _: self.shown_changed.emit())
+        self.only_beyond.toggled.connect(self.shown_changed)
+
+    @property
+    def layouts(self) -> tuple[int, ...] | None:
+        """1 or 4 views once there is a patient."""
+        if self.comparison is None:
+            return None
+        return (self.views.currentData(), *_VIEWS.values())
+
+    @property
+    def can_be_drawn_again(self) -> bool:
+        """A patient's file is no part of the project."""
+        return self.comparison is None
+
+    def shown(self, subjects: Sequence[Content]) -> Shown:
+        """Return the patient, or the subjects until there is one."""
+        if self.comparison is None or self.reference is None:
+            return Shown(subjects)
+        return patient_scene(
+            self.comparison, self.reference, self.map.currentData(), self.views.currentData(),
+            self.way.value() / 100.0, self.only_beyond.isChecked(),
+        )  # fmt: skip
+
+    def take_files(self, paths: Sequence[Path]) -> bool:
+        """Compare a file that was dropped while the page is open."""
+        if self.reference is None or len(paths) != 1:
+            return False
+        self.compare(paths[0])
+        return True
+
+    def make_reference(self) -> None:
+        """Freeze the model of the chosen group of the open project, fitting each control as a patient."""
+        project = self.desk.project
+        group = None if self.group.currentIndex() <= 0 else self.group.currentText()
+
+        def make(tick: Tick) -> "Reference":
+            from homolog.patient import make_reference
+
+            return make_reference(project, group=group, tick=tick)
+
+        self.desk.work.compute("reference", make, "fitting controls one by one", self.take_reference)
+
+    def open_reference(self, path: Path) -> None:
+        """Read a reference; raises InputError if the file is none."""
+        from homolog.patient import Reference
+
+        self.take_reference(Reference.load(path))
+
+    def keep_reference(self, path: Path) -> None:
+        """Write the reference; raises InputError if it can't be written."""
+        if self.reference is not None:
+            self.reference.save(path)
+
+    def take_reference(self, reference: "Reference") -> None:
+        """Compare with this one from now on."""
+        self.reference = reference
+        self._take(None)
+        self._show_reference()
+
+    def compare(self, path: Path) -> None:
+        """Compare a patient's file with the reference.
+
+        Raises
+        ------
+        InputError
+            If there is no reference yet.
+        """
+        reference = self.reference
+        if reference is None:
+            raise InputError(f"{path}: there is nothing to compare it with; make or open a reference first")
+        values = {name: field.text() for name, field in self.fields.items()}
+        self.desk.work.compute(
+            "patient",
+            partial(_compared, reference, path, values),
+            "comparing the patient",
+            lambda found: self._take(*found),
+        )
+
+    def write(self, folder: Path) -> None:
+        """Write the report, tables and surfaces to a new or empty folder."""
+        comparison, reference = self.comparison, self.reference
+        if comparison is None or reference is None:
+            raise InputError("there is no patient yet; choose a file first")
+
+        def write(tick: Tick) -> None:
+            from homolog.files.atomic import replace_folder
+            from homolog_app.report.patient import write_patient
+
+            with replace_folder(folder) as part:
+                write_patient(part, comparison, reference, tick)
+
+        self.desk.work.compute("report", write, "writing the report", lambda _: None)
+
+    def _take(self, comparison: "PatientComparison | None", seen_from: Sequence[FloatArray] = ()) -> None:
+        self.comparison, self._seen_from = comparison, seen_from
+        reference = self.reference
+        there = comparison is not None and reference is not None
+        self.verdict.setText(_verdict(comparison, reference))
+        self.remarks.setText("\n".join(comparison.remarks) if comparison else "")
+        self.remarks.setVisible(bool(self.remarks.text()))
+        self.bars.show_patient(comparison, reference)
+        rows: list[tuple[str | float, ...]] = []
+        for number, region in enumerate(comparison.regions if comparison else (), start=1):
+            assert comparison is not None
+            place = comparison.place(region)
+            rows.append((f"{number} {place}".strip(), region.area, region.mean, region.z))
+        self.table.show_rows(rows)
+        for widget in (
+            self.verdict,
+            self.map,
+            self.views,
+            self.way,
+            self.only_beyond,
+            self.bars,
+            self.regions,
+        ):
+            widget.setEnabled(there)
+        self.shown_changed.emit()
+
+    def _show_groups(self) -> None:
+        """Offer the groups of the cohort as controls."""
+        chosen = self.group.currentText()
+        self.group.clear()
+        self.group.addItems([_EVERYONE, *filter(None, self.desk.session.study.groups)])
+        self.group.setCurrentIndex(max(0, self.group.findText(chosen)))
+
+    def _show_reference(self) -> None:
+        """Describe the reference, with a field for each covariate."""
+        self.about.setText(_about(self.reference))
+        while self.form.rowCount():
+            self.form.removeRow(0)
+        self.fields = {}
+        for name in self.reference.coding.names if self.reference else ():
+            self.fields[name] = QLineEdit()
+            self.fields[name].setAccessibleName(name)
+            self.form.addRow(name.capitalize(), self.fields[name])
+        self._take(None)
+
+    def _go_to(self, row: QModelIndex) -> None:
+        """Look at a region."""
+        if self.comparison is not None:
+            place = place_of(self.comparison, self.comparison.regions[row.row()].centre)
+            self.place_wanted.emit(self.comparison.name, place, self._seen_from[row.row()])
+
+
+def _verdict(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
+    if comparison is None or reference is None:
+        return ""
+    from homolog_app.report.patient_words import verdict
+
+    return verdict(comparison, reference)
+
+
+def _about(reference: "Reference | None") -> str:
+    if reference is None:
+        return "None yet: make one of this result, or open a file."
+    from homolog_app.report.patient_words import reference_words
+
+    return "\n".join(reference_words(reference))
+
+
+def _compared(
+    reference: "Reference", path: Path, values: dict[str, str], tick: Tick
+) -> "tuple[PatientComparison, list[FloatArray]]":
+    """Return the comparison, and from where each region is seen: other walls may hide it."""
+    from homolog.patient import compare_patient
+    from homolog_app.pictures.visible import view_of_region
+    from homolog_app.report.patient import patients_of
+
+    subjects = patients_of([path])
+    if len(subjects) != 1:
+        raise InputError(f"{path}: contains {len(subjects)} subjects; choose one file")
+    comparison = compare_patient(reference, subjects[0], values, tick=tick)
+    shape = patient_surface(comparison)
+    views = [view_of_region(shape, region.vertices, region.centre) for region in comparison.regions]
+    return comparison, [view.axes[2] for view in views]

@@ -1,0 +1,122 @@
+"""What the views show of a patient: mean, patient, and maps of the difference."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from homolog.arrays import BoolArray, FloatArray
+from homolog.geometry import inverse_matrices, transform_points
+from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.window.explore.model_content import region_border
+from homolog_app.window.scene.colour_scale import ColourScale, displacement_scale
+from homolog_app.window.scene.content import Content, Shown
+
+if TYPE_CHECKING:
+    from homolog.patient import PatientComparison, Reference
+
+__all__ = ["EXPECTED", "MEAN", "Z", "patient_scene", "patient_surface", "place_of"]
+
+EXPECTED, MEAN, Z = "expected", "mean", "z"
+"""Maps: difference from the expected shape, from the mean [mm], and the former in standard deviations."""
+
+
+def patient_scene(
+    comparison: "PatientComparison",
+    reference: "Reference",
+    kind: str,
+    count: int,
+    way: float,
+    only_beyond: bool,
+) -> Shown:
+    """Return what the views show.
+
+    Parameters
+    ----------
+    comparison : PatientComparison
+    reference : Reference
+    kind : str
+        Which map.
+    count : int
+        1 shows the map, 4 the mean, the patient, the expected shape and the map.
+    way : float
+        Place of the shape with the map: 0 at the mean, 1 at the patient.
+    only_beyond : bool
+        Whether differences within the limit are grey.
+    """
+    scale, values = _scale(comparison, reference, kind)
+    beyond = np.abs(comparison.z) > reference.limit
+    faded = ~beyond if only_beyond and kind != MEAN else None
+    if faded is not None:
+        scale = replace(scale, grey_words="within the limit of 5 % of healthy subjects")
+    start = comparison.mean.vertices
+    there = patient_surface(comparison).vertices
+    shape = TriangleMesh(start + way * (there - start), comparison.mean.faces)
+    note = (
+        ""
+        if way == 1.0
+        else "the mean"
+        if way == 0.0
+        else f"{100.0 * way:.0f} % from the mean to the patient"
+    )
+    mapped = _content(comparison, comparison.name, note, shape, scale, values, faded, beyond)
+    if count == 1:
+        return Shown([mapped], 1, scale, {})
+    plain = [
+        _content(comparison, "Mean", "of the reference, at the patient's covariates", comparison.mean),
+        Content("Patient", None, comparison.mesh, None, comparison.placement, comparison.name),
+        _content(comparison, "Expected", "by the reference, of this patient", comparison.expected),
+    ]
+    return Shown([*plain, mapped], 2, scale, {})
+
+
+def patient_surface(comparison: "PatientComparison") -> TriangleMesh:
+    """Return the mean surface's faces as they lie on the patient, in the coordinates that are shown."""
+    expected = comparison.expected
+    return TriangleMesh(
+        expected.vertices + comparison.residual[:, None] * expected.vertex_normals, expected.faces
+    )
+
+
+def place_of(comparison: "PatientComparison", vertex: int) -> FloatArray:
+    """Return the place of a vertex on the patient, in the coordinates that are shown."""
+    place: FloatArray = patient_surface(comparison).vertices[vertex]
+    return place
+
+
+def _scale(
+    comparison: "PatientComparison", reference: "Reference", kind: str
+) -> tuple[ColourScale, FloatArray]:
+    from homolog_app.pictures.displacement import common_limit
+
+    if kind == Z:
+        reach = max(1.5 * reference.limit, 1.0)
+        scale = displacement_scale(
+            reach, "Difference from the expected shape", f"limit ± {reference.limit:.1f}"
+        )
+        return replace(scale, unit="SD"), comparison.z
+    limit = common_limit([comparison.residual, comparison.total])
+    if kind == MEAN:
+        return displacement_scale(limit, "Difference from the mean of the reference"), comparison.total
+    note = "lines: limit"
+    return displacement_scale(limit, "Difference from the expected shape", note), comparison.residual
+
+
+def _content(
+    comparison: "PatientComparison",
+    name: str,
+    note: str,
+    shape: TriangleMesh,
+    scale: ColourScale | None = None,
+    values: FloatArray | None = None,
+    faded: BoolArray | None = None,
+    beyond: BoolArray | None = None,
+) -> Content:
+    """Return a shape in the reference's frame, which letters name in the patient's directions."""
+    back = inverse_matrices(comparison.placement)
+    colours = None if scale is None or values is None else scale.colours(values, faded)
+    lines = None
+    if beyond is not None and beyond.any():
+        lines = region_border(shape.vertices, shape.faces, beyond)
+    local = TriangleMesh(transform_points(back, shape.vertices), shape.placed(back).faces)
+    return Content(name, None, local, None, comparison.placement, note, colours, None, None, lines)

@@ -1,0 +1,69 @@
+"""The Patient page: a reference of the open result, a file that is dropped, and what is seen of it."""
+
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.window
+
+
+@pytest.fixture
+def page(explored, wait, monkeypatch):
+    """Return the page with a reference of four ellipsoids, fitted in a thread."""
+    from homolog.patient import build, left_out
+
+    @contextmanager
+    def threads(_):
+        with ThreadPoolExecutor(1) as executor:
+            yield executor
+
+    monkeypatch.setattr(left_out, "worker_processes", threads)
+    monkeypatch.setattr(build, "FEWEST", 4)
+    explored.commands["explore.patient"].trigger()
+    page = explored.inspector.explore.page
+    wait(lambda: not page.desk.work.is_busy)
+    page.make.click()
+    wait(lambda: page.reference is not None, 300.0)
+    return page
+
+
+@pytest.fixture
+def patient(page, explored, ellipsoids, wait):
+    """Return the page after a file was dropped on the window."""
+    assert explored.exploring.take_files([ellipsoids / "a.nrrd"])
+    wait(lambda: page.comparison is not None and not page.desk.work.is_busy, 300.0)
+    return page
+
+
+def test_a_dropped_file_is_compared_and_not_added_to_the_study(patient, explored, tmp_path, wait):
+    assert len(explored.desk.session.study.members) == 4
+    assert patient.comparison.name == "a"
+    assert "limit" in patient.verdict.text()
+    assert "percentile" in patient.bars.accessibleDescription()
+    assert explored.commands["patient.save"].isEnabled()
+    patient.write(tmp_path / "report")
+    wait(lambda: (tmp_path / "report" / "report.pdf").is_file() and not patient.desk.work.is_busy)
+    patient.keep_reference(tmp_path / "ref.npz")
+    first = patient.reference
+    patient.open_reference(tmp_path / "ref.npz")
+    assert patient.reference.fingerprint == first.fingerprint
+    assert patient.comparison is None
+    assert not explored.commands["patient.save"].isEnabled()
+
+
+def test_views_show_the_map_and_what_leads_to_it(patient, explored):
+    scene = explored.views.stage.scene
+    assert [content.name for content in scene.shown] == ["a"]
+    explored.commands["view.grid4"].trigger()
+    assert [content.name for content in scene.shown] == ["Mean", "Patient", "Expected", "a"]
+    explored.commands["view.grid1"].trigger()
+    for way, goal, apart in (
+        (0, patient.comparison.mean, 0.0),
+        (100, patient.comparison.expected, np.abs(patient.comparison.residual)),
+    ):
+        patient.way.setValue(way)
+        (shown,) = scene.shown
+        there = shown.groomed.placed(shown.alignment).vertices
+        np.testing.assert_allclose(np.linalg.norm(there - goal.vertices, axis=1), apart, atol=1e-5)
