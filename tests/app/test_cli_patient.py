@@ -97,3 +97,25 @@ def test_a_few_controls_are_refused(finished_run, tmp_path, capsys):
     assert main(["reference", str(finished_run.folder), "--group", "X", "--out", str(out)]) == INPUT_ERROR
     assert "no subject has X" in capsys.readouterr().err
     assert not out.exists()
+
+
+@pytest.mark.parametrize("suffix", ["pdf", "html"])
+def test_the_report_alone_can_be_exported(reference, ellipsoids, tmp_path, suffix):
+    out = tmp_path / f"a.{suffix}"
+    arguments = ["export", "patient", str(reference), str(ellipsoids / "a.nrrd"), "--out", str(out)]
+    assert main([*arguments, "--progress", "none"]) == OK
+    assert [path.name for path in tmp_path.iterdir()] == [out.name]
+    assert b"/Count 2" in out.read_bytes() or "research use" in out.read_text("utf-8")
+
+
+def test_another_kind_of_report_is_refused(reference, ellipsoids, tmp_path, capsys):
+    arguments = [
+        "export",
+        "patient",
+        str(reference),
+        str(ellipsoids / "a.nrrd"),
+        "--out",
+        str(tmp_path / "a.doc"),
+    ]
+    assert main(arguments) == INPUT_ERROR
+    assert ".pdf or .html" in capsys.readouterr().err

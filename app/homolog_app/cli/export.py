@@ -18,7 +18,7 @@ _MODULES = {
     "screenshot": "export_screenshot", "plot": "export_plot", "meshes": "export_meshes",
     "cohort": "export_cohort", "table": "export_table", "measures": "export_measures",
     "particles": "export_points", "markups": "export_points", "shapeworks": "export_points",
-    "report": "report",
+    "report": "report", "patient": "export_patient",
 }  # fmt: skip
 """The module of each kind."""
 

@@ -40,7 +40,14 @@ from homolog_app.report.patient_words import (
     verdict,
 )
 
-__all__ = ["PatientRequest", "PatientSummary", "patients_of", "write_patient", "write_patients"]
+__all__ = [
+    "PatientRequest",
+    "PatientSummary",
+    "patients_of",
+    "write_patient",
+    "write_patients",
+    "write_report_file",
+]
 
 _SUMMARY = (
     "name", "flagged", "regions", "region_area_mm2", "largest_z", "limit", "largest_z_percentile",
@@ -113,16 +120,8 @@ def write_patients(
     problems: list[str] = []
     for index, (subject, stem) in enumerate(zip(subjects, stems, strict=True)):
         here = part_of(tick, index / len(subjects), (index + 1) / len(subjects))
-        values = {**request.covariates, **{key: item for key, item in subject.columns.items() if item}}
         try:
-            comparison = compare_patient(
-                reference,
-                subject,
-                values,
-                side=request.side or values.get("side", ""),
-                force=request.force,
-                tick=part_of(here, 0.0, 0.7),
-            )
+            comparison = _compared(reference, subject, request, part_of(here, 0.0, 0.7))
         except (InputError, NumericalError) as error:
             if len(subjects) == 1:
                 raise
@@ -138,6 +137,37 @@ def write_patients(
         raise InputError("\n".join(problems))
     write_table(folder / "patients.csv", _SUMMARY, rows)
     return PatientSummary(tuple(lines), tuple(problems))
+
+
+def write_report_file(path: Path, reference: Reference, request: PatientRequest, tick: Tick = no_tick) -> str:
+    """Compare one patient and write the report alone, as PDF or HTML; returns what was found.
+
+    Raises
+    ------
+    InputError
+        If the files are not those of one patient, who can't be compared, or the report can't be written.
+    """
+    subjects = patients_of(request.files)
+    if len(subjects) != 1:
+        raise InputError(f"{request.files[0]}: contains {len(subjects)} subjects; choose one file")
+    reference = with_label(reference, request.label)
+    comparison = _compared(reference, subjects[0], request, part_of(tick, 0.0, 0.7))
+    maps = map_pictures(comparison)
+    tick(0.9, "writing the report")
+    if path.suffix.lower() == ".pdf":
+        write_pdf(path, comparison, reference, maps)
+    else:
+        write_text(path, patient_page(comparison, reference, maps.figure()).html)
+    return verdict(comparison, reference)
+
+
+def _compared(
+    reference: Reference, subject: Subject, request: PatientRequest, tick: Tick
+) -> PatientComparison:
+    """Compare a patient; values of a table come before those that were given for all."""
+    values = {**request.covariates, **{key: item for key, item in subject.columns.items() if item}}
+    side = request.side or values.get("side", "").strip().lower()
+    return compare_patient(reference, subject, values, side=side, force=request.force, tick=tick)
 
 
 def patients_of(files: Sequence[Path]) -> tuple[Subject, ...]:

@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -78,11 +79,11 @@ def reference(template, provenance):
     return build(template, provenance)
 
 
-def build(template, provenance, count=24):
+def build(template, provenance, count=24, make=None):
     directions, faces = template
     random = np.random.default_rng(3)
     ages = random.integers(40, 80, count)
-    points = np.stack([shape(directions, random, age) for age in ages])
+    points = np.stack([shape(directions, random, age) if make is None else make(1.0) for age in ages])
     points -= points.mean(axis=1, keepdims=True)
     particles = points[:, ::7]
     controls = Controls(
@@ -92,7 +93,8 @@ def build(template, provenance, count=24):
         tuple(TriangleMesh(item, faces) for item in points),
         particles,
     )
-    coding, columns = Coding.of({"age": [str(age) for age in ages]}, controls.names)
+    table = {"age": [str(age) for age in ages]} if make is None else {}
+    coding, columns = Coding.of(table, controls.names)
 
     @contextmanager
     def threads(_):
@@ -101,4 +103,5 @@ def build(template, provenance, count=24):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(left_out, "worker_processes", threads)
-        return reference_of(controls, coding, columns, provenance, workers=1)
+        about = replace(provenance, controls=count, particles=particles.shape[1])
+        return reference_of(controls, coding, columns, about, workers=1)

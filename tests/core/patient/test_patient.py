@@ -1,5 +1,7 @@
 """A patient against a reference: what is found where, what is refused, and what the file holds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from homolog.geometry import transform_points
 from homolog.patient import Reference, compare_groomed
 from homolog.surfaces.mesh import TriangleMesh
 
-from .conftest import groomed, moved, shape
+from .conftest import build, groomed, moved, shape
 
 AGE = {"age": "60"}
 
@@ -142,3 +144,50 @@ def test_another_archive_is_no_reference(tmp_path):
     np.savez(tmp_path / "x.npz", mean=np.zeros(3))
     with pytest.raises(InputError, match="not a reference"):
         Reference.load(tmp_path / "x.npz")
+
+
+def notched(template, side):
+    """Return directions with a notch that only one of the two mirror images has."""
+    directions, _ = template
+    depth = np.zeros(len(directions))
+    for place, much in (((side, 1.0, 0.3), 9.0), ((0.0, -1.0, 0.9), 7.0), ((1.0 * side, -0.2, -1.0), 8.0)):
+        way = np.array(place) / np.linalg.norm(place)
+        depth += much * np.exp(-0.5 * np.square(np.arccos(np.clip(directions @ way, -1, 1)) / 0.35))
+    return depth
+
+
+def test_the_other_side_is_recognised_and_mirrored_if_it_is_said(template, provenance):
+    directions, faces = template
+    random = np.random.default_rng(5)
+
+    def subject(side):
+        points = shape(directions, random) - notched(template, side)[:, None] * directions
+        return points
+
+    sided = build(template, replace(provenance, side="right"), 14, subject)
+    other = groomed("p", TriangleMesh(moved(subject(-1.0), random), faces))
+    with pytest.raises(InputError, match="far better mirrored"):
+        compare_groomed(sided, other)
+    found = compare_groomed(sided, other, side="left")
+    assert found.outside.value < 2.0 * sided.outside[-1]
+    assert np.linalg.det(found.placement[:3, :3]) < 0.0
+    forced = compare_groomed(sided, other, force=True)
+    assert any("mirrored" in words for words in forced.remarks)
+
+
+def test_what_the_image_cuts_off_is_named_and_too_much_is_refused(reference, template):
+    _, faces = template
+    whole = patient(template)
+
+    def cut(share):
+        points = whole.mesh.vertices - whole.mesh.vertices.mean(axis=0)
+        top = np.quantile(points[:, 0], 1.0 - share)
+        points[:, 0] = np.minimum(points[:, 0], top + 1e-4 * points[:, 0])
+        return groomed("p", TriangleMesh(points, faces), padded=True)
+
+    found = compare_groomed(reference, cut(0.12), AGE)
+    assert any("cut off by the border" in words for words in found.remarks)
+    assert found.regions[0].peak < -2.0
+    with pytest.raises(InputError, match="is cut off"):
+        compare_groomed(reference, cut(0.45), AGE)
+    assert not any("cut off" in words for words in compare_groomed(reference, whole, AGE).remarks)
