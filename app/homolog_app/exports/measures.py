@@ -1,4 +1,4 @@
-"""Measures of subjects and of shapes along a mode: distance of two particles, volume, surface area."""
+"""Measures of subjects and of shapes along a mode: distance of particles, volume, area, wall thickness."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,10 +20,11 @@ _MM3_IN_ML, _MM2_IN_CM2 = 1000.0, 100.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measures:
-    """Volume [ml] and surface area [cm²] of some surfaces, shape (n,) each."""
+    """Volume [ml], surface area [cm²] and mean wall thickness [mm] of some surfaces, shape (n,) each."""
 
     volumes: FloatArray
     areas: FloatArray
+    walls: FloatArray
 
 
 def measure_meshes(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> Measures:
@@ -34,11 +35,14 @@ def measure_meshes(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> Meas
     meshes : sequence of TriangleMesh
     tick : Tick
     """
-    volumes, areas = np.empty(len(meshes)), np.empty(len(meshes))
+    from homolog.surfaces.walls import mean_thickness, wall_thickness  # loads Warp
+
+    volumes, areas, walls = (np.empty(len(meshes)) for _ in range(3))
     for index, mesh in enumerate(meshes):
         tick(index / len(meshes), "measuring")
         volumes[index], areas[index] = mesh.volume / _MM3_IN_ML, mesh.area / _MM2_IN_CM2
-    return Measures(volumes, areas)
+        walls[index] = mean_thickness(mesh, wall_thickness(mesh))
+    return Measures(volumes, areas, walls)
 
 
 def distances(particles: FloatArray, first: int, second: int) -> FloatArray:
@@ -57,7 +61,7 @@ def distances(particles: FloatArray, first: int, second: int) -> FloatArray:
 
 
 def write_measures(path: Path, result: Result, measures: Measures, first: int, second: int) -> None:
-    """Write a table of the subjects: distance of two particles, volume and area, in the files' own size.
+    """Write the subjects' distance of two particles, volume, area, wall thickness, in their files' size.
 
     Parameters
     ----------
@@ -74,7 +78,7 @@ def write_measures(path: Path, result: Result, measures: Measures, first: int, s
     InputError
         If there is no such particle, or the file can't be written.
     """
-    columns = ["name", "group", f"distance_{first}_{second}_mm", "volume_ml", "area_cm2"]
-    numbers = (distances(result.local, first, second), measures.volumes, measures.areas)
+    columns = ["name", "group", f"distance_{first}_{second}_mm", "volume_ml", "area_cm2", "wall_mm"]
+    numbers = (distances(result.local, first, second), measures.volumes, measures.areas, measures.walls)
     rows = zip(result.names, result.groups, *(number.tolist() for number in numbers), strict=True)
     write_table(path, columns, rows)

@@ -15,6 +15,7 @@ from homolog_app.window.explore.chosen import CheckView, GroupsView, MeasureView
 from homolog_app.window.explore.group_views import group_scene
 from homolog_app.window.explore.measure_views import measured_scene
 from homolog_app.window.explore.mode_views import mode_scene
+from homolog_app.window.explore.model_content import shown_alone
 from homolog_app.window.jobs import groomed_before
 from homolog_app.window.loaded import Loaded, load_result
 from homolog_app.window.scene.content import Content, Shown
@@ -51,16 +52,16 @@ def shown_again(project: Project, wanted: Snapshot, tick: Tick) -> Shown:
             models = _models(project, _needed(project, loaded), wanted, part_of(tick, 0.1, 0.8))
             _check(view.subject in ("", *models[0].result.names), f"no subject {view.subject!r}")
             own = _contents(project, loaded, wanted, tick, view.subject) if view.subject else []
-            return mode_scene(
-                view, models, replace(own[0], raw=None, note="groomed surface") if own else None
-            )
+            return mode_scene(view, models, shown_alone(own[0]) if own else None)
         case GroupsView() as view:
             return _groups(project, _needed(project, loaded), wanted, view, tick)
         case MeasureView() as view:
             models = _models(project, _needed(project, loaded), wanted, part_of(tick, 0.1, 0.8))
             inside = max(view.particles) < len(models[0].model.mean) and view.mode < models[0].modes
             _check(inside, f"there is no mode {view.mode + 1}, or no such particle")
-            return measured_scene(view, models[0])
+            _check(view.subject in ("", *models[0].result.names), f"no subject {view.subject!r}")
+            own = _contents(project, loaded, wanted, tick, view.subject) if view.subject else []
+            return measured_scene(view, models[0], shown_alone(own[0]) if own else None)
         case CheckView() as view:
             contents = _contents(project, loaded, wanted, tick)
             shown = _checked(project, _needed(project, loaded), view, contents, part_of(tick, 0.2, 0.9))

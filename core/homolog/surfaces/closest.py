@@ -8,7 +8,7 @@ from homolog.device import choose_device
 from homolog.surfaces import kernels
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["distances_to", "thickness"]
+__all__ = ["distances_to", "on_device", "thickness"]
 
 
 def distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:
@@ -29,7 +29,7 @@ def distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu")
         Distances [mm].
     """
     with wp.ScopedDevice(choose_device(device)):
-        surface, centre = _on_device(mesh)
+        surface, centre = on_device(mesh)
         queries = wp.array((points - centre).astype(np.float32), dtype=wp.vec3)
         distances = wp.empty(len(points), dtype=wp.float32)
         wp.launch(kernels.distances_of_points, len(points), [surface.id, queries, distances])
@@ -52,13 +52,13 @@ def thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
         Thickness [mm]; infinite where no face lies opposite.
     """
     with wp.ScopedDevice(choose_device(device)):
-        surface, _ = _on_device(mesh)
+        surface, _ = on_device(mesh)
         thickness = wp.empty(len(mesh.faces), dtype=wp.float32)
         wp.launch(kernels.thickness_of_faces, len(mesh.faces), [surface.id, thickness])
         return np.asarray(thickness.numpy(), dtype=np.float64)
 
 
-def _on_device(mesh: TriangleMesh) -> tuple[wp.Mesh, FloatArray]:
+def on_device(mesh: TriangleMesh) -> tuple[wp.Mesh, FloatArray]:
     """Return the mesh on the current device, and the point that its coordinates count from."""
     centre: FloatArray = mesh.vertices.mean(axis=0)  # single precision: keep the numbers small
     surface = wp.Mesh(

@@ -282,3 +282,42 @@ def thickness_of_faces(mesh: wp.uint64, thickness: wp.array(dtype=wp.float32)) -
     start = 1.0e-4 * wp.length(a - middle)  # beyond the face itself
     query = wp.mesh_query_ray(mesh, middle + start * inward, inward, 1.0e30)
     thickness[face] = wp.where(query.result, query.t + start, wp.inf)
+
+
+@wp.kernel
+def thickness_at_vertices(
+    mesh: wp.uint64,
+    normals: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3),
+    offset: float,
+    ways: wp.array2d(dtype=wp.float32),
+) -> None:
+    """Ways inward from each vertex to the next face, along directions around the inward normal (z).
+
+    A way is projected onto the inward normal. Rays that meet nothing, or a face from its outer side, give -1.
+    """
+    i, j = wp.tid()
+    inward = -normals[i]
+    other = wp.vec3(1.0, 0.0, 0.0)
+    if wp.abs(inward[0]) > 0.7:
+        other = wp.vec3(0.0, 1.0, 0.0)
+    across = wp.normalize(wp.cross(inward, other))
+    ray = directions[j]
+    way = ray[0] * across + ray[1] * wp.cross(inward, across) + ray[2] * inward
+    start = wp.mesh_get(mesh).points[i] + offset * inward
+    query = wp.mesh_query_ray(mesh, start, way, 1.0e30)
+    ways[i, j] = -1.0
+    if query.result and query.sign < 0.0:
+        ways[i, j] = offset + query.t * directions[j][2]
+
+
+@wp.kernel
+def signed_distances_of_points(
+    mesh: wp.uint64, points: wp.array(dtype=wp.vec3), distances: wp.array(dtype=wp.float32)
+) -> None:
+    """Distances to the nearest face, negative inside a closed surface."""
+    i = wp.tid()
+    query = wp.mesh_query_point_sign_normal(mesh, points[i], 1.0e30)
+    distances[i] = query.sign * wp.length(
+        points[i] - wp.mesh_eval_position(mesh, query.face, query.u, query.v)
+    )

@@ -5,6 +5,8 @@ import csv
 import numpy as np
 import pytest
 
+from homolog.surfaces.walls import mean_thickness, wall_thickness
+
 pytestmark = pytest.mark.window
 
 
@@ -29,10 +31,11 @@ def test_names_of_subjects_have_room_beside_their_measures(page):
 
 def test_subjects_have_the_volume_and_area_of_their_own_surfaces(page, window):
     surfaces = window.desk.session.result.surfaces
-    for name, _, _, volume, area in cells(page):
+    for name, _, _, volume, area, wall in cells(page):
         mesh = surfaces[name][0]
         assert volume == pytest.approx(mesh.volume / 1000.0)
         assert area == pytest.approx(mesh.area / 100.0)
+        assert wall == pytest.approx(mean_thickness(mesh, wall_thickness(mesh)))
     volumes = {row[0]: row[3] for row in cells(page)}
     for name, axes in (("a", (9, 7, 6)), ("b", (10, 7, 5)), ("c", (8, 7.5, 6)), ("d", (9.5, 6, 6.5))):
         assert volumes[name] == pytest.approx(4.0 / 3.0 * np.pi * np.prod(axes) / 1000.0, rel=0.05)
@@ -103,3 +106,39 @@ def test_a_particle_that_is_not_there_is_refused(finished, tmp_path, capsys):
 def test_a_row_selects_its_subject(page, window):
     page.view.selectRow(2)
     assert window.desk.session.selection == ("c",)
+
+
+def test_a_map_shows_the_thickness_of_a_subject_and_its_distance_from_the_mean(page, window):
+    scene = window.views.stage.scene
+    page.who.setCurrentText("b")
+    for kind, unit in (("thickness", "mm"), ("distance", "mm")):
+        page.map.setCurrentIndex(page.map.findData(kind))
+        page.map.activated.emit(0)
+        content, scale = scene.shown[0], scene.bar.scale
+        assert content.name == "b"
+        assert scale.unit == unit
+        assert content.colours.shape == content.groomed.vertices.shape
+        assert len(np.unique(content.colours, axis=0)) > 20
+        assert window.commands["view.range"].isEnabled()
+    middle = wall_thickness(window.desk.session.result.surfaces["b"][0])
+    assert np.nanmedian(middle) == pytest.approx(10.0, rel=0.25)  # from side to side of an ellipsoid
+    page.map.setCurrentIndex(0)
+    page.map.activated.emit(0)
+    assert scene.bar.scale is None
+
+
+def test_measures_are_compared_by_group(page, window):
+    session = window.desk.session
+    assert page.charts.boxes.volume.is_empty
+    for names, group in ((["a", "b"], "large"), (["c", "d"], "small")):
+        session.select(names)
+        session.set_group(group)
+    page.kind.setCurrentIndex(1)
+    page.kind.activated.emit(1)
+    boxes = page.charts.boxes
+    assert boxes.isVisible()
+    volumes = {row[0]: row[3] for row in cells(page)}
+    assert boxes.volume.found.groups == ("large", "small")
+    assert boxes.volume.found.means[0] == pytest.approx((volumes["a"] + volumes["b"]) / 2.0)
+    assert "n = 2" in boxes.volume.toolTip()
+    window.grab()

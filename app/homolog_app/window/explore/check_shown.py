@@ -8,7 +8,7 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.surfaces.mirroring import scale_of
-from homolog_app.window.scene.colour_scale import ColourScale
+from homolog_app.window.scene.colour_scale import ColourScale, viridis
 from homolog_app.window.scene.content import Content, Shown
 
 if TYPE_CHECKING:
@@ -22,11 +22,6 @@ _PALE = (168, 168, 168)
 _MARK = (214, 30, 130)
 _LIGHT, _DARK = np.array([(236, 231, 220), (38, 110, 140)], float)
 _ROUND = (1.0, 1.2, 1.6, 2.0, 2.4, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # their quarters are short numbers
-# Viridis (Smith and van der Walt 2015) at nine places.
-_VIRIDIS = np.array(
-    [(68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129),
-     (92, 200, 99), (170, 220, 50), (253, 231, 37)], float,
-)  # fmt: skip
 _SIDES = 28
 _RING, _LIFT = 0.5, 0.15
 """Radius of the ring around a marked particle and its height over the surface, in spacings."""
@@ -126,7 +121,7 @@ def _energies(marks: Marks, names: Sequence[str]) -> tuple[ColourScale, Mapping[
     low, high = (float(one) for one in np.percentile(values, (0.5, 99.5)))
     low = min(low, 0.0) if marks.show == "sampling" else 0.0
     title = f"{marks.show.capitalize()} energy by particle: {ENERGIES[marks.show]}"
-    scale = ColourScale(title, "", low, max(high, low + 1e-9), _viridis(), "low", "high")
+    scale = ColourScale(title, "", low, max(high, low + 1e-9), viridis(), "low", "high")
     tints = {name: scale.colours(row) for name, row in zip(names, values, strict=True)}
     return scale, tints
 
@@ -188,11 +183,4 @@ def _distance_scale(title: str, limit: float, note: str) -> ColourScale:
     """Return the scale of distances: near is bright, far is dark."""
     power = 10.0 ** np.floor(np.log10(max(limit, 1e-9)))
     high = next(one * power for one in _ROUND if one * power >= limit)
-    return ColourScale(title, "mm", 0.0, float(high), _viridis()[::-1].copy(), note=note)
-
-
-def _viridis() -> Array:
-    stops = np.linspace(0.0, 1.0, len(_VIRIDIS))
-    fine = [np.interp(np.linspace(0.0, 1.0, 256), stops, channel) for channel in _VIRIDIS.T]
-    table: Array = np.rint(np.stack(fine, axis=1)).astype(np.uint8)
-    return table
+    return ColourScale(title, "mm", 0.0, float(high), viridis()[::-1].copy(), note=note)

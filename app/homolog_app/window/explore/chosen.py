@@ -106,13 +106,23 @@ class GroupsView(ColouredView):
     arrows: bool = False
 
 
-class MeasureView(_View):
-    """A shape along one mode (from 0) at so many SD, and two particles on it."""
+class MeasureView(ColouredView):
+    """A shape along one mode (from 0) at so many SD, or a subject, and two particles on it.
+
+    Attributes
+    ----------
+    subject : str
+        Who is shown in place of the shape; nobody if empty.
+    map : str
+        What the colours show: the thickness of the wall, or the distance from the mean surface.
+    """
 
     page: Literal["measure"] = "measure"
     mode: int = 0
     at: float = 0.0
     particles: tuple[int, int] = (0, 0)
+    subject: str = ""
+    map: Literal["none", "thickness", "distance"] = "none"
 
 
 class CheckView(_View):

@@ -1,4 +1,4 @@
-"""Measures: distance of two particles, volume and surface area, along a mode and for each subject."""
+"""Measures: distance of two particles, volume, area, wall thickness, along a mode and for each subject."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +23,7 @@ from homolog_app.window.explore.chosen import MeasureView
 from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.measure_plot import MeasurePlots
 from homolog_app.window.explore.measure_views import deviations_of, measured_scene
+from homolog_app.window.explore.model_content import shown_alone
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.present import with_present_table
 from homolog_app.window.explore.subject_table import SORTED_BY, SubjectTable
@@ -40,15 +41,18 @@ __all__ = ["MeasurePage"]
 _REACH = 3.0
 _SAMPLES = 13
 _STEPS = 100
-_NUMBER_PX = 68
-_HEADS = ("Subject", "Group", "Distance\n(mm)", "Volume\n(ml)", "Area\n(cm²)")
+_NUMBER_PX = 50
+_HEADS = ("Subject", "Group", "Dist.\n(mm)", "Volume\n(ml)", "Area\n(cm²)", "Wall\n(mm)")
+_MODEL = "Shape along the mode"
+_MAPS = {"None": "none", "Wall thickness": "thickness", "Distance from the mean surface": "distance"}
+_PLOTS = {"Along the mode": 0, "By group": 1}
 
 
 class MeasurePage(ExplorePage):
     """Two particles, a mode, and the table of the subjects."""
 
     title = "Measure"
-    hint = "Distance of two particles, volume and area: along a mode, and for each subject."
+    hint = "Distances, volume, area and wall thickness: along a mode, for each subject, by group."
 
     def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
         super().__init__(desk, actions, fitted)
@@ -60,6 +64,9 @@ class MeasurePage(ExplorePage):
         self.particles = (NumberBox(), NumberBox())
         self.mode, self.place = choice("Mode"), QSlider(Qt.Orientation.Horizontal)
         self.at = label("")
+        self.who, self.map = choice("Shape that is shown"), choice("Map", _MAPS)
+        self.kind = choice("Plots", _PLOTS)
+        self.map.setToolTip("What the colours of the shape show, in mm")
         self.table = SubjectTable(_HEADS, self)
         self._rows = QSortFilterProxyModel(self)
         self._rows.setSourceModel(self.table)
@@ -107,6 +114,12 @@ class MeasurePage(ExplorePage):
         self.view.setMinimumHeight(200)
         self.body.addLayout(grid)
         self.body.addWidget(label("Or click on the shape to set the two in turn.", "FieldHelp", wrap=True))
+        for words, box in (("Show", self.who), ("Map", self.map), ("Plots", self.kind)):
+            name = QLabel(words)
+            name.setBuddy(box)
+            row = grid.rowCount()
+            grid.addWidget(name, row, 0)
+            grid.addWidget(box, row, 1)
         self.body.addLayout(along)
         self.body.addWidget(rule())
         self.body.addWidget(label("Subjects, in the size of their files", "SectionTitle"))
@@ -121,6 +134,9 @@ class MeasurePage(ExplorePage):
             box.valueChanged.connect(self._show_measures)
         self.mode.currentIndexChanged.connect(self._show_mode)
         self.place.valueChanged.connect(self._show_place)
+        for box in (self.who, self.map):
+            box.activated.connect(lambda _: self.shown_changed.emit())
+        self.kind.activated.connect(lambda _: self.charts.setCurrentIndex(self.kind.currentData()))
         self.view.selectionModel().currentRowChanged.connect(self._select)
         for plot in self.charts.each:
             plot.chosen.connect(lambda at: self.place.setValue(round(_STEPS * at)))
@@ -135,7 +151,12 @@ class MeasurePage(ExplorePage):
         """Set the first or the second particle to the nearest one, in turn."""
         view = self.chosen
         if self.fitted.shape is not None and view is not None:
-            particles = self.fitted.shape.model.instance(deviations_of(view))
+            result = self.fitted.shape.result
+            particles = (
+                result.world[result.names.index(view.subject)]
+                if view.subject
+                else self.fitted.shape.model.instance(deviations_of(view))
+            )
             nearest = int(np.square(particles - pick.place).sum(axis=1).argmin())
             self.particles[self._next].setValue(nearest)
             self._next = 1 - self._next
@@ -143,7 +164,10 @@ class MeasurePage(ExplorePage):
     def shown(self, subjects: Sequence[Content]) -> Shown:
         """Return the shape at the slider, with a line between the two particles."""
         view, shape = self.chosen, self.fitted.shape
-        return Shown(subjects) if view is None or shape is None else measured_scene(view, shape)
+        if view is None or shape is None:
+            return Shown(subjects)
+        own = next((subject for subject in subjects if subject.name == view.subject), None)
+        return measured_scene(view, shape, own and shown_alone(own))
 
     @property
     def chosen(self) -> MeasureView | None:
@@ -151,8 +175,10 @@ class MeasurePage(ExplorePage):
         if self.fitted.shape is None:
             return None
         return MeasureView(
-            mode=max(0, self.mode.currentIndex()), at=self.place.value() / _STEPS, particles=self.pair
-        )
+            mode=max(0, self.mode.currentIndex()), at=self.place.value() / _STEPS, particles=self.pair,
+            subject=self.who.currentText() if self.who.currentIndex() > 0 else "", map=self.map.currentData(),
+            colour_range=self.colour_range,
+        )  # fmt: skip
 
     def write(self, path: Path) -> None:
         """Write the table of the subjects; raises InputError if it can't be written."""
@@ -181,6 +207,8 @@ class MeasurePage(ExplorePage):
             self.mode.clear()
             self.mode.addItems([f"Mode {mode + 1}" for mode in range(shape.modes if shape else 0)])
             self.place.setValue(0)
+            self.who.clear()
+            self.who.addItems([_MODEL, *(shape.result.names if shape else ())])
             self._show_measures()
         self._measure()
         self.shown_changed.emit()
@@ -238,7 +266,9 @@ class MeasurePage(ExplorePage):
                 plot.show_curve(none, none, words)
         else:
             apart = [float(_apart(shape, mode, amount, self.pair)) for amount in x]
-            for plot, y in zip(self.charts.each, (np.array(apart), found.volumes, found.areas), strict=True):
+            for plot, y in zip(
+                self.charts.each, (np.array(apart), found.volumes, found.areas, found.walls), strict=True
+            ):
                 plot.show_curve(x, y, words)
         self._show_table()
         self._show_place()
@@ -251,10 +281,11 @@ class MeasurePage(ExplorePage):
         from homolog_app.exports.measures import distances
 
         result, measures = with_present_table(loaded.result, self.desk.session.study), self._subjects
-        columns = (distances(result.local, *self.pair), measures.volumes, measures.areas)
+        columns = (distances(result.local, *self.pair), measures.volumes, measures.areas, measures.walls)
         groups = [group or "" for group in result.groups]
         rows = zip(result.names, groups, *(column.tolist() for column in columns), strict=True)
         self.table.show_rows(list(rows))
+        self.charts.boxes.show_measures(columns, groups)
 
     def _select(self, row: QModelIndex, _: QModelIndex) -> None:
         name = self._rows.index(row.row(), 0).data()

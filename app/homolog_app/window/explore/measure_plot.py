@@ -3,11 +3,12 @@
 import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QMouseEvent, QPainter, QPen, QPolygonF
-from PySide6.QtWidgets import QHBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QWidget
 
 from homolog.arrays import FloatArray
+from homolog_app.window.explore.group_boxes import GroupBoxes
 from homolog_app.window.explore.plot import Plot, group_colour
-from homolog_app.window.quantities import short, signed
+from homolog_app.window.quantities import short
 from homolog_app.window.theme import Theme
 
 __all__ = ["MeasurePlot", "MeasurePlots"]
@@ -49,7 +50,7 @@ class MeasurePlot(Plot):
         self._at = at
         if len(self._x):
             value = float(np.interp(at, self._x, self._y))
-            self.title = f"{self._name}: {short(value)} {self._unit} at {signed(at)} SD"
+            self.title = f"{self._name}: {short(value)} {self._unit}"
         self.update()
 
     def paint_data(self, painter: QPainter) -> None:
@@ -69,17 +70,23 @@ class MeasurePlot(Plot):
             self.chosen.emit(float(np.clip(at, self._x[0], self._x[-1])))
 
 
-class MeasurePlots(QWidget):
-    """The three measures side by side."""
+class MeasurePlots(QStackedWidget):
+    """The measures side by side: as curves along a mode, or as boxes by group."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
+        self.boxes = GroupBoxes(theme)
         self.distance = MeasurePlot(theme, "Distance", "mm")
         self.volume = MeasurePlot(theme, "Volume", "ml")
         self.area = MeasurePlot(theme, "Area", "cm²")
-        self.each = (self.distance, self.volume, self.area)
-        row = QHBoxLayout(self)
+        self.wall = MeasurePlot(theme, "Wall", "mm")
+        self.each = (self.distance, self.volume, self.area, self.wall)
+        curves = QWidget()
+        row = QHBoxLayout(curves)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(0)
         for plot in self.each:
+            plot.setMinimumWidth(150)
             row.addWidget(plot)
+        self.addWidget(curves)
+        self.addWidget(self.boxes)

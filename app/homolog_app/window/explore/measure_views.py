@@ -9,6 +9,7 @@ from homolog.arrays import FloatArray
 from homolog_app.window.explore.chosen import MeasureView
 from homolog_app.window.explore.model_content import Look, model_content
 from homolog_app.window.quantities import signed
+from homolog_app.window.scene.colour_scale import ColourScale, displacement_scale, viridis
 from homolog_app.window.scene.content import Arrows, Content, Shown
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["deviations_of", "measured_scene"]
 
 _PIN = 0.12
+_NEARLY_ALL = 95.0
 
 
 def deviations_of(view: MeasureView) -> FloatArray:
@@ -26,13 +28,57 @@ def deviations_of(view: MeasureView) -> FloatArray:
     return deviations
 
 
-def measured_scene(view: MeasureView, shape: "ModelShape") -> Shown:
-    """Return the shape with both particles marked."""
-    deviations = deviations_of(view)
-    local = shape.model.instance(deviations)
-    words = f"mode {view.mode + 1}: {signed(view.at)} SD"
-    content = model_content(shape, shape.title, words, shape.moved(deviations), Look())
-    return Shown([_with_pins(content, local[list(view.particles)])], 1, None, {shape.title: local})
+def measured_scene(view: MeasureView, shape: "ModelShape", subject: Content | None = None) -> Shown:
+    """Return the shape with both particles marked.
+
+    Parameters
+    ----------
+    view : MeasureView
+    shape : ModelShape
+    subject : Content, optional
+        Whose own surface is shown in place of the shape.
+    """
+    if subject is None:
+        deviations = deviations_of(view)
+        particles = shape.model.instance(deviations)
+        words = f"mode {view.mode + 1}: {signed(view.at)} SD"
+        content = model_content(shape, shape.title, words, shape.moved(deviations), Look())
+        content = _with_pins(content, particles[list(view.particles)])
+    else:
+        particles = shape.result.world[shape.result.names.index(subject.name)]
+        content = replace(subject, lines=particles[None, list(view.particles)], through=True)
+    scale = None
+    if view.map != "none" and content.groomed is not None:
+        content, scale = _coloured(view, content, shape)
+    return Shown([content], 1, scale, {content.name: particles})
+
+
+def _coloured(view: MeasureView, content: Content, shape: "ModelShape") -> tuple[Content, ColourScale]:
+    """Colour a surface by the thickness of its wall, in its own size, or by its distance from the mean."""
+    from homolog.surfaces.walls import signed_distances_to, wall_thickness
+
+    mesh = content.groomed
+    assert mesh is not None
+    if view.map == "thickness":
+        values = wall_thickness(mesh)
+        scale = _thickness_scale(wall_thickness(shape.mean))
+    else:
+        alignment = content.alignment
+        values = signed_distances_to(shape.mean, mesh.vertices @ alignment[:3, :3].T + alignment[:3, 3])
+        scale = displacement_scale(shape.limit, "Distance from the mean surface")
+        scale = replace(scale, low_words="inside it", high_words="outside")
+    scale, unknown = scale.within(view.colour_range), np.isnan(values)
+    if unknown.any():
+        scale = replace(scale, grey_words="no opposite side")
+    colours = scale.colours(np.where(unknown, scale.low, values), unknown)
+    return replace(content, colours=colours, coarse=None), scale
+
+
+def _thickness_scale(thickness: FloatArray) -> ColourScale:
+    """Return a scale from 0 to what nearly all of the mean shape's wall stays below."""
+    known = thickness[~np.isnan(thickness)]
+    high = float(np.percentile(known, _NEARLY_ALL)) if len(known) else 1.0
+    return ColourScale("Wall thickness", "mm", 0.0, float(f"{high:.1g}"), viridis(), "thin", "thick")
 
 
 def _with_pins(content: Content, ends: FloatArray) -> Content:

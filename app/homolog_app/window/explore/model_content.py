@@ -1,6 +1,6 @@
 """Shapes of the model as the views show them: moved, coloured by displacement, with arrows."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ from homolog_app.window.scene.content import Arrows, Content
 if TYPE_CHECKING:
     from homolog_app.window.explore.model_shape import ModelShape
 
-__all__ = ["Look", "arrow_factor", "model_content", "region_border"]
+__all__ = ["Look", "arrow_factor", "model_content", "region_border", "shown_alone"]
 
 _ARROW_SHARE = 0.09
 _FACTORS = (1.0, 2.0, 5.0)
@@ -81,6 +81,11 @@ def model_content(
     lines = None if faded is None else _placed(region_border(vertices, shape.mean.faces, faded), placed)
     mesh = TriangleMesh(vertices, shape.mean.faces)
     return Content(name, None, mesh, None, placed, note, colours, normals, arrows, lines)
+
+
+def shown_alone(subject: Content) -> Content:
+    """Return a subject with its groomed surface only, which the caption names."""
+    return replace(subject, raw=None, note="groomed surface")
 
 
 def arrow_factor(shape: "ModelShape", limit: float) -> float:

@@ -6,10 +6,16 @@ import numpy as np
 
 from homolog.arrays import Array, BoolArray
 
-__all__ = ["GREY", "ColourScale", "displacement_scale"]
+__all__ = ["GREY", "ColourScale", "displacement_scale", "viridis"]
 
 GREY = (150, 150, 150)
 """What has no value, or none that counts: neutral, and unlike every colour of the scales."""
+
+# Viridis (Smith and van der Walt 2015) at nine places.
+_VIRIDIS = np.array(
+    [(68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141), (39, 173, 129),
+     (92, 200, 99), (170, 220, 50), (253, 231, 37)], float,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,3 +79,11 @@ def displacement_scale(limit: float, title: str = "Outward displacement", note: 
 
     table = np.rint(255.0 * diverging_table()).astype(np.uint8)
     return ColourScale(title, "mm", -limit, limit, table, "into the tissue", "out of the tissue", note)
+
+
+def viridis() -> Array:
+    """Return the colours of numbers that go from low to high, (256, 3) uint8."""
+    stops = np.linspace(0.0, 1.0, len(_VIRIDIS))
+    fine = [np.interp(np.linspace(0.0, 1.0, 256), stops, channel) for channel in _VIRIDIS.T]
+    table: Array = np.rint(np.stack(fine, axis=1)).astype(np.uint8)
+    return table

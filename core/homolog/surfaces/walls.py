@@ -1,0 +1,108 @@
+"""Thickness of walls, and distance between surfaces."""
+
+import numpy as np
+import warp as wp
+
+from homolog.arrays import FloatArray
+from homolog.device import choose_device
+from homolog.surfaces import kernels
+from homolog.surfaces.closest import on_device
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["mean_thickness", "signed_distances_to", "wall_thickness"]
+
+_CONE = np.deg2rad(25.0)
+_RINGS = ((0.0, 1), (0.5, 6), (1.0, 6))
+_CLEAR = 1e-4  # of the mean edge: rays start below their own faces
+
+
+def wall_thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
+    """Return how thick the solid is below each vertex.
+
+    Rays go inward from the vertex to the opposite side of the wall: one along the normal and twelve in a cone
+    of 25° around it. The thickness is the median of their lengths, projected onto the normal, as in the shape
+    diameter function (Shapira, Shamir, Cohen-Or 2008).
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Faces counter-clockwise seen from outside.
+    device : str
+        ``"cpu"`` or a CUDA device.
+
+    Returns
+    -------
+    (V,) float64 array
+        Thickness [mm]; not a number where no side lies opposite, as at the border of an open surface.
+    """
+    with wp.ScopedDevice(choose_device(device)):
+        surface, _ = on_device(mesh)
+        directions = _directions()
+        ways = wp.empty((len(mesh.vertices), len(directions)), dtype=wp.float32)
+        inputs = [
+            surface.id,
+            wp.array(mesh.vertex_normals.astype(np.float32), dtype=wp.vec3),
+            wp.array(directions.astype(np.float32), dtype=wp.vec3),
+            float(_CLEAR * mesh.mean_edge),
+            ways,
+        ]
+        wp.launch(kernels.thickness_at_vertices, ways.shape, inputs)
+        lengths = ways.numpy().astype(np.float64)
+    lengths[lengths < 0.0] = np.nan
+    seen = ~np.isnan(lengths).all(axis=1)
+    result = np.full(len(lengths), np.nan)
+    result[seen] = np.nanmedian(lengths[seen], axis=1)
+    return result
+
+
+def mean_thickness(mesh: TriangleMesh, thickness: FloatArray) -> float:
+    """Return the mean thickness [mm] over a surface's area, where it is known; not a number if nowhere.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    thickness : (V,) array
+        As `wall_thickness` returns it [mm].
+    """
+    weights = np.zeros(len(mesh.vertices))
+    np.add.at(weights, mesh.faces.ravel(), np.repeat(mesh.face_areas, 3) / 3.0)
+    known = ~np.isnan(thickness)
+    total = float(weights[known].sum())
+    return float(weights[known] @ thickness[known]) / total if total > 0.0 else float("nan")
+
+
+def signed_distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:
+    """Return how far points are from a closed surface.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Faces counter-clockwise seen from outside.
+    points : (N, 3) array
+        Places [mm].
+    device : str
+        ``"cpu"`` or a CUDA device.
+
+    Returns
+    -------
+    (N,) float64 array
+        Distances to the nearest place of the surface [mm], negative inside.
+    """
+    with wp.ScopedDevice(choose_device(device)):
+        surface, centre = on_device(mesh)
+        queries = wp.array((points - centre).astype(np.float32), dtype=wp.vec3)
+        distances = wp.empty(len(points), dtype=wp.float32)
+        wp.launch(kernels.signed_distances_of_points, len(points), [surface.id, queries, distances])
+        return np.asarray(distances.numpy(), dtype=np.float64)
+
+
+def _directions() -> FloatArray:
+    """Return unit vectors around z, in rings of the cone."""
+    rays = []
+    for share, count in _RINGS:
+        turn = 2.0 * np.pi * (np.arange(count) + share) / count
+        tilt = np.full(count, share * _CONE)
+        rays.append(
+            np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)], axis=1)
+        )
+    return np.concatenate(rays)
