@@ -1,6 +1,7 @@
 """What all tests share: the real cohorts, and the rules for tests that need Qt or open windows."""
 
 import os
+import secrets
 import sys
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
+WINDOWS = "tests/app/window/"
 
 try:  # pytest-qt would end the whole session where Qt lacks a system library, so it is not loaded by itself
     import PySide6.QtWidgets  # noqa: F401
@@ -73,6 +75,34 @@ def pytest_configure(config):
     """Hide GPUs, as most tests compare to the last digit, which the CPU alone repeats: not with -m cuda."""
     if "cuda" not in config.option.markexpr:
         os.environ.setdefault("CUDA_VISIBLE_DEVICES", "")
+    # Before pytest-xdist starts its processes, which inherit it.
+    os.environ.setdefault("HOMOLOG_ANATOMY_SEED", str(secrets.randbelow(10**6)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config):
+    """Run all tests in a process per core, four at most; chosen files in this process, or with ``-n 2``."""
+    if "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
+        return None  # by pytest-xdist itself
+    if config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+        return 0
+    return min(os.cpu_count() or 1, 4)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Keep the tests of a file in one process, for their fixtures, and all windows in one.
+
+    Windows of two processes on one display would take the focus and the pointer from each other.
+    """
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByFile(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            file = nodeid.partition("::")[0]
+            return WINDOWS if file.startswith(WINDOWS) else file
+
+    return ByFile(config, log)
 
 
 def pytest_runtest_setup(item):
@@ -90,8 +120,11 @@ def pytest_runtest_setup(item):
 
 
 def pytest_report_header():
-    """Say at the top what will not be tested."""
-    return f"window tests: {QT_FAULT or _display_fault() or 'on'}"
+    """Say at the top what will not be tested, and which random anatomies will be."""
+    return [
+        f"window tests: {QT_FAULT or _display_fault() or 'on'}",
+        f"random anatomies: HOMOLOG_ANATOMY_SEED={os.environ['HOMOLOG_ANATOMY_SEED']}",
+    ]
 
 
 def _display_fault():
