@@ -19,26 +19,26 @@ _ODD = ("bold", "italic", "oblique", "black", "light", "thin", "mono", "serif")
 
 
 @cache
-def font_file(words: str = "") -> Path:
+def font_file(text: str = "") -> Path:
     """Return the first font that has all signs of some words, or else most: DejaVu Sans before others."""
-    best, fewest = _usual_file(), _lacking(_usual_file(), words)
+    best, fewest = _usual_file(), _lacking(_usual_file(), text)
     for path in _system_files() if fewest else ():
-        if len(lacking := _lacking(path, words)) < len(fewest):
+        if len(lacking := _lacking(path, text)) < len(fewest):
             best, fewest = path, lacking
         if not fewest:
             break
     return best
 
 
-def written(words: str, font: Path) -> str:
+def written(text: str, font: Path) -> str:
     """Return words with a box for each sign that a font lacks: VTK would leave out the whole line."""
-    lacking = _lacking(font, words)
-    return "".join(_BOX if sign in lacking else sign for sign in words)
+    lacking = _lacking(font, text)
+    return "".join(_BOX if sign in lacking else sign for sign in text)
 
 
-def legible(words: str) -> str:
+def legible(text: str) -> str:
     """Return words with a box for each sign that no font has."""
-    return "".join(written(sign, font_file(sign)) for sign in words)
+    return "".join(written(sign, font_file(sign)) for sign in text)
 
 
 def complete_texts(figure: "Figure") -> None:
@@ -52,10 +52,10 @@ def complete_texts(figure: "Figure") -> None:
 def complete_text(text: "Text") -> None:
     """Let matplotlib write a text as it is: no part is a formula, each sign has a font or is a box."""
     text.set_parse_math(False)
-    words = legible(text.get_text())
-    fonts = {font_file(sign) for sign in words} - {_usual_file()}
-    if fonts or words != text.get_text():
-        text.set_text(words)
+    content = legible(text.get_text())
+    fonts = {font_file(sign) for sign in content} - {_usual_file()}
+    if fonts or content != text.get_text():
+        text.set_text(content)
         text.set_fontfamily([_USUAL, *sorted(map(_family, fonts))])
 
 
@@ -87,9 +87,9 @@ def _font(path: Path) -> FT2Font | None:
         return None
 
 
-def _lacking(path: Path, words: str) -> frozenset[str]:
+def _lacking(path: Path, text: str) -> frozenset[str]:
     font = _font(path)
-    return frozenset(sign for sign in words if sign != "\n" and not (font and font.get_char_index(ord(sign))))
+    return frozenset(sign for sign in text if sign != "\n" and not (font and font.get_char_index(ord(sign))))
 
 
 def _family(path: Path) -> str:

@@ -98,9 +98,9 @@ def plot_scores(
         axes.scatter(
             x.mean(), y.mean(), s=110, marker=marker, facecolors="none", edgecolors=colour, linewidths=1.6
         )
-    words = [f"mode {mode + 1} ({100 * explained[mode]:.0f} %), score (mm)" for mode in modes]
-    axes.set_xlabel(words[0])
-    axes.set_ylabel(words[1])
+    labels = [f"mode {mode + 1} ({100 * explained[mode]:.0f} %), score (mm)" for mode in modes]
+    axes.set_xlabel(labels[0])
+    axes.set_ylabel(labels[1])
     axes.axhline(0.0, color=theme.text, linewidth=0.4, zorder=0)
     axes.axvline(0.0, color=theme.text, linewidth=0.4, zorder=0)
     if any(groups):

@@ -68,10 +68,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             return open_window([])
         return int(modules[arguments.command].run(arguments))
     except (InputError, NumericalError, OSError) as error:
-        words = user_message(error)
-        if words is None:
+        message = user_message(error)
+        if message is None:
             raise
-        _complain(words)
+        _complain(message)
         return PROGRAM_ERROR if isinstance(error, NumericalError) else INPUT_ERROR
     except (Cancelled, KeyboardInterrupt):
         sys.stderr.write("cancelled\n")
@@ -132,7 +132,7 @@ class _Subparsers:
         return self._subparsers.add_parser(name, **(options | {"help": _COMMANDS[name]}))
 
 
-def _complain(words: str) -> None:
+def _complain(message: str) -> None:
     """Print one line for each thing that is wrong."""
-    for line in words.splitlines():
+    for line in message.splitlines():
         sys.stderr.write(f"homolog: {line}\n")

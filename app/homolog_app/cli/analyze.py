@@ -112,16 +112,16 @@ def run(arguments: argparse.Namespace) -> int:
                 request.title,
                 *(f"  {finding.verdict} {finding.numbers}" for finding in findings(study)),
             ]
-            lines += [f"  Caution: {words}" for words in cautions(study)]
+            lines += [f"  Caution: {caution}" for caution in cautions(study)]
             lines.append(f"  tables: {folder}")
             folders.append(folder)
         if arguments.seeds > 1:
             rest = part_of(progress.tick, 1.0 / arguments.seeds, 1.0)
             answers = answer_by_seed(project, result, requests, arguments.seeds, rest)
-            for request, folder, found in zip(requests, folders, answers, strict=True):
-                write_spread(folder, found)
-                lines += [request.title, *(f"  {words}" for words in spread_words(found))]
-    lines = [*(f"Caution: {words}" for words in outlier_words(result)), *lines]
+            for request, folder, spread in zip(requests, folders, answers, strict=True):
+                write_spread(folder, spread)
+                lines += [request.title, *(f"  {line}" for line in spread_words(spread))]
+    lines = [*(f"Caution: {caution}" for caution in outlier_words(result)), *lines]
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
     stream.write("\n".join(lines) + "\n")
     return 0

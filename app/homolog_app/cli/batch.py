@@ -65,16 +65,16 @@ def run(arguments: argparse.Namespace) -> int:
     settings = with_all_options(RunSettings(), arguments)
     cohort = cohort_of(arguments.cohort)
     with show_progress(arguments.progress) as progress:
-        found = run_in_background(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
-    for message in found.problems.values():
+        listed = run_in_background(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
+    for message in listed.problems.values():
         sys.stderr.write(f"homolog: skipped: {message}\n")
-    if not found.structures:
+    if not listed.structures:
         raise InputError(
             f"{arguments.cohort}: its files contain no labelled structure; use homolog run for surfaces"
         )
-    structures = chosen_structures(found.structures, wanted)
+    structures = chosen_structures(listed.structures, wanted)
     batch = Batch(
-        cohort.without(set(found.problems)),
+        cohort.without(set(listed.problems)),
         structures,
         arguments.out,
         settings,
@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
             if arguments.figures and item.state is ItemState.FINISHED and not item.was_there:
                 _draw(item, progress)
             _say(item, arguments.progress)
-            write_index(batch, cohort, found.problems)
+            write_index(batch, cohort, listed.problems)
 
         reason = batch.execute(observe, ended)
     failed = [entry for entry in batch.items if entry.state is ItemState.FAILED]

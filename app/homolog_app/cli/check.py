@@ -59,19 +59,22 @@ def run(arguments: argparse.Namespace) -> int:
     project.recover()
     with show_progress(arguments.progress) as progress:
         share = 0.2 if arguments.repair else 1.0
-        result, found = inspect_project(project, part_of(progress.tick, 0.0, share))
+        result, inspection = inspect_project(project, part_of(progress.tick, 0.0, share))
         notes: list[str] = []
         if arguments.repair:
             rest = part_of(progress.tick, share, 1.0)
-            found, notes = _repair(project, result, found, arguments.repair, rest)
+            inspection, notes = _repair(project, result, inspection, arguments.repair, rest)
     table = rows(
-        found,
-        [suspect for suspect in found.suspects if suspect.severity >= arguments.min_severity],
+        inspection,
+        [suspect for suspect in inspection.suspects if suspect.severity >= arguments.min_severity],
         result.names,
     )
     if arguments.out is not None:
         write_suspects(arguments.out, table)
-    lines = [f"{severity:6.2f}  {kind:<22} {name}: {words}" for kind, name, severity, *_, words in table]
+    lines = [
+        f"{severity:6.2f}  {kind:<22} {name}: {description}"
+        for kind, name, severity, *_, description in table
+    ]
     ending = f"{len(table)} suspects of {len(result.names)} subjects x {result.local.shape[1]} particles"
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
     stream.write("\n".join([*notes, *lines, ending]) + "\n")
@@ -79,28 +82,29 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _repair(
-    project: Project, result: "Result", found: "Inspection", count: int, tick: "Tick"
+    project: Project, result: "Result", inspection: "Inspection", count: int, tick: "Tick"
 ) -> "tuple[Inspection, list[str]]":
     """Repair the most severe suspects one after another; keep what gets better."""
     from homolog.progress import part_of
     from homolog.run.repair import write_repaired
     from homolog_app.suspects import mended
 
-    chosen = found.suspects[:count]
+    chosen = inspection.suspects[:count]
     lines: list[str] = []
     notes: dict[str, str] = {}
     for number, suspect in enumerate(chosen):
         part = part_of(tick, 0.9 * number / len(chosen), 0.9 * (number + 1) / len(chosen))
-        after = mended(project, found, suspect, part)
+        after = mended(project, inspection, suspect, part)
         name = result.names[suspect.subject]
         before, now = (
-            sum(s.severity for s in item.suspects if s.subject == suspect.subject) for item in (found, after)
+            sum(s.severity for s in item.suspects if s.subject == suspect.subject)
+            for item in (inspection, after)
         )
         better = now < before
         lines.append(f"{'repaired' if better else 'unchanged'}: {name}: {suspect.description}")
         if better:
-            found = after
+            inspection = after
             notes[name] = "particles of suspects were optimized again"
     if notes:
-        write_repaired(project, found.located.local, notes, part_of(tick, 0.9, 1.0))
-    return found, lines
+        write_repaired(project, inspection.located.local, notes, part_of(tick, 0.9, 1.0))
+    return inspection, lines

@@ -82,14 +82,14 @@ def write_comparison(
         The cohort's truth.
     tick : Tick
     """
-    found = {}
+    by_method = {}
     for index, (name, project) in enumerate(projects.items()):
         part = part_of(tick, index / len(projects), (index + 1) / len(projects))
-        found[name] = _figures_of(project, beans, part)
+        by_method[name] = _figures_of(project, beans, part)
     rows = [
         ComparisonRow(
             figure, key, style,
-            values={name: figures[key] for name, figures in found.items()},
+            values={name: figures[key] for name, figures in by_method.items()},
             paper=_PAPER_LEAK if key == "leak" else {},
         )
         for figure, key, style in _FIGURES

@@ -12,9 +12,9 @@ from homolog_app.cli.progress import add_progress_option, show_progress
 __all__ = ["add_group_option", "add_kind", "exporting"]
 
 
-def add_kind(kinds: Any, name: str, words: str, description: str, out: str) -> argparse.ArgumentParser:  # noqa: ANN401
+def add_kind(kinds: Any, name: str, summary: str, description: str, out: str) -> argparse.ArgumentParser:  # noqa: ANN401
     """Declare a kind of export with what each has: project, place of the result, progress."""
-    parser: argparse.ArgumentParser = kinds.add_parser(name, help=words, description=description)
+    parser: argparse.ArgumentParser = kinds.add_parser(name, help=summary, description=description)
     parser.add_argument("project", type=Path, help="project folder")
     what = "a new or empty folder" if out == "FOLDER" else f"{out}; replaced if it exists"
     parser.add_argument("--out", type=Path, required=True, metavar=out.partition(" ")[0], help=what)
@@ -22,9 +22,9 @@ def add_kind(kinds: Any, name: str, words: str, description: str, out: str) -> a
     return parser
 
 
-def add_group_option(parser: argparse.ArgumentParser, words: str) -> None:
+def add_group_option(parser: argparse.ArgumentParser, summary: str) -> None:
     """Declare ``--group COLUMN A B``."""
-    parser.add_argument("--group", nargs=3, metavar=("COLUMN", "A", "B"), help=words)
+    parser.add_argument("--group", nargs=3, metavar=("COLUMN", "A", "B"), help=summary)
 
 
 @contextmanager

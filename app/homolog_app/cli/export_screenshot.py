@@ -61,8 +61,8 @@ def _snapshot(text: str) -> "Snapshot":
     from homolog_app.window.explore.chosen import Snapshot
 
     try:
-        told = text if text.lstrip().startswith("{") else Path(text).read_bytes()
-        return Snapshot.model_validate_json(told)
+        content = text if text.lstrip().startswith("{") else Path(text).read_bytes()
+        return Snapshot.model_validate_json(content)
     except OSError as error:
         raise InputError(f"--view {text}: can't be read: {error.strerror}") from error
     except ValidationError as error:

@@ -64,10 +64,10 @@ def _landmarks(project: Project, record: ProjectRecord) -> list[tuple[str, str]]
     from homolog_app.report.landmarks import landmark_words
 
     try:
-        found = project_landmark_errors(project)
+        errors = project_landmark_errors(project)
     except (InputError, NumericalError) as error:
         return [("landmarks", str(error))]
-    return [("landmarks", "no two subjects share a landmark" if found is None else landmark_words(found))]
+    return [("landmarks", "no two subjects share a landmark" if errors is None else landmark_words(errors))]
 
 
 def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:

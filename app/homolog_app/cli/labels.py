@@ -38,12 +38,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     cohort = cohort_of(arguments.cohort)
     with show_progress(arguments.progress) as progress:
-        found = run_in_background(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
+        listed = run_in_background(lambda tick: list_structures(cohort, tick), progress.tick, "reading")
     if arguments.json:
-        sys.stdout.write(json.dumps(_record(found), indent=2) + "\n")
+        sys.stdout.write(json.dumps(_record(listed), indent=2) + "\n")
     else:
-        _print(found, len(cohort.subjects))
-    for message in found.problems.values():
+        _print(listed, len(cohort.subjects))
+    for message in listed.problems.values():
         sys.stderr.write(f"homolog: {message}\n")
     return 0
 
@@ -54,11 +54,11 @@ def cohort_of(path: Path) -> Cohort:
     return project.cohort() if project.exists else read_cohort(path)
 
 
-def _print(found: "Structures", subjects: int) -> None:
-    if not found.structures:
+def _print(listed: "Structures", subjects: int) -> None:
+    if not listed.structures:
         sys.stdout.write("the files contain no labelled structure\n")
         return
-    rows = [_HEADS, *(_row(structure, subjects) for structure in found.structures)]
+    rows = [_HEADS, *(_row(structure, subjects) for structure in listed.structures)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         cells = [
@@ -78,7 +78,7 @@ def _row(structure: "Structure", subjects: int) -> tuple[str, ...]:
     )
 
 
-def _record(found: "Structures") -> dict[str, object]:
+def _record(listed: "Structures") -> dict[str, object]:
     structures = [
         {
             "name": structure.name,
@@ -88,6 +88,6 @@ def _record(found: "Structures") -> dict[str, object]:
             },
             "at_border": structure.at_border,
         }
-        for structure in found.structures
+        for structure in listed.structures
     ]
-    return {"structures": structures, "problems": dict(found.problems)}
+    return {"structures": structures, "problems": dict(listed.problems)}

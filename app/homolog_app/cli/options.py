@@ -112,26 +112,26 @@ def with_all_options(settings: RunSettings, arguments: argparse.Namespace) -> Ru
     structure = getattr(arguments, "label", None)
     if structure is not None:  # names the structure anew: what was chosen before is no more
         named = structure != _AUTO and not structure.strip().lstrip("+-").isdecimal()
-        words = {"label": _AUTO, "segment": structure} if named else {"segment": _AUTO} | vars(arguments)
-        arguments = argparse.Namespace(**(vars(arguments) | words))
+        defaults = {"label": _AUTO, "segment": structure} if named else {"segment": _AUTO} | vars(arguments)
+        arguments = argparse.Namespace(**(vars(arguments) | defaults))
     groom, optimize = with_options(settings.groom, arguments), with_options(settings.optimize, arguments)
     return with_options(settings, arguments).model_copy(update={"groom": groom, "optimize": optimize})
 
 
 def options_of(settings: BaseModel) -> list[str]:
     """Return the words on a command line that give these settings: those that aren't at their default."""
-    words: list[str] = []
+    line: list[str] = []
     for parameter in parameters(type(settings)):
         value = getattr(settings, parameter.name)
         if value == parameter.default:
             continue
         if parameter.kind is bool:
-            words.append(_option(parameter) if value else _option(parameter).replace("--", "--no-", 1))
+            line.append(_option(parameter) if value else _option(parameter).replace("--", "--no-", 1))
         else:
-            words += [
+            line += [
                 f"{_option(parameter)}={_AUTO if value is None else value}"
             ]  # = as numbers may begin with -
-    return words
+    return line
 
 
 def _option(parameter: Parameter) -> str:

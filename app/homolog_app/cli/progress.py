@@ -60,8 +60,8 @@ class Progress:
             record = {"phase": phase, "fraction": round(fraction, 4), "message": message, "eta_s": eta}
             self._stream.write(json.dumps(record) + "\n")
         else:
-            told = phase is None or message.startswith(phase)
-            line = _line(fraction, message if told else f"{phase}: {message}", eta_s)
+            named = phase is None or message.startswith(phase)
+            line = _line(fraction, message if named else f"{phase}: {message}", eta_s)
             width = shutil.get_terminal_size().columns - 1
             self._stream.write(f"\r\x1b[2K{line[:width]}" if self._moves else f"{line}\n")
         self._stream.flush()

@@ -214,8 +214,8 @@ def _subjects_of(path: Path, segment: str | None) -> tuple[Subject, ...]:
     if path.is_dir() and segment:
         from homolog.grooming.names import matching
 
-        if found := matching(mask_files(path).items(), segment):  # one subject with a file for each structure
-            return (Subject(path.name, found[0].parent.resolve()),)
+        if masks := matching(mask_files(path).items(), segment):  # one subject with a file for each structure
+            return (Subject(path.name, masks[0].parent.resolve()),)
     if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
         return read_cohort(path).subjects
     suffixes = [item for item in (*IMAGE_SUFFIXES, *MESH_SUFFIXES) if path.name.lower().endswith(item)]

@@ -100,7 +100,7 @@ def _model_surfaces(result: Result, settings: MeshSettings) -> Iterator[_Named]:
     for number, motion in enumerate(motions, start=1):
         for amount, side in ((motion.low, "minus"), (motion.high, "plus")):
             name = f"mode_{number:02d}_{side}_{settings.deviations:g}sd"
-            yield _Named(name, motion.words(amount), motion.at(amount), _moved(motion, amount))
+            yield _Named(name, motion.label(amount), motion.at(amount), _moved(motion, amount))
 
 
 def _group_surfaces(

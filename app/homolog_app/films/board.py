@@ -45,11 +45,11 @@ class Board:
         self._changing: list[Text] = []
         self._still: object | None = None
 
-    def text(self, x: float, y: float, words: str, *, room: float, size: float = 1.0) -> Text:
+    def text(self, x: float, y: float, content: str, *, room: float, size: float = 1.0) -> Text:
         """Add a line centred on (x, y), size in em; letters shrink until the line fits into the room."""
         points = size * self.em * 72.0 / _DPI
         text = self._figure.text(
-            x / self.width, 1.0 - y / self.height, words, ha="center", va="center", color=self._theme.text,
+            x / self.width, 1.0 - y / self.height, content, ha="center", va="center", color=self._theme.text,
             fontsize=points,
         )  # fmt: skip
         complete_text(text)
@@ -57,9 +57,9 @@ class Board:
         text.set_fontsize(max(points * min(room / taken, 1.0), _LEAST_TEXT * 72.0 / _DPI))
         return text
 
-    def changing_text(self, x: float, y: float, words: str, *, room: float, size: float = 1.0) -> Text:
+    def changing_text(self, x: float, y: float, content: str, *, room: float, size: float = 1.0) -> Text:
         """Add a line that is drawn anew in each frame; `words` are its longest."""
-        text = self.text(x, y, words, room=room, size=size)
+        text = self.text(x, y, content, room=room, size=size)
         text.set_animated(True)
         self._changing.append(text)
         return text

@@ -64,7 +64,7 @@ def write_film(
     if suffix not in FILM_SUFFIXES:
         raise InputError(f"{path}: use .mp4 or .gif, or no suffix for a folder of PNG frames")
 
-    def told() -> Iterable[bytes]:
+    def counted() -> Iterable[bytes]:
         for index in range(frames):
             tick(index / frames, f"frame {index + 1} of {frames}")
             yield _rgb(draw(index))
@@ -79,14 +79,14 @@ def write_film(
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
     with atomic_write(path) as part:
         if suffix == ".mp4":
-            _encode([*source, *_H264, *_UNDATED], told(), part)
+            _encode([*source, *_H264, *_UNDATED], counted(), part)
             return
         colours = part.with_suffix(".png")
         try:
             some = np.linspace(0, frames - 1, min(frames, _PALETTE_FRAMES)).astype(int)
             _encode([*source, "-vf", "palettegen"], (_rgb(draw(int(index))) for index in some), colours)
             mapped = ["-lavfi", "[0:v][1:v]paletteuse=dither=sierra2_4a", "-loop", "0"]
-            _encode([*source, "-i", str(colours), *mapped, *_UNDATED], told(), part)
+            _encode([*source, "-i", str(colours), *mapped, *_UNDATED], counted(), part)
         finally:
             colours.unlink(missing_ok=True)
 
@@ -130,9 +130,9 @@ def _encode(arguments: list[str], frames: Iterable[bytes], path: Path) -> None:
         except BaseException:
             encoder.kill()
             raise
-        words = encoder.stderr.read().decode(errors="replace").strip()
+        message = encoder.stderr.read().decode(errors="replace").strip()
     if encoder.returncode:
         for number in (errno.ENOSPC, errno.EFBIG, errno.EDQUOT):
-            if os.strerror(number) in words:
+            if os.strerror(number) in message:
                 raise OSError(number, os.strerror(number))
-        raise NumericalError(f"{path.name}: encoding failed: {words or encoder.returncode}")
+        raise NumericalError(f"{path.name}: encoding failed: {message or encoder.returncode}")

@@ -90,7 +90,7 @@ class Film:
         self._actors = [_Actor(motion, theme, limit, settings.cutting) for motion in motions]
         self._cells = plan.cells
         self._captions = [
-            self._board.changing_text(x, y, motion.words(motion.low), room=room)
+            self._board.changing_text(x, y, motion.label(motion.low), room=room)
             for motion, (x, y, room) in zip(motions, plan.captions, strict=True)
             if settings.caption
         ]
@@ -122,7 +122,7 @@ class Film:
         for actor in self._actors:
             actor.go(share)
         for text, actor in zip(self._captions, self._actors, strict=False):
-            text.set_text(actor.motion.words(actor.amount(share)))
+            text.set_text(actor.motion.label(actor.amount(share)))
         frames = [turned(cell.frame, turn) for cell in self._cells]
         for texts, frame in zip(self._letters, frames, strict=False):
             right, up, _ = frame.view.axes

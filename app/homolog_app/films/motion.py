@@ -27,7 +27,7 @@ class Motion:
         How its vertices move for an amount of 1 [mm].
     low, high : float
         Amounts at the ends.
-    words : function of the amount
+    label : function of the amount
         The caption: what is shown, and how far it has moved.
     """
 
@@ -35,7 +35,7 @@ class Motion:
     displacement: FloatArray
     low: float
     high: float
-    words: Callable[[float], str]
+    label: Callable[[float], str]
 
     @property
     def moves(self) -> bool:
@@ -107,19 +107,19 @@ def group_motion(result: Result, column: str, first: str, second: str) -> Motion
     aside = f" ({result.mirrored} mirrored)" if result.mirrored else ""
     to_start, move = _carried(result, np.stack([start - mean, end - start]))
 
-    def words(amount: float) -> str:
+    def label(amount: float) -> str:
         percent = f"{100.0 * amount:.0f}".rjust(3, "\u2007")  # as wide as a digit: the line stands still
         return f"{column}: {first} → {second}{aside}   {percent} %"
 
     mesh = result.mean_surface
-    return Motion(TriangleMesh(mesh.vertices + to_start, mesh.faces), move, 0.0, 1.0, words)
+    return Motion(TriangleMesh(mesh.vertices + to_start, mesh.faces), move, 0.0, 1.0, label)
 
 
 def standing(result: Result) -> Motion:
     """Return the mean surface at rest."""
     surface = result.mean_surface
-    words = f"Mean shape ({result.mirrored} mirrored)" if result.mirrored else "Mean shape"
-    return Motion(surface, np.zeros_like(surface.vertices), 0.0, 0.0, lambda _: words)
+    label = f"Mean shape ({result.mirrored} mirrored)" if result.mirrored else "Mean shape"
+    return Motion(surface, np.zeros_like(surface.vertices), 0.0, 0.0, lambda _: label)
 
 
 def _carried(result: Result, displacements: FloatArray) -> FloatArray:
@@ -129,5 +129,5 @@ def _carried(result: Result, displacements: FloatArray) -> FloatArray:
 
 
 def _signed(amount: float) -> str:
-    words = f"{amount:+.1f}".replace("-", "−")
-    return "0.0" if words[1:] == "0.0" else words
+    text = f"{amount:+.1f}".replace("-", "−")
+    return "0.0" if text[1:] == "0.0" else text

@@ -183,8 +183,8 @@ def fill(
         for column in range(image.shape[1]):
             front = nearest[row, column]
             if front >= 0:
-                found = relief[row, column]
-                seen = seen_at(scene, front, found[0], found[1], found[3])
+                hit = relief[row, column]
+                seen = seen_at(scene, front, hit[0], hit[1], hit[3])
                 if (
                     scene.cut != 0
                     and wp.dot(scene.plane, ahead) > FLAT

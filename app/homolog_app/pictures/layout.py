@@ -80,11 +80,11 @@ class _Page:
         extent = (x, x + w, y + h, y)
         self._images.imshow(np.clip(pixels, 0.0, 1.0), interpolation="none", aspect="auto", extent=extent)
 
-    def text(self, x: float, y: float, words: str, size: float = _FONT_PT, **style: Any) -> None:  # noqa: ANN401
+    def text(self, x: float, y: float, content: str, size: float = _FONT_PT, **style: Any) -> None:  # noqa: ANN401
         """Words centred on x."""
         width, height = self._size
         style = {"ha": "center", "va": "top", "fontsize": size, "color": self._theme.text, **style}
-        self.figure.text(x / width, 1.0 - y / height, words, **style)
+        self.figure.text(x / width, 1.0 - y / height, content, **style)
 
 
 def arrange(

@@ -59,7 +59,7 @@ def write_index(batch: Batch, cohort: Cohort, problems: Mapping[str, str]) -> Pa
     if remarks or problems:
         page.heading("Subjects")
         page.points((name, message) for name, message in problems.items())
-        page.table(("structure", "subject", "note"), remarks, words=True)
+        page.table(("structure", "subject", "note"), remarks, as_text=True)
     page.links(["volumes.csv"], "Volumes of all structures in all subjects")
     write_text(batch.folder / "volumes.csv", _volumes(items, cohort))
     write_text(batch.folder / "index.html", page.html)
@@ -116,6 +116,6 @@ def _volumes(items: tuple[BatchItem, ...], cohort: Cohort) -> str:
     table = csv.writer(stream, lineterminator="\n")
     table.writerow(["name", *(f"{item.structure.title} [ml]" for item in items)])
     for subject in cohort.subjects:
-        found = (item.structure.by_subject.get(subject.name) for item in items)
-        table.writerow([subject.name, *("" if item is None else f"{item.volume:.6g}" for item in found)])
+        structures = (item.structure.by_subject.get(subject.name) for item in items)
+        table.writerow([subject.name, *("" if item is None else f"{item.volume:.6g}" for item in structures)])
     return stream.getvalue()

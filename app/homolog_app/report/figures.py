@@ -180,17 +180,17 @@ def _map_caption(study: Study, comparison: Comparison) -> str:
         "regression": "Change per unit of the variable",
         "pairs": "Mean difference",
     }
-    words = (
+    caption = (
         f"{what[study.request.kind]}, {comparison.title}, on the mean shape: blue is expansion (outward), "
         f"yellow contraction. Second row: only where significant (family-wise p ≤ {LEVEL:g}, corrected for "
         "pairs of groups and answers)."
     )
     if comparison.discriminant is not None:
-        words += (
+        caption += (
             " Third row: the way between the groups along the linear discriminant, only where 95 % bootstrap "
             "intervals exclude zero."
         )
-    return words
+    return caption
 
 
 def scree_figure(parallel: ParallelAnalysis, theme: Theme = LIGHT) -> Figure:

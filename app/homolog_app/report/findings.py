@@ -99,12 +99,12 @@ def correction_words(study: Study, *, size: bool = False) -> str:
 
 def region_words(study: Study, comparison: Comparison) -> str:
     """Return where the effect is significant: particles, area and its share of the surface."""
-    found = comparison.p_family <= LEVEL
-    if not found.any():
-        return f"none of {len(found)} particles"
-    area, whole = float(study.areas[found].sum()), float(study.areas.sum())
+    significant = comparison.p_family <= LEVEL
+    if not significant.any():
+        return f"none of {len(significant)} particles"
+    area, whole = float(study.areas[significant].sum()), float(study.areas.sum())
     return (
-        f"{np.count_nonzero(found)} of {len(found)} particles, {area:.0f} mm² or "
+        f"{np.count_nonzero(significant)} of {len(significant)} particles, {area:.0f} mm² or "
         f"{100.0 * area / max(whole, np.finfo(float).tiny):.1f} % of the surface"
     )
 
@@ -141,13 +141,13 @@ def outlier_words(result: Result) -> list[str]:
 
 def outliers_by_group(study: Study, comparison: Comparison) -> list[str]:
     """Return the subjects that lie far from their own group's centroid, or from their fitted shape."""
-    found = comparison.dispersion
-    if found is None:
+    dispersion = comparison.dispersion
+    if dispersion is None:
         return []
     labels = np.array([study.labels[subject] for subject in comparison.subjects])
     far = []
-    for members in [labels == name for name in found.by_group] or [np.full(len(labels), True)]:
-        own = found.distances[members]
+    for members in [labels == name for name in dispersion.by_group] or [np.full(len(labels), True)]:
+        own = dispersion.distances[members]
         above = own - np.median(own)
         limit = _FAR * 1.4826 * np.median(np.abs(above))
         far += comparison.subjects[members][(above > limit) & (limit > 0.0)].tolist()
@@ -161,41 +161,39 @@ def cautions(study: Study) -> list[str]:
         for comparison in study.comparisons
         for warning in comparison.test.warnings
     ]
-    unlike = [words for comparison in study.comparisons if (words := _dispersion_words(comparison))]
+    unlike = [caution for comparison in study.comparisons if (caution := _dispersion_words(comparison))]
     loose = [
         f"{comparison.title}: the type I error rate of the F test is {100 * excess:.1f} % higher than that "
         "of the permutation test; trust the latter."
         for comparison in study.comparisons
         if (excess := _excess(comparison)) > _LOOSE
     ]
-    notes = [
-        f"{comparison.title}: {words}." for comparison in study.comparisons for words in comparison.notes
-    ]
+    notes = [f"{comparison.title}: {note}." for comparison in study.comparisons for note in comparison.notes]
     return [*thin, *unlike, *loose, *notes, *study.notes]
 
 
 def _dispersion_words(comparison: Comparison) -> str:
-    found = comparison.dispersion
-    if found is None:
+    dispersion = comparison.dispersion
+    if dispersion is None:
         return ""
-    counts = [comparison.counts[name] for name in found.by_group]
+    counts = [comparison.counts[name] for name in dispersion.by_group]
     uneven = bool(counts) and max(counts) >= _UNLIKE * min(counts)
-    if found.p > LEVEL and not (uneven and found.ratio >= _UNLIKE):
+    if dispersion.p > LEVEL and not (uneven and dispersion.ratio >= _UNLIKE):
         return ""
-    p = p_words(found.p, found.permutations)
+    p = p_words(dispersion.p, dispersion.permutations)
     if not counts:
         return (
             f"{comparison.title}: how far subjects scatter changes with the variable (test of dispersion "
             f"{p}). The permutation tests account for that only approximately, T² and F not at all."
         )
-    mean = ", ".join(f"{name} {value:.2f} mm" for name, value in found.by_group.items())
-    words = (
+    mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())
+    sentence = (
         f"{comparison.title}: the groups differ in dispersion (mean distance to the centroid: {mean}; {p})"
     )
     if uneven:
-        words += " and in size"
+        sentence += " and in size"
     return (
-        f"{words}. Hotelling's T², Wilks' lambda, F and the interval of D assume equal dispersion: do not "
+        f"{sentence}. Hotelling's T², Wilks' lambda, F and the interval of D assume equal dispersion: do not "
         "rely on them. The permutation tests restore each group's dispersion and hold approximately; with "
         "few subjects or skewed shapes their type I error rate may still differ from the nominal one."
     )
@@ -225,7 +223,7 @@ def _verdict(study: Study, comparison: Comparison) -> str:
 
 def _numbers(study: Study, comparison: Comparison) -> str:
     kind = study.request.kind
-    words = []
+    sentences = []
     if comparison.distance is not None and comparison.test.modes:
         means = {
             "groups": "Mahalanobis distance of the group means, corrected for bias: D = {} SD.",
@@ -233,28 +231,32 @@ def _numbers(study: Study, comparison: Comparison) -> str:
             "regression": "Change per unit of {column}, corrected for bias: {} SD.",
         }[kind]
         digits = 3 if kind == "regression" else 2
-        words.append(means.format(interval_words(comparison.distance, digits), column=study.request.column))
+        sentences.append(
+            means.format(interval_words(comparison.distance, digits), column=study.request.column)
+        )
     correction = correction_words(study)
     if comparison.test.modes and correction and (comparison is not study.overall or not study.pairwise):
-        words.append(
+        sentences.append(
             f"Whole shape: {p_words(comparison.p_adjusted, comparison.test.permutations)}, {correction}."
         )
     elif comparison.test.modes and study.request.answers > 1:
         p = p_words(comparison.p_adjusted, comparison.test.permutations)
-        words.append(f"Whole shape: {p}, corrected for {study.request.answers} answers (Bonferroni).")
-    words.append(f"{effect_words(comparison)}.")
-    words.append(f"Locally significant: {region_words(study, comparison)} (family-wise error, {LEVEL:g}).")
+        sentences.append(f"Whole shape: {p}, corrected for {study.request.answers} answers (Bonferroni).")
+    sentences.append(f"{effect_words(comparison)}.")
+    sentences.append(
+        f"Locally significant: {region_words(study, comparison)} (family-wise error, {LEVEL:g})."
+    )
     if comparison.discriminant is not None:
-        found = comparison.discriminant
-        accuracy = _tested(comparison.accuracy_p_adjusted, found.accuracy.permutations)
-        auc = _tested(comparison.auc_p_adjusted, found.auc.permutations)
+        separation = comparison.discriminant
+        accuracy = _tested(comparison.accuracy_p_adjusted, separation.accuracy.permutations)
+        auc = _tested(comparison.auc_p_adjusted, separation.auc.permutations)
         corrected = f" (both p {correction})" if correction and accuracy else ""
-        words.append(
-            f"Cross-validated linear discriminant: balanced accuracy {percent_words(found.accuracy)}"
-            f"{accuracy}, AUC {interval_words(found.auc)}{auc}{corrected}."
+        sentences.append(
+            f"Cross-validated linear discriminant: balanced accuracy {percent_words(separation.accuracy)}"
+            f"{accuracy}, AUC {interval_words(separation.auc)}{auc}{corrected}."
         )
-    words += _size_words(study, comparison)
-    return " ".join(words)
+    sentences += _size_words(study, comparison)
+    return " ".join(sentences)
 
 
 def _tested(p: float | None, permutations: int) -> str:
@@ -265,11 +267,11 @@ def _size_words(study: Study, comparison: Comparison) -> list[str]:
     size, p = comparison.size, comparison.size_p_adjusted
     if size is None or p is None:
         return []
-    words = p_words(p, size.permutations)
+    sentence = p_words(p, size.permutations)
     if comparison in study.pairwise and study.pairwise:
-        words += f", {correction_words(study, size=True)}"
+        sentence += f", {correction_words(study, size=True)}"
     if np.isnan(size.value):
-        return [f"Size alone: {words}."]
+        return [f"Size alone: {sentence}."]
     unit = f"mm per unit of {study.request.column}" if study.request.kind == "regression" else "mm"
     value, low, high = (f"{bound:+.3g}" for bound in (size.value, size.low, size.high))
-    return [f"Size alone: {value} {unit} (95 % CI {low} to {high}), {words}."]
+    return [f"Size alone: {value} {unit} (95 % CI {low} to {high}), {sentence}."]

@@ -11,36 +11,36 @@ from homolog_app.report.page import Page
 __all__ = ["landmark_words", "write_landmarks"]
 
 
-def landmark_words(found: LandmarkErrors) -> str:
+def landmark_words(errors: LandmarkErrors) -> str:
     """Return a sentence about all landmarks."""
-    worst = int(found.by_landmark.argmax())
+    worst = int(errors.by_landmark.argmax())
     return (
-        f"{len(found.names)} landmarks of {len(found.subjects)} subjects, carried to each other: mean error "
-        f"{found.mean:.2f} mm, median {found.median:.2f} mm; worst {found.names[worst]}, mean "
-        f"{found.by_landmark[worst]:.2f} mm"
+        f"{len(errors.names)} landmarks of {len(errors.subjects)} subjects, carried to each other: mean "
+        f"error {errors.mean:.2f} mm, median {errors.median:.2f} mm; worst {errors.names[worst]}, mean "
+        f"{errors.by_landmark[worst]:.2f} mm"
     )
 
 
 def write_landmarks(page: Page, project: Project) -> None:
     """Write the report's section on landmarks, if the project's subjects have any."""
     try:
-        found = project_landmark_errors(project)
+        errors = project_landmark_errors(project)
     except (InputError, NumericalError) as error:
         page.heading("Landmarks")
         page.caution(f"Landmarks can't be compared. {error}")
         return
-    if found is None:
+    if errors is None:
         return
     page.heading("Landmarks")
     page.paragraph(
-        f"{landmark_words(found)}. Each subject's landmarks were carried to each other subject by the "
+        f"{landmark_words(errors)}. Each subject's landmarks were carried to each other subject by the "
         "thin-plate spline of the particles, put on the surface, and compared with that subject's own."
     )
     page.table(
         ["landmark", "mean (mm)", "median (mm)", "95th percentile (mm)", "largest (mm)"],
         (
-            (name, *(f"{value:.2f}" for value in _figures(found.errors[..., index])))
-            for index, name in enumerate(found.names)
+            (name, *(f"{value:.2f}" for value in _figures(errors.errors[..., index])))
+            for index, name in enumerate(errors.names)
         ),
     )
 

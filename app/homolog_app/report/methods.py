@@ -97,10 +97,10 @@ def _groomed(record: ResultRecord) -> str:
     if record.source:
         return "Surfaces and their alignment are those of that program."
     groom = record.settings.groom.model_dump(mode="json")
-    told = ", ".join(
+    listed = ", ".join(
         f"{name.replace('_', ' ')} {'automatic' if value is None else value}" for name, value in groom.items()
     )
-    return f"Segmentations were groomed with these settings: {told}."
+    return f"Segmentations were groomed with these settings: {listed}."
 
 
 def _placed(record: ResultRecord) -> str:
@@ -148,7 +148,7 @@ def _statistics(study: Study) -> str:
         "pairs": f"{' and '.join(request.between)} were compared in pairs by {request.pairs}, with random "
         "signs of the differences under the null",
     }[request.kind]
-    words = [
+    sentences = [
         f"{request.title}. {what} in {modes}, by permutation of a studentized statistic: "
         f"{_statistic(study)}. {_permutations(first)}; seed {request.seed}. Hotelling's T² or Wilks' lambda "
         "with the F distribution are given as well and assume equal covariances.",
@@ -160,28 +160,28 @@ def _statistics(study: Study) -> str:
         "Size is the root mean square distance of a shape's particles from their centroid.",
     ]
     if request.covariates:
-        words.append(
+        sentences.append(
             f"Shapes were adjusted for {', '.join(request.covariates)} by a linear model of each coordinate; "
             "residuals were permuted (Freedman and Lane)"
             + ("." if request.modes is not None else ", with modes chosen again in each permutation.")
         )
     if request.complete_cases:
-        words.append("Subjects with missing values were excluded (complete cases).")
+        sentences.append("Subjects with missing values were excluded (complete cases).")
     if correction := correction_words(study):
         size = correction_words(study, size=True)
-        words.append(
+        sentences.append(
             f"P-values of the whole shape, of particles and of the discriminant were {correction}; "
             f"p-values of size were {size or 'not corrected'}."
         )
     else:
-        words.append("P-values were not corrected for other questions.")
+        sentences.append("P-values were not corrected for other questions.")
     if first.dispersion is not None:
-        words.append(
+        sentences.append(
             "Equality of dispersion was tested by the distances of subjects to their group's centroid (or "
             "fitted shape) in these modes, by permutation."
         )
     if any(comparison.distance is not None for comparison in study.comparisons):
-        words.append(
+        sentences.append(
             "Mahalanobis distances were corrected for bias; their intervals come from the noncentral F "
             "distribution."
         )
@@ -190,7 +190,7 @@ def _statistics(study: Study) -> str:
     ]
     if lines:
         folds = " to ".join(str(item) for item in sorted({line.folds for line in lines}))
-        words.append(
+        sentences.append(
             "The linear discriminant was computed in the retained modes with the covariance shrunk after "
             f"Ledoit and Wolf. Balanced accuracy and area under the curve (AUC) come from {folds}-fold "
             f"stratified cross-validation, repeated {lines[0].repeats} times, with modes, covariates' "
@@ -200,11 +200,11 @@ def _statistics(study: Study) -> str:
             "groups."
         )
     if first.false_positives:
-        words.append(
+        sentences.append(
             f"Labels were permuted {request.null_repeats} times to estimate type I error rates on this "
             "cohort."
         )
-    return " ".join(words)
+    return " ".join(sentences)
 
 
 def _statistic(study: Study) -> str:

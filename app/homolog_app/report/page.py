@@ -20,7 +20,7 @@ _DPI = 150
 class Link:
     """Words that lead to a file, by its path from the page."""
 
-    words: str
+    text: str
     target: str
 
 
@@ -41,17 +41,17 @@ class Page:
         self._footer = f'<p class="footer">{escape(footer)}</p>' if footer else ""
         self._parts = [f"<h1>{escape(title)}</h1>", f'<p class="notice">{escape(notice)}</p>']
 
-    def heading(self, words: str, level: int = 2) -> None:
+    def heading(self, text: str, level: int = 2) -> None:
         """Add a heading."""
-        self._parts.append(f"<h{level}>{escape(words)}</h{level}>")
+        self._parts.append(f"<h{level}>{escape(text)}</h{level}>")
 
-    def paragraph(self, words: str) -> None:
+    def paragraph(self, text: str) -> None:
         """Add a paragraph."""
-        self._parts.append(f"<p>{_text(words)}</p>")
+        self._parts.append(f"<p>{_text(text)}</p>")
 
-    def caution(self, words: str) -> None:
+    def caution(self, text: str) -> None:
         """Add a paragraph that stands out."""
-        self._parts.append(f'<p class="caution">{_text(words)}</p>')
+        self._parts.append(f'<p class="caution">{_text(text)}</p>')
 
     def points(self, points: Iterable[tuple[str, str]]) -> None:
         """Add a list of points: what stands out, and what follows."""
@@ -63,13 +63,13 @@ class Page:
         columns: Sequence[str],
         rows: Iterable[Sequence[str | Link]],
         *,
-        words: bool = False,
+        as_text: bool = False,
         summary: str = "",
     ) -> None:
-        """Add a table; of words its cells are set to the left, with a summary it is folded away."""
+        """Add a table; of text its cells are set to the left, with a summary it is folded away."""
         head = "".join(f"<th>{escape(column)}</th>" for column in columns)
         body = "".join("<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-        kind = ' class="words"' if words else ""
+        kind = ' class="words"' if as_text else ""
         table = f'<div class="scroll"><table{kind}><tr>{head}</tr>{body}</table></div>'
         if summary:
             table = f"<details><summary>{escape(summary)}</summary>{table}</details>"
@@ -110,7 +110,7 @@ class Page:
 
 def _cell(cell: str | Link) -> str:
     if isinstance(cell, Link):
-        return f'<a href="{_address(cell.target)}">{escape(cell.words)}</a>'
+        return f'<a href="{_address(cell.target)}">{escape(cell.text)}</a>'
     return escape(cell)
 
 
@@ -118,9 +118,9 @@ def _address(path: str) -> str:
     return escape(quote(path))
 
 
-def _text(words: str) -> str:
-    """Escape words, and keep both sides of an equation on one line."""
-    return escape(words.replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%"))
+def _text(text: str) -> str:
+    """Escape text, and keep both sides of an equation on one line."""
+    return escape(text.replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%"))
 
 
 def _figure(report_figure: ReportFigure) -> str:

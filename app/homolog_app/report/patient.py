@@ -132,7 +132,7 @@ def write_patients(
         write_patient(own, comparison, reference, part_of(here, 0.7, 1.0))
         rows.append([*_summary(comparison, reference), None])
         lines.append(f"{subject.name}: {verdict(comparison, reference)}")
-        lines += [f"{subject.name}: {words}" for words in comparison.remarks]
+        lines += [f"{subject.name}: {remark}" for remark in comparison.remarks]
     if not lines:
         raise InputError("\n".join(problems))
     write_table(folder / "patients.csv", _SUMMARY, rows)
@@ -178,7 +178,7 @@ def patients_of(files: Sequence[Path]) -> tuple[Subject, ...]:
     InputError
         If a path does not exist, or two patients have the same name.
     """
-    found: list[Subject] = []
+    subjects: list[Subject] = []
     for path in files:
         if not path.exists():
             raise InputError(f"{path}: does not exist; correct the path")
@@ -186,15 +186,15 @@ def patients_of(files: Sequence[Path]) -> tuple[Subject, ...]:
         series = path.is_dir() and bool(dicom_files(path))
         if table or (path.is_dir() and not series):
             cohort: Cohort = read_cohort(path)
-            found += cohort.subjects
+            subjects += cohort.subjects
         else:
             name = path.name if series else path.name[: len(path.name) - len(suffix_of(path))]
-            found.append(Subject(name, path, landmarks=landmarks_beside(path)))
-    names = [subject.name for subject in found]
+            subjects.append(Subject(name, path, landmarks=landmarks_beside(path)))
+    names = [subject.name for subject in subjects]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"several patients are called {', '.join(twice)}; give each its own name")
-    return tuple(found)
+    return tuple(subjects)
 
 
 def with_label(reference: Reference, label: str | None) -> Reference:
@@ -269,8 +269,8 @@ def patient_page(comparison: PatientComparison, reference: Reference, maps: obje
     )
     page.heading("Finding")
     page.paragraph(verdict(comparison, reference))
-    for words in comparison.remarks:
-        page.caution(words)
+    for text in comparison.remarks:
+        page.caution(text)
     caption = (
         "Difference in mm on the subject's own surface: blue lies outward, yellow inward. Top: from the "
         "shape that the reference expects of this subject, faint within the limit. Bottom: from the mean "
@@ -284,19 +284,19 @@ def patient_page(comparison: PatientComparison, reference: Reference, maps: obje
     else:
         page.paragraph("None.")
     page.heading("Among the controls")
-    words = (
+    text = (
         "Marks: controls fitted as patients; band: their middle 90 %; diamond: this subject, orange where "
         "p is 0.05 or less; dashed: limit."
     )
-    page.figures([ReportFigure("percentiles", draw_percentiles(comparison, reference), words)])
+    page.figures([ReportFigure("percentiles", draw_percentiles(comparison, reference), text)])
     page.table(
         ("", "value", "percentile of controls (95 % interval)", "p"), measure_rows(comparison, reference)
     )
     page.heading("Method")
-    for words in METHOD:
-        page.paragraph(words)
+    for text in METHOD:
+        page.paragraph(text)
     page.heading("Reference")
-    page.table(("", ""), reference_rows(reference), words=True)
+    page.table(("", ""), reference_rows(reference), as_text=True)
     return page
 
 

@@ -50,9 +50,9 @@ class _Sheet:
             0.5, 0.35 / _HIGH, f"{NOTICE} Homolog {__version__}. Page {number} of 2", ha="center", fontsize=7
         )
 
-    def text(self, words: str, size: float = 8.5, *, bold: bool = False, colour: str = "#1a1a1e") -> None:
+    def text(self, content: str, size: float = 8.5, *, bold: bool = False, colour: str = "#1a1a1e") -> None:
         """Add a paragraph."""
-        for line in textwrap.wrap(words, int(_WRAP * 8.5 / size)) or [""]:
+        for line in textwrap.wrap(content, int(_WRAP * 8.5 / size)) or [""]:
             self.figure.text(
                 _EDGE / _WIDE, 1.0 - self.y / _HIGH, line, fontsize=size, va="top", color=colour,
                 weight="bold" if bold else "normal",
@@ -60,10 +60,10 @@ class _Sheet:
             self.y += _LINE * size / 8.5
         self.y += 0.05
 
-    def heading(self, words: str) -> None:
+    def heading(self, content: str) -> None:
         """Add a heading."""
         self.y += 0.1
-        self.text(words, 10.5, bold=True)
+        self.text(content, 10.5, bold=True)
 
     def rows(self, rows: Sequence[Sequence[str]], starts: Sequence[float]) -> None:
         """Add a table; columns start at these places [inches from the left edge]."""
@@ -184,11 +184,11 @@ def _second(comparison: PatientComparison, reference: Reference) -> _Sheet:
     sheet.rows([header, *measure_rows(comparison, reference)], (0.0, 2.3, 3.4, 6.2))
     if comparison.remarks:
         sheet.heading("Remarks")
-        for words in comparison.remarks:
-            sheet.text(f"• {words}")
+        for text in comparison.remarks:
+            sheet.text(f"• {text}")
     sheet.heading("Method")
-    for words in METHOD:
-        sheet.text(words, 8.0)
+    for text in METHOD:
+        sheet.text(text, 8.0)
     sheet.heading("Reference")
     sheet.rows([("", ""), *reference_rows(reference)], (0.0, 1.6))
     return sheet

@@ -119,8 +119,8 @@ def region_rows(comparison: PatientComparison, reference: Reference) -> list[tup
 
 def _place(comparison: PatientComparison, region: Region) -> str:
     x, y, z = comparison.position(region)
-    words = comparison.place(region)
-    return f"{words + ', ' if words else ''}LPS {x:.0f} {y:.0f} {z:.0f}"
+    side = comparison.place(region)
+    return f"{side + ', ' if side else ''}LPS {x:.0f} {y:.0f} {z:.0f}"
 
 
 def _side(region: Region) -> str:

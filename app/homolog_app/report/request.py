@@ -101,28 +101,28 @@ class StudyRequest(BaseModel):
         return f"{what}{allowed}; {SIZE_WORDS[self.alignment]}"
 
     @property
-    def words(self) -> list[str]:
+    def arguments(self) -> list[str]:
         """The options of ``homolog analyze`` that ask it."""
-        words = ["--regress", self.column] if self.kind == "regression" else ["--group", self.column]
-        words += ["--between", *self.between] if self.between else []
-        words += ["--pairs", self.pairs] if self.pairs else []
-        words += ["--covariates", *self.covariates] if self.covariates else []
-        words += ["--complete-cases"] if self.complete_cases else []
-        return [*words, "--alignment", self.alignment.value]
+        options = ["--regress", self.column] if self.kind == "regression" else ["--group", self.column]
+        options += ["--between", *self.between] if self.between else []
+        options += ["--pairs", self.pairs] if self.pairs else []
+        options += ["--covariates", *self.covariates] if self.covariates else []
+        options += ["--complete-cases"] if self.complete_cases else []
+        return [*options, "--alignment", self.alignment.value]
 
     @property
     def name(self) -> str:
         """A file name for the question; `study_folder` keeps apart those that are cut to the same."""
-        words = [self.kind, self.column, *self.between]
-        words += ["paired_by", self.pairs] if self.pairs else []
-        words += ["for", *self.covariates] if self.covariates else []
+        parts = [self.kind, self.column, *self.between]
+        parts += ["paired_by", self.pairs] if self.pairs else []
+        parts += ["for", *self.covariates] if self.covariates else []
         tail = ["complete_cases"] if self.complete_cases else []
         tail += [f"{self.modes}_modes"] if self.modes is not None else []
         tail += [f"seed_{self.seed}"] if self.seed else []
         tail += {Alignment.AS_IT_LIES: ["as_it_lies"], Alignment.SIMILARITY: ["without_size"]}.get(
             self.alignment, []
         )
-        stem, end = (re.sub(r"[^\w.-]+", "_", "_".join(part)) for part in (words, tail))
+        stem, end = (re.sub(r"[^\w.-]+", "_", "_".join(part)) for part in (parts, tail))
         return "_".join(part for part in (stem[:_LONGEST].strip("._"), end) if part)
 
     @property

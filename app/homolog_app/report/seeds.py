@@ -89,7 +89,7 @@ def answer_by_seed(
             f"{project.folder}: its particles were not placed by Homolog; no seed can be changed"
         )
     first = record.settings.optimize.seed
-    found: list[list[SeedAnswer]] = [[] for _ in requests]
+    answers: list[list[SeedAnswer]] = [[] for _ in requests]
     for number in range(count):
         part = part_of(tick, number / count, (number + 1) / count)
         again, seed = result, first + number
@@ -100,8 +100,8 @@ def answer_by_seed(
             low, high = 0.8 + 0.2 * index / len(requests), 0.8 + 0.2 * (index + 1) / len(requests)
             quick = request.model_copy(update={"null_repeats": 0})
             study = run_study(again, quick, part_of(part, low, high))
-            found[index] += _answers(study, seed, record.fingerprint)
-    return found
+            answers[index] += _answers(study, seed, record.fingerprint)
+    return answers
 
 
 def write_spread(folder: Path, answers: Sequence[SeedAnswer]) -> None:
@@ -127,7 +127,7 @@ def read_spread(folder: Path, fingerprint: str) -> list[SeedAnswer]:
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))
-        found = [
+        repeats = [
             SeedAnswer(
                 row["comparison"], int(row["seed_of_correspondence"]), float(row["p_permutation_corrected"]),
                 _number(row["mahalanobis_d_corrected"]), int(row["particles_p_family_corrected_05"]),
@@ -141,12 +141,12 @@ def read_spread(folder: Path, fingerprint: str) -> list[SeedAnswer]:
         raise InputError(
             f"{path}: can't be read: {error}; delete it and analyze again with --seeds"
         ) from error
-    return found if all(item.fingerprint == fingerprint for item in found) else []
+    return repeats if all(item.fingerprint == fingerprint for item in repeats) else []
 
 
 def spread_words(answers: Sequence[SeedAnswer]) -> list[str]:
     """Return a sentence for each comparison: between what its answers lie."""
-    words = []
+    sentences = []
     for title in dict.fromkeys(answer.comparison for answer in answers):
         own = [answer for answer in answers if answer.comparison == title]
         low, high = min(item.p for item in own), max(item.p for item in own)
@@ -163,8 +163,8 @@ def spread_words(answers: Sequence[SeedAnswer]) -> list[str]:
         accuracies = [item.accuracy for item in own if item.accuracy is not None]
         if accuracies:
             text += f", balanced accuracy {100 * min(accuracies):.0f} to {100 * max(accuracies):.0f} %"
-        words.append(f"{text}.")
-    return words
+        sentences.append(f"{text}.")
+    return sentences
 
 
 def _repeated(project: Project, record: ResultRecord, seed: int, tick: Tick) -> Project:
@@ -212,12 +212,12 @@ def _with_table(again: Result, result: Result) -> Result:
 
 
 def _answers(study: Study, seed: int, fingerprint: str) -> list[SeedAnswer]:
-    found = []
+    rows = []
     for comparison in study.comparisons:
         significant = comparison.p_family <= LEVEL
         area = float(study.areas[significant].sum()) / max(float(study.areas.sum()), 1e-300)
         line, size = comparison.discriminant, comparison.size
-        found.append(
+        rows.append(
             SeedAnswer(
                 comparison=comparison.title,
                 seed=seed,
@@ -232,7 +232,7 @@ def _answers(study: Study, seed: int, fingerprint: str) -> list[SeedAnswer]:
                 fingerprint=fingerprint,
             )
         )
-    return found
+    return rows
 
 
 def _number(cell: str) -> float | None:

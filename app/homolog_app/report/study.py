@@ -235,23 +235,23 @@ def _partners(
     result: Result, request: StudyRequest, labels: Sequence[str], gone: Mapping[str, str]
 ) -> dict[str, str]:
     """Return the subjects whose partner is not there."""
-    found: dict[str, list[int]] = {}
+    by_pair: dict[str, list[int]] = {}
     for index, pair in enumerate(column_of(result, request.pairs or "")):
         if labels[index] in request.between and pair and result.names[index] not in gone:
-            found.setdefault(pair, []).append(index)
-    alone = [members[0] for members in found.values() if len(members) == 1]
+            by_pair.setdefault(pair, []).append(index)
+    alone = [members[0] for members in by_pair.values() if len(members) == 1]
     return {result.names[index]: "the other one of the pair is missing" for index in alone}
 
 
-def _groups(asked: _Question) -> _Answer:
-    request, names = asked.request, asked.result.names
-    members = np.flatnonzero(np.isin(asked.labels, request.between))
-    extra = _covariates(asked, members)
-    options, tick = asked.options, asked.tick
+def _groups(question: _Question) -> _Answer:
+    request, names = question.request, question.result.names
+    members = np.flatnonzero(np.isin(question.labels, request.between))
+    extra = _covariates(question, members)
+    options, tick = question.options, question.tick
     if len(request.between) > 2:
         return compare_groups(
-            asked.shapes,
-            asked.labels,
+            question.shapes,
+            question.labels,
             request.between,
             covariates=extra,
             options=options,
@@ -260,62 +260,62 @@ def _groups(asked: _Question) -> _Answer:
         )
     two = request.between[0], request.between[1]
     return compare_two_groups(
-        asked.shapes, asked.labels, two, covariates=extra, options=options, names=names, tick=tick
+        question.shapes, question.labels, two, covariates=extra, options=options, names=names, tick=tick
     ), ()
 
 
-def _regression(asked: _Question) -> _Answer:
-    request, names = asked.request, asked.result.names
-    members = np.flatnonzero([bool(label) for label in asked.labels])
+def _regression(question: _Question) -> _Answer:
+    request, names = question.request, question.result.names
+    members = np.flatnonzero([bool(label) for label in question.labels])
     if not request.complete_cases:
         members = np.arange(len(names))
-    cells = [asked.labels[index] for index in members]
+    cells = [question.labels[index] for index in members]
     covariate_columns({request.column: cells}, [names[index] for index in members])  # names what is amiss
     values = numbers(cells)
     if values is None:
         raise InputError(
             f"column {request.column!r} contains words; compare its groups instead of a regression"
         )
-    extra = _covariates(asked, members)
-    found = regress(
-        asked.shapes[members],
+    extra = _covariates(question, members)
+    regression = regress(
+        question.shapes[members],
         values,
         request.column,
         covariates=None if extra is None else extra[members],
-        options=asked.options,
+        options=question.options,
         names=[names[index] for index in members],
-        tick=asked.tick,
+        tick=question.tick,
     )
-    return _renumbered(found, members), ()
+    return _renumbered(regression, members), ()
 
 
-def _renumbered(found: Comparison, members: IntArray) -> Comparison:
-    return replace(found, subjects=members[found.subjects])
+def _renumbered(comparison: Comparison, members: IntArray) -> Comparison:
+    return replace(comparison, subjects=members[comparison.subjects])
 
 
-def _pairs(asked: _Question) -> _Answer:
-    request, names = asked.request, asked.result.names
-    found: dict[str, dict[str, int]] = {}
-    pairs = column_of(asked.result, request.pairs or "")
-    for index, (pair, label) in enumerate(zip(pairs, asked.labels, strict=True)):
+def _pairs(question: _Question) -> _Answer:
+    request, names = question.request, question.result.names
+    by_pair: dict[str, dict[str, int]] = {}
+    pairs = column_of(question.result, request.pairs or "")
+    for index, (pair, label) in enumerate(zip(pairs, question.labels, strict=True)):
         if label in request.between and pair:
-            if label in found.setdefault(pair, {}):
+            if label in by_pair.setdefault(pair, {}):
                 raise InputError(f"{names[index]}: pair {pair!r} has two subjects that are {label!r}")
-            found[pair][label] = index
-    alone = [pair for pair, both in found.items() if len(both) < 2]
+            by_pair[pair][label] = index
+    alone = [pair for pair, both in by_pair.items() if len(both) < 2]
     if alone:
         raise InputError(
             f"pair {alone[0]!r} has one subject only; add the other one, or exclude such pairs "
             "(complete cases)"
         )
-    if len(found) < 2:
+    if len(by_pair) < 2:
         raise InputError(
-            f"a paired comparison needs at least two pairs; column {request.pairs!r} names {len(found)}"
+            f"a paired comparison needs at least two pairs; column {request.pairs!r} names {len(by_pair)}"
         )
-    first, second = (_indices(found, label) for label in request.between)
+    first, second = (_indices(by_pair, label) for label in request.between)
     title = f"{request.between[1]} - {request.between[0]}"
     comparison = compare_pairs(
-        asked.shapes, first, second, title, options=asked.options, names=names, tick=asked.tick
+        question.shapes, first, second, title, options=question.options, names=names, tick=question.tick
     )
     return comparison, ()
 
@@ -324,16 +324,16 @@ def _indices(pairs: Mapping[str, Mapping[str, int]], label: str) -> IntArray:
     return np.array([both[label] for both in pairs.values()], dtype=np.int64)
 
 
-def _covariates(asked: _Question, members: IntArray) -> FloatArray | None:
+def _covariates(question: _Question, members: IntArray) -> FloatArray | None:
     """Covariates of the members in the rows of all subjects; rows of others are zero and not used."""
-    if not asked.request.covariates:
+    if not question.request.covariates:
         return None
-    known, names = _columns_of(asked.result), asked.result.names
+    known, names = _columns_of(question.result), question.result.names
     table: dict[str, list[str]] = {}
     categories = set()
-    for covariate in asked.request.covariates:
+    for covariate in question.request.covariates:
         column, is_category = category_of(covariate, known)
-        values = column_of(asked.result, column)
+        values = column_of(question.result, column)
         table[column] = [values[index] for index in members]
         if is_category:
             categories.add(column)
@@ -350,8 +350,8 @@ def _areas(result: Result) -> FloatArray:
     sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     face_area = np.linalg.norm(sides, axis=1) / 2.0
     nearest = KDTree(result.world.mean(axis=0)).query(corners.mean(axis=1))[1]
-    found = np.bincount(np.asarray(nearest, np.int64), face_area, result.world.shape[1])
-    return np.asarray(found, np.float64)
+    areas = np.bincount(np.asarray(nearest, np.int64), face_area, result.world.shape[1])
+    return np.asarray(areas, np.float64)
 
 
 def _notes(result: Result, request: StudyRequest) -> tuple[str, ...]:

@@ -57,8 +57,8 @@ class SurfaceCarrier:
 
     def significant(self, comparison: Comparison, level: float) -> BoolArray:
         """Return whether the effect is significant at each vertex, corrected for all that is tested, (V,)."""
-        found: BoolArray = comparison.p_family[self.nearest] <= level
-        return found
+        significant: BoolArray = comparison.p_family[self.nearest] <= level
+        return significant
 
     def discriminant_is_firm(self, comparison: Comparison) -> BoolArray:
         """Return whether the bootstrap bounds of the discriminant's map leave zero out, (V,)."""

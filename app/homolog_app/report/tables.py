@@ -111,9 +111,9 @@ def sample_rows(study: Study, result: Result) -> list[SampleRow]:
     variables += [
         covariate for covariate in request.covariates if category_of(covariate, known)[0] not in variables
     ]
-    found: list[SampleRow] = []
+    rows: list[SampleRow] = []
     for group, members in groups.items():
-        found.append((group, "subjects", "", len(members), None, None))
+        rows.append((group, "subjects", "", len(members), None, None))
         for variable in variables:
             column, is_category = category_of(variable, known)
             cells = column_of(result, column)
@@ -121,11 +121,11 @@ def sample_rows(study: Study, result: Result) -> list[SampleRow]:
             if values is None:
                 for level in sorted({cells[index] for index in taking}):
                     count = sum(cells[index] == level for index in members)
-                    found.append((group, column, level, count, None, None))
+                    rows.append((group, column, level, count, None, None))
                 continue
             own = values[[taking.index(index) for index in members]]
-            found.append((group, column, "", len(own), float(own.mean()), float(own.std(ddof=1))))
-    return found
+            rows.append((group, column, "", len(own), float(own.mean()), float(own.std(ddof=1))))
+    return rows
 
 
 def _provenance(request: StudyRequest, answered: Answered) -> dict[str, _Cell]:
@@ -144,7 +144,7 @@ def _provenance(request: StudyRequest, answered: Answered) -> dict[str, _Cell]:
 
 
 def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
-    test, local, found, spread = (
+    test, local, separation, spread = (
         comparison.test,
         comparison.local,
         comparison.discriminant,
@@ -186,11 +186,11 @@ def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
         **_effect("size_effect_mm", comparison.size),
         "size_p_permutation": None if comparison.size is None else comparison.size.p,
         "size_p_permutation_corrected": comparison.size_p_adjusted,
-        **_effect("balanced_accuracy", None if found is None else found.accuracy),
-        "balanced_accuracy_p_permutation": None if found is None else found.accuracy.p,
+        **_effect("balanced_accuracy", None if separation is None else separation.accuracy),
+        "balanced_accuracy_p_permutation": None if separation is None else separation.accuracy.p,
         "balanced_accuracy_p_permutation_corrected": comparison.accuracy_p_adjusted,
-        **_effect("auc", None if found is None else found.auc),
-        "auc_p_permutation": None if found is None else found.auc.p,
+        **_effect("auc", None if separation is None else separation.auc),
+        "auc_p_permutation": None if separation is None else separation.auc.p,
         "auc_p_permutation_corrected": comparison.auc_p_adjusted,
     }
 
@@ -283,14 +283,14 @@ def _meaning(column: str) -> str:
     """Return what a column holds: of `MEANINGS`, or what its ending says."""
     plain = column.removesuffix("_per_unit")
     unit = ", per unit of the variable" if plain != column else ""
-    for end, words in (
+    for end, bound in (
         ("_low_95", "lower"),
         ("_high_95", "upper"),
         ("_low_95_mm", "lower"),
         ("_high_95_mm", "upper"),
     ):
         if plain.endswith(end) and len(plain) > len(end):
-            return f"{words} bound of the 95 % confidence interval of {plain.removesuffix(end)}{unit}"
+            return f"{bound} bound of the 95 % confidence interval of {plain.removesuffix(end)}{unit}"
     if plain.startswith("discriminant_") and plain != "discriminant_outward_mm":
         return "position of the subject along the discriminant, root mean square over the particles"
     several = re.fullmatch(r"(effect_[xyz]|outward)_(\d+)_mm", plain)

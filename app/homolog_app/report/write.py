@@ -115,15 +115,15 @@ def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence
             f"{record.mirrored_words}: {names}. Means, modes and differences are shown in the common frame."
         )
     page.heading("Findings")
-    for words in outlier_words(result):
-        page.caution(words)
+    for text in outlier_words(result):
+        page.caution(text)
     if not studies:
         page.paragraph("No study yet: homolog analyze PROJECT --group COLUMN.")
     for study in studies:
         page.heading(study.request.title, 3)
         page.points((finding.verdict, finding.numbers) for finding in findings(study))
-        for words in cautions(study):
-            page.caution(words)
+        for text in cautions(study):
+            page.caution(text)
 
 
 def _mm(value: float | None) -> str:
@@ -205,7 +205,7 @@ def _study_section(
             "group centroid (PERMDISP). Outliers are subjects whose distance is above the median of their "
             "group by more than three scaled median absolute deviations."
         )
-        page.table(["comparison", "dispersion (mm)", "F", "p", "outliers"], checks, words=True)
+        page.table(["comparison", "dispersion (mm)", "F", "p", "outliers"], checks, as_text=True)
     for figure in figures:
         if figure.heading:
             page.heading(figure.heading, 3)
@@ -229,7 +229,7 @@ def _study_section(
             "normal distributions may be assumed. The table can't show what differences in dispersion do; "
             "see Assumptions."
         )
-        page.table(["comparison", "test", "type I error (%)", "95 % bounds"], false_positives, words=True)
+        page.table(["comparison", "test", "type I error (%)", "95 % bounds"], false_positives, as_text=True)
 
 
 _COLUMNS = (
@@ -266,14 +266,17 @@ def _p(p: float, permutations: int | None = None) -> str:
 
 
 def _check_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
-    found = comparison.dispersion
-    assert found is not None
-    mean = ", ".join(f"{name} {value:.2f}" for name, value in found.by_group.items()) or "along the variable"
+    dispersion = comparison.dispersion
+    assert dispersion is not None
+    mean = (
+        ", ".join(f"{name} {value:.2f}" for name, value in dispersion.by_group.items())
+        or "along the variable"
+    )
     return (
         comparison.title,
         mean,
-        f"{found.f:.2f}",
-        _p(found.p, found.permutations),
+        f"{dispersion.f:.2f}",
+        _p(dispersion.p, dispersion.permutations),
         ", ".join(outliers_by_group(study, comparison)) or "none",
     )
 
@@ -291,7 +294,7 @@ def _sample(page: Page, study: Study, result: Result) -> None:
             )
             for group, variable, category, count, mean, spread in sample_rows(study, result)
         ),
-        words=True,
+        as_text=True,
     )
     gone = [f"{name} ({why})" for name, why in study.left_out.items()]
     page.paragraph(f"Not compared: {len(gone)} of {len(result.names)} subjects. {', '.join(gone)}".strip())
@@ -305,18 +308,18 @@ def _closing(
     figures: Sequence[ReportFigure],
 ) -> None:
     page.heading("Methods")
-    for words in methods(record, studies):
-        page.paragraph(words)
+    for paragraph in methods(record, studies):
+        page.paragraph(paragraph)
     page.heading("References", 3)
-    for words in references(record, studies):
-        page.paragraph(words)
+    for paragraph in references(record, studies):
+        page.paragraph(paragraph)
     page.table(
-        ["part", "setting", "value"], settings_rows(record, studies), words=True, summary="All settings"
+        ["part", "setting", "value"], settings_rows(record, studies), as_text=True, summary="All settings"
     )
     page.table(
         ["subject", "group", "notes"],
         ((subject.name, subject.group or "", "; ".join(subject.notes)) for subject in record.subjects),
-        words=True,
+        as_text=True,
         summary="All subjects",
     )
     page.heading("Files")

@@ -51,7 +51,7 @@ class Question:
     @property
     def words(self) -> list[str]:
         """The options of ``homolog analyze`` that ask it."""
-        return [*self.requests[0].words, *(one.alignment.value for one in self.requests[1:])]
+        return [*self.requests[0].arguments, *(one.alignment.value for one in self.requests[1:])]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
