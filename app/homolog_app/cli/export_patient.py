@@ -47,6 +47,6 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.label,
             arguments.force,
         )
-        words = write_report_file(arguments.out, Reference.load(arguments.reference), request, tick)
-    sys.stderr.write(f"{words}\n{arguments.out}\n")
+        summary = write_report_file(arguments.out, Reference.load(arguments.reference), request, tick)
+    sys.stderr.write(f"{summary}\n{arguments.out}\n")
     return 0
