@@ -114,12 +114,12 @@ class MeasurePage(ExplorePage):
         self.view.setMinimumHeight(200)
         self.body.addLayout(grid)
         self.body.addWidget(label("Or click on the shape to set the two in turn.", "FieldHelp", wrap=True))
-        for words, box in (("Show", self.who), ("Map", self.map), ("Plots", self.kind)):
-            name = QLabel(words)
-            name.setBuddy(box)
+        for text, chooser in (("Show", self.who), ("Map", self.map), ("Plots", self.kind)):
+            name = QLabel(text)
+            name.setBuddy(chooser)
             row = grid.rowCount()
             grid.addWidget(name, row, 0)
-            grid.addWidget(box, row, 1)
+            grid.addWidget(chooser, row, 1)
         self.body.addLayout(along)
         self.body.addWidget(rule())
         self.body.addWidget(label("Subjects, in the size of their files", "SectionTitle"))
@@ -134,8 +134,8 @@ class MeasurePage(ExplorePage):
             box.valueChanged.connect(self._show_measures)
         self.mode.currentIndexChanged.connect(self._show_mode)
         self.place.valueChanged.connect(self._show_place)
-        for box in (self.who, self.map):
-            box.activated.connect(lambda _: self.shown_changed.emit())
+        for chooser in (self.who, self.map):
+            chooser.activated.connect(lambda _: self.shown_changed.emit())
         self.kind.activated.connect(lambda _: self.charts.setCurrentIndex(self.kind.currentData()))
         self.view.selectionModel().currentRowChanged.connect(self._select)
         for plot in self.charts.each:
