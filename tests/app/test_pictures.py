@@ -243,6 +243,11 @@ def test_pictures_are_written_as_raster_and_as_vectors(ball, tmp_path, suffix):
     assert (tmp_path / f"again{suffix}").read_bytes() == path.read_bytes()
 
 
+def test_texts_of_vector_graphics_stay_texts(ball, tmp_path):
+    write_picture(draw_particles(ball, ball.vertices[::9], title="A title", width=60), tmp_path / "mean.svg")
+    assert ">A title</text>" in (tmp_path / "mean.svg").read_text("utf-8")
+
+
 def test_a_folder_that_cannot_be_made_is_an_input_error(ball, tmp_path):
     (tmp_path / "no").touch()
     with pytest.raises(InputError, match="can't be written"):

@@ -176,7 +176,7 @@ def write_picture(figure: Figure, path: Path) -> None:
     """
     complete_texts(figure)
     drawn, kind = io.BytesIO(), path.suffix.lower().removeprefix(".")  # some backends leave files open
-    with rc_context({"svg.hashsalt": "homolog", "image.composite_image": False}):
+    with rc_context({"svg.hashsalt": "homolog", "svg.fonttype": "none", "image.composite_image": False}):
         figure.savefig(
             drawn,
             format=kind,

@@ -99,6 +99,11 @@ class Session(QObject):
             self.selection = chosen
             self.selection_changed.emit()
 
+    def toggle_selected(self, name: str) -> None:
+        """Add a subject to the selection, or remove it."""
+        others = [one for one in self.selection if one != name]
+        self.select(others if len(others) < len(self.selection) else [*others, name])
+
     def set_group(self, group: str | None) -> None:
         """Give the selected subjects a group."""
         self._edit_selected("Set group", lambda one: replace(one, subject=replace(one.subject, group=group)))

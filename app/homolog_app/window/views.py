@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QObject, Qt, Slot
+from PySide6.QtCore import QObject, QPoint, Qt, Slot
 from PySide6.QtWidgets import QApplication
 
 from homolog_app.window.availability import LAYOUTS
@@ -18,6 +18,7 @@ from homolog_app.window.scene.colour_scale import ColourScale
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.picking import Pick
 from homolog_app.window.subjects import Groomed, subject_contents
+from homolog_app.window.view_menu import view_menu
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.page import ExplorePage
@@ -51,6 +52,7 @@ class Views(QObject):
         for page in self._explore.pages:
             page.place_wanted.connect(stage.scene.go_to)
         stage.scene.picker.picked.connect(self._hand_over_pick)
+        stage.scene.picker.menu_wanted.connect(self._open_menu, Qt.ConnectionType.QueuedConnection)
         self._session.selection_changed.connect(self._follow_selection)
         for name in ("link", "raw", "groomed", "particles", "grid4", "letters", "scale_bar"):
             window.commands[f"view.{name}"].setChecked(True)
@@ -179,6 +181,18 @@ class Views(QObject):
             self._tell_page()
         else:
             self.stage.scene.turn_page(step)
+
+    def show_only(self, name: str) -> None:
+        """Show one subject alone."""
+        self._window.commands["view.grid1"].trigger()
+        self.stage.scene.show_name(name)
+
+    @Slot(str, QPoint)
+    def _open_menu(self, name: str, at: QPoint) -> None:
+        """Open the menu of a view, after VTK has seen the end of the click."""
+        menu = view_menu(self._window, name)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        menu.popup(at)
 
     def choose_layout(self, count: int) -> None:
         """Show so many subjects a page, or so many shapes of the model."""

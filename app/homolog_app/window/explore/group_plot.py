@@ -6,7 +6,7 @@ import numpy as np
 from PySide6.QtGui import QPainter
 
 from homolog.arrays import FloatArray
-from homolog_app.window.explore.mode_plots import ScatterPlot
+from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.quantities import short, signed
 from homolog_app.window.theme import Theme
 
@@ -30,6 +30,7 @@ class GroupPlot(ScatterPlot):
         self.hint = "The position of each subject between the groups appears here after the comparison."
         self.y_ticks: list[float] | None = []
         self.unit = "mm"
+        del self.options[ELLIPSES]  # the height means nothing
         self.ends = (0.0, 1.0)
         self._line: tuple[float, float] | None = None
 

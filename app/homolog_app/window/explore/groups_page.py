@@ -169,6 +169,7 @@ class GroupsPage(ExplorePage):
         for tick in (self.significant, self.arrows):
             tick.toggled.connect(self.shown_changed)
         self.chart.subject_chosen.connect(lambda name: session.select([name]))
+        self.chart.subject_toggled.connect(session.toggle_selected)
         self.chart.morphed.connect(self._morph)
 
     def enter(self) -> None:

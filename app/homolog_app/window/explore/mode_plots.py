@@ -26,6 +26,9 @@ _KEY_PX = 28
 _WIDE_PX = 240
 _DRAG_PX = 4.0
 _REACH = 3.0
+_QUANTILE = 5.991464547107979  # 95 % of the chi-squared distribution with two degrees of freedom
+_LEAST = 3
+NAMES, ELLIPSES = "Names of all subjects", "95 % ellipses of the groups"
 
 
 class ScreePlot(Plot):
@@ -96,10 +99,13 @@ class ScreePlot(Plot):
 class ScatterPlot(Plot):
     """Each subject's place in two modes. Click selects; a drag morphs the shape to where the pointer is.
 
+    A click with Ctrl adds a subject to the selection, or removes it; selected subjects are named.
+
     With the keyboard, the left and right arrow go from subject to subject.
     """
 
     subject_chosen = Signal(str)
+    subject_toggled = Signal(str)
     morphed = Signal(float, float)
 
     def __init__(self, theme: Theme) -> None:
@@ -114,6 +120,7 @@ class ScatterPlot(Plot):
         self.mark = (0.0, 0.0)
         self._pressed: QPointF | None = None
         self._dragged = False
+        self.options = {NAMES: False, ELLIPSES: False}
         self.setMouseTracking(True)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setToolTip("")
@@ -150,6 +157,8 @@ class ScatterPlot(Plot):
         colours = self.theme.colours
         painter.setPen(QPen(QColor(colours.line), 1))
         self.paint_ground(painter)
+        if self.options.get(ELLIPSES):
+            self._paint_ellipses(painter)
         for (x, y), group in zip(self._points, self._groups, strict=True):
             index, at = self._order.index(group), self.place(x, y)
             painter.setPen(Qt.PenStyle.NoPen)
@@ -171,20 +180,39 @@ class ScatterPlot(Plot):
         for way in (QPointF(9, 0), QPointF(0, 9)):
             painter.drawLine(at - way, at + way)
 
+    def _paint_ellipses(self, painter: QPainter) -> None:
+        """Paint where 95 % of a normal distribution with each group's mean and covariance lie."""
+        turn = np.linspace(0.0, 2.0 * np.pi, 73)
+        circle = np.stack([np.cos(turn), np.sin(turn)])
+        labels = np.array(self._groups, dtype=object)
+        for index, group in enumerate(self._order):
+            part = np.asarray(self._points[labels == group], np.float64)
+            if len(part) < _LEAST:
+                continue
+            values, axes = np.linalg.eigh(np.cov(part.T))
+            line = part.mean(axis=0)[:, None] + axes @ (
+                np.sqrt(_QUANTILE * values.clip(0.0))[:, None] * circle
+            )
+            painter.setPen(QPen(group_colour(index, self.theme), 1.5))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawPolyline(QPolygonF([self.place(x, y) for x, y in line.T]))
+        painter.setPen(QPen(QColor(self.theme.colours.line), 1))
+
     def _paint_selection(self, painter: QPainter) -> None:
         colours, metrics = self.theme.colours, painter.fontMetrics()
         for (x, y), name in zip(self._points, self._names, strict=True):
-            if name in self._selected:
+            if name in self._selected or self.options[NAMES]:
                 at = self.place(x, y)
                 told = metrics.elidedText(name, Qt.TextElideMode.ElideMiddle, _NAME_PX)
                 words = QRectF(at.x() + 12, at.y() - 20, metrics.horizontalAdvance(told) + 4, 16)
-                words.moveLeft(min(words.left(), self.width() - words.width()))
+                words.moveLeft(min(words.left(), self.area.right() - words.width()))
                 behind = QColor(colours.surface)
                 behind.setAlpha(_VEIL)
                 painter.fillRect(words, behind)
                 painter.setPen(QPen(QColor(colours.text), 2))
                 painter.setBrush(Qt.BrushStyle.NoBrush)
-                painter.drawEllipse(at, 9, 9)
+                if name in self._selected:
+                    painter.drawEllipse(at, 9, 9)
                 painter.drawText(words, Qt.AlignmentFlag.AlignCenter, told)
 
     def legend_width(self, metrics: QFontMetrics) -> float:
@@ -225,7 +253,8 @@ class ScatterPlot(Plot):
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """Begin a click or a drag."""
-        self._pressed, self._dragged = event.position(), False
+        if event.button() == Qt.MouseButton.LeftButton:
+            self._pressed, self._dragged = event.position(), False
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
         """Name the subject under the pointer, or morph the shape."""
@@ -242,7 +271,8 @@ class ScatterPlot(Plot):
         """Select the subject that was clicked."""
         name = self._nearest(event.position())
         if self._pressed is not None and not self._dragged and name is not None:
-            self.subject_chosen.emit(name)
+            adds = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
+            (self.subject_toggled if adds else self.subject_chosen).emit(name)
         self._pressed = None
 
     def keyPressEvent(self, event: QKeyEvent) -> None:

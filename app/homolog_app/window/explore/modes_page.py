@@ -96,6 +96,7 @@ class ModesPage(ExplorePage):
             tick.toggled.connect(self.shown_changed)
         self.charts.scree.mode_chosen.connect(self.sliders.choose)
         self.charts.scatter.subject_chosen.connect(lambda name: session.select([name]))
+        self.charts.scatter.subject_toggled.connect(session.toggle_selected)
         self.charts.scatter.morphed.connect(self._morph)
         self.charts.axes_changed.connect(self._show_scores)
         session.selection_changed.connect(self._follow_selection)

@@ -3,7 +3,18 @@
 from collections.abc import Sequence
 
 from PySide6.QtCore import QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QFont, QFontMetrics, QPainter, QPainterPath, QPaintEvent, QPen, QPolygonF
+from PySide6.QtGui import (
+    QColor,
+    QContextMenuEvent,
+    QFont,
+    QFontMetrics,
+    QMouseEvent,
+    QPainter,
+    QPainterPath,
+    QPaintEvent,
+    QPen,
+    QPolygonF,
+)
 from PySide6.QtWidgets import QWidget
 
 from homolog_app.window.quantities import tick_words, ticks
@@ -68,6 +79,9 @@ class Plot(QWidget):
         self.x_ticks: Sequence[float] | None = None
         self.y_ticks: Sequence[float] | None = None
         self.hint = hint
+        self.options: dict[str, bool] = {}
+        """What the menu switches on and off, by its words."""
+        self._area: QRectF | None = None
         self.setMinimumSize(184, 180)
         self.setAccessibleName(name)
         theme.changed.connect(self.update)
@@ -78,9 +92,19 @@ class Plot(QWidget):
         return True
 
     @property
+    def area(self) -> QRectF:
+        """What is painted on: the widget, or part of a picture."""
+        return self._area if self._area is not None else QRectF(self.rect())
+
+    def set_option(self, text: str, shown: bool) -> None:
+        """Switch one of the options."""
+        self.options[text] = shown
+        self.update()
+
+    @property
     def frame(self) -> QRectF:
         """Where the data are."""
-        return QRectF(self.rect()).adjusted(_LEFT, _TOP, -_RIGHT, -_BOTTOM)
+        return self.area.adjusted(_LEFT, _TOP, -_RIGHT, -_BOTTOM)
 
     def place(self, x: float, y: float) -> QPointF:
         """Return where a point of the data is painted."""
@@ -99,25 +123,46 @@ class Plot(QWidget):
         )
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        """Paint axes and data, or what will be here."""
+        """Paint the plot."""
         painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        font = QFont(self.font())
-        font.setPixelSize(12)
-        painter.setFont(font)
-        painter.fillRect(self.rect(), QColor(self.theme.colours.surface))
-        if self.is_empty:
-            painter.setPen(QColor(self.theme.colours.dim))
-            flags = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
-            painter.drawText(self.rect().adjusted(24, 0, -24, 0), flags, self.hint)
-        else:
-            self._paint_axes(painter)
-            self.paint_data(painter)
+        self.paint_on(painter, QRectF(self.rect()))
         if self.hasFocus():
             painter.setPen(QPen(QColor(self.theme.colours.accent), 2))
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawRect(self.rect().adjusted(1, 1, -1, -1))
         painter.end()
+
+    def paint_on(self, painter: QPainter, area: QRectF) -> None:
+        """Paint axes and data, or what will be here, on an area of any size."""
+        self._area = area
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        font = QFont(self.font())
+        font.setPixelSize(12)
+        painter.setFont(font)
+        painter.fillRect(area, QColor(self.theme.colours.surface))
+        if self.is_empty:
+            painter.setPen(QColor(self.theme.colours.dim))
+            flags = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
+            painter.drawText(area.adjusted(24, 0, -24, 0), flags, self.hint)
+        else:
+            self._paint_axes(painter)
+            self.paint_data(painter)
+        self._area = None
+
+    def contextMenuEvent(self, event: QContextMenuEvent) -> None:
+        """Offer to save, copy and enlarge the plot."""
+        from homolog_app.window.explore.plot_menu import plot_menu
+
+        menu = plot_menu(self)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        menu.popup(event.globalPos())
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        """Open the plot in its own window."""
+        from homolog_app.window.explore.plot_menu import EnlargedPlot
+
+        if event.button() == Qt.MouseButton.LeftButton and not self.is_empty:
+            EnlargedPlot(self).show()
 
     def legend_width(self, metrics: QFontMetrics) -> float:
         """Return how many pixels at the right of the title are taken."""
@@ -131,7 +176,7 @@ class Plot(QWidget):
         colours, frame = self.theme.colours, self.frame
         painter.setPen(QColor(colours.text))
         metrics = painter.fontMetrics()
-        room = round(self.width() - frame.left() - self.legend_width(metrics))
+        room = round(self.area.right() - frame.left() - self.legend_width(metrics))
         painter.drawText(
             QPointF(frame.left(), 18), metrics.elidedText(self.title, Qt.TextElideMode.ElideRight, room)
         )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, QPointF, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt, Signal
 from PySide6.QtGui import QMouseEvent
 from vtkmodules.vtkRenderingCore import vtkCellPicker
 
@@ -19,6 +19,7 @@ __all__ = ["Pick", "Picker", "aim"]
 
 _STILL = 4.0
 """Pixels that the mouse may move between press and release of a click."""
+_BUTTONS = (Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton)
 _CLOSE = 2.0
 """Radii of a ball from the place that was clicked, within which the particle is meant."""
 
@@ -46,40 +47,52 @@ class Picker(QObject):
     """Watches the mouse for clicks that are no drags and tells what they met."""
 
     picked = Signal(object)
+    menu_wanted = Signal(str, QPoint)
 
     def __init__(
         self, plot: "Interactor", cells: "Sequence[Cell]", particles_of: "Callable[[Cell], Any]"
     ) -> None:
         super().__init__(plot)
         self._plot, self._cells, self._particles_of = plot, cells, particles_of
-        self._pressed: QPointF | None = None
+        self._pressed: dict[Qt.MouseButton, QPointF] = {}
         plot.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Remember where the button went down, and pick where it comes up close by."""
-        if isinstance(event, QMouseEvent) and event.button() == Qt.MouseButton.LeftButton:
+        if isinstance(event, QMouseEvent) and event.button() in _BUTTONS:
+            button = event.button()
             if event.type() == QEvent.Type.MouseButtonPress:
-                self._pressed = event.position()
-            elif event.type() == QEvent.Type.MouseButtonRelease and self._pressed is not None:
-                moved, self._pressed = event.position() - self._pressed, None
-                if moved.manhattanLength() <= _STILL:
+                self._pressed[button] = event.position()
+            elif event.type() == QEvent.Type.MouseButtonRelease and button in self._pressed:
+                moved = event.position() - self._pressed.pop(button)
+                if moved.manhattanLength() <= _STILL and button == Qt.MouseButton.LeftButton:
                     self.pick_at(event.position())
+                elif moved.manhattanLength() <= _STILL:
+                    cell = self._cell_at(event.position())
+                    name = cell.content.name if cell is not None and cell.content is not None else ""
+                    self.menu_wanted.emit(name, event.globalPosition().toPoint())
         return False
 
     def pick_at(self, at: QPointF) -> None:
         """Tell what is at a place of the widget, if anything."""
+        cell = self._cell_at(at)
+        pick = None if cell is None else self._pick_in(cell, *self._pixel(at))
+        if pick is not None:
+            self.picked.emit(pick)
+
+    def _pixel(self, at: QPointF) -> tuple[float, float]:
+        """Return a place of the widget in VTK's pixels."""
         ratio = self._plot.devicePixelRatioF()
-        x, y = at.x() * ratio, (self._plot.height() - 1 - at.y()) * ratio
+        return at.x() * ratio, (self._plot.height() - 1 - at.y()) * ratio
+
+    def _cell_at(self, at: QPointF) -> "Cell | None":
+        """Return the view at a place of the widget that shows something."""
+        x, y = (int(value) for value in self._pixel(at))
         for cell in self._cells:
-            if (
-                cell.content is not None
-                and cell.renderer.GetDraw()
-                and cell.renderer.IsInViewport(int(x), int(y))
-            ):
-                pick = self._pick_in(cell, x, y)
-                if pick is not None:
-                    self.picked.emit(pick)
-                return
+            shown = cell.content is not None and cell.renderer.GetDraw()
+            if shown and cell.renderer.IsInViewport(x, y):
+                return cell
+        return None
 
     def _pick_in(self, cell: "Cell", x: float, y: float) -> Pick | None:
         picker = vtkCellPicker()

@@ -1,0 +1,99 @@
+"""Menus of views and plots, and plots in their own windows."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.window
+
+
+@pytest.fixture
+def modes(explored, wait):
+    explored.commands["explore.modes"].trigger()
+    wait(lambda: explored.inspector.explore.fitted.shape is not None)
+    return explored.inspector.explore.page
+
+
+def click(qapp, widget, at, button, modifiers=None):
+    from PySide6.QtCore import QPoint, Qt
+    from PySide6.QtTest import QTest
+
+    QTest.mouseClick(
+        widget, button, modifiers or Qt.KeyboardModifier.NoModifier, QPoint(round(at.x()), round(at.y()))
+    )
+    qapp.processEvents()
+
+
+def test_a_right_click_on_a_subject_offers_to_show_it_alone(explored, qapp, wait):
+    from PySide6.QtCore import QPointF, Qt
+    from PySide6.QtWidgets import QMenu
+
+    scene = explored.views.stage.scene
+    plot = scene._plot
+    lower_right = QPointF(0.75 * plot.width(), 0.75 * plot.height())
+    click(qapp, plot, lower_right, Qt.MouseButton.RightButton)
+    wait(lambda: qapp.activePopupWidget() is not None)
+    menu = qapp.activePopupWidget()
+    assert isinstance(menu, QMenu)
+    actions = {action.text(): action for action in menu.actions()}
+    assert "Select d" in actions
+    assert {"Look from", "Cut away", "Copy picture"} <= set(actions)
+    actions["Show only this subject"].trigger()
+    menu.close()
+    assert [content.name for content in scene.shown] == ["d"]
+    assert scene.layout_count == 1
+
+
+def test_plots_are_saved_with_their_texts(modes, tmp_path):
+    from PySide6.QtGui import QImage
+
+    from homolog.errors import InputError
+    from homolog_app.window.explore.plot_menu import save_plot
+
+    plot = modes.charts.scatter
+    save_plot(plot, tmp_path / "scores.svg")
+    root = ElementTree.parse(tmp_path / "scores.svg").getroot()
+    texts = {text.text for text in root.iter("{http://www.w3.org/2000/svg}text")}
+    assert "Subjects" in texts
+    save_plot(plot, tmp_path / "scores.png")
+    assert QImage(str(tmp_path / "scores.png")).size() == plot.size() * 2
+    with pytest.raises(InputError, match="can't be written"):
+        save_plot(plot, Path(tmp_path / "no" / "scores.png"))
+
+
+def test_a_plot_opens_in_its_own_window_and_names_and_ellipses_are_switched_on(modes, qapp, wait):
+    from PySide6.QtCore import Qt
+    from PySide6.QtTest import QTest
+
+    from homolog_app.window.explore.plot_menu import EnlargedPlot, plot_menu, plot_picture
+
+    plot = modes.charts.scatter
+    QTest.mouseDClick(plot, Qt.MouseButton.LeftButton)
+    dialog = plot.window().findChild(EnlargedPlot)
+    assert dialog.mirror.width() > plot.width()
+    before = plot_picture(plot)
+    for action in plot_menu(plot).actions():
+        if action.isCheckable():
+            action.trigger()
+    assert set(plot.options.values()) == {True}
+    assert plot_picture(plot) != before
+    dialog.close()
+
+
+def test_a_click_with_ctrl_adds_to_the_selection(explored, modes, qapp):
+    from PySide6.QtCore import Qt
+
+    plot, session = modes.charts.scatter, explored.desk.session
+    session.select([])
+    for name in ("a", "b"):
+        at = plot.place(*plot.point_of(name))
+        click(qapp, plot, at, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.ControlModifier)
+    assert session.selection == ("a", "b")
+    click(
+        qapp, plot, plot.place(*plot.point_of("a")), Qt.MouseButton.LeftButton,
+        Qt.KeyboardModifier.ControlModifier,
+    )  # fmt: skip
+    assert session.selection == ("b",)
+    assert np.isfinite(plot.point_of("b")).all()
