@@ -7,6 +7,8 @@ import pytest
 from trial import attempt
 
 from anatomy import LABEL_MAPS, MESHES, label_map, random_mesh
+from homolog.grooming.triangles import level_of_triangles
+from homolog.settings import GroomSettings
 
 SEED = int(os.environ["HOMOLOG_ANATOMY_SEED"])  # drawn in tests/conftest.py unless the user gave it
 FAMILIES = [*LABEL_MAPS, *MESHES]
@@ -22,6 +24,12 @@ def test_a_random_anatomy_is_groomed_or_refused_with_a_reason(number, tmp_path, 
     again = f'HOMOLOG_ANATOMY_SEED={SEED} pytest "{request.node.nodeid}"'
     assert trial.outcome in ("groomed", "refused"), f"{trial}\nagain: {again}"
     assert trial.reason or trial.outcome == "groomed", f"{trial}\nagain: {again}"
+
+
+def test_the_solid_of_an_open_mesh_ends_within_its_grid():
+    mesh = random_mesh("all of these", 20152, 20000.0)
+    values = level_of_triangles(mesh, GroomSettings(spacing=0.02)).level.values
+    assert min(np.moveaxis(values, axis, 0)[[0, -1]].min() for axis in range(3)) > 0.0
 
 
 @pytest.mark.parametrize("family", LABEL_MAPS)

@@ -156,7 +156,7 @@ def level_of_solid(solid: Solid, spacing: float | None) -> Level:
         even = np.clip(antialiased(inside), -REACH, REACH)
         exact = np.where(inside, -1.0, 1.0) * np.abs(values)
         values = ((1.0 - apart) * exact + apart * even).astype(np.float32)
-    return Level(values, affine, step)
+    return Level(_closed_at_border(values), affine, step)
 
 
 def _grid_around(
@@ -174,6 +174,14 @@ def _grid_around(
     affine = np.diag([step, step, step, 1.0])
     affine[:3, 3] = low + start
     return shape, low + start, step, affine
+
+
+def _closed_at_border(values: Array) -> Array:
+    """Return values that are outside at the grid's border: an open mesh may wind around more than its box."""
+    result = np.full_like(values, REACH)
+    inner = (slice(PADDING // 2, -(PADDING // 2)),) * 3
+    result[inner] = values[inner]
+    return result
 
 
 def _count(extent: FloatArray, step: float) -> float:

@@ -173,7 +173,7 @@ def _largest(level: Level) -> tuple[Level, BoolArray, int]:
         raise InputError(_NOTHING)
     inside: BoolArray = labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
     inside = np.asarray(ndimage.binary_fill_holes(inside))
-    others = np.bincount(labels[~inside].ravel(), minlength=2)[1:]
+    others = np.bincount(labels[~inside].ravel(), minlength=count + 1)[1:]
     others = np.where(others >= _PIECE * np.count_nonzero(inside), others, 0)
     if others.any():
         apart = np.append(False, others > 0)[labels]

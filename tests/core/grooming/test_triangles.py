@@ -10,7 +10,7 @@ from homolog.grooming import groom_subject
 from homolog.grooming.levels import level_of_mesh
 from homolog.grooming.subject import read_source
 from homolog.grooming.triangles import level_of_triangles
-from homolog.settings import GroomSettings
+from homolog.settings import GroomSettings, Pieces
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh
 
@@ -218,3 +218,14 @@ def test_all_pieces_of_a_segmentation_must_touch(grid, save):
     touching = two | (np.linalg.norm(points[..., 1:], axis=-1) < 2.5) & (np.abs(points[..., 0]) < 5.0)
     result = groom_subject(Subject("a", save(touching)), GroomSettings(pieces="all", mesh_edge=1.5))
     assert result.report.components_dropped == 0
+
+
+def test_a_piece_in_a_cavity_is_no_piece_apart(egg):
+    inner = moved(egg, 0.0, 0.6)
+    hollow = joined(egg, TriangleMesh(inner.vertices, inner.faces[:, ::-1]), moved(egg, 0.0, 0.3))
+    twice = TriangleMesh(hollow.vertices, np.concatenate([hollow.faces, hollow.faces[:1]]))
+    solid = level_of_triangles(twice, SETTINGS)
+    assert solid.volume == pytest.approx(VOLUME, rel=0.03)
+    beside = joined(moved(egg, [-50.0, 0.0, 0.0], 0.5), twice)
+    with pytest.raises(InputError, match="in 2 pieces that do not touch"):
+        level_of_triangles(beside, SETTINGS.model_copy(update={"pieces": Pieces.ALL}))
