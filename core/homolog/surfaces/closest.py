@@ -8,7 +8,7 @@ from homolog.device import choose_device
 from homolog.surfaces import kernels
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["distances_to", "on_device", "thickness"]
+__all__ = ["distances_to", "on_device", "signed_distances_to", "thickness"]
 
 
 def distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:
@@ -28,12 +28,27 @@ def distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu")
     (N,) float64 array
         Distances [mm].
     """
-    with wp.ScopedDevice(choose_device(device)):
-        surface, centre = on_device(mesh)
-        queries = wp.array((points - centre).astype(np.float32), dtype=wp.vec3)
-        distances = wp.empty(len(points), dtype=wp.float32)
-        wp.launch(kernels.distances_of_points, len(points), [surface.id, queries, distances])
-        return np.asarray(distances.numpy(), dtype=np.float64)
+    return _asked(kernels.distances_of_points, mesh, points, device)
+
+
+def signed_distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:
+    """Return how far points are from a closed surface.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Faces counter-clockwise seen from outside.
+    points : (N, 3) array
+        Places [mm].
+    device : str
+        ``"cpu"`` or a CUDA device.
+
+    Returns
+    -------
+    (N,) float64 array
+        Distances to the nearest place of the surface [mm], negative inside.
+    """
+    return _asked(kernels.signed_distances_of_points, mesh, points, device)
 
 
 def thickness(mesh: TriangleMesh, *, device: str = "cpu") -> FloatArray:
@@ -66,3 +81,13 @@ def on_device(mesh: TriangleMesh) -> tuple[wp.Mesh, FloatArray]:
         indices=wp.array(mesh.faces.ravel(), dtype=wp.int32),
     )
     return surface, centre
+
+
+def _asked(kernel: wp.Kernel, mesh: TriangleMesh, points: FloatArray, device: str) -> FloatArray:
+    """Return what a kernel of mesh, points and distances computes, (N,) [mm]."""
+    with wp.ScopedDevice(choose_device(device)):
+        surface, centre = on_device(mesh)
+        queries = wp.array((points - centre).astype(np.float32), dtype=wp.vec3)
+        distances = wp.empty(len(points), dtype=wp.float32)
+        wp.launch(kernel, len(points), [surface.id, queries, distances])
+        return np.asarray(distances.numpy(), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Thickness of walls, and distance between surfaces."""
+"""Thickness of walls."""
 
 import numpy as np
 import warp as wp
@@ -9,7 +9,7 @@ from homolog.surfaces import kernels
 from homolog.surfaces.closest import on_device
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["mean_thickness", "signed_distances_to", "wall_thickness"]
+__all__ = ["mean_thickness", "wall_thickness"]
 
 _CONE = np.deg2rad(25.0)
 _RINGS = ((0.0, 1), (0.5, 6), (1.0, 6))
@@ -69,31 +69,6 @@ def mean_thickness(mesh: TriangleMesh, thickness: FloatArray) -> float:
     known = ~np.isnan(thickness)
     total = float(weights[known].sum())
     return float(weights[known] @ thickness[known]) / total if total > 0.0 else float("nan")
-
-
-def signed_distances_to(mesh: TriangleMesh, points: FloatArray, *, device: str = "cpu") -> FloatArray:
-    """Return how far points are from a closed surface.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-        Faces counter-clockwise seen from outside.
-    points : (N, 3) array
-        Places [mm].
-    device : str
-        ``"cpu"`` or a CUDA device.
-
-    Returns
-    -------
-    (N,) float64 array
-        Distances to the nearest place of the surface [mm], negative inside.
-    """
-    with wp.ScopedDevice(choose_device(device)):
-        surface, centre = on_device(mesh)
-        queries = wp.array((points - centre).astype(np.float32), dtype=wp.vec3)
-        distances = wp.empty(len(points), dtype=wp.float32)
-        wp.launch(kernels.signed_distances_of_points, len(points), [surface.id, queries, distances])
-        return np.asarray(distances.numpy(), dtype=np.float64)
 
 
 def _directions() -> FloatArray:

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from homolog.surfaces.closest import signed_distances_to
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.walls import mean_thickness, signed_distances_to, wall_thickness
+from homolog.surfaces.walls import mean_thickness, wall_thickness
 
 
 def ball(radius, count=3):

@@ -55,7 +55,8 @@ def measured_scene(view: MeasureView, shape: "ModelShape", subject: Content | No
 
 def _coloured(view: MeasureView, content: Content, shape: "ModelShape") -> tuple[Content, ColourScale]:
     """Colour a surface by the thickness of its wall, in its own size, or by its distance from the mean."""
-    from homolog.surfaces.walls import signed_distances_to, wall_thickness
+    from homolog.surfaces.closest import signed_distances_to
+    from homolog.surfaces.walls import wall_thickness
 
     mesh = content.groomed
     assert mesh is not None
