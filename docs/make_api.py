@@ -76,7 +76,13 @@ def _documented(member: Any) -> Iterator[str]:  # noqa: ANN401 - a class or a fu
     yield from _markdown(inspect.getdoc(member) or "")
     if not inspect.isclass(member) or issubclass(member, Exception):
         return
-    own = {attribute: value for attribute, value in vars(member).items() if not attribute.startswith("_")}
+    parts = [part for part in member.__mro__ if part is member or part.__module__.startswith("homolog.api.")]
+    own = {
+        attribute: value
+        for part in parts
+        for attribute, value in vars(part).items()
+        if not attribute.startswith("_")
+    }
     properties = {
         attribute: value for attribute, value in own.items() if isinstance(value, property | cached_property)
     }

@@ -63,10 +63,10 @@ def short_settings():
 def finished_run(ellipsoids, short_settings):
     """Return a project beside the ellipsoids, with a result of theirs; not to be written to."""
     from homolog.cohort import read_cohort
-    from homolog.files.project import Project
+    from homolog.files.project import ProjectFolder
     from homolog.run import Run
 
-    project = Project(ellipsoids.parent / "project")
+    project = ProjectFolder(ellipsoids.parent / "project")
     Run(project, read_cohort(ellipsoids), short_settings).execute()
     return project
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import IMPORTED
 from homolog.files.results import Result, read_result, read_surface
 from homolog.files.tables import write_table
@@ -25,7 +25,7 @@ COLUMNS = ("kind", "subject", "severity", "particles", "x_mm", "y_mm", "z_mm", "
 Row = tuple[str, str, float, str, float, float, float, float, str]
 
 
-def inspect_project(project: Project, tick: Tick = no_tick) -> tuple[Result, Inspection]:
+def inspect_project(project: ProjectFolder, tick: Tick = no_tick) -> tuple[Result, Inspection]:
     """Find suspects in a project's result.
 
     Raises
@@ -53,7 +53,9 @@ def _check_surfaces(names: Sequence[str], meshes: Sequence[TriangleMesh]) -> Non
             ) from error
 
 
-def mended(project: Project, inspection: Inspection, suspect: Suspect, tick: Tick = no_tick) -> Inspection:
+def mended(
+    project: ProjectFolder, inspection: Inspection, suspect: Suspect, tick: Tick = no_tick
+) -> Inspection:
     """Optimize the particles of a suspect and two rings around them again; nothing is written.
 
     Returns

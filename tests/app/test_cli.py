@@ -6,7 +6,7 @@ import pytest
 
 from homolog import __version__
 from homolog.errors import Cancelled, InputError, NumericalError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, SubjectRecord
 from homolog_app.cli import main
 
@@ -76,7 +76,7 @@ def test_a_bug_is_not_hidden(monkeypatch, kind):
 
 
 def test_info_tells_subjects_groups_and_an_unfinished_run(tmp_path, capsys):
-    project = Project(tmp_path)
+    project = ProjectFolder(tmp_path)
     subjects = [
         SubjectRecord(name=name, path=f"{name}.nrrd", group=group) for name, group in ("aX", "bY", "cX")
     ]
@@ -104,6 +104,6 @@ def test_info_of_another_folder_is_an_input_error(tmp_path, capsys):
 
 def test_info_as_json_is_the_record(tmp_path, capsys):
     record = ProjectRecord(subjects=[SubjectRecord(name="a", path="a.nrrd")])
-    Project(tmp_path).write(record)
+    ProjectFolder(tmp_path).write(record)
     assert main(["info", str(tmp_path), "--json"]) == 0
     assert ProjectRecord.model_validate_json(capsys.readouterr().out) == record

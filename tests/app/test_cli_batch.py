@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import SimpleITK
 
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.settings import GroomSettings, RunSettings
 from homolog_app.cli import main
 from homolog_app.cli.options import with_all_options
@@ -78,7 +78,7 @@ def test_labels_lists_names_numbers_subjects_volumes_and_the_border(scans, capsy
 def test_run_takes_a_structure_by_name(scans, tmp_path):
     words = ["run", str(scans), "--label", "oval-left", "--out", str(tmp_path / "p"), *QUICK, *QUIET]
     assert main(words) == 0
-    record = Project(tmp_path / "p").read()
+    record = ProjectFolder(tmp_path / "p").read()
     assert (record.settings.groom.label, record.settings.groom.segment) == (None, "oval-left")
     assert len(record.result.subjects) == 4
 
@@ -114,7 +114,12 @@ def test_a_new_subject_with_a_mask_for_each_structure_is_fitted_by_its_folder(tm
     words = ["run", str(tmp_path / "scans"), "--label", "LIVER", "--out", str(project)]
     assert main([*words, *QUICK, *QUIET]) == 0
     assert main(["run", str(project), "--fit", str(new), *QUIET]) == 0
-    assert [subject.name for subject in Project(project).read().result.subjects] == ["a", "b", "c", "new"]
+    assert [subject.name for subject in ProjectFolder(project).read().result.subjects] == [
+        "a",
+        "b",
+        "c",
+        "new",
+    ]
 
 
 def test_run_refuses_an_unknown_name_with_near_ones(scans, tmp_path, capsys):
@@ -131,7 +136,7 @@ def test_a_batch_makes_a_project_for_each_structure_and_goes_on_past_those_that_
     }  # fmt: skip
     assert "2 subjects have it" in record["Rare"]["message"]
     assert record["Rare"]["absent"] == ["c", "d"]
-    assert len(Project(out / "Left-Oval").read().result.subjects) == 4
+    assert len(ProjectFolder(out / "Left-Oval").read().result.subjects) == 4
     assert not (out / "Rare").exists()
 
 
@@ -160,7 +165,7 @@ def test_a_batch_that_is_run_again_keeps_what_is_finished(finished, scans, tmp_p
     assert "Left-Oval: finished before" in capsys.readouterr().out
     assert (out / "Left-Oval" / "project.json").stat().st_mtime_ns == before
     assert main([*words, "--labels", "left oval", "--seed", "3"]) == 0
-    assert Project(out / "Left-Oval").read().result.settings.optimize.seed == 3
+    assert ProjectFolder(out / "Left-Oval").read().result.settings.optimize.seed == 3
     assert set(json.loads((out / "batch.json").read_text())["structures"]) >= {"Left-Oval", "Round_Body"}
 
 
@@ -185,7 +190,7 @@ def test_a_batch_that_is_cancelled_goes_on_where_it_was(scans, tmp_path):
     first = (out / "Left-Oval" / "project.json").stat().st_mtime_ns
     assert main([*words, "--progress", "none"]) == 0
     assert (out / "Left-Oval" / "project.json").stat().st_mtime_ns == first
-    assert Project(out / "Round_Body").read().result is not None
+    assert ProjectFolder(out / "Round_Body").read().result is not None
 
 
 def test_a_folder_with_other_files_is_no_place_for_a_batch(scans, tmp_path, capsys):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from homolog.files.particles import write_particles
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import particle_file, read_result
 from homolog_app.cli import INPUT_ERROR, OK, main
 from homolog_app.suspects import COLUMNS
@@ -19,7 +19,7 @@ PAIR = [7, 30]
 @pytest.fixture
 def swapped(finished_run, tmp_path):
     """Return a copy of a project in which two particles of its second subject are exchanged."""
-    project = Project(tmp_path / "project")
+    project = ProjectFolder(tmp_path / "project")
     shutil.copytree(finished_run.folder, project.folder, ignore=shutil.ignore_patterns(".lock"))
     result, record = read_result(project), project.read().result
     for frame, points in (("local", result.local), ("world", result.world)):

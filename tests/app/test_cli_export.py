@@ -16,7 +16,7 @@ from PIL import Image
 from homolog.analysis.shape_model import ShapeModel
 from homolog.files.meshes import read_mesh, write_mesh
 from homolog.files.particles import read_particles, write_particles
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
 from homolog.files.results import mean_file, particle_file, read_result, read_surfaces, surface_file
 from homolog.files.tables import write_table
@@ -35,7 +35,7 @@ AXES = np.array([20.0, 15.0, 10.0])
 @pytest.fixture(scope="module")
 def project(tmp_path_factory, unit_sphere):
     """Twelve ellipsoids, ``long`` and ``short`` in turn, in files 5 mm beside where they are aligned."""
-    project = Project(tmp_path_factory.mktemp("export") / "study")
+    project = ProjectFolder(tmp_path_factory.mktemp("export") / "study")
     points, faces = unit_sphere(VERTICES)
     shift = np.eye(4)
     shift[:3, 3] = [5.0, 0.0, 0.0]

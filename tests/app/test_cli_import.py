@@ -8,7 +8,7 @@ import pytest
 
 from homolog.exchange import write_markups, write_shapeworks
 from homolog.files.particles import read_particles, write_particles
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
 from homolog_app.cli import main
 
@@ -64,7 +64,7 @@ def test_a_bad_source_is_one_line(tmp_path, capsys):
 def test_landmark_errors_are_in_info_and_report(finished_run, ellipsoids, tmp_path, capsys):
     shutil.copytree(ellipsoids, tmp_path / "scans")
     shutil.copytree(finished_run.folder, tmp_path / "project")
-    project = Project(tmp_path / "project")
+    project = ProjectFolder(tmp_path / "project")
     for name, points in zip(
         *[getattr(read_result(project), item) for item in ("names", "local")], strict=True
     ):

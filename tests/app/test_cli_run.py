@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from homolog.files.markups import write_markups
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
 from homolog_app.cli import main
 
@@ -26,7 +26,7 @@ def scans(ellipsoids, tmp_path):
 @pytest.fixture
 def project(finished_run, scans, tmp_path):
     """Return a copy of the finished project, whose settings are those of a short run, beside the scans."""
-    return Project(shutil.copytree(finished_run.folder, tmp_path / "project"))
+    return ProjectFolder(shutil.copytree(finished_run.folder, tmp_path / "project"))
 
 
 @pytest.fixture
@@ -91,7 +91,7 @@ def test_the_particles_of_a_first_run_are_kept_when_it_is_cancelled(begin, proje
 
 
 def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been_killed(begin, project, tmp_path, capsys):
-    whole = Project(shutil.copytree(project.folder, tmp_path / "whole"))
+    whole = ProjectFolder(shutil.copytree(project.folder, tmp_path / "whole"))
     process = begin()
     process.kill()
     process.wait()

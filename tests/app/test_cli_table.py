@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import particle_file, read_result
 from homolog_app.cli import main
 
@@ -15,7 +15,7 @@ QUIET = ["--progress", "none", "--no-figures", "--workers", "1", "--device", "cp
 def project(finished_run, ellipsoids, tmp_path):
     """Return a copy of the finished project, beside its scans."""
     shutil.copytree(ellipsoids, tmp_path / "scans")
-    return Project(shutil.copytree(finished_run.folder, tmp_path / "project"))
+    return ProjectFolder(shutil.copytree(finished_run.folder, tmp_path / "project"))
 
 
 @pytest.fixture

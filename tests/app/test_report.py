@@ -9,7 +9,7 @@ import pytest
 
 from homolog.files.meshes import write_mesh
 from homolog.files.particles import read_particles, write_particles
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
 from homolog.files.results import mean_file, particle_file, read_result
 from homolog.files.tables import write_table
@@ -31,7 +31,7 @@ def project(tmp_path, unit_sphere):
 
 
 def _project(folder, unit_sphere):
-    project = Project(folder)
+    project = ProjectFolder(folder)
     generator = np.random.default_rng(0)
     points, faces = unit_sphere(300)
     base = 20.0 * points[::5]
@@ -395,7 +395,7 @@ def test_every_figure_lies_beside_the_report_as_vector_graphics(report):
 
 
 def test_a_project_without_a_result_has_no_report(tmp_path, capsys):
-    project = Project(tmp_path / "empty")
+    project = ProjectFolder(tmp_path / "empty")
     project.write(ProjectRecord())
     assert main(["report", str(project.folder), "--progress", "none"]) == 2
     assert "has no result yet" in capsys.readouterr().err

@@ -8,7 +8,7 @@ import pytest
 import SimpleITK
 
 from homolog.cohort import Cohort, Subject
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.run import Run
 from homolog_app.cli import main
 from homolog_app.report.seeds import SeedAnswer, read_spread, spread_words, write_spread
@@ -26,7 +26,7 @@ def project(short_settings, tmp_path):
         path = tmp_path / f"e{index}.nrrd"
         SimpleITK.WriteImage(SimpleITK.GetImageFromArray(inside.astype(np.uint8).T), path)
         subjects.append(Subject(path.stem, path, "ab"[index % 2]))
-    project = Project(tmp_path / "project")
+    project = ProjectFolder(tmp_path / "project")
     Run(project, Cohort(tuple(subjects), tmp_path), short_settings).execute()
     return project
 
@@ -39,7 +39,7 @@ def test_other_seeds_are_run_once_and_their_answers_reported(project, capsys):
         rows = list(csv.DictReader(stream))
     own = project.read().result.settings.optimize.seed
     assert [int(row["seed_of_correspondence"]) for row in rows] == [own, own + 1]
-    again = Project(project.folder / "seeds" / f"seed_{own + 1}")
+    again = ProjectFolder(project.folder / "seeds" / f"seed_{own + 1}")
     assert again.read().result.settings.optimize.seed == own + 1
     before = again.read().result.finished
     assert main(question) == 0

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from homolog.beans.files import write_beans
 from homolog.beans.generate import draw_beans
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.run import FinishReason, Phase, Run
 from homolog.run.control import Control
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
@@ -96,7 +96,7 @@ def main():
         particles=arguments.particles, split_iterations=10, anneal_iterations=40, settle_iterations=20
     )
     settings = RunSettings(groom=GroomSettings(), optimize=short, device="cpu")
-    project = Project(arguments.folder / "project")
+    project = ProjectFolder(arguments.folder / "project")
     seconds, between = watched(Run(project, cohort, settings))
     print(f"{arguments.subjects} subjects x {arguments.particles} particles, load {os.getloadavg()[0]:.1f}")
     print("| phase | takes s | between ticks s | processor s | stopped after s, worst of | load |")

@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
 
 PHASES = ("reading", "grooming", "aligning", "geodesics", "splitting", "optimizing", "modeling", "writing")
@@ -110,7 +110,7 @@ def follow(running: subprocess.Popen[str]) -> Iterator[tuple[str, float]]:
 
 def one_try(folder: Path, phase: str, spans: dict[str, float], after: float) -> Try:
     """Kill a new run of the finished project in a phase, so many seconds after it began, and resume it."""
-    project, whole = Project(folder / "killed"), contents(folder / "whole")
+    project, whole = ProjectFolder(folder / "killed"), contents(folder / "whole")
     shutil.rmtree(project.folder, ignore_errors=True)
     shutil.copytree(folder / "whole", project.folder)
     if phase in ("reading", "grooming"):
@@ -144,7 +144,7 @@ def kill_in(running: subprocess.Popen[str], phase: str, span: tuple[float, float
     return reached, time.time()
 
 
-def is_readable(project: Project) -> bool:
+def is_readable(project: ProjectFolder) -> bool:
     """Return whether the project can be opened and shows its last result."""
     try:
         read_result(project)

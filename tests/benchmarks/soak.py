@@ -30,7 +30,7 @@ import warp as wp
 from homolog.beans.files import write_beans
 from homolog.beans.generate import draw_beans
 from homolog.cohort import read_cohort
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.run import Run
 from homolog.settings import OptimizeSettings, RunSettings
 
@@ -104,7 +104,7 @@ def soak(folder: Path, options: argparse.Namespace) -> np.ndarray:
     cohort = read_cohort(folder / "beans")
     settings = RunSettings(optimize=OptimizeSettings(particles=options.particles, **_SHORT), device="cpu")
     settle_names()
-    project, began = Project(folder / "project"), time.process_time()
+    project, began = ProjectFolder(folder / "project"), time.process_time()
     rows = np.empty((options.runs, len(COLUMNS)))  # what is noted takes no further memory
     print(row_of("run", ("CPU s", *COLUMNS)))
     for number in range(1, options.runs + 1):

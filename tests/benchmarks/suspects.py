@@ -27,7 +27,7 @@ from scipy.spatial import cKDTree
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.files.meshes import read_mesh
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result, surface_file
 from homolog.geodesics import distances_from
 from homolog.inspection import Inspection, assess, inspect, locate_particles
@@ -43,7 +43,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     for folder in arguments.projects:
-        project = Project(folder)
+        project = ProjectFolder(folder)
         result, record = read_result(project), project.read().result
         meshes = [read_mesh(surface_file(project, subject.file)) for subject in record.subjects]
         began, cpu = time.perf_counter(), time.process_time()

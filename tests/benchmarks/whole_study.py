@@ -55,11 +55,11 @@ def _processor_seconds():
 def one_run(folder, particles, device):
     """Run a groomed project, draw its pictures and read it again; print the times as JSON."""
     times = StepTimes()
-    from homolog.files.project import Project
+    from homolog.files.project import ProjectFolder
     from homolog.files.results import read_modes, read_result, read_surfaces
     from homolog.run import Run
 
-    project = Project(folder)
+    project = ProjectFolder(folder)
     record = project.read()
     settings = record.settings.model_copy(
         update={

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from homolog.cohort import read_cohort
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.run import Run
 
 ROOT = Path(__file__).parents[2]
@@ -20,7 +20,7 @@ def project(finished_run, ellipsoids, tmp_path):
     """Return a copy of the finished project, beside a copy of the ellipsoids in ``scans``."""
     shutil.copytree(ellipsoids, tmp_path / "scans")
     shutil.copytree(finished_run.folder, tmp_path / "project")
-    return Project(tmp_path / "project")
+    return ProjectFolder(tmp_path / "project")
 
 
 @pytest.fixture
@@ -125,8 +125,8 @@ def search_path():
 HOLD = """
 import sys, time
 from pathlib import Path
-from homolog.files.project import Project
-with Project(Path(sys.argv[1])).locked():
+from homolog.files.project import ProjectFolder
+with ProjectFolder(Path(sys.argv[1])).locked():
     print("held", flush=True)
     time.sleep(60)
 """

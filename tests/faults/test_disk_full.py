@@ -11,7 +11,7 @@ from homolog.errors import InputError
 from homolog.exchange import write_markups, write_shapeworks
 from homolog.files.meshes import read_mesh, write_mesh
 from homolog.files.particles import write_particles
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord
 from homolog.files.results import surface_file
 from homolog.files.tables import write_table
@@ -86,7 +86,7 @@ def test_a_run_whose_disk_fills_up_leaves_the_last_result_and_goes_on_later(
 def test_a_disk_that_is_really_full_is_told_and_the_project_can_be_read(
     mounted, project, contents, short_settings
 ):
-    disk = Project(mounted("-t", "tmpfs", "-o", "size=400k", "tmpfs") / "project")
+    disk = ProjectFolder(mounted("-t", "tmpfs", "-o", "size=400k", "tmpfs") / "project")
     run = Run(disk, read_cohort(project.folder.parent / "scans"), short_settings)
     with pytest.raises(InputError, match="No space left on device; choose a folder that is writable and has"):
         run.execute()

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
 from homolog.run import table_cache
 
@@ -17,7 +17,7 @@ RUN = """
 import os, signal, sys
 from pathlib import Path
 from homolog.cohort import read_cohort
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.run import Run, table_cache
 from homolog.settings import RunSettings
 
@@ -35,7 +35,7 @@ def die(event, arguments):
 if __name__ == "__main__":  # workers import this file too
     sys.addaudithook(die)
     folder, settings = Path(folder), RunSettings.model_validate_json(settings)
-    Run(Project(folder / "project"), read_cohort(folder / "scans"), settings).execute()
+    Run(ProjectFolder(folder / "project"), read_cohort(folder / "scans"), settings).execute()
 """
 
 
@@ -99,7 +99,7 @@ def test_a_run_killed_between_two_geodesic_tables_solves_only_those_it_lacks(
 
 
 def test_the_lock_of_a_killed_program_is_taken_over(tmp_path, holder):
-    project = Project(tmp_path / "project")
+    project = ProjectFolder(tmp_path / "project")
     with holder(project) as other:
         with pytest.raises(InputError, match="in use by another Homolog"), project.locked():
             pass

@@ -12,7 +12,7 @@ PROGRAM = """
 import json, os, random, shutil, signal, sys, threading, time
 from pathlib import Path
 from homolog.cohort import read_cohort
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
 from homolog.run import Run, table_cache
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
@@ -27,7 +27,8 @@ COHORT, WHOLE, KILLED = Path("scans"), Path("whole"), Path("killed")
 table_cache._WORTH_S = 0.0  # so short a run would keep none
 
 def run(folder, follow=lambda phase: None, **how):
-    Run(Project(folder), read_cohort(COHORT), SETTINGS, **how).execute(lambda status: follow(status.phase))
+    project = ProjectFolder(folder)
+    Run(project, read_cohort(COHORT), SETTINGS, **how).execute(lambda status: follow(status.phase))
 
 def forked(work):
     # Run in a child of its own, and return the signal or exit code that ended it.
@@ -70,8 +71,8 @@ def main():
         if phase == "grooming":
             next(KILLED.glob("groomed/*.npz")).unlink()
         ended = forked(lambda: killed_in(phase, max(0.01, 0.7 * spans.get(phase, 0.0))))
-        readable = forked(lambda: read_result(Project(KILLED))) == 0
-        unfinished = Project(KILLED).read().unfinished
+        readable = forked(lambda: read_result(ProjectFolder(KILLED))) == 0
+        unfinished = ProjectFolder(KILLED).read().unfinished
         resumed = forked(lambda: run(KILLED, resume=True)) == 0 if unfinished else True
         alike = contents(KILLED) == whole
         print(json.dumps([phase, ended, readable, unfinished, resumed, alike]), flush=True)

@@ -3,7 +3,7 @@
 import pytest
 
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
 from homolog.run import Run
 from homolog_app.cli import INPUT_ERROR, OK, main
@@ -21,12 +21,12 @@ def test_a_read_only_project_is_named_by_whatever_writes(project, read_only, con
 
 def test_a_read_only_project_can_be_looked_at(project, read_only, capsys):
     folder = read_only(project.folder)
-    assert read_result(Project(folder)).names == ("a", "b", "c", "d")
+    assert read_result(ProjectFolder(folder)).names == ("a", "b", "c", "d")
     assert main(["info", str(folder)]) == OK
     assert "4 subjects x 48 particles" in capsys.readouterr().out
 
 
 def test_a_run_into_a_read_only_place_is_refused(project, read_only, short_settings):
-    new = Project(read_only(project.folder) / "new")
+    new = ProjectFolder(read_only(project.folder) / "new")
     with pytest.raises(InputError, match=r"new: can't be written: "):
         Run(new, project.cohort(), short_settings).execute()

@@ -15,7 +15,7 @@ from homolog.exchange import import_model, read_markups, write_markups, write_sh
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.meshes import read_mesh, write_mesh
 from homolog.files.particles import read_particles, write_particles
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.grooming.images import read_segmentation
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.surfaces.mesh import TriangleMesh
@@ -32,12 +32,12 @@ def octahedron() -> TriangleMesh:
 def good_project(folder: Path) -> None:
     """A project with a result of three subjects."""
     good_swproj(folder / "foreign")
-    import_model(folder / "foreign" / "a.swproj", Project(folder / "project"))
+    import_model(folder / "foreign" / "a.swproj", ProjectFolder(folder / "project"))
     shutil.rmtree(folder / "foreign")
 
 
 def read_project(folder: Path) -> object:
-    project = Project(folder / "project")
+    project = ProjectFolder(folder / "project")
     record = project.read()
     return record, project.cohort(), project.describe(project.cohort())
 
@@ -74,7 +74,7 @@ def good_xlsx(folder: Path) -> None:
 def importing(name: str) -> Callable[[Path], object]:
     def read(folder: Path) -> object:
         shutil.rmtree(folder / "made", ignore_errors=True)
-        return import_model(folder / name, Project(folder / "made"))
+        return import_model(folder / name, ProjectFolder(folder / "made"))
 
     return read
 
@@ -133,7 +133,7 @@ def good_window(folder: Path) -> None:
 def read_window(folder: Path) -> object:
     from homolog_app.window.study_files import open_project
 
-    return open_project(Project(folder / "project"))
+    return open_project(ProjectFolder(folder / "project"))
 
 
 def good_preferences(folder: Path) -> None:
@@ -163,7 +163,7 @@ def good_study(folder: Path) -> None:
 def read_inputs(folder: Path) -> object:
     from homolog_app.report.request import read_requests
 
-    return read_requests(Project(folder / "project"))
+    return read_requests(ProjectFolder(folder / "project"))
 
 
 def image(name: str) -> Target:
@@ -244,7 +244,7 @@ def exporting_again(folder: Path) -> object:
     """Import a project and export it: what was kept of it is read once more."""
     shutil.rmtree(folder / "again", ignore_errors=True)
     importing("a.swproj")(folder)
-    return write_shapeworks(Project(folder / "made"), folder / "again")
+    return write_shapeworks(ProjectFolder(folder / "made"), folder / "again")
 
 
 def good_particles_folder(folder: Path) -> None:

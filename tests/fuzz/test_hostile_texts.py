@@ -15,7 +15,7 @@ from targets import good_project, good_xlsx, octahedron
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
 from homolog.exchange import import_model, write_markups
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.tables import write_table
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page
@@ -59,7 +59,7 @@ def test_a_page_shows_every_text_as_it_is_and_runs_none():
 
 def test_a_report_about_hostile_names_runs_none_and_stays_in_its_project(tmp_path):
     good_project(tmp_path)
-    project = Project(tmp_path / "project")
+    project = ProjectFolder(tmp_path / "project")
     write_report(project)  # unwatched: on a bare machine the first pictures compile kernels into a cache
     record = project.read()
     evil = {"name": EVIL, "group": EVIL[:25], "columns": {EVIL: EVIL}, "notes": [EVIL]}
@@ -77,7 +77,7 @@ def test_a_report_about_hostile_names_runs_none_and_stays_in_its_project(tmp_pat
 
 def test_landmarks_with_hostile_names_run_nothing_in_a_report(tmp_path):
     good_project(tmp_path)
-    project = Project(tmp_path / "project")
+    project = ProjectFolder(tmp_path / "project")
     points = octahedron().vertices @ np.diag([9.0, 7.0, 5.0])
     record = project.read()
     subjects = []
@@ -112,13 +112,13 @@ def test_an_import_writes_into_its_project_whatever_subjects_are_called(tmp_path
     file = tmp_path / "a.swproj"
     file.write_text(file.read_text().replace('"name": "a"', f'"name": {name!r}'.replace("'", '"')))
     with watched(tmp_path / "project") as done:
-        import_model(file, Project(tmp_path / "project"))
+        import_model(file, ProjectFolder(tmp_path / "project"))
     assert done == []
     assert len(list((tmp_path / "project" / "particles").iterdir())) == 6
 
 
 def test_a_manifest_may_point_anywhere_but_is_described_from_the_project(tmp_path):
-    project = Project(tmp_path / "project")
+    project = ProjectFolder(tmp_path / "project")
     cohort = Cohort((Subject("a", tmp_path / ".." / "scans" / "a.nrrd"),), tmp_path)
     assert project.describe(cohort)[0].path == "../../scans/a.nrrd"
 
@@ -137,7 +137,7 @@ def test_a_workbook_that_claims_a_million_columns_is_read_or_refused_at_once(tmp
             target.writestr(item, data)
     (tmp_path / "a.xlsx").write_bytes(bloated.getvalue())
     began = time.process_time()
-    import_model(tmp_path / "a.xlsx", Project(tmp_path / "project"))
+    import_model(tmp_path / "a.xlsx", ProjectFolder(tmp_path / "project"))
     assert time.process_time() - began < SLOWEST_S
 
 
@@ -146,4 +146,4 @@ def test_a_workbook_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
     with zipfile.ZipFile(tmp_path / "a.xlsx", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("xl/workbook.xml", bytes(2**21))
     with pytest.raises(InputError, match="unpacks to more than"):
-        import_model(tmp_path / "a.xlsx", Project(tmp_path / "project"))
+        import_model(tmp_path / "a.xlsx", ProjectFolder(tmp_path / "project"))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.cli.options import add_former_name
 from homolog_app.cli.progress import add_progress_option, show_progress
 
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog_app.report.study import run_study
     from homolog_app.report.surface_maps import SurfaceCarrier
 
-    project = Project(arguments.project)
+    project = ProjectFolder(arguments.project)
     if arguments.seeds < 1:
         raise InputError(f"--seeds {arguments.seeds}: must be 1 or more")
     alignments = _alignments(arguments)

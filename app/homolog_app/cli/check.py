@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.cli.options import add_former_name
 from homolog_app.cli.progress import add_progress_option, show_progress
 
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             f"--out {arguments.out}: the list can be written as .csv or .json; use one of these suffixes"
         )
-    project = Project(arguments.project)
+    project = ProjectFolder(arguments.project)
     project.recover()
     with show_progress(arguments.progress) as progress:
         share = 0.2 if arguments.repair else 1.0
@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _repair(
-    project: Project, result: "Result", inspection: "Inspection", count: int, tick: "Tick"
+    project: ProjectFolder, result: "Result", inspection: "Inspection", count: int, tick: "Tick"
 ) -> "tuple[Inspection, list[str]]":
     """Repair the most severe suspects one after another; keep what gets better."""
     from homolog.progress import part_of

@@ -17,7 +17,7 @@ from homolog_app.cli.progress import add_progress_option, remaining_seconds, sho
 
 if TYPE_CHECKING:
     from homolog.cohort import Cohort
-    from homolog.files.project import Project
+    from homolog.files.project import ProjectFolder
 
 __all__ = ["add_parser", "run"]
 
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress.show(fraction, message, left if fraction > _ETA_FROM else None)
 
         cohort = write_beans(out / "cohort", beans, _SEED, part_of(tick, 0.0, _ENDS[0]))
-        projects: dict[str, Project] = {}
+        projects: dict[str, ProjectFolder] = {}
         for method, start, end in zip(_METHODS, _ENDS, _ENDS[1:], strict=False):
             settings = optimize.model_copy(update={"method": method})
             name = _NAMES[method]
@@ -96,19 +96,19 @@ def _check_folder(out: Path) -> None:
 
 def _run_method(
     folder: Path, name: str, cohort: "Cohort", optimize: OptimizeSettings, tick: Tick
-) -> "Project":
+) -> "ProjectFolder":
     """Run one method on the cohort, whose shapes lie in one frame as they are."""
-    from homolog.files.project import Project
+    from homolog.files.project import ProjectFolder
     from homolog.run import Run
 
-    project = Project(folder)
+    project = ProjectFolder(folder)
     settings = RunSettings(groom=GroomSettings(alignment=Alignment.NONE), optimize=optimize)
     job = Run(project, cohort, settings)
     job.execute(lambda status: tick(status.fraction, f"{name} method, {status.phase}: {status.message}"))
     return project
 
 
-def _draw(out: Path, projects: dict[str, "Project"], tick: Tick) -> None:
+def _draw(out: Path, projects: dict[str, "ProjectFolder"], tick: Tick) -> None:
     from homolog.analysis.shape_model import ShapeModel
     from homolog.files.atomic import atomic_write
     from homolog.files.results import read_modes, read_result

@@ -8,7 +8,7 @@ from homolog.analysis.evaluation import generalization, specificity
 from homolog.analysis.shape_model import ShapeModel
 from homolog.beans.evaluate import BeanMetrics, evaluate
 from homolog.beans.generate import Bean
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
 from homolog.files.tables import write_table
 from homolog.progress import Tick, part_of
@@ -68,7 +68,7 @@ _FIGURES = (
 
 
 def write_comparison(
-    out: Path, projects: Mapping[str, Project], beans: Sequence[Bean], tick: Tick
+    out: Path, projects: Mapping[str, ProjectFolder], beans: Sequence[Bean], tick: Tick
 ) -> list[ComparisonRow]:
     """Judge the methods' results and write ``comparison.csv``.
 
@@ -76,7 +76,7 @@ def write_comparison(
     ----------
     out : Path
         Folder of the table.
-    projects : mapping of str to Project
+    projects : mapping of str to ProjectFolder
         Finished runs by method.
     beans : sequence of Bean
         The cohort's truth.
@@ -102,7 +102,7 @@ def write_comparison(
     return rows
 
 
-def _figures_of(project: Project, beans: Sequence[Bean], tick: Tick) -> dict[str, float]:
+def _figures_of(project: ProjectFolder, beans: Sequence[Bean], tick: Tick) -> dict[str, float]:
     result, record = read_result(project), project.read().result
     assert record is not None
     tick(0.0, "judging the correspondences")

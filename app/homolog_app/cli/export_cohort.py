@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import Any
 
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.cli.export_files import add_kind, exporting
 
 __all__ = ["add_parser", "run"]
@@ -26,6 +26,6 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog_app.exports.cohort import write_cohort
 
     with exporting(arguments):
-        write_cohort(arguments.out, Project(arguments.project).cohort())
+        write_cohort(arguments.out, ProjectFolder(arguments.project).cohort())
     sys.stderr.write(f"{arguments.out}\n")
     return 0

@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import Any
 
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.cli.export_files import add_kind, exporting
 
 __all__ = ["add_parser", "run"]
@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog.files.results import read_result, read_surface
     from homolog_app.exports.measures import measure_meshes, write_measures
 
-    project = Project(arguments.project)
+    project = ProjectFolder(arguments.project)
     with exporting(arguments) as tick:
         result, record = read_result(project), project.read().result
         assert record is not None, "a result that was read has a record"

@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import Any
 
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.cli.export_files import add_group_option, add_kind, exporting
 from homolog_app.cli.options import add_options, with_options
 from homolog_app.exports.settings import MeshSettings
@@ -35,6 +35,6 @@ def run(arguments: argparse.Namespace) -> int:
 
     groups = tuple(arguments.group) if arguments.group else None
     with exporting(arguments) as tick, replace_folder(arguments.out) as folder:
-        count = write_meshes(Project(arguments.project), folder, settings, groups, tick)
+        count = write_meshes(ProjectFolder(arguments.project), folder, settings, groups, tick)
     sys.stderr.write(f"{arguments.out}: {count} surfaces\n")
     return 0

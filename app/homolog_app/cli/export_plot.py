@@ -5,7 +5,7 @@ import sys
 from typing import Any
 
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.cli.export_files import add_group_option, add_kind, exporting
 from homolog_app.cli.options import add_options, with_options
 from homolog_app.exports.settings import PlotSettings
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     with exporting(arguments) as tick:
         groups = tuple(arguments.group) if arguments.group else None
-        figure = draw_plot(Project(arguments.project), settings, groups, arguments.colour_by, tick)
+        figure = draw_plot(ProjectFolder(arguments.project), settings, groups, arguments.colour_by, tick)
         with atomic_write(arguments.out) as part:
             write_picture(figure, part)
     sys.stderr.write(f"{arguments.out}\n")

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.cli.export_files import add_kind, exporting
 from homolog_app.cli.options import add_options, with_options
 from homolog_app.exports.settings import ParticleSettings
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.what == "shapeworks":
             from homolog.exchange import write_shapeworks
 
-            write_shapeworks(Project(arguments.project), folder, tick)
+            write_shapeworks(ProjectFolder(arguments.project), folder, tick)
         else:
             _write_points(arguments, folder, tick)
     sys.stderr.write(f"{arguments.out}\n")
@@ -67,7 +67,7 @@ def _write_points(arguments: argparse.Namespace, folder: Path, tick: "Tick") -> 
     from homolog.files.results import read_result
 
     settings = with_options(ParticleSettings(), arguments)
-    result = read_result(Project(arguments.project))
+    result = read_result(ProjectFolder(arguments.project))
     points = dict(zip(result.names, getattr(result, settings.coordinates), strict=True))
     if settings.coordinates == "world":  # shapes in the coordinates of their files have no common mean
         points["mean"] = result.world.mean(axis=0)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.cli.export_files import add_kind, exporting
 from homolog_app.cli.options import add_options, with_options
 from homolog_app.exports.settings import ScreenshotSettings
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
             shown, canvas = read_shown(Path(arguments.view))
         else:
             wanted = _snapshot(arguments.view)
-            shown, canvas = shown_again(Project(arguments.project), wanted, tick), wanted.canvas
+            shown, canvas = shown_again(ProjectFolder(arguments.project), wanted, tick), wanted.canvas
         tick(0.9, "drawing")
         pixels = drawn(shown, canvas, settings.scale, transparent=settings.transparent)
         write_still(arguments.out, pixels)

@@ -4,7 +4,7 @@ from matplotlib.figure import Figure
 
 from homolog.analysis.shape_model import ShapeModel
 from homolog.files.atomic import atomic_write
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_modes, read_result, read_surfaces
 from homolog.progress import Tick, no_tick
 from homolog_app.pictures import ModeSurfaces, draw_modes, draw_particles, draw_subjects, write_picture
@@ -14,12 +14,12 @@ __all__ = ["draw_figures"]
 _MODES = 3
 
 
-def draw_figures(project: Project, tick: Tick = no_tick) -> None:
+def draw_figures(project: ProjectFolder, tick: Tick = no_tick) -> None:
     """Draw a project's result into its ``figures`` folder.
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
     tick : Tick
 
     Raises
@@ -56,6 +56,6 @@ def draw_figures(project: Project, tick: Tick = no_tick) -> None:
         tick(0.4 + 0.6 * min(12 * page / len(surfaces), 1.0), "pictures of the subjects")
 
 
-def _write(project: Project, name: str, figure: Figure) -> None:
+def _write(project: ProjectFolder, name: str, figure: Figure) -> None:
     with atomic_write(project.figures / name) as part:
         write_picture(figure, part)

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.cli.progress import add_progress_option, show_progress
 
 __all__ = ["add_parser", "run"]
@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Import the model; returns the exit code."""
     from homolog.exchange import import_model
 
-    project = Project(arguments.project)
+    project = ProjectFolder(arguments.project)
     with show_progress(arguments.progress) as progress:
         notes = import_model(arguments.source, project, domain=arguments.domain, tick=progress.tick)
     for note in notes:

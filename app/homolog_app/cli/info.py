@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from homolog.errors import InputError, NumericalError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord
 
 __all__ = ["add_parser", "how_it_ended", "run"]
@@ -29,7 +29,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the record; returns the exit code."""
-    project = Project(arguments.project)
+    project = ProjectFolder(arguments.project)
     project.recover()
     record = project.read()
     if arguments.json:
@@ -44,7 +44,7 @@ def how_it_ended(result: ResultRecord) -> str:
     return _ENDINGS.get(result.ended, result.ended).format(result.iterations)
 
 
-def _facts(project: Project, record: ProjectRecord) -> list[tuple[str, str]]:
+def _facts(project: ProjectFolder, record: ProjectRecord) -> list[tuple[str, str]]:
     facts = [
         ("project", str(project.folder)),
         ("subjects", _groups([subject.group for subject in record.subjects])),
@@ -57,7 +57,7 @@ def _facts(project: Project, record: ProjectRecord) -> list[tuple[str, str]]:
     return [*facts, *_result_facts(record.result), *_landmarks(project, record)]
 
 
-def _landmarks(project: Project, record: ProjectRecord) -> list[tuple[str, str]]:
+def _landmarks(project: ProjectFolder, record: ProjectRecord) -> list[tuple[str, str]]:
     if not any(subject.landmarks for subject in record.subjects):
         return []
     from homolog.exchange import project_landmark_errors

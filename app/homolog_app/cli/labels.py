@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from homolog.cohort import Cohort, read_cohort
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.cli.progress import add_progress_option, show_progress
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def cohort_of(path: Path) -> Cohort:
     """Return the cohort of a folder, table or project."""
-    project = Project(path)
+    project = ProjectFolder(path)
     return project.cohort() if project.exists else read_cohort(path)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.films.settings import SIGHTS
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def chosen_motions(arguments: argparse.Namespace, deviations: float) -> "Sequenc
     from homolog.files.results import read_result
     from homolog_app.films.motion import group_motion, mode_motions, standing
 
-    result = read_result(Project(arguments.project))
+    result = read_result(ProjectFolder(arguments.project))
     if len(set(arguments.view)) < len(arguments.view) or len(set(arguments.mode or [])) < len(
         arguments.mode or []
     ):

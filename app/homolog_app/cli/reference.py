@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.cli.progress import add_progress_option, show_progress
 
 __all__ = ["add_parser", "run"]
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_name(arguments.out)
     with show_progress(arguments.progress) as progress:
         reference = make_reference(
-            Project(arguments.project),
+            ProjectFolder(arguments.project),
             group=arguments.group,
             column=arguments.column,
             adjust=arguments.adjust,

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.cli.progress import add_progress_option, show_progress
 
 __all__ = ["add_parser", "run"]
@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the report; returns the exit code."""
     from homolog_app.report.write import write_report
 
-    project = Project(arguments.project)
+    project = ProjectFolder(arguments.project)
     with project.locked(new=False), show_progress(arguments.progress) as progress:
         path = write_report(project, progress.tick)
     sys.stdout.write(f"{path}\n")

@@ -22,7 +22,7 @@ from homolog.cohort import (
     with_values_of,
 )
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
 from homolog_app.cli.info import how_it_ended
 from homolog_app.cli.options import add_former_name, add_options, with_all_options
@@ -108,7 +108,9 @@ def run(arguments: argparse.Namespace) -> int:
     return OK if done else CANCELLED
 
 
-def _is_there(arguments: argparse.Namespace, project: Project, cohort: Cohort, settings: RunSettings) -> bool:
+def _is_there(
+    arguments: argparse.Namespace, project: ProjectFolder, cohort: Cohort, settings: RunSettings
+) -> bool:
     """Whether the project has the very result already that is asked for with a folder or table."""
     asked_anew = arguments.restart or arguments.resume or arguments.fit or project.folder == arguments.cohort
     if asked_anew or not project.exists:
@@ -119,7 +121,7 @@ def _is_there(arguments: argparse.Namespace, project: Project, cohort: Cohort, s
         return is_result_of(project, cohort, settings, progress.tick)
 
 
-def _use(arguments: argparse.Namespace, project: Project, cohort: Cohort) -> int:
+def _use(arguments: argparse.Namespace, project: ProjectFolder, cohort: Cohort) -> int:
     """Take the cohort's groups and columns into the project that has its result; returns the exit code."""
     from homolog.files.project_table import update_table
 
@@ -140,7 +142,7 @@ def _use(arguments: argparse.Namespace, project: Project, cohort: Cohort) -> int
     return 0
 
 
-def _say_what_was_found(project: Project) -> None:
+def _say_what_was_found(project: ProjectFolder) -> None:
     """Say what grooming found in the files and changed, also where nobody looks into the report."""
     result = project.read().result
     if result is None:
@@ -160,7 +162,7 @@ def _say_what_is_left(job: "Run") -> None:
     sys.stderr.write(f"cancelled; to continue: homolog run {project.folder} --resume\n")
 
 
-def _summary(project: Project) -> str:
+def _summary(project: ProjectFolder) -> str:
     result = project.read().result
     assert result is not None, "a completed run has a result"
     folds = f"; {result.folded_faces} folded faces on the mean" if result.folded_faces else ""
@@ -168,10 +170,10 @@ def _summary(project: Project) -> str:
     return f"{size}, {how_it_ended(result)}{folds}"
 
 
-def _what_to_run(arguments: argparse.Namespace) -> tuple[Project, Cohort, RunSettings]:
-    source = Project(arguments.cohort)
+def _what_to_run(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, RunSettings]:
+    source = ProjectFolder(arguments.cohort)
     if source.exists:
-        project = Project(arguments.out or arguments.cohort)
+        project = ProjectFolder(arguments.out or arguments.cohort)
         record, cohort = source.read(), source.cohort()
         settings = record.settings
         if arguments.resume and not record.unfinished:
@@ -185,7 +187,7 @@ def _what_to_run(arguments: argparse.Namespace) -> tuple[Project, Cohort, RunSet
     elif arguments.out is None:
         raise InputError(f"name a folder for the results: homolog run {arguments.cohort} --out PROJECT")
     else:
-        project, cohort, settings = Project(arguments.out), read_cohort(arguments.cohort), RunSettings()
+        project, cohort, settings = ProjectFolder(arguments.out), read_cohort(arguments.cohort), RunSettings()
     project.check_is_free()
     settings = with_all_options(settings, arguments)
     if arguments.fit:
@@ -226,7 +228,7 @@ def _subjects_of(path: Path, segment: str | None) -> tuple[Subject, ...]:
 
 
 def _adds_particles(
-    arguments: argparse.Namespace, project: Project, cohort: Cohort, settings: RunSettings
+    arguments: argparse.Namespace, project: ProjectFolder, cohort: Cohort, settings: RunSettings
 ) -> bool:
     """Whether the project's result is of the same cohort and settings but for fewer particles.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from homolog.cohort import with_table
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 
 __all__ = ["add_parser", "run"]
 
@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Say what changes and write it; returns the exit code."""
     from homolog.files.project_table import update_table
 
-    project = Project(arguments.project)
+    project = ProjectFolder(arguments.project)
     with project.locked(new=False):
         changes = with_table(project.cohort().subjects, arguments.table)
         sys.stdout.write("".join(f"{line}\n" for line in changes.lines))

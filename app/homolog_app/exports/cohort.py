@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from homolog.cohort import Cohort
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.tables import write_table
 
 __all__ = ["write_cohort"]
@@ -23,7 +23,7 @@ def write_cohort(path: Path, cohort: Cohort) -> None:
     InputError
         If the file can't be written.
     """
-    relative = Project(path.parent).describe(cohort)
+    relative = ProjectFolder(path.parent).describe(cohort)
     columns = list(dict.fromkeys(name for item in relative for name in item.columns))
     write_table(
         path,

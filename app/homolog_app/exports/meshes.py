@@ -12,7 +12,7 @@ from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import Array
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result, read_surfaces
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
@@ -39,7 +39,7 @@ class _Named:
 
 
 def write_meshes(
-    project: Project,
+    project: ProjectFolder,
     folder: Path,
     settings: MeshSettings,
     groups: tuple[str, str, str] | None = None,
@@ -49,7 +49,7 @@ def write_meshes(
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
         With a result.
     folder : Path
         Is there, and empty.
@@ -127,7 +127,7 @@ def _group_surfaces(
     ]
 
 
-def _subject_surfaces(project: Project, result: Result) -> list[_Named]:
+def _subject_surfaces(project: ProjectFolder, result: Result) -> list[_Named]:
     """Return the subjects' own surfaces with the displacement of the nearest particle from the mean."""
     away = result.world - result.world.mean(axis=0)
     surfaces = []

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from homolog.analysis.parallel import parallel_analysis
 from homolog.analysis.shape_model import ShapeModel
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result
 from homolog.progress import Tick, no_tick
 from homolog_app.exports.groups import compare
@@ -29,7 +29,7 @@ __all__ = ["draw_plot"]
 
 
 def draw_plot(
-    project: Project,
+    project: ProjectFolder,
     settings: PlotSettings,
     groups: tuple[str, str, str] | None = None,
     colour_by: str = "group",
@@ -39,7 +39,7 @@ def draw_plot(
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
         With a result.
     settings : PlotSettings
         Which plot.

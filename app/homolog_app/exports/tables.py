@@ -8,7 +8,7 @@ from homolog.analysis.outliers import shape_outliers
 from homolog.analysis.parallel import parallel_analysis
 from homolog.analysis.shape_model import ShapeModel
 from homolog.files.names import file_stems
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result, read_surface
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
@@ -23,7 +23,7 @@ __all__ = ["write_tables"]
 
 
 def write_tables(
-    project: Project,
+    project: ProjectFolder,
     folder: Path,
     settings: TableSettings,
     groups: tuple[str, str, str] | None = None,
@@ -33,7 +33,7 @@ def write_tables(
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
         With a result.
     folder : Path
         Is there, and empty.
@@ -98,7 +98,9 @@ def _write_modes(path: Path, result: Result, model: ShapeModel) -> None:
     )
 
 
-def _write_subjects(path: Path, project: Project, result: Result, model: ShapeModel, tick: Tick) -> None:
+def _write_subjects(
+    path: Path, project: ProjectFolder, result: Result, model: ShapeModel, tick: Tick
+) -> None:
     """Write each subject's measures, of its groomed surface at its own size, with the cohort's columns."""
     record = project.read().result
     assert record is not None, "a result that was read has a record"

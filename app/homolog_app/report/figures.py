@@ -14,7 +14,7 @@ from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.files.names import file_stems
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.progress import Tick
 from homolog_app.pictures import LIGHT, VIEWS, ModeSurfaces, Theme, draw_differences, draw_modes
@@ -44,7 +44,7 @@ class ReportFigure:
 
 
 def model_figures(
-    project: Project, result: Result, model: ShapeModel, carrier: SurfaceCarrier, tick: Tick
+    project: ProjectFolder, result: Result, model: ShapeModel, carrier: SurfaceCarrier, tick: Tick
 ) -> Iterator[ReportFigure]:
     """Yield the figures of the shape model."""
     parallel, record = parallel_analysis(result.world), project.read().result
@@ -144,7 +144,7 @@ def quality_rows(result: Result, model: ShapeModel) -> list[tuple[int, float, fl
     ]
 
 
-def energies_figure(project: Project, theme: Theme = LIGHT) -> Figure:
+def energies_figure(project: ProjectFolder, theme: Theme = LIGHT) -> Figure:
     """Draw the objective's parts along the run."""
     energies = _energies(project)
     return plot_energies(energies.pop("iteration"), energies, theme=theme)
@@ -206,7 +206,7 @@ def _scree_caption(parallel: ParallelAnalysis) -> str:
     )
 
 
-def _energies(project: Project) -> dict[str, FloatArray]:
+def _energies(project: ProjectFolder) -> dict[str, FloatArray]:
     path = project.folder / "energies.csv"
     names = ("iteration", "sampling", "ensemble", "normals")
     try:

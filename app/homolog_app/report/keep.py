@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog_app.report.request import Answered, study_folder, write_request
 from homolog_app.report.study import Study
@@ -12,12 +12,14 @@ from homolog_app.report.tables import write_study_tables
 __all__ = ["keep_study"]
 
 
-def keep_study(project: Project, study: Study, result: Result, carrier: SurfaceCarrier | None = None) -> Path:
+def keep_study(
+    project: ProjectFolder, study: Study, result: Result, carrier: SurfaceCarrier | None = None
+) -> Path:
     """Write a study's tables and its question into the project; returns their folder.
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
     study : Study
     result : Result
         That it was asked of.

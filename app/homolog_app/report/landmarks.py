@@ -5,7 +5,7 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog.errors import InputError, NumericalError
 from homolog.exchange import LandmarkErrors, project_landmark_errors
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.report.page import Page
 
 __all__ = ["landmark_words", "write_landmarks"]
@@ -21,7 +21,7 @@ def landmark_words(errors: LandmarkErrors) -> str:
     )
 
 
-def write_landmarks(page: Page, project: Project) -> None:
+def write_landmarks(page: Page, project: ProjectFolder) -> None:
     """Write the report's section on landmarks, if the project's subjects have any."""
     try:
         errors = project_landmark_errors(project)

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from homolog.analysis.procrustes import Alignment
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
-from homolog.files.project import OUT_OF_DATE, Project
+from homolog.files.project import OUT_OF_DATE, ProjectFolder
 
 __all__ = [
     "Answered",
@@ -142,7 +142,7 @@ class Answered(BaseModel):
     date: str = ""
 
     @classmethod
-    def now(cls, project: Project) -> "Answered":
+    def now(cls, project: ProjectFolder) -> "Answered":
         """Describe an answer about a project's present result."""
         record = project.read().result
         try:
@@ -164,7 +164,7 @@ def category_of(column: str, known: "set[str]") -> tuple[str, bool]:
     return column, False
 
 
-def study_folder(project: Project, request: StudyRequest) -> Path:
+def study_folder(project: ProjectFolder, request: StudyRequest) -> Path:
     """Return the folder of a study's tables: the one that holds this question, or a free one."""
     return _folder_in(project.folder / "analysis", request)
 
@@ -194,7 +194,7 @@ def write_request(request: StudyRequest, folder: Path, answered: Answered) -> No
     (folder / OUT_OF_DATE).unlink(missing_ok=True)
 
 
-def read_requests(project: Project) -> list[StudyRequest]:
+def read_requests(project: ProjectFolder) -> list[StudyRequest]:
     """Return the questions kept in a project, by name.
 
     Raises
@@ -205,7 +205,7 @@ def read_requests(project: Project) -> list[StudyRequest]:
     return [_read(path)[0] for path in sorted((project.folder / "analysis").glob(f"*/{_RECORD}"))]
 
 
-def kept_studies(project: Project) -> list[tuple[StudyRequest, bool]]:
+def kept_studies(project: ProjectFolder) -> list[tuple[StudyRequest, bool]]:
     """Return the questions kept in a project, by name, each with whether its tables are out of date.
 
     Raises

@@ -10,7 +10,7 @@ import numpy as np
 
 from homolog.cohort import Cohort
 from homolog.errors import Cancelled, InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ResultRecord
 from homolog.files.results import Result, read_result
 from homolog.files.tables import write_table
@@ -49,7 +49,7 @@ class SeedAnswer:
 
 
 def answer_by_seed(
-    project: Project,
+    project: ProjectFolder,
     result: Result,
     requests: Sequence[StudyRequest],
     count: int,
@@ -62,7 +62,7 @@ def answer_by_seed(
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
         With the result.
     result : Result
         As read, with the table's present columns.
@@ -167,9 +167,9 @@ def spread_words(answers: Sequence[SeedAnswer]) -> list[str]:
     return sentences
 
 
-def _repeated(project: Project, record: ResultRecord, seed: int, tick: Tick) -> Project:
+def _repeated(project: ProjectFolder, record: ResultRecord, seed: int, tick: Tick) -> ProjectFolder:
     """Return the project of another seed's run, computed now if it is not there."""
-    again = Project(project.folder / _FOLDER / f"seed_{seed}")
+    again = ProjectFolder(project.folder / _FOLDER / f"seed_{seed}")
     settings = record.settings.model_copy(
         update={"optimize": record.settings.optimize.model_copy(update={"seed": seed})}
     )

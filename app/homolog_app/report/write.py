@@ -8,7 +8,7 @@ from homolog.analysis.comparison import Comparison
 from homolog.analysis.shape_model import ShapeModel
 from homolog.errors import InputError
 from homolog.files.atomic import atomic_write, write_text
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ResultRecord
 from homolog.files.results import Result, read_result
 from homolog.files.tables import write_table
@@ -42,12 +42,12 @@ __all__ = ["write_report"]
 NOTICE = "For research use only. Not a medical device; not for diagnosis or treatment."
 
 
-def write_report(project: Project, tick: Tick = no_tick) -> Path:
+def write_report(project: ProjectFolder, tick: Tick = no_tick) -> Path:
     """Answer all of a project's questions anew and write its report.
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
         With a result; studies are those that ``homolog analyze`` kept.
     tick : Tick
         Progress and cancelling.
@@ -302,7 +302,7 @@ def _sample(page: Page, study: Study, result: Result) -> None:
 
 def _closing(
     page: Page,
-    project: Project,
+    project: ProjectFolder,
     record: ResultRecord,
     studies: list[Study],
     figures: Sequence[ReportFigure],

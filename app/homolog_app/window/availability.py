@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping
 
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.window.session import Session
 
 __all__ = ["LAYOUTS", "REASONS", "available"]
@@ -55,7 +55,7 @@ REASONS: Mapping[str, str] = {
 
 def available(
     session: Session,
-    project: Project,
+    project: ProjectFolder,
     *,
     busy: bool,
     running: bool,
@@ -78,7 +78,7 @@ def available(
     Parameters
     ----------
     session : Session
-    project : Project
+    project : ProjectFolder
         The open project, or the draft.
     busy, running : bool
         Whether the user waits for a job; whether that job is a run.

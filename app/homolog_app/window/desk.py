@@ -9,7 +9,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, QTimer, Slot
 
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.settings import RunSettings
 from homolog_app.window.journal import Journal, JournalRecord
 from homolog_app.window.log_pane import LogMemory
@@ -47,9 +47,9 @@ class Desk(QObject):
         self.session.project_changed.connect(self._autosave.start)
 
     @property
-    def project(self) -> Project:
+    def project(self) -> ProjectFolder:
         """The folder where grooming and runs are kept: the open project, or a draft until it is saved."""
-        return Project(self.session.folder) if self.session.folder else self.journal.draft
+        return ProjectFolder(self.session.folder) if self.session.folder else self.journal.draft
 
     @property
     def is_changed(self) -> bool:
@@ -70,7 +70,7 @@ class Desk(QObject):
         """
         held = ExitStack()
         if folder is not None and os.access(folder, os.W_OK):
-            held.enter_context(Project(folder).locked())
+            held.enter_context(ProjectFolder(folder).locked())
         self._held.close()
         self._held = held
 

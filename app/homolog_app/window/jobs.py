@@ -13,7 +13,7 @@ from homolog.arrays import FloatArray
 from homolog.cohort import Cohort, Subject
 from homolog.errors import Cancelled, InputError
 from homolog.files.names import file_stems
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.progress import Tick, part_of
 from homolog.settings import GroomSettings, RunSettings
 from homolog_app.window.loaded import Loaded, Recorder, load_result
@@ -81,11 +81,11 @@ def import_model(source: Path, folder: Path, domain: str, tick: Tick) -> list[st
     """Make a project of another program's model; return what is to be said of it."""
     from homolog import exchange
 
-    return exchange.import_model(source, Project(folder), domain=domain, tick=tick)
+    return exchange.import_model(source, ProjectFolder(folder), domain=domain, tick=tick)
 
 
 def groom(
-    cohort: Cohort, settings: RunSettings, project: Project, tick: Tick
+    cohort: Cohort, settings: RunSettings, project: ProjectFolder, tick: Tick
 ) -> "tuple[list[GroomedSubject], FloatArray]":
     """Groom and align a cohort; what was groomed before comes from the project."""
     from homolog.cluster import subject_executor
@@ -101,7 +101,7 @@ def groom(
 
 
 def groomed_before(
-    cohort: Cohort, settings: RunSettings, project: Project, tick: Tick
+    cohort: Cohort, settings: RunSettings, project: ProjectFolder, tick: Tick
 ) -> "tuple[list[GroomedSubject], FloatArray] | None":
     """Return what a project keeps of its grooming, aligned; None unless each subject is kept as it is now."""
     from homolog.grooming import align_cohort
@@ -129,7 +129,7 @@ class RunJob:
 
     def __init__(
         self,
-        project: Project,
+        project: ProjectFolder,
         cohort: Cohort,
         settings: RunSettings,
         *,

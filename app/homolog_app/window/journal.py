@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from homolog.cohort import checked_path
 from homolog.files.atomic import write_text
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.window.study_files import StudyRecord
 
 __all__ = ["Journal", "JournalRecord", "Lost", "find_lost"]
@@ -39,9 +39,9 @@ class Journal:
         self._lock.acquire(timeout=0)
 
     @property
-    def draft(self) -> Project:
+    def draft(self) -> ProjectFolder:
         """The project of a study that was never saved."""
-        return Project(self._folder / _DRAFT)
+        return ProjectFolder(self._folder / _DRAFT)
 
     def write(self, record: JournalRecord) -> None:
         """Replace the journal."""

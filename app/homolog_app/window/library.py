@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QFileDialog, QInputDialog
 
 from homolog.errors import InputError
 from homolog.files.atomic import replace_folder
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog_app.window.asking import Part, ask, reported, waited
 from homolog_app.window.journal import Lost, find_lost
 from homolog_app.window.loaded import write_held
@@ -64,7 +64,7 @@ class Library(Part):
     @reported
     def take(self, paths: Sequence[Path]) -> None:
         """Open a project, or add what was dropped or chosen to the study."""
-        if len(paths) == 1 and Project(paths[0]).exists:
+        if len(paths) == 1 and ProjectFolder(paths[0]).exists:
             if self.may_leave():
                 self.open(paths[0])
             return
@@ -77,7 +77,7 @@ class Library(Part):
     @reported
     def open(self, folder: Path) -> None:
         """Open a project and read its result."""
-        project = Project(folder)
+        project = ProjectFolder(folder)
         opened = open_project(project)
         self._desk.hold(folder)
         elsewhere = self._asked_where(opened.study)
@@ -130,7 +130,7 @@ class Library(Part):
             self._write_held(folder)
         elif folder != session.folder and before.folder.is_dir():
             waited(self._window, f"Saving to {folder.name}…", lambda: _copy(before.folder, folder))
-        save_project(Project(folder), session.study, self._view())
+        save_project(ProjectFolder(folder), session.study, self._view())
         moved = folder != session.folder
         self._desk.hold(folder)
         session.folder = folder
@@ -152,7 +152,7 @@ class Library(Part):
 
         def write() -> None:
             with replace_folder(folder) as part:
-                write_held(Project(part), loaded, cohort)
+                write_held(ProjectFolder(part), loaded, cohort)
 
         waited(self._window, f"Saving to {folder.name}…", write)
 
@@ -226,7 +226,7 @@ class Library(Part):
         study = study_of(lost.record.study, lost.base)
         folder = Path(lost.record.folder) if lost.record.folder else None
         desk.hold(folder)
-        saved = open_project(Project(folder)).study if folder is not None else Study()
+        saved = open_project(ProjectFolder(folder)).study if folder is not None else Study()
         desk.journal.adopt(lost)
         desk.work.look_for_groomed(desk.project)
         session.open(saved, folder)

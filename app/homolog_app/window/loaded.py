@@ -9,7 +9,7 @@ from homolog.arrays import FloatArray, frozen
 from homolog.cohort import Cohort
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord
 from homolog.files.results import Result, read_result, read_surface
 from homolog.progress import Tick, no_tick, part_of
@@ -87,7 +87,7 @@ class Recorder:
             self.frames = self.frames[::2]
             self._every *= 2
 
-    def write(self, project: Project) -> None:
+    def write(self, project: ProjectFolder) -> None:
         """Store the frames with the result."""
         arrays: dict[str, object] = {
             "result": _fingerprint(project),
@@ -97,7 +97,7 @@ class Recorder:
         write_arrays(project.folder / _FRAMES, arrays)
 
 
-def load_result(project: Project) -> Loaded:
+def load_result(project: ProjectFolder) -> Loaded:
     """Read a project's result with everything that the window shows of it.
 
     Raises
@@ -126,12 +126,12 @@ def load_result(project: Project) -> Loaded:
     return Loaded(result, surfaces, _energies(project), _frames(project), summary, record)
 
 
-def write_held(project: Project, loaded: Loaded, cohort: Cohort, tick: Tick = no_tick) -> None:
+def write_held(project: ProjectFolder, loaded: Loaded, cohort: Cohort, tick: Tick = no_tick) -> None:
     """Write a result into a project from memory alone, for one whose own folder is gone.
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
         Without a result.
     loaded : Loaded
         What is held of it; volumes of grooming are not.
@@ -179,7 +179,7 @@ def _remarks(record: ResultRecord) -> str:
     return f". {len(noted)} of them: {noted[0].notes[0]}" if noted else ""
 
 
-def _energies(project: Project) -> FloatArray:
+def _energies(project: ProjectFolder) -> FloatArray:
     path = project.folder / "energies.csv"
     try:
         rows = path.read_text(encoding="utf-8").splitlines()[1:]  # none of a model that was imported
@@ -188,12 +188,12 @@ def _energies(project: Project) -> FloatArray:
         raise InputError(f"{path}: can't be read: {error}; run again") from error
 
 
-def _fingerprint(project: Project) -> str:
+def _fingerprint(project: ProjectFolder) -> str:
     record = project.read().result
     return record.fingerprint + record.finished if record else ""
 
 
-def _frames(project: Project) -> tuple[RecordedFrame, ...]:
+def _frames(project: ProjectFolder) -> tuple[RecordedFrame, ...]:
     path: Path = project.folder / _FRAMES
     if not path.is_file():
         return ()

@@ -8,7 +8,7 @@ import numpy as np
 
 from homolog.cohort import Subject
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.progress import Tick, part_of
 from homolog_app.window.explore.check_shown import ENERGIES, Marks, checked_scene
 from homolog_app.window.explore.chosen import CheckView, GroupsView, MeasureView, ModesView, Snapshot
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 __all__ = ["shown_again"]
 
 
-def shown_again(project: Project, wanted: Snapshot, tick: Tick) -> Shown:
+def shown_again(project: ProjectFolder, wanted: Snapshot, tick: Tick) -> Shown:
     """Return what the views showed.
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
     wanted : Snapshot
     tick : Tick
         Progress and cancelling.
@@ -75,14 +75,14 @@ def _check(fine: bool, fault: str) -> None:
         raise InputError(f"--view: {fault}")
 
 
-def _needed(project: Project, loaded: Loaded | None) -> Loaded:
+def _needed(project: ProjectFolder, loaded: Loaded | None) -> Loaded:
     if loaded is None:
         raise InputError(f"{project.folder}: has no result yet; run it first")
     return loaded
 
 
 def _contents(
-    project: Project, loaded: Loaded | None, wanted: Snapshot, tick: Tick, name: str = ""
+    project: ProjectFolder, loaded: Loaded | None, wanted: Snapshot, tick: Tick, name: str = ""
 ) -> list[Content]:
     """Return the contents of all subjects, or of one."""
     cohort, settings = project.cohort(), project.read().settings
@@ -110,19 +110,19 @@ def _with_particles(shown: Shown, loaded: Loaded | None, moment: int | None) -> 
     return replace(shown, particles=particles, tints=tints)
 
 
-def _models(project: Project, loaded: Loaded, wanted: Snapshot, tick: Tick) -> "list[ModelShape]":
+def _models(project: ProjectFolder, loaded: Loaded, wanted: Snapshot, tick: Tick) -> "list[ModelShape]":
     from homolog_app.window.explore.model_shape import facing, fit_model_shape, read_model_shape
 
     title = wanted.title or project.folder.name
     models = [fit_model_shape(title, loaded.method, loaded.result, part_of(tick, 0.0, 0.5))]
     if wanted.beside is not None:
         name = wanted.beside.resolve().name
-        other = read_model_shape(name, Project(wanted.beside), part_of(tick, 0.5, 1.0))
+        other = read_model_shape(name, ProjectFolder(wanted.beside), part_of(tick, 0.5, 1.0))
         models.append(facing(other, models[0]))
     return models
 
 
-def _groups(project: Project, loaded: Loaded, wanted: Snapshot, view: GroupsView, tick: Tick) -> Shown:
+def _groups(project: ProjectFolder, loaded: Loaded, wanted: Snapshot, view: GroupsView, tick: Tick) -> Shown:
     from homolog_app.window.explore.group_answer import answer_groups
 
     models = _models(project, loaded, wanted, part_of(tick, 0.1, 0.5))
@@ -137,7 +137,9 @@ def _groups(project: Project, loaded: Loaded, wanted: Snapshot, view: GroupsView
     return group_scene(view, models, answers)
 
 
-def _checked(project: Project, loaded: Loaded, view: CheckView, contents: list[Content], tick: Tick) -> Shown:
+def _checked(
+    project: ProjectFolder, loaded: Loaded, view: CheckView, contents: list[Content], tick: Tick
+) -> Shown:
     from homolog.inspection import inspect
     from homolog_app.window.explore.check_work import distances_on, energies_of, textures_of
 

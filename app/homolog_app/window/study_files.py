@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.project_table import update_table
 from homolog.files.records import ProjectRecord, SubjectRecord
 from homolog.settings import RunSettings
@@ -51,7 +51,7 @@ class Opened:
     unfinished: bool
 
 
-def record_of(study: Study, project: Project, view: ViewRecord) -> StudyRecord:
+def record_of(study: Study, project: ProjectFolder, view: ViewRecord) -> StudyRecord:
     """Return a study for the disk, with paths that start at the project's folder."""
     return StudyRecord(
         subjects=project.describe(study.whole),
@@ -80,7 +80,7 @@ def study_of(record: StudyRecord, folder: Path) -> Study:
     return Study(members, record.settings)
 
 
-def save_project(project: Project, study: Study, view: ViewRecord) -> None:
+def save_project(project: ProjectFolder, study: Study, view: ViewRecord) -> None:
     """Write a study into its project; the result there stays.
 
     Raises
@@ -96,7 +96,7 @@ def save_project(project: Project, study: Study, view: ViewRecord) -> None:
     write_text(project.folder / _FILE, record_of(study, project, view).model_dump_json(indent=2) + "\n")
 
 
-def open_project(project: Project) -> Opened:
+def open_project(project: ProjectFolder) -> Opened:
     """Read a project's study. What the command line changed since the window saved it counts.
 
     Raises

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 from PySide6.QtCore import QObject, Signal, Slot
 
 from homolog.cohort import Cohort
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
 from homolog.settings import GroomSettings
 from homolog_app.window.jobs import (
@@ -64,7 +64,7 @@ class Work(QObject):
         self._next: tuple[str, Job, _Then] | None = None
         self._arrived: SimpleQueue[Survey] = SimpleQueue()
         self._prepared = False
-        self._kept: Project | None = None
+        self._kept: ProjectFolder | None = None
         self.cancelled_run: RunJob | None = None
         self.awaits_result = False  # the study being opened has one, which shows subjects without their files
         session.study_changed.connect(self.go_on)
@@ -111,11 +111,11 @@ class Work(QObject):
         elif not self._prepared:
             self._start("prepare", Task(prepare, "preparing compute kernels"), self._prepare_ended)
 
-    def look_for_groomed(self, project: Project) -> None:
+    def look_for_groomed(self, project: ProjectFolder) -> None:
         """Show what a project keeps of its grooming once its files are read, if it is still good for them."""
         self._kept = project
 
-    def _restore(self, project: Project) -> None:
+    def _restore(self, project: ProjectFolder) -> None:
         cohort, settings = self._session.study.cohort, self._session.study.settings
 
         def take(ended: Ended) -> None:
@@ -129,7 +129,7 @@ class Work(QObject):
         )
         self._start("restore", work, take)
 
-    def groom(self, cohort: Cohort, project: Project) -> None:
+    def groom(self, cohort: Cohort, project: ProjectFolder) -> None:
         """Groom the subjects of a cohort with the settings in force."""
         settings = self._session.study.settings
 
@@ -148,7 +148,7 @@ class Work(QObject):
         self._kept = None
         self._session.facts_changed.emit()
 
-    def groom_one(self, name: str, project: Project) -> None:
+    def groom_one(self, name: str, project: ProjectFolder) -> None:
         """Groom one subject again; its place among the others stays."""
         settings = self._session.study.settings
         cohort = Cohort(
@@ -164,7 +164,7 @@ class Work(QObject):
 
         self._order("groom", Task(lambda tick: groom(cohort, settings, project, tick), "grooming"), take)
 
-    def run(self, project: Project, *, resume: bool = False, from_result: bool = False) -> None:
+    def run(self, project: ProjectFolder, *, resume: bool = False, from_result: bool = False) -> None:
         """Place the particles, or go on from a checkpoint or from the result."""
         study = self._session.study
         self.cancelled_run = None
@@ -205,7 +205,7 @@ class Work(QObject):
         """
         self._order(kind, Task(function, words), lambda ended: take(ended.result))
 
-    def open_result(self, project: Project, then: Callable[[], None]) -> None:
+    def open_result(self, project: ProjectFolder, then: Callable[[], None]) -> None:
         """Read the result of a project, then do something."""
 
         def take(ended: Ended) -> None:

@@ -15,15 +15,16 @@ from pydantic import ValidationError
 from homolog.analysis.reconstruction import MeanSurface
 from homolog.analysis.shape_model import ShapeModel
 from homolog.api.inputs import cohort_of
-from homolog.api.project import Project, surface_at
-from homolog.arrays import ArrayLike, FloatArray, frozen
+from homolog.api.mean_shape import HasMeanShape, MeanShape
+from homolog.api.project import Project
+from homolog.arrays import FloatArray, frozen
 from homolog.cohort import Cohort
 from homolog.correspondence import Reason
 from homolog.device import choose_device
 from homolog.errors import InputError
 from homolog.files.atomic import report_os_errors
 from homolog.files.names import file_stems
-from homolog.files.project import Project as Folder
+from homolog.files.project import ProjectFolder
 from homolog.files.results import surface_file
 from homolog.grooming import check_cohort, check_sides, groom_cohort
 from homolog.grooming.cache import content_key, save_groomed
@@ -72,7 +73,7 @@ class Settings(TypedDict, total=False):
 
 
 @dataclass(frozen=True, eq=False)
-class Correspondence:
+class Correspondence(HasMeanShape):
     """Corresponding points on a cohort: what `correspond` returns. All arrays are read-only.
 
     Attributes
@@ -126,26 +127,10 @@ class Correspondence:
     def _modelled(self) -> tuple[ShapeModel, MeanSurface]:
         return model_of(self._outcome, no_tick)
 
-    def surface(self, particles: ArrayLike | None = None) -> TriangleMesh:
-        """Return the surface of aligned particles: the mesh of a typical subject, warped to them.
-
-        Parameters
-        ----------
-        particles : (N, 3) array_like, optional
-            Such as ``ShapeModel.instance([2.0])`` [mm]; the mean of `aligned` if not given.
-
-        Returns
-        -------
-        TriangleMesh
-            In the common frame; the same faces for all particles.
-
-        Raises
-        ------
-        NumericalError
-            If particles coincide, so that no surface can be carried by them.
-        """
+    @property
+    def _mean_shape(self) -> MeanShape:
         model, mean = self._modelled
-        return surface_at(model.mean, TriangleMesh(mean.vertices, mean.faces), mean.smoothing, particles)
+        return MeanShape(model.mean, TriangleMesh(mean.vertices, mean.faces), mean.smoothing)
 
     def save(self, folder: str | PathLike[str]) -> Project:
         """Write a project folder, which the command line and the window open like one of their own.
@@ -165,7 +150,7 @@ class Correspondence:
         InputError
             If the folder holds other files or can't be written to; a result in it is then as it was.
         """
-        project = Folder(Path(folder))
+        project = ProjectFolder(Path(folder))
         project.check_is_free()
         inputs = self._outcome.inputs
         stems = dict(zip(self.names, file_stems(self.names), strict=True))

@@ -5,20 +5,18 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 
-import numpy as np
-
-from homolog.analysis.reconstruction import carried
-from homolog.arrays import ArrayLike, FloatArray
-from homolog.files.project import Project as Folder
+from homolog.api.mean_shape import HasMeanShape, MeanShape
+from homolog.arrays import FloatArray
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ResultRecord
 from homolog.files.results import read_result, read_surface
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Project", "surface_at"]
+__all__ = ["Project"]
 
 
-class Project:
+class Project(HasMeanShape):
     """A project folder with a result, as ``homolog run``, the window or `Correspondence.save` wrote it.
 
     The result is read when the project is opened; later runs do not change it. All arrays are read-only.
@@ -70,7 +68,7 @@ class Project:
 
     def __init__(self, folder: str | PathLike[str]) -> None:
         self.folder = Path(folder)
-        self._folder = Folder(self.folder)
+        self._folder = ProjectFolder(self.folder)
         result = read_result(self._folder)
         columns = dict.fromkeys(column for own in result.columns for column in own)
         self.names, self.groups = result.names, result.groups
@@ -99,44 +97,6 @@ class Project:
         """The smoothed surfaces that the particles lie on, each in its own frame; read on first use."""
         return tuple(read_surface(self._folder, subject) for subject in self._record.subjects)
 
-    def surface(self, particles: ArrayLike | None = None) -> TriangleMesh:
-        """Return the surface of aligned particles: the project's mean surface, warped to them.
-
-        Parameters
-        ----------
-        particles : (N, 3) array_like, optional
-            Such as ``ShapeModel.instance([2.0])`` [mm]; the mean of `aligned` if not given.
-
-        Returns
-        -------
-        TriangleMesh
-            In the common frame; the same faces for all particles.
-        """
-        return surface_at(self.aligned.mean(axis=0), self._mean_surface, self._smoothing, particles)
-
-
-def surface_at(
-    mean: FloatArray, surface: TriangleMesh, smoothing: FloatArray, particles: ArrayLike | None
-) -> TriangleMesh:
-    """Return a mean surface, warped to particles.
-
-    Parameters
-    ----------
-    mean : (N, 3) array
-        Mean particles [mm].
-    surface : TriangleMesh
-        The mean surface.
-    smoothing : (N,) array
-        Of the spline that carries it [mm]; see `homolog.analysis.reconstruction.carried`.
-    particles : (N, 3) array_like or None
-        Where to [mm]; None for the mean surface itself.
-
-    Returns
-    -------
-    TriangleMesh
-    """
-    if particles is None:
-        return surface
-    move = np.asarray(particles, np.float64) - mean
-    moved = carried(mean, surface.vertices, move[None], smoothing)[0]
-    return TriangleMesh(surface.vertices + moved, surface.faces)
+    @cached_property
+    def _mean_shape(self) -> MeanShape:
+        return MeanShape(self.aligned.mean(axis=0), self._mean_surface, self._smoothing)

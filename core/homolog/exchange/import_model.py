@@ -21,7 +21,7 @@ from homolog.files.markups import write_markups
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
 from homolog.files.particles import read_particles, write_particles
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import IMPORTED, ProjectRecord, ResultRecord, ResultSubject
 from homolog.files.results import particle_file, surface_file
 from homolog.files.tables import write_table
@@ -36,7 +36,7 @@ _FEWEST = 4  # particles that are a shape
 
 
 def import_model(
-    source: Path, project: Project, *, domain: str | None = None, tick: Tick = no_tick
+    source: Path, project: ProjectFolder, *, domain: str | None = None, tick: Tick = no_tick
 ) -> list[str]:
     """Make a project of a ShapeWorks project or a folder of particles, with a result.
 
@@ -45,7 +45,7 @@ def import_model(
     source : Path
         A ``.swproj`` or ``.xlsx`` file, or a folder of ``.particles`` (``NAME.particles``, or
         ``NAME_local.particles`` and ``NAME_world.particles``).
-    project : Project
+    project : ProjectFolder
         To be made; its folder is empty or not there.
     domain : str, optional
         Which anatomy, where the project has several.
@@ -112,7 +112,7 @@ def _check(source: Path, model: ForeignModel) -> None:
         )
 
 
-def _write(project: Project, model: ForeignModel, tick: Tick) -> list[str]:
+def _write(project: ProjectFolder, model: ForeignModel, tick: Tick) -> list[str]:
     """Write everything of the project; return a line for each subject that something is to be said of."""
     local, world, alignments = with_alignments(model.subjects)
     if len(world[0]) < _FEWEST:
@@ -139,7 +139,7 @@ def _write(project: Project, model: ForeignModel, tick: Tick) -> list[str]:
 
 
 def _cohort(
-    project: Project, model: ForeignModel, stems: Sequence[str], surfaces: Sequence[SubjectSurface]
+    project: ProjectFolder, model: ForeignModel, stems: Sequence[str], surfaces: Sequence[SubjectSurface]
 ) -> Cohort:
     """Return the subjects as a later run would read them: the input, else the surface, else particles."""
     subjects = []
@@ -152,7 +152,9 @@ def _cohort(
     return Cohort(tuple(subjects), project.folder)
 
 
-def _landmarks(project: Project, model: ForeignModel, subject: ForeignSubject, stem: str) -> Path | None:
+def _landmarks(
+    project: ProjectFolder, model: ForeignModel, subject: ForeignSubject, stem: str
+) -> Path | None:
     """Write a subject's landmarks as markups; None if it has none."""
     if subject.landmarks is None:
         return None

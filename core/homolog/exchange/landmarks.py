@@ -8,7 +8,7 @@ from homolog.analysis.landmarks import landmark_errors
 from homolog.arrays import FloatArray, frozen
 from homolog.files.markups import landmark_table, read_markups
 from homolog.files.meshes import read_mesh
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result, surface_file
 from homolog.run.landmarks import check_landmarks
 from homolog.surfaces.snapping import snapping
@@ -51,12 +51,12 @@ class LandmarkErrors:
         return means
 
 
-def project_landmark_errors(project: Project) -> LandmarkErrors | None:
+def project_landmark_errors(project: ProjectFolder) -> LandmarkErrors | None:
     """Carry every subject's landmarks to every other; None if fewer than two subjects have the same ones.
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
         With a result. Landmarks are those of its cohort's markups files.
 
     Raises

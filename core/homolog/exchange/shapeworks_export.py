@@ -14,7 +14,7 @@ from homolog.exchange.shapeworks_rules import complete_row, escape_column, table
 from homolog.files.atomic import atomic_write, write_text
 from homolog.files.names import file_stems
 from homolog.files.particles import write_particles
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ResultRecord, ResultSubject
 from homolog.files.results import read_result, surface_file
 from homolog.progress import Tick, no_tick
@@ -22,7 +22,7 @@ from homolog.progress import Tick, no_tick
 __all__ = ["write_shapeworks"]
 
 
-def write_shapeworks(project: Project, folder: Path, tick: Tick = no_tick) -> Path:
+def write_shapeworks(project: ProjectFolder, folder: Path, tick: Tick = no_tick) -> Path:
     """Write a project's result so that ShapeWorks opens it.
 
     Coordinates are written with all their digits. What an imported ShapeWorks project held beside (settings,
@@ -30,7 +30,7 @@ def write_shapeworks(project: Project, folder: Path, tick: Tick = no_tick) -> Pa
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
         With a result.
     folder : Path
         Where to write ``NAME.swproj``, ``NAME_particles/`` and ``NAME_groomed/``, with the project's name;

@@ -9,21 +9,21 @@ from homolog.exchange.shapeworks_files import PATH_PREFIXES, Row, ShapeWorksProj
 from homolog.exchange.shapeworks_paths import place_of
 from homolog.files.atomic import write_text
 from homolog.files.json_files import read_json
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 
 __all__ = ["load_source_metadata", "moved_paths", "save_source_metadata"]
 
 _FILE = "shapeworks.json"
 
 
-def save_source_metadata(project: Project, source: ShapeWorksProject, domain: str) -> None:
+def save_source_metadata(project: ProjectFolder, source: ShapeWorksProject, domain: str) -> None:
     """Write a ShapeWorks project's rows and settings into a Homolog project; raises as `write_text` does."""
     rows = [moved_paths(row, source.path.parent, project.folder) for row in source.rows]
     content = {"file": source.path.name, "domain": domain, "data": rows, "others": source.others}
     write_text(project.folder / _FILE, json.dumps(content, indent=1) + "\n")
 
 
-def load_source_metadata(project: Project) -> tuple[ShapeWorksProject, str]:
+def load_source_metadata(project: ProjectFolder) -> tuple[ShapeWorksProject, str]:
     """Return what was kept, and the domain that was imported; empty if the project was not imported.
 
     Raises

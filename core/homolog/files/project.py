@@ -31,7 +31,7 @@ from homolog.errors import InputError
 from homolog.files.atomic import is_stale_temp, report_os_errors, write_text
 from homolog.files.records import FORMAT_VERSION, ProjectRecord, SubjectRecord
 
-__all__ = ["OUT_OF_DATE", "Project"]
+__all__ = ["OUT_OF_DATE", "ProjectFolder"]
 
 _RECORD = "project.json"
 _NEXT = ".next"
@@ -47,7 +47,7 @@ _WRITTEN = ("groomed", "geodesics", "particles", "model", "figures", "analysis",
 
 
 @dataclass(frozen=True, slots=True)
-class Project:
+class ProjectFolder:
     """A project folder. Holds no data itself: `read` and `write` go to the disk."""
 
     folder: Path
@@ -224,12 +224,12 @@ class Project:
         return InputError(f"{self.folder}: is not a project (it contains no {_RECORD})")
 
     @contextmanager
-    def replacing_result(self) -> Iterator["Project"]:
+    def replacing_result(self) -> Iterator["ProjectFolder"]:
         """Give an empty project folder for a new result; it takes the old one's place if the block ends well.
 
         The block writes project.json and everything else of the result. To be used inside `locked`.
         """
-        following = Project(self.folder / _NEXT)
+        following = ProjectFolder(self.folder / _NEXT)
         shutil.rmtree(following.folder, ignore_errors=True)
         try:
             with report_os_errors(following.folder):

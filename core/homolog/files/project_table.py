@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from homolog.cohort import Subject
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultSubject
 from homolog.files.tables import write_table
 from homolog.spreadsheets import read_rows
@@ -11,7 +11,7 @@ from homolog.spreadsheets import read_rows
 __all__ = ["update_table", "with_columns"]
 
 
-def update_table(project: Project, subjects: Sequence[Subject]) -> None:
+def update_table(project: ProjectFolder, subjects: Sequence[Subject]) -> None:
     """Give a project's subjects, and those of its result, the groups and columns of others by name.
 
     Particles, surfaces and models stay; the groups in ``model/scores.csv`` follow. Each file is replaced
@@ -19,7 +19,7 @@ def update_table(project: Project, subjects: Sequence[Subject]) -> None:
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
         Locked by the caller.
     subjects : sequence of Subject
 

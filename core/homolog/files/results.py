@@ -11,7 +11,7 @@ from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.meshes import read_mesh
 from homolog.files.particles import read_particles
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ResultRecord, ResultSubject
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import mirrors
@@ -72,27 +72,27 @@ class Result:
         return int(mirrors(self.alignments).sum())
 
 
-def particle_file(project: Project, stem: str, frame: str) -> Path:
+def particle_file(project: ProjectFolder, stem: str, frame: str) -> Path:
     """Return the path of a subject's particles; `frame` is ``"local"`` or ``"world"``."""
     return project.particles / f"{stem}_{frame}.particles"
 
 
-def surface_file(project: Project, stem: str) -> Path:
+def surface_file(project: ProjectFolder, stem: str) -> Path:
     """Return the path of a subject's groomed surface, in local coordinates."""
     return project.groomed / f"{stem}.vtp"
 
 
-def mean_file(project: Project) -> Path:
+def mean_file(project: ProjectFolder) -> Path:
     """Return the path of the mean surface, in world coordinates."""
     return project.model / "mean.vtp"
 
 
-def mode_file(project: Project, mode: int, side: str) -> Path:
+def mode_file(project: ProjectFolder, mode: int, side: str) -> Path:
     """Return the path of the surface at one end (``"minus"``, ``"plus"``) of a mode, counted from 0."""
     return project.model / f"mode_{mode + 1:02d}_{side}_{MODE_DEVIATIONS:g}sd.vtp"
 
 
-def read_result(project: Project) -> Result:
+def read_result(project: ProjectFolder) -> Result:
     """Read the last result of a project, with groups and columns as the cohort's table has them now.
 
     Raises
@@ -125,7 +125,7 @@ def read_result(project: Project) -> Result:
     )
 
 
-def read_surface(project: Project, subject: ResultSubject) -> TriangleMesh:
+def read_surface(project: ProjectFolder, subject: ResultSubject) -> TriangleMesh:
     """Read the groomed surface of a result's subject, in local coordinates.
 
     Raises
@@ -139,12 +139,12 @@ def read_surface(project: Project, subject: ResultSubject) -> TriangleMesh:
     return mesh
 
 
-def write_smoothing(project: Project, smoothing: FloatArray) -> None:
+def write_smoothing(project: ProjectFolder, smoothing: FloatArray) -> None:
     """Write the smoothing (N,) of the spline by which the mean surface follows the particles [mm]."""
     write_arrays(_smoothing_file(project), {"smoothing": smoothing})
 
 
-def read_surfaces(project: Project) -> list[TriangleMesh]:
+def read_surfaces(project: ProjectFolder) -> list[TriangleMesh]:
     """Read the groomed surfaces of the result's subjects, moved to world coordinates.
 
     Raises
@@ -156,12 +156,12 @@ def read_surfaces(project: Project) -> list[TriangleMesh]:
     return [read_surface(project, subject).placed(np.array(subject.alignment)) for subject in record.subjects]
 
 
-def read_modes(project: Project, mean: TriangleMesh) -> FloatArray:
+def read_modes(project: ProjectFolder, mean: TriangleMesh) -> FloatArray:
     """Read how the mean surface moves along the modes whose surfaces were written.
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
     mean : TriangleMesh
         Its mean surface, V vertices.
 
@@ -186,11 +186,11 @@ def read_modes(project: Project, mean: TriangleMesh) -> FloatArray:
     return frozen(np.array(displacements).reshape(-1, *mean.vertices.shape))
 
 
-def _smoothing_file(project: Project) -> Path:
+def _smoothing_file(project: ProjectFolder) -> Path:
     return project.model / "smoothing.npz"
 
 
-def _read_smoothing(project: Project, record: ResultRecord) -> FloatArray:
+def _read_smoothing(project: ProjectFolder, record: ResultRecord) -> FloatArray:
     if not record.smoothed_particles:
         return frozen(np.zeros(record.particles))
     path = _smoothing_file(project)
@@ -202,7 +202,7 @@ def _read_smoothing(project: Project, record: ResultRecord) -> FloatArray:
     return frozen(stored, np.float64)
 
 
-def _result_of(project: Project) -> ResultRecord:
+def _result_of(project: ProjectFolder) -> ResultRecord:
     project.recover()
     record = project.read().result
     if record is None:

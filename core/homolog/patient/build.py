@@ -9,7 +9,7 @@ import numpy as np
 from homolog.analysis.parallel import parallel_analysis
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import IMPORTED, ResultRecord
 from homolog.files.results import Result, read_result
 from homolog.patient.coding import Coding
@@ -32,7 +32,7 @@ _COLUMN = "group"
 
 
 def make_reference(
-    project: Project,
+    project: ProjectFolder,
     *,
     group: str | None = None,
     column: str = _COLUMN,
@@ -44,7 +44,7 @@ def make_reference(
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
         With a result.
     group : str, optional
         Who are the controls; all subjects by default.
@@ -120,7 +120,7 @@ def reference_of(
     return _reference(model, modes, coding, left_out, provenance)
 
 
-def _chosen(result: Result, group: str | None, column: str, project: Project) -> list[int]:
+def _chosen(result: Result, group: str | None, column: str, project: ProjectFolder) -> list[int]:
     if group is None:
         return list(range(len(result.names)))
     values = [_value(result, index, column) for index in range(len(result.names))]
@@ -137,7 +137,7 @@ def _value(result: Result, index: int, column: str) -> str:
     return result.columns[index].get(column, "")
 
 
-def _cell(result: Result, index: int, name: str, project: Project) -> str:
+def _cell(result: Result, index: int, name: str, project: ProjectFolder) -> str:
     known = sorted({key for columns in result.columns for key in columns})
     if name not in known:
         raise InputError(
@@ -184,7 +184,7 @@ def _reference(
 
 
 def _provenance(
-    project: Project, record: ResultRecord, result: Result, chosen: Sequence[int], group: str | None
+    project: ProjectFolder, record: ResultRecord, result: Result, chosen: Sequence[int], group: str | None
 ) -> Provenance:
     subjects: list[Any] = [record.subjects[index] for index in chosen]
     opposite = {"left": "right", "right": "left", "": ""}

@@ -8,7 +8,7 @@ import numpy as np
 from homolog.analysis.procrustes import align
 from homolog.analysis.reconstruction import carried
 from homolog.arrays import FloatArray, frozen
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_surface
 from homolog.geometry import fit_similarity, inverse_matrices, transform_points
 from homolog.patient.target import Target
@@ -49,12 +49,14 @@ class Controls:
     particles: FloatArray
 
 
-def read_controls(project: Project, result: Result, chosen: Sequence[int], tick: Tick = no_tick) -> Controls:
+def read_controls(
+    project: ProjectFolder, result: Result, chosen: Sequence[int], tick: Tick = no_tick
+) -> Controls:
     """Read the surfaces of some subjects of a result and give them corresponding vertices.
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
     result : Result
         Of the project.
     chosen : sequence of int

@@ -14,7 +14,7 @@ from homolog.cohort import Cohort
 from homolog.errors import InputError, user_message
 from homolog.files.atomic import write_text
 from homolog.files.names import file_stems
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.grooming.cache import load_report
 from homolog.grooming.structures import Structure
 from homolog.run.events import FinishReason, RunStatus
@@ -47,7 +47,7 @@ class BatchItem:
     Attributes
     ----------
     structure : Structure
-    project : Project
+    project : ProjectFolder
         Its own.
     state : ItemState
     message : str
@@ -63,7 +63,7 @@ class BatchItem:
     """
 
     structure: Structure
-    project: Project
+    project: ProjectFolder
     state: ItemState = ItemState.WAITING
     message: str = ""
     absent: tuple[str, ...] = ()
@@ -118,7 +118,7 @@ class Batch:
         self._items = [
             BatchItem(
                 structure,
-                Project(folder / stem),
+                ProjectFolder(folder / stem),
                 absent=tuple(name for name in names if name not in structure.by_subject),
             )
             for structure, stem in zip(structures, stems, strict=True)
@@ -217,7 +217,7 @@ class Batch:
         write_text(self.folder / _RECORD, json.dumps(content, indent=2) + "\n")
 
 
-def _has_result(project: Project, settings: RunSettings) -> bool:
+def _has_result(project: ProjectFolder, settings: RunSettings) -> bool:
     """Return whether a project came to its end with these settings, wherever it was computed."""
     if not project.exists:
         return False
@@ -227,7 +227,7 @@ def _has_result(project: Project, settings: RunSettings) -> bool:
     return same and not record.unfinished and result is not None and result.ended != "cancelled"
 
 
-def _can_go_on(project: Project, names: Sequence[str], settings: RunSettings) -> bool:
+def _can_go_on(project: ProjectFolder, names: Sequence[str], settings: RunSettings) -> bool:
     """Return whether a project was begun with these settings for some of these subjects, and broken off."""
     if not project.exists:
         return False

@@ -9,7 +9,7 @@ from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
 from homolog.correspondence import InitialParticles, Shape, initialize_fit
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ResultRecord
 from homolog.files.results import read_result
 from homolog.geometry import fit_similarity, transform_points
@@ -111,7 +111,7 @@ def adds_particles(record: ResultRecord, cohort: Cohort, settings: RunSettings) 
     )
 
 
-def read_prior_result(project: Project) -> PriorResult:
+def read_prior_result(project: ProjectFolder) -> PriorResult:
     """Read the result of a project as a base; raises InputError if there is none or it is damaged."""
     result = read_result(project)
     record = project.read().result

@@ -11,7 +11,7 @@ from homolog.correspondence import Shape, repair
 from homolog.device import choose_device, device_faults
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ResultRecord, ResultSubject
 from homolog.geometry import transform_points
 from homolog.grooming import GroomedSubject
@@ -22,7 +22,7 @@ from homolog.run.result import OptimizationInput, OptimizationOutcome, add_note,
 __all__ = ["read_inputs", "repair_result", "write_repaired"]
 
 
-def read_inputs(project: Project) -> OptimizationInput:
+def read_inputs(project: ProjectFolder) -> OptimizationInput:
     """Return what the project's result was optimized from; input files are not needed.
 
     Raises
@@ -83,13 +83,13 @@ def repair_result(
 
 
 def write_repaired(
-    project: Project, local: FloatArray, notes: Mapping[str, str], tick: Tick = no_tick
+    project: ProjectFolder, local: FloatArray, notes: Mapping[str, str], tick: Tick = no_tick
 ) -> None:
     """Let other particles take the place of those of the project's result, with a new shape model.
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
     local : (M, N, 3) array
         Particles in file coordinates [mm].
     notes : mapping of str to str
@@ -126,7 +126,7 @@ def write_repaired(
         project.write(project.read().model_copy(update=next_run))
 
 
-def _groomed(project: Project, subject: ResultSubject) -> GroomedSubject:
+def _groomed(project: ProjectFolder, subject: ResultSubject) -> GroomedSubject:
     """Return a subject's archive, whatever its input file is by now."""
     path = project.groomed / f"{subject.file}.npz"
     groomed = load_groomed(project.groomed, subject.name, str(read_arrays(path).get("key")))
@@ -135,7 +135,7 @@ def _groomed(project: Project, subject: ResultSubject) -> GroomedSubject:
     return groomed
 
 
-def _cohort(project: Project, result: ResultRecord) -> Cohort:
+def _cohort(project: ProjectFolder, result: ResultRecord) -> Cohort:
     paths = {subject.name: subject.path for subject in project.cohort().subjects}
     subjects = [
         Subject(subject.name, paths.get(subject.name, project.folder), subject.group, subject.columns)

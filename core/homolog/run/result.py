@@ -16,7 +16,7 @@ from homolog.device import describe_device
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
 from homolog.files.particles import write_particles
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
 from homolog.files.results import particle_file, surface_file
 from homolog.files.tables import write_table
@@ -133,13 +133,13 @@ def model_of(outcome: OptimizationOutcome, tick: Tick) -> tuple[ShapeModel, Mean
 
 
 def write_result(
-    project: Project, outcome: OptimizationOutcome, model: ShapeModel, surface: MeanSurface, tick: Tick
+    project: ProjectFolder, outcome: OptimizationOutcome, model: ShapeModel, surface: MeanSurface, tick: Tick
 ) -> None:
     """Let the outcome take the place of the project's last result.
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
         Locked by the caller.
     outcome : Outcome
     model, surface : ShapeModel, MeanSurface
@@ -174,7 +174,7 @@ def write_result(
 
 
 def _write_subjects(
-    new: Project, project: Project, outcome: OptimizationOutcome, stems: Sequence[str], tick: Tick
+    new: ProjectFolder, project: ProjectFolder, outcome: OptimizationOutcome, stems: Sequence[str], tick: Tick
 ) -> None:
     for index, (stem, shape) in enumerate(zip(stems, outcome.inputs.shapes, strict=True)):
         tick(index / len(stems), f"writing {shape.name}")

@@ -2,7 +2,7 @@
 
 from homolog.cohort import Cohort, sides_of
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import IMPORTED, ResultRecord
 from homolog.grooming.cache import content_key, load_groomed
 from homolog.grooming.subject import read_source
@@ -13,7 +13,7 @@ from homolog.settings import Mirror, RunSettings
 __all__ = ["is_result_of"]
 
 
-def is_result_of(project: Project, cohort: Cohort, settings: RunSettings, tick: Tick = no_tick) -> bool:
+def is_result_of(project: ProjectFolder, cohort: Cohort, settings: RunSettings, tick: Tick = no_tick) -> bool:
     """Return whether the project's finished result is that of a cohort and settings.
 
     The order of the subjects, their groups and columns play no part, nor where to compute; files are
@@ -21,7 +21,7 @@ def is_result_of(project: Project, cohort: Cohort, settings: RunSettings, tick: 
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
         It may hold no result.
     cohort : Cohort
     settings : RunSettings

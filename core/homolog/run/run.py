@@ -10,7 +10,7 @@ from homolog.correspondence import Checkpoint, Frame
 from homolog.device import choose_device, cores, device_faults
 from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import report_os_errors
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord
 from homolog.files.results import Result
 from homolog.geometry import inverse_matrices, transform_points
@@ -44,7 +44,7 @@ class Run:
 
     Parameters
     ----------
-    project : Project
+    project : ProjectFolder
         Where everything is written; made if need be. Its last result stays until the new one is complete.
     cohort : Cohort
         Whose shapes.
@@ -61,7 +61,7 @@ class Run:
 
     def __init__(
         self,
-        project: Project,
+        project: ProjectFolder,
         cohort: Cohort,
         settings: RunSettings,
         *,

@@ -11,7 +11,7 @@ from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
 from homolog.files.meshes import write_mesh
 from homolog.files.particles import write_particles
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import MODE_DEVIATIONS, mean_file, mode_file, write_smoothing
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick
@@ -57,8 +57,8 @@ def surface_of_model(
     return mean_surface(model.mean, world[nearest], mesh.vertices, mesh.faces, moves=_moves(model), tick=tick)
 
 
-def write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
-    """Write a shape model's tables; `new` is what `Project.replacing_result` gave."""
+def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
+    """Write a shape model's tables; `new` is what `ProjectFolder.replacing_result` gave."""
     modes = [f"mode_{number}" for number in range(1, len(model.explained_variance) + 1)]
     write_table(
         new.model / "scores.csv",
@@ -89,7 +89,7 @@ def write_model(new: Project, cohort: Cohort, model: ShapeModel) -> None:
     write_particles(new.model / "mean.particles", model.mean)
 
 
-def write_surfaces(new: Project, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:
+def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:
     """Write the mean surface, and how it moves along the modes that matter; `new` as for `write_model`."""
     _write_surface(mean_file(new), TriangleMesh(surface.vertices, surface.faces))
     if surface.smoothed:

@@ -138,11 +138,11 @@ def groomed_cache(ellipsoids, tmp_path_factory):
 def finished(ellipsoids, groomed_cache, tmp_path_factory):
     """Return a project with a result and the frames of its run; not to be written to."""
     from homolog.cohort import read_cohort
-    from homolog.files.project import Project
+    from homolog.files.project import ProjectFolder
     from homolog.settings import RunSettings
     from homolog_app.window.jobs import RunJob
 
-    project = Project(tmp_path_factory.mktemp("finished") / "study")
+    project = ProjectFolder(tmp_path_factory.mktemp("finished") / "study")
     shutil.copytree(groomed_cache, project.groomed)
     settings = RunSettings(optimize=quick_settings())
     RunJob(project, read_cohort(ellipsoids), settings, resume=False).execute()
@@ -187,7 +187,7 @@ def run():
 def run_quickly(folder, cohort, mesh_edge=3.0, **groom):
     from concurrent.futures import ThreadPoolExecutor
 
-    from homolog.files.project import Project
+    from homolog.files.project import ProjectFolder
     from homolog.grooming import groom_cohort
     from homolog.run import Run
     from homolog.settings import GroomSettings, RunSettings
@@ -198,7 +198,7 @@ def run_quickly(folder, cohort, mesh_edge=3.0, **groom):
         device="cpu",
         workers=1,
     )
-    project = Project(folder)
+    project = ProjectFolder(folder)
     with ThreadPoolExecutor(2) as executor:  # processes that groom take seconds to start
         groom_cohort(cohort, settings.groom, executor=executor, cache=project.groomed)
     Run(project, cohort, settings).execute()

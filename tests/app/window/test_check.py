@@ -17,11 +17,11 @@ SUBJECT = 2
 def converged(ellipsoids, groomed_cache, tmp_path_factory):
     """Return a project whose particles are in place; not to be written to."""
     from homolog.cohort import read_cohort
-    from homolog.files.project import Project
+    from homolog.files.project import ProjectFolder
     from homolog.settings import OptimizeSettings, RunSettings
     from homolog_app.window.jobs import RunJob
 
-    project = Project(tmp_path_factory.mktemp("converged") / "study")
+    project = ProjectFolder(tmp_path_factory.mktemp("converged") / "study")
     shutil.copytree(groomed_cache, project.groomed)
     settings = RunSettings(
         optimize=OptimizeSettings(
@@ -36,12 +36,12 @@ def converged(ellipsoids, groomed_cache, tmp_path_factory):
 def swapped(converged, tmp_path):
     """Return a copy of the project in which two particles of one subject are exchanged."""
     from homolog.files.particles import write_particles
-    from homolog.files.project import Project
+    from homolog.files.project import ProjectFolder
     from homolog.files.results import particle_file, read_result
 
     folder = tmp_path / "swapped"
     shutil.copytree(converged, folder)
-    project = Project(folder)
+    project = ProjectFolder(folder)
     result, record = read_result(project), project.read().result
     for frame, points in (("local", result.local), ("world", result.world)):
         changed = points[SUBJECT].copy()
@@ -80,7 +80,7 @@ def show(window, wait, what):
 def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
     checking, swapped, converged, errors, wait
 ):
-    from homolog.files.project import Project
+    from homolog.files.project import ProjectFolder
     from homolog.files.results import read_result
 
     page, session = page_of(checking), checking.desk.session
@@ -94,7 +94,7 @@ def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
     wait(lambda: session.result is not before)
     settled(checking, wait)
     assert not any(one.subject == SUBJECT and set(PAIR) & set(one.particles) for one in page.rows.suspects)
-    true = read_result(Project(converged)).local[SUBJECT]
+    true = read_result(ProjectFolder(converged)).local[SUBJECT]
     spacing = page.checked.inspection.located.spacing[SUBJECT]
     assert np.linalg.norm(session.result.result.local[SUBJECT] - true, axis=1)[PAIR].max() < 0.5 * spacing
     assert (swapped / "model" / "scores.csv").read_bytes() == on_disk
@@ -108,10 +108,10 @@ def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
     checking.commands["file.save"].trigger()
     wait(lambda: page.checked.is_written)
     settled(checking, wait)
-    kept = read_result(Project(swapped))
+    kept = read_result(ProjectFolder(swapped))
     np.testing.assert_array_equal(kept.local, session.result.result.local)
     assert (swapped / "model" / "scores.csv").read_bytes() != on_disk
-    assert "optimized again" in Project(swapped).read().result.subjects[SUBJECT].notes[-1]
+    assert "optimized again" in ProjectFolder(swapped).read().result.subjects[SUBJECT].notes[-1]
     assert not page.keep.isVisible()
     assert not errors
 

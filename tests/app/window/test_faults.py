@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 
 pytestmark = pytest.mark.window
 
@@ -20,9 +20,9 @@ PROGRAM = """
 import sys, time
 from pathlib import Path
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 try:
-    with Project(Path(sys.argv[1])).locked():
+    with ProjectFolder(Path(sys.argv[1])).locked():
         print("held", flush=True)
         time.sleep(float(sys.argv[2]))
 except InputError as error:
@@ -91,13 +91,13 @@ def test_a_save_to_a_full_disk_is_told_and_leaves_the_project_as_it_was(explored
     assert (folder / "project.json").read_bytes() == before
     assert explored.desk.is_changed
     explored.library.save()
-    assert Project(folder).read().subjects[0].group == "sick"
+    assert ProjectFolder(folder).read().subjects[0].group == "sick"
 
 
 def test_a_project_deleted_while_it_is_open_is_told_and_saved_from_memory_elsewhere(
     explored, errors, tmp_path, monkeypatch
 ):
-    from homolog.files.project import Project
+    from homolog.files.project import ProjectFolder
     from homolog.files.results import read_result
 
     folder = explored.desk.session.folder
@@ -116,7 +116,7 @@ def test_a_project_deleted_while_it_is_open_is_told_and_saved_from_memory_elsewh
     explored.library.save_to(tmp_path / "elsewhere")
     assert len(errors) == 1
     assert "could not be saved" in told[0]
-    written = read_result(Project(tmp_path / "elsewhere"))
+    written = read_result(ProjectFolder(tmp_path / "elsewhere"))
     np.testing.assert_allclose(written.world, held.result.world, atol=1e-5)
     assert written.groups[written.names.index("a")] == "sick"
     assert not explored.desk.is_changed

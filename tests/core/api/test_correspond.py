@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 import homolog as hl
 from homolog.api.inputs import as_mesh, cohort_of
 from homolog.cohort import MESH_SUFFIXES
-from homolog.files.project import Project as Folder
+from homolog.files.project import ProjectFolder
 from homolog.grooming.images import read_segmentation
 from homolog.run import Run
 from homolog.settings import GroomSettings
@@ -73,7 +73,7 @@ def test_a_saved_correspondence_is_a_project_that_runs_add_to(result, tmp_path, 
     more = short_settings.model_copy(
         update={"optimize": project.settings.optimize.model_copy(update={"particles": 96})}
     )
-    folder = Folder(tmp_path / "project")
+    folder = ProjectFolder(tmp_path / "project")
     Run(folder, folder.cohort(), more, from_result=True).execute()
     assert hl.Project(folder.folder).particles.shape == (4, 96, 3)
 
@@ -94,7 +94,7 @@ def test_groups_and_covariates_are_those_of_the_cohorts_table(ellipsoids, tmp_pa
     assert found.covariates == {"age": ("50", "61", "")}
     saved = found.save(tmp_path / "project")
     assert (saved.groups, saved.covariates) == (found.groups, found.covariates)
-    assert Folder(saved.folder).cohort().subjects[1].path == (ellipsoids / "b.nrrd").resolve()
+    assert ProjectFolder(saved.folder).cohort().subjects[1].path == (ellipsoids / "b.nrrd").resolve()
 
 
 def test_progress_grows_to_one_and_an_error_in_the_callback_stops(labels):

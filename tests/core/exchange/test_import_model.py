@@ -8,14 +8,14 @@ from homolog.errors import InputError
 from homolog.exchange import import_model, write_shapeworks
 from homolog.files.meshes import read_mesh, write_mesh
 from homolog.files.particles import read_particles, write_particles
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_modes, read_result, read_surfaces
 from homolog.surfaces.mesh import TriangleMesh
 
 
 @pytest.fixture
 def project(tmp_path):
-    return Project(tmp_path / "imported")
+    return ProjectFolder(tmp_path / "imported")
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from homolog.correspondence import Shape
 from homolog.errors import InputError
 from homolog.exchange import project_landmark_errors, write_markups
 from homolog.files.meshes import read_mesh
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result, surface_file
 from homolog.grooming import check_cohort
 from homolog.run.landmarks import with_landmarks
@@ -35,7 +35,7 @@ def marked(finished_run, scans):
             if name not in leave_out:
                 write_markups(scans / f"{name}.mrk.json", points[[3, 11, 30]] + moved, names)
         shutil.copytree(finished_run.folder, scans.parent / "project")
-        project = Project(scans.parent / "project")
+        project = ProjectFolder(scans.parent / "project")
         record = project.read()
         project.write(record.model_copy(update={"subjects": project.describe(read_cohort(scans))}))
         return project
@@ -137,17 +137,19 @@ def shapes_of(finished_run):
 def test_shapes_get_the_landmarks_that_all_subjects_have(marked, scans, shapes_of):
     marked(0.0)
     write_markups(
-        scans / "a.mrk.json", read_result(Project(scans.parent / "project")).local[0, [11, 3]], "rl"
+        scans / "a.mrk.json", read_result(ProjectFolder(scans.parent / "project")).local[0, [11, 3]], "rl"
     )
     with pytest.raises(InputError, match="no landmark is there on all subjects"):
         with_landmarks(shapes_of, read_cohort(scans))
     names = ("right", "left")
     write_markups(
-        scans / "a.mrk.json", read_result(Project(scans.parent / "project")).local[0, [11, 3]], names
+        scans / "a.mrk.json", read_result(ProjectFolder(scans.parent / "project")).local[0, [11, 3]], names
     )
     found = with_landmarks(shapes_of, read_cohort(scans))
     assert {item.landmarks.shape for item in found} == {(2, 3)}
-    assert np.allclose(found[1].landmarks[0], read_result(Project(scans.parent / "project")).local[1, 11])
+    assert np.allclose(
+        found[1].landmarks[0], read_result(ProjectFolder(scans.parent / "project")).local[1, 11]
+    )
 
 
 def test_a_subject_without_landmarks_is_named(marked, scans, shapes_of):

@@ -9,7 +9,7 @@ import pytest
 from homolog.errors import InputError
 from homolog.exchange import import_model, write_shapeworks
 from homolog.exchange.shapeworks_paths import leads_out, place_of
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
 
 
@@ -73,7 +73,7 @@ def rewrite(exported, content):
 
 @pytest.mark.parametrize("before", ["", "C:\\Users\\Jo\\out\\", "\\\\server\\share\\out\\"])
 def test_a_project_written_on_windows_is_imported_whole(rewrite, tmp_path, finished_run, before):
-    project = Project(tmp_path / "imported")
+    project = ProjectFolder(tmp_path / "imported")
     notes = import_model(rewrite(lambda path: before + path.replace("/", "\\")), project)
     told = ["16 of its paths lead out of its folder; those that lead nowhere were looked for in it"]
     assert notes == (told if before else [])
@@ -87,14 +87,14 @@ def test_particles_on_another_machine_are_refused_by_name(rewrite, tmp_path):
     path = rewrite(lambda path: "C:\\gone\\" + path.rpartition("/")[2].replace("a_", "z_"))
     words = r"subject a has a file on another machine, C:\\gone\\z_\w+\.particles; copy it into the project's"
     with pytest.raises(InputError, match=words):
-        import_model(path, Project(tmp_path / "imported"))
+        import_model(path, ProjectFolder(tmp_path / "imported"))
     assert not (tmp_path / "imported").exists()
 
 
 def test_paths_that_lead_nowhere_are_kept_as_they_are(rewrite, exported, content, tmp_path):
     for row in content["data"]:
         row["image_ct"] = "E:\\scans\\ct.nrrd"
-    project = Project(tmp_path / "imported")
+    project = ProjectFolder(tmp_path / "imported")
     import_model(rewrite(str), project)
     again = json.loads(write_shapeworks(project, tmp_path / "again").read_text())
     assert {row["image_ct"] for row in again["data"]} == {"E:\\scans\\ct.nrrd"}

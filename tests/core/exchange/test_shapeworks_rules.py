@@ -8,7 +8,7 @@ import pytest
 from homolog.exchange import import_model, write_shapeworks
 from homolog.exchange.shapeworks_files import read_shapeworks_file
 from homolog.exchange.shapeworks_rules import complete_row, escape_column
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
 
 KINDS = [
@@ -55,7 +55,7 @@ def two(exported, content):
 
 
 def test_each_kind_of_column_is_there_for_all_anatomies_or_for_none(two, tmp_path):
-    project = Project(tmp_path / "imported")
+    project = ProjectFolder(tmp_path / "imported")
     import_model(two, project, domain="right")
     again = json.loads(write_shapeworks(project, tmp_path / "again").read_text())
     for row in again["data"]:
@@ -68,7 +68,7 @@ def test_each_kind_of_column_is_there_for_all_anatomies_or_for_none(two, tmp_pat
 
 
 def test_tables_hold_texts_only_whatever_was_imported(two, tmp_path):
-    project = Project(tmp_path / "imported")
+    project = ProjectFolder(tmp_path / "imported")
     import_model(two, project, domain="left")
     again = json.loads(write_shapeworks(project, tmp_path / "again").read_text())
     assert again["groom"] == {"right": {"crop": "true"}}
@@ -105,7 +105,7 @@ def test_a_subject_without_a_name_is_called_by_its_file(exported, content, tmp_p
         del row["name"]
         row["shape_1"] = path if number == 0 else f"{number}.{number}.nrrd"
     exported.write_text(json.dumps(content), encoding="utf-8")
-    project = Project(tmp_path / "imported")
+    project = ProjectFolder(tmp_path / "imported")
     import_model(exported, project)
     assert read_result(project).names == (name, "1.1", "2.2", "3.3")
 
@@ -132,6 +132,6 @@ def test_particles_in_vtk_files_are_read(exported, content, tmp_path, finished_r
             f"{head}POINTS {len(points)} float\n".encode() + values + b"\n"
         )
     exported.write_text(json.dumps(content), encoding="utf-8")
-    project = Project(tmp_path / "imported")
+    project = ProjectFolder(tmp_path / "imported")
     import_model(exported, project)
     assert np.abs(read_result(project).world - result.world).max() <= 1e-4

@@ -12,7 +12,7 @@ from homolog.files.json_files import read_json
 from homolog.files.markups import read_markups
 from homolog.files.meshes import read_mesh
 from homolog.files.particles import read_particles
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.grooming.images import read_segmentation
 
 READERS = {
@@ -24,7 +24,7 @@ READERS = {
     "a.nrrd": lambda path: read_segmentation(path, None),
     "a.nii.gz": lambda path: read_segmentation(path, None),
     "a.dcm": lambda path: read_segmentation(path, None),
-    "project.json": lambda path: Project(path.parent).read(),
+    "project.json": lambda path: ProjectFolder(path.parent).read(),
     "cohort.csv": lambda path: read_cohort(path.parent),
 }
 

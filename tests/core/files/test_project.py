@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from homolog.cohort import Cohort, Subject
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
 from homolog.settings import RunSettings
 
@@ -39,13 +39,13 @@ def result_of(*names, files=None):
 
 def test_a_record_comes_back_as_it_was(tmp_path):
     record = ProjectRecord(unfinished=True, result=result_of("a", "b"))
-    Project(tmp_path).write(record)
-    assert Project(tmp_path).read() == record
+    ProjectFolder(tmp_path).write(record)
+    assert ProjectFolder(tmp_path).read() == record
 
 
 def test_paths_start_at_the_project_and_follow_it_when_both_are_moved(tmp_path):
     (tmp_path / "study" / "scans").mkdir(parents=True)
-    project = Project(tmp_path / "study" / "project")
+    project = ProjectFolder(tmp_path / "study" / "project")
     scans = tmp_path / "study" / "scans"
     cohort = Cohort((Subject("a", scans / "a.nrrd", "sick", {"age": "61"}),), scans)
     project.write(ProjectRecord(subjects=project.describe(cohort)))
@@ -53,7 +53,7 @@ def test_paths_start_at_the_project_and_follow_it_when_both_are_moved(tmp_path):
         json.loads((project.folder / "project.json").read_text())["subjects"][0]["path"] == "../scans/a.nrrd"
     )
     (tmp_path / "study").rename(tmp_path / "moved")
-    subject = Project(tmp_path / "moved" / "project").cohort().subjects[0]
+    subject = ProjectFolder(tmp_path / "moved" / "project").cohort().subjects[0]
     assert subject.path == (tmp_path / "moved" / "scans" / "a.nrrd").resolve()
     assert (subject.name, subject.group, dict(subject.columns)) == ("a", "sick", {"age": "61"})
 
@@ -73,7 +73,7 @@ def test_a_record_that_breaks_the_schema_is_refused_with_the_place(tmp_path, cha
     content = json.loads(ProjectRecord().model_dump_json()) | change
     (tmp_path / "project.json").write_text(json.dumps(content))
     with pytest.raises(InputError, match=message):
-        Project(tmp_path).read()
+        ProjectFolder(tmp_path).read()
 
 
 @pytest.mark.parametrize("stem", ["../a", "/a", "", ".hidden", "a/b", "a\\b", "a\n"])
@@ -97,36 +97,36 @@ def test_a_result_cannot_name_one_file_twice():
 def test_any_bytes_are_read_or_refused_as_input(tmp_path, content):
     (tmp_path / "project.json").write_bytes(content)
     with suppress(InputError):
-        assert Project(tmp_path).read().version == 1
+        assert ProjectFolder(tmp_path).read().version == 1
 
 
 def test_deeply_nested_text_is_refused(tmp_path):
     (tmp_path / "project.json").write_text("[" * 100_000)
     with pytest.raises(InputError, match="damaged"):
-        Project(tmp_path).read()
+        ProjectFolder(tmp_path).read()
 
 
 def test_a_folder_without_project_is_named(tmp_path):
-    assert not Project(tmp_path).exists
+    assert not ProjectFolder(tmp_path).exists
     with pytest.raises(InputError, match="is not a project"):
-        Project(tmp_path).read()
+        ProjectFolder(tmp_path).read()
 
 
 def test_a_folder_with_other_files_is_not_free(tmp_path):
-    Project(tmp_path / "new").check_is_free()
+    ProjectFolder(tmp_path / "new").check_is_free()
     (tmp_path / "thesis.tex").write_text("")
     with pytest.raises(InputError, match="contains other files"):
-        Project(tmp_path).check_is_free()
-    Project(tmp_path).write(ProjectRecord())
-    Project(tmp_path).check_is_free()
+        ProjectFolder(tmp_path).check_is_free()
+    ProjectFolder(tmp_path).write(ProjectRecord())
+    ProjectFolder(tmp_path).check_is_free()
 
 
 def test_a_second_program_is_told_that_the_project_is_in_use(tmp_path):
-    project = Project(tmp_path / "p")
+    project = ProjectFolder(tmp_path / "p")
     other = (
         "import sys; from pathlib import Path; from homolog.errors import InputError\n"
-        "from homolog.files.project import Project\n"
-        "try:\n    with Project(Path(sys.argv[1])).locked(): print('got it')\n"
+        "from homolog.files.project import ProjectFolder\n"
+        "try:\n    with ProjectFolder(Path(sys.argv[1])).locked(): print('got it')\n"
         "except InputError as error: print(error)\n"
     )
     root = Path(__file__).parents[3] / "core"
@@ -159,13 +159,16 @@ def contents(folder):
 
 @pytest.mark.parametrize("folder", ["none", "."])
 def test_what_needs_a_project_makes_no_folder_and_leaves_no_lock(tmp_path, folder):
-    with pytest.raises(InputError, match="is not a project"), Project(tmp_path / folder).locked(new=False):
+    with (
+        pytest.raises(InputError, match="is not a project"),
+        ProjectFolder(tmp_path / folder).locked(new=False),
+    ):
         pass
     assert not list(tmp_path.iterdir())
 
 
 def test_a_new_result_takes_the_place_of_the_old_one_with_its_pictures(tmp_path):
-    project = Project(tmp_path)
+    project = ProjectFolder(tmp_path)
     with project.locked():
         with project.replacing_result() as new:
             finished(new, "old")
@@ -180,7 +183,7 @@ def test_a_new_result_takes_the_place_of_the_old_one_with_its_pictures(tmp_path)
 
 
 def test_a_result_that_breaks_off_leaves_the_old_one(tmp_path):
-    project = Project(tmp_path)
+    project = ProjectFolder(tmp_path)
     with project.locked():
         with project.replacing_result() as new:
             finished(new, "old")
@@ -191,7 +194,7 @@ def test_a_result_that_breaks_off_leaves_the_old_one(tmp_path):
 
 @pytest.mark.parametrize("moves", range(5))
 def test_a_swap_that_a_crash_broke_off_is_finished_by_the_next_program(tmp_path, monkeypatch, moves):
-    project = Project(tmp_path)
+    project = ProjectFolder(tmp_path)
     with project.locked(), project.replacing_result() as new:
         finished(new, "old")
     left = moves
@@ -214,7 +217,7 @@ def test_a_swap_that_a_crash_broke_off_is_finished_by_the_next_program(tmp_path,
 
 
 def test_an_incomplete_new_result_is_thrown_away_by_the_next_program(tmp_path):
-    project = Project(tmp_path)
+    project = ProjectFolder(tmp_path)
     with project.locked(), project.replacing_result() as new:
         finished(new, "old")
     (tmp_path / ".next").mkdir()
@@ -225,10 +228,10 @@ def test_an_incomplete_new_result_is_thrown_away_by_the_next_program(tmp_path):
 
 
 def test_a_program_may_take_its_own_lock_again_in_any_thread(tmp_path):
-    project, seen = Project(tmp_path), []
+    project, seen = ProjectFolder(tmp_path), []
 
     def take():
-        with Project(tmp_path / "." / "").locked():
+        with ProjectFolder(tmp_path / "." / "").locked():
             seen.append(True)
 
     with project.locked():
@@ -239,7 +242,7 @@ def test_a_program_may_take_its_own_lock_again_in_any_thread(tmp_path):
 
 
 def test_a_lock_taken_again_leaves_a_result_that_is_being_written_alone(tmp_path):
-    project = Project(tmp_path)
+    project = ProjectFolder(tmp_path)
     with project.locked(), project.replacing_result() as new:
         with project.locked():
             pass
@@ -253,14 +256,14 @@ def test_a_link_out_of_the_project_is_refused(tmp_path, name):
     (tmp_path / "elsewhere").mkdir()
     (project / name).parent.mkdir(parents=True)
     (project / name).symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(InputError, match="link that may lead elsewhere"), Project(project).locked():
+    with pytest.raises(InputError, match="link that may lead elsewhere"), ProjectFolder(project).locked():
         pass
     assert list((tmp_path / "elsewhere").iterdir()) == []
 
 
 def test_links_that_are_the_users_own_are_left_alone(tmp_path):
     (tmp_path / "scans").symlink_to(tmp_path)
-    with Project(tmp_path).locked():
+    with ProjectFolder(tmp_path).locked():
         assert (tmp_path / "scans").is_symlink()
 
 
@@ -269,7 +272,7 @@ def test_what_a_killed_writer_left_is_removed(tmp_path):
     for place in (tmp_path, tmp_path / "groomed"):
         (place / ".part-1-a.vtp").write_text("half")
         (place / "a.vtp").write_text("whole")
-    with Project(tmp_path).locked():
+    with ProjectFolder(tmp_path).locked():
         pass
     assert contents(tmp_path) == {"a.vtp": "whole", "groomed/a.vtp": "whole"}
 
@@ -279,4 +282,4 @@ def test_a_path_that_no_system_takes_is_refused(tmp_path, path):
     content = {"format": "homolog-project", "version": 1, "subjects": [{"name": "a", "path": path}]}
     (tmp_path / "project.json").write_text(json.dumps(content))
     with pytest.raises(InputError, match=r"subjects\.0\.path: Value error, can't be a path"):
-        Project(tmp_path).read()
+        ProjectFolder(tmp_path).read()

@@ -3,7 +3,7 @@ import shutil
 import pytest
 
 from homolog.cohort import read_cohort
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.run import Run
 
 
@@ -21,7 +21,7 @@ def finished(finished_run):
 def project(ellipsoids, tmp_path):
     """Return a project that isn't there yet, beside a copy of the ellipsoids in ``scans``."""
     shutil.copytree(ellipsoids, tmp_path / "scans")
-    return Project(tmp_path / "project")
+    return ProjectFolder(tmp_path / "project")
 
 
 @pytest.fixture

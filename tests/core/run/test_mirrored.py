@@ -11,7 +11,7 @@ from homolog.errors import InputError
 from homolog.exchange.shapeworks_export import write_shapeworks
 from homolog.exchange.shapeworks_files import read_shapeworks_file
 from homolog.files.meshes import read_mesh
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord
 from homolog.files.results import read_result, read_surface, read_surfaces
 from homolog.grooming import align_cohort, groom_cohort
@@ -45,7 +45,7 @@ def write_scan(folder, name, number, *, mirrored):
 
 
 def finished(folder, cohort, settings=SETTINGS):
-    project = Project(folder)
+    project = ProjectFolder(folder)
     Run(project, read_cohort(cohort), settings).execute()
     return project
 
@@ -107,7 +107,7 @@ def test_left_and_right_give_the_model_that_one_side_gives(both, result, one_sid
 
 def test_without_mirroring_left_and_right_are_mixed_up(scans, both, result):
     shutil.copytree(both.groomed, scans / "p_mixed" / "groomed")
-    Project(scans / "p_mixed").write(ProjectRecord())
+    ProjectFolder(scans / "p_mixed").write(ProjectRecord())
     mixed = finished(scans / "p_mixed", scans / "both", OFF)
     assert record_of(mixed).mirrored_words == ""
     assert np.var(read_result(mixed).world, axis=0).sum() > 2.0 * np.var(result.world, axis=0).sum()
@@ -161,7 +161,7 @@ def grown(scans, both, tmp_path):
     shutil.copytree(scans / "both", tmp_path / "both")
     shutil.copytree(both.folder, tmp_path / "p_both")
     write_scan(tmp_path / "both", "f_L", 2, mirrored=True)
-    return Project(tmp_path / "p_both"), read_cohort(tmp_path / "both")
+    return ProjectFolder(tmp_path / "p_both"), read_cohort(tmp_path / "both")
 
 
 def test_a_new_left_subject_is_fitted_to_the_right_ones(grown, result):
@@ -186,7 +186,7 @@ def test_particles_are_added_to_mirrored_subjects(grown, scans):
 
 def test_a_cancelled_run_of_both_sides_is_resumed(scans, both, tmp_path):
     shutil.copytree(both.groomed, tmp_path / "p" / "groomed")
-    project = Project(tmp_path / "p")
+    project = ProjectFolder(tmp_path / "p")
     project.write(ProjectRecord())
     first = Run(project, read_cohort(scans / "both"), SETTINGS)
     first.execute(lambda status: first.cancel() if status.phase == "optimizing" else None)

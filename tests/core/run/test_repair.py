@@ -7,7 +7,7 @@ import pytest
 
 from homolog.analysis.shape_model import ShapeModel
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
 from homolog.run.repair import read_inputs, write_repaired
 from homolog.run.shape_files import surface_of_model
@@ -16,7 +16,7 @@ from homolog.run.shape_files import surface_of_model
 @pytest.fixture
 def project(finished_run, tmp_path):
     """Return a copy of a finished project."""
-    copy = Project(tmp_path / "project")
+    copy = ProjectFolder(tmp_path / "project")
     shutil.copytree(finished_run.folder, copy.folder, ignore=shutil.ignore_patterns(".lock"))
     return copy
 

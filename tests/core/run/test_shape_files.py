@@ -7,7 +7,7 @@ import pytest
 
 from homolog.errors import InputError
 from homolog.files.arrays import write_arrays
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import read_modes, read_result, write_smoothing
 from homolog.run.repair import write_repaired
 
@@ -15,7 +15,7 @@ from homolog.run.repair import write_repaired
 @pytest.fixture
 def project(finished_run, tmp_path):
     """Return a copy of a finished project."""
-    copy = Project(tmp_path / "project")
+    copy = ProjectFolder(tmp_path / "project")
     shutil.copytree(finished_run.folder, copy.folder, ignore=shutil.ignore_patterns(".lock"))
     return copy
 

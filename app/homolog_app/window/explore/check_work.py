@@ -6,7 +6,7 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
 from homolog.surfaces.mirroring import scale_of
 from homolog_app.window.explore.check_shown import Distances
@@ -36,7 +36,7 @@ def distances_on(
     return Distances(subject, place, normal / np.linalg.norm(normal), along, straight)
 
 
-def energies_of(inspection: "Inspection", project: Project, tick: Tick) -> "ParticleEnergies":
+def energies_of(inspection: "Inspection", project: ProjectFolder, tick: Tick) -> "ParticleEnergies":
     """Return what each particle adds to the energies, by the settings of the project's result."""
     from homolog.inspection import particle_energies
 

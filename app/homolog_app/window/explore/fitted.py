@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject, Signal, Slot
 
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
 from homolog_app.window.desk import Desk
 from homolog_app.window.loaded import Loaded
@@ -77,7 +77,7 @@ class Fitted(QObject):
         InputError
             If the folder is no project.
         """
-        project, shape = Project(folder), self.shape
+        project, shape = ProjectFolder(folder), self.shape
         if not project.exists:
             raise InputError(f"{folder}: is not a project; choose the folder of a project with a result")
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.progress import Tick, part_of
 from homolog_app.report.request import StudyRequest, category_of
@@ -142,7 +142,7 @@ def map_answers(
     ]
 
 
-def keep_answers(project: Project, answers: Answers, cohort: Cohort, tick: Tick) -> list[Path]:
+def keep_answers(project: ProjectFolder, answers: Answers, cohort: Cohort, tick: Tick) -> list[Path]:
     """Write the tables of all answers into the project, as ``homolog analyze`` does; return their folders."""
     from homolog_app.report.keep import keep_study
 
@@ -151,7 +151,9 @@ def keep_answers(project: Project, answers: Answers, cohort: Cohort, tick: Tick)
     return [keep_study(project, study, result) for study in answers.own]
 
 
-def repeat_by_seed(project: Project, answers: Answers, cohort: Cohort, seeds: int, tick: Tick) -> list[str]:
+def repeat_by_seed(
+    project: ProjectFolder, answers: Answers, cohort: Cohort, seeds: int, tick: Tick
+) -> list[str]:
     """Answer with other seeds of the correspondence too, as ``--seeds`` does; keep what spreads."""
     from homolog_app.report.keep import keep_study
     from homolog_app.report.seeds import answer_by_seed, spread_words, write_spread

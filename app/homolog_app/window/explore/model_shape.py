@@ -15,7 +15,7 @@ from homolog.analysis.shape_model import ShapeModel
 from homolog.analysis.thin_plate import spread_centres
 from homolog.arrays import Array, Float32Array, FloatArray, IntArray, frozen
 from homolog.errors import InputError
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
@@ -109,7 +109,7 @@ class ModelShape:
         return _carried(self.result, displacements)
 
 
-def read_model_shape(folder_name: str, project: Project, tick: Tick) -> ModelShape:
+def read_model_shape(folder_name: str, project: ProjectFolder, tick: Tick) -> ModelShape:
     """Read a project's result and fit its model.
 
     Raises

@@ -1,0 +1,64 @@
+"""The mean surface of a model and its warp to any particles, for results in memory and in folders."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from homolog.analysis.reconstruction import carried
+from homolog.arrays import ArrayLike, FloatArray
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["HasMeanShape", "MeanShape"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeanShape:
+    """Mean particles with the surface that follows them.
+
+    Attributes
+    ----------
+    particles : (N, 3) float64 array
+        Mean particles in the common frame [mm].
+    surface : TriangleMesh
+        The mean surface in the same frame.
+    smoothing : (N,) float64 array
+        Of the spline that warps it [mm]; see `homolog.analysis.reconstruction.carried`.
+    """
+
+    particles: FloatArray
+    surface: TriangleMesh
+    smoothing: FloatArray
+
+
+class HasMeanShape(ABC):
+    """What has a mean shape: gives the surface of any particles in its common frame."""
+
+    @property
+    @abstractmethod
+    def _mean_shape(self) -> MeanShape: ...
+
+    def surface(self, particles: ArrayLike | None = None) -> TriangleMesh:
+        """Return the surface of aligned particles: the mean surface, warped to them.
+
+        Parameters
+        ----------
+        particles : (N, 3) array_like, optional
+            Such as ``ShapeModel.instance([2.0])`` [mm]; the mean of `aligned` if not given.
+
+        Returns
+        -------
+        TriangleMesh
+            In the common frame; the same faces for all particles.
+
+        Raises
+        ------
+        NumericalError
+            If particles coincide, so that no surface can be warped by them.
+        """
+        mean = self._mean_shape
+        if particles is None:
+            return mean.surface
+        move = np.asarray(particles, np.float64) - mean.particles
+        moved = carried(mean.particles, mean.surface.vertices, move[None], mean.smoothing)[0]
+        return TriangleMesh(mean.surface.vertices + moved, mean.surface.faces)
