@@ -12,6 +12,7 @@ from homolog.errors import InputError
 from homolog.files.atomic import replace_folder
 from homolog.files.project import ProjectFolder
 from homolog_app.window.asking import Part, ask, reported, waited
+from homolog_app.window.interrupted import interrupted_words
 from homolog_app.window.journal import Lost, find_lost
 from homolog_app.window.loaded import write_held
 from homolog_app.window.study import Study, found_subjects, with_table
@@ -98,7 +99,8 @@ class Library(Part):
         if opened.has_result:
             self._desk.work.open_result(project, lambda: self._window.show_step("explore"))
         if resumable:
-            self._window.status.say("The last run was stopped; Resume continues from its checkpoint.")
+            particles = opened.study.settings.optimize.particles
+            self._window.status.say(interrupted_words(project.checkpoint, particles))
 
     def save(self) -> None:
         """Save to the project's folder, or ask for one."""

@@ -3,9 +3,11 @@
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
+from homolog.files.project import Project
 from homolog.settings import OptimizeSettings
 from homolog_app.window.actions import Actions
 from homolog_app.window.form import SettingsPair
+from homolog_app.window.interrupted import interrupted_words
 from homolog_app.window.progress import Progress
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
@@ -118,8 +120,16 @@ class RunPanel(Panel):
         ready = session.is_groomed or done
         words = session.result.summary if session.result else "" if ready else _FIRST
         if self.resume.isVisibleTo(self):
-            words = f"{_STOPPED}\n{words}".strip()
+            words = f"{self._interrupted()}\n{words}".strip()
         self.summary.setText(words)
+
+    def _interrupted(self) -> str:
+        """Say how far the unfinished run got."""
+        folder = self._session.folder
+        if folder is None:
+            return _STOPPED
+        particles = self._session.study.settings.optimize.particles
+        return interrupted_words(Project(folder).checkpoint, particles)
 
     def _show_further(self) -> None:
         """Say what a run could add to the result."""

@@ -1,4 +1,4 @@
-"""Make the manual's pictures from the real window and the coffee-bean sample.
+"""Make the manual's pictures from the real window, the sample hearts and the coffee beans.
 
     python docs/images/manual/make.py
 
@@ -14,6 +14,7 @@ from checking import keep_checking
 from exploring import keep_exploring
 from exporting import keep_exporting
 from PySide6.QtWidgets import QWidget
+from sample_hearts import keep_hearts
 
 HERE = Path(__file__).parent
 SIZE = (1280, 800)
@@ -54,10 +55,10 @@ def main() -> None:
         session, work, order = window.desk.session, window.desk.work, window.commands
         keep("start")
         window.load_views()
+        keep_hearts(window, until, keep)
         order["file.sample"].trigger()
         until(lambda: len(session.surveys) == 10)
         order["view.grid9"].trigger()
-        keep("tour")
         window.tour.card.end.click()
         session.select(["bean_02", "bean_04"])
         session.set_group("wide")

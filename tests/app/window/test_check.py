@@ -215,6 +215,19 @@ def test_a_clicked_particle_is_ringed_on_every_shape_with_its_normals(checking, 
     np.testing.assert_allclose(np.linalg.norm(page.sphere._points, axis=1), 1.0, atol=1e-6)
 
 
+def test_both_particles_of_an_exchange_have_their_colour_and_number_on_every_shape(checking):
+    page, scene = page_of(checking), checking.views.stage.scene
+    checking.commands["check.next"].trigger()
+    first, second = page.rows.suspects[0].particles
+    tints = scene.shown_now.tints
+    for content in scene.shown:
+        tint = tints[content.name]
+        assert len({tuple(tint[first]), tuple(tint[second]), tuple(np.delete(tint, PAIR, axis=0)[0])}) == 3
+        assert f"{first} pink" in content.note
+        assert f"{second} blue" in content.note
+        assert len(content.lines) == 2 * 28
+
+
 def test_neighbours_are_coloured_by_the_distances_of_their_own_shape(checking, wait):
     page, scene = page_of(checking), checking.views.stage.scene
     page.look.particle.setValue(7)

@@ -19,7 +19,7 @@ __all__ = ["ALONG", "ENERGIES", "STRAIGHT", "Distances", "Marks", "checked_scene
 ALONG, STRAIGHT = "along the surface", "straight"
 ENERGIES = {"sampling": "crowding", "ensemble": "odd positions", "normals": "odd normals"}
 _PALE = (168, 168, 168)
-_MARK = (214, 30, 130)
+_MARK, _SECOND = (214, 30, 130), (0, 114, 178)
 _LIGHT, _DARK = np.array([(236, 231, 220), (38, 110, 140)], float)
 _ROUND = (1.0, 1.2, 1.6, 2.0, 2.4, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # their quarters are short numbers
 _SIDES = 28
@@ -69,6 +69,12 @@ class Marks:
     energies: "ParticleEnergies | None" = None
     texture: Mapping[str, FloatArray] | None = None
 
+    @property
+    def pair(self) -> tuple[int, int] | None:
+        """The two particles of a suspect, such as of an exchange: they are marked on every shape."""
+        pair = tuple(int(number) for number in self.others)
+        return (pair[0], pair[1]) if len(pair) == 2 and self.particle in pair else None
+
 
 def checked_scene(
     subjects: Sequence[Content], inspection: "Inspection", names: Sequence[str], marks: Marks
@@ -96,7 +102,23 @@ def checked_scene(
             for one in contents
         ]
         return Shown(contents, particles={})
+    if marks.pair is not None:
+        return _in_two_colours(contents, inspection, names, marks.pair)
     return Shown(contents)
+
+
+def _in_two_colours(
+    contents: Sequence[Content], inspection: "Inspection", names: Sequence[str], pair: tuple[int, int]
+) -> Shown:
+    """Mark two particles on every shape in two colours, which the captions name."""
+    tint = np.full((inspection.located.world.shape[1], 3), _PALE, np.uint8)
+    tint[list(pair)] = _MARK, _SECOND
+    words = f"{pair[0]} pink · {pair[1]} blue"
+    noted = [
+        replace(content, note=" · ".join(part for part in (content.note, words) if part))
+        for content in contents
+    ]
+    return Shown(noted, tints=dict.fromkeys(names, tint))
 
 
 def _neighbours(
@@ -154,7 +176,9 @@ def _distances(
 def _rings(inspection: "Inspection", m: int, marks: Marks) -> FloatArray | None:
     """Return circles around the chosen particle, and around those that are marked on this subject only."""
     chosen = [] if marks.particle is None else [marks.particle]
-    if m == marks.subject:
+    if marks.pair is not None:
+        chosen = list(marks.pair)
+    elif m == marks.subject:
         chosen += [int(one) for one in marks.others if one != marks.particle]
     if not chosen:
         return None

@@ -17,7 +17,7 @@ __all__ = ["BoxPlot", "GroupBoxes"]
 
 _HALF, _ROOM, _REACH = 0.28, 0.1, 1.5
 _VEIL = 60
-_WHOLE = 5.0
+_WHOLE, _LARGE = 5.0, 50.0
 
 
 class BoxPlot(Plot):
@@ -74,8 +74,8 @@ class BoxPlot(Plot):
             at, metrics = self.place(index, self.y_range[0]), painter.fontMetrics()
             painter.setPen(QColor(self.theme.colours.dim))
             deviation = self.found.deviations[index]
-            digits = 0 if not deviation < _WHOLE else 1
-            mean = f"{self.found.means[index]:.{digits}f} ± {deviation:.{digits}f}"
+            digits = 1 if deviation < _WHOLE and abs(self.found.means[index]) < _LARGE else 0
+            mean = f"{self.found.means[index]:.{digits}f}\u2009±\u2009{deviation:.{digits}f}"
             for row, text in enumerate((name, mean if np.isfinite(deviation) else "")):
                 box = QRectF(at.x() - step / 2, at.y() + 3 + 16 * row, step, 16)
                 text = metrics.elidedText(text, Qt.TextElideMode.ElideMiddle, round(step))

@@ -41,7 +41,7 @@ __all__ = ["MeasurePage"]
 _REACH = 3.0
 _SAMPLES = 13
 _STEPS = 100
-_NUMBER_PX = 50
+_NUMBER_PX = 54
 _HEADS = ("Subject", "Group", "Dist.\n(mm)", "Volume\n(ml)", "Area\n(cm²)", "Wall\n(mm)")
 _MODEL = "Shape along the mode"
 _MAPS = {"None": "none", "Wall thickness": "thickness", "Distance from the mean surface": "distance"}
@@ -114,12 +114,15 @@ class MeasurePage(ExplorePage):
         self.view.setMinimumHeight(200)
         self.body.addLayout(grid)
         self.body.addWidget(label("Or click on the shape to set the two in turn.", "FieldHelp", wrap=True))
-        for text, chooser in (("Show", self.who), ("Map", self.map), ("Plots", self.kind)):
+        choosers = QGridLayout()
+        choosers.setHorizontalSpacing(GRID)
+        choosers.setColumnStretch(1, 1)
+        for row, (text, chooser) in enumerate((("Show", self.who), ("Map", self.map), ("Plots", self.kind))):
             name = QLabel(text)
             name.setBuddy(chooser)
-            row = grid.rowCount()
-            grid.addWidget(name, row, 0)
-            grid.addWidget(chooser, row, 1)
+            choosers.addWidget(name, row, 0)
+            choosers.addWidget(chooser, row, 1)
+        self.body.addLayout(choosers)
         self.body.addLayout(along)
         self.body.addWidget(rule())
         self.body.addWidget(label("Subjects, in the size of their files", "SectionTitle"))

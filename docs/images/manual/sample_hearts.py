@@ -1,0 +1,50 @@
+"""Pictures of the sample hearts: the tour, the cut-away and the thickness of the wall, for `make.py`."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from homolog_app.window.main_window import MainWindow
+
+__all__ = ["keep_cut", "keep_hearts"]
+
+
+def keep_hearts(
+    window: "MainWindow", until: Callable[[Callable[[], object]], None], keep: Callable[[str], None]
+) -> None:
+    """Generate the hearts, keep the tour's first card, place particles, and keep the other pictures."""
+    session, work, order = window.desk.session, window.desk.work, window.commands
+    order["file.sample_hearts"].trigger()
+    until(lambda: len(session.surveys) == 12)
+    order["view.grid9"].trigger()
+    keep("tour")
+    window.tour.card.end.click()
+    for command in ("run.groom", "run.start"):
+        order[command].trigger()
+        until(lambda: not work.is_busy)
+    keep_cut(window, until, keep)
+
+
+def keep_cut(
+    window: "MainWindow", until: Callable[[Callable[[], object]], None], keep: Callable[[str], None]
+) -> None:
+    """Keep the cut-away of the subjects and the map of thickness; the hearts' result is open."""
+    order, explore = window.commands, window.inspector.explore
+    window.show_step("explore")
+    order["view.grid4"].trigger()
+    order["view.corner"].trigger()
+    order["view.clip"].trigger()
+    bar = window.views.stage.clip
+    bar.plane.setCurrentText("Coronal")
+    keep("cut")
+    order["explore.measure"].trigger()
+    measure = explore.page
+    until(lambda: measure.table.rowCount() > 0)
+    measure.who.setCurrentText("heart_06")
+    measure.map.setCurrentText("Wall thickness")
+    measure.kind.setCurrentText("By group")
+    for box in (measure.map, measure.kind):
+        box.activated.emit(box.currentIndex())
+    keep("thickness")
+    order["view.clip"].trigger()
+    order["file.close"].trigger()
