@@ -3,7 +3,7 @@
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
-from homolog.files.project import Project
+from homolog.files.project import ProjectFolder
 from homolog.settings import OptimizeSettings
 from homolog_app.window.actions import Actions
 from homolog_app.window.form import SettingsPair
@@ -129,7 +129,7 @@ class RunPanel(Panel):
         if folder is None:
             return _STOPPED
         particles = self._session.study.settings.optimize.particles
-        return interrupted_words(Project(folder).checkpoint, particles)
+        return interrupted_words(ProjectFolder(folder).checkpoint, particles)
 
     def _show_further(self) -> None:
         """Say what a run could add to the result."""
