@@ -1,10 +1,10 @@
 """Progress and cancellation: one callback, which all long computations call often."""
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from typing import TypeVar
 
-__all__ = ["Tick", "no_tick", "part_of", "run_in_background"]
+__all__ = ["Tick", "no_tick", "part_of", "run_in_background", "run_in_threads"]
 
 Tick = Callable[[float, str], None]
 """``tick(fraction, message)``: completed fraction of the work in [0, 1], and the current step.
@@ -65,3 +65,41 @@ def run_in_background(work: Callable[[Tick], _Result], tick: Tick, message: str)
         raise
     finally:
         executor.shutdown(wait=False)
+
+
+def run_in_threads(
+    works: Sequence[Callable[[Tick], _Result]], tick: Tick, message: str, threads: int
+) -> list[_Result]:
+    """Run independent works on several threads, while this thread ticks; return their results in order.
+
+    Parameters
+    ----------
+    works : sequence of callable
+        Each takes its own tick, and should call it often: after cancellation it runs until then. Works must
+        not change shared state.
+    tick : Tick
+        Called every 0.05 s, and at the end, with the fraction of the works that are done.
+    message : str
+    threads : int
+    """
+    stopped: list[BaseException] = []
+
+    def inner(fraction: float, message: str) -> None:
+        if stopped:
+            raise stopped[0]
+
+    executor = ThreadPoolExecutor(threads)
+    try:
+        futures = [executor.submit(work, inner) for work in works]
+        left = set(futures)
+        while left:
+            done, left = wait(left, _TICK_INTERVAL_S, FIRST_EXCEPTION)
+            for future in done:
+                future.result()
+            tick(1.0 - len(left) / len(futures), message)
+        return [future.result() for future in futures]
+    except BaseException as error:
+        stopped.append(error)
+        raise
+    finally:
+        executor.shutdown(wait=False, cancel_futures=True)

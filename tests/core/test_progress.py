@@ -4,7 +4,7 @@ import time
 import pytest
 
 from homolog.errors import Cancelled
-from homolog.progress import part_of, run_in_background
+from homolog.progress import part_of, run_in_background, run_in_threads
 
 
 def test_a_part_of_a_tick_covers_its_span():
@@ -55,3 +55,46 @@ def test_errors_of_patient_work_are_the_callers():
 
     with pytest.raises(ValueError, match="broken"):
         run_in_background(work, lambda fraction, message: None, "begin")
+
+
+def test_works_on_several_threads_return_in_order_and_tick_in_the_callers_thread():
+    heard, barrier = [], threading.Barrier(2, timeout=10)
+
+    def work(number):
+        barrier.wait()  # returns only if two works run at once
+        return number
+
+    works = [lambda tick, number=number: work(number) for number in range(4)]
+    found = run_in_threads(works, lambda *what: heard.append((*what, threading.get_ident())), "begin", 2)
+    assert found == [0, 1, 2, 3]
+    assert heard[-1] == (1.0, "begin", threading.get_ident())
+
+
+def test_a_cancelled_tick_ends_the_works_of_all_threads_and_begins_no_more():
+    begun, ended = [], threading.Event()
+
+    def work(tick):
+        begun.append(1)
+        try:
+            while True:
+                time.sleep(0.01)
+                tick(0.5, "on")
+        except Cancelled:
+            ended.set()
+            raise
+
+    def tick(fraction, message):
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        run_in_threads([work] * 5, tick, "begin", 2)
+    assert ended.wait(10)
+    assert len(begun) <= 2
+
+
+def test_an_error_on_one_of_several_threads_is_the_callers():
+    def work(tick):
+        raise ValueError("broken")
+
+    with pytest.raises(ValueError, match="broken"):
+        run_in_threads([work] * 3, lambda fraction, message: None, "begin", 2)

@@ -21,7 +21,7 @@ from homolog.correspondence.poses import (
 )
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, landmarks_on_device
 from homolog.correspondence.recorder import CheckpointCallback, RunRecorder
-from homolog.correspondence.schedule import StagePlan
+from homolog.correspondence.schedule import StagePlan, time_shares
 from homolog.correspondence.types import (
     Checkpoint,
     FrameCallback,
@@ -95,7 +95,8 @@ class OptimizationLoop:
         compared = np.stack([shape.alignment for shape in shapes])
         self.log = RunRecorder(compared, scales, cohort.unit, observe, on_checkpoint)
         self.landmarks = landmarks_on_device(shapes, cohort, stages[0].count)
-        self.initial_tick, self.tick = part_of(tick, 0.0, 0.05), part_of(tick, 0.05, 1.0)
+        _, first = time_shares(stages, geodesic=cohort.geodesic, registers=initial is None)
+        self.initial_tick, self.tick = part_of(tick, 0.0, first), part_of(tick, first, 1.0)
         self._progress = (0.0, "first particles")
         self.launcher = Launcher(cohort.device, poll_cancel=lambda: self.tick(*self._progress))
         free = 1.0 if initial is None or initial.free is None else float(initial.free.mean())
@@ -106,7 +107,7 @@ class OptimizationLoop:
         self.free_poses: BoolArray = np.full(len(cohort.names), True)  # shapes whose pose may change
         if initial is not None and initial.free is not None:
             self.free_poses = np.all(initial.free, axis=1)
-        self._costs = np.array([plan.expected_iterations * (plan.count + 256.0) for plan in self.stages])
+        self._costs = np.array([plan.expected_cost for plan in self.stages])
 
     def run(self, resume: Checkpoint | None) -> Reason:
         """Run all stages, or the remaining ones of a checkpoint."""

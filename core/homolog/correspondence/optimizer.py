@@ -9,7 +9,7 @@ from homolog.correspondence.loop import OptimizationLoop
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.prepared_cohort import GeodesicSolver, prepare_cohort
 from homolog.correspondence.recorder import CheckpointCallback
-from homolog.correspondence.schedule import plan_stages
+from homolog.correspondence.schedule import plan_stages, time_shares
 from homolog.correspondence.surface_sets import normalize_size
 from homolog.correspondence.types import (
     Checkpoint,
@@ -92,7 +92,9 @@ def optimize(
     if settings.procrustes.takes_size_out:
         shapes = normalize_size(shapes)
     stages = plan_stages(settings, initial.local.shape[1] if initial is not None else None)
-    prepared_fraction = 0.3 if settings.method.uses_geodesics else 0.02
+    prepared_fraction, _ = time_shares(
+        stages, geodesic=settings.method.uses_geodesics, registers=initial is None
+    )
     cohort = prepare_cohort(
         shapes,
         settings,

@@ -9,7 +9,7 @@ import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.entropy.sampling import LIST_CUTOFF
-from homolog.correspondence.schedule import particle_counts
+from homolog.correspondence.schedule import MIN_FINE_PARTICLES, particle_counts
 from homolog.correspondence.surface_sets import (
     Similarity,
     SurfaceSet,
@@ -33,8 +33,6 @@ GeodesicSolver = Callable[..., Sequence[GeodesicTable]]
 
 MEAN_AREA = 1.0e4
 """Mean surface area in squared optimizer lengths, by definition of the unit."""
-MIN_FINE_PARTICLES = 300
-"""Number of particles from which the fine meshes are used; the coarse ones have 1500 vertices."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,15 +1,20 @@
 """The stages of an optimization: numbers of particles, weights and regularization."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from homolog.correspondence.types import Stage
 from homolog.settings import OptimizeSettings
 
-__all__ = ["StagePlan", "Weights", "particle_counts", "plan_stages"]
+__all__ = ["StagePlan", "Weights", "particle_counts", "plan_stages", "time_shares"]
 
 STEP_FRACTION = 0.5  # tau over the squared Parzen width
 STEP_DECAY_ITERATIONS = 400  # over which tau decays to e^-3 in the last stage
+EXPECTED_SETTLING = 100  # iterations until the last stage converges, mostly
+TABLES_COST = 1.1e5  # of the geodesic tables of one level of detail [updates of a particle], for estimates
+REGISTRATION_COST = 0.7e5  # of the first particles
+MIN_FINE_PARTICLES = 300  # from which the fine meshes are used; the coarse ones have 1500 vertices
 MAX_INITIAL_PARTICLES = 256  # initialized by registration; the others come from splitting
 MEAN_WEIGHT = 0.02  # of the squared distance to the mean shape in the first stage [1 / squared length]
 MEAN_REGULARIZATION = 1.0e4  # under which H(Z) is the squared distance to the mean shape
@@ -71,7 +76,12 @@ class StagePlan:
     @property
     def expected_iterations(self) -> int:
         """Iterations for estimates of the remaining time."""
-        return min(self.iterations, STEP_DECAY_ITERATIONS) if self.until_converged else self.iterations
+        return min(self.iterations, EXPECTED_SETTLING) if self.until_converged else self.iterations
+
+    @property
+    def expected_cost(self) -> float:
+        """Processor time for estimates of the remaining time [updates of a particle], for one shape."""
+        return self.expected_iterations * (self.count + 256.0)
 
     def weights(self, iteration: int) -> Weights:
         """Return the weights of one of the stage's iterations."""
@@ -124,3 +134,26 @@ def plan_stages(settings: OptimizeSettings, present: int | None = None) -> list[
     final = (settings.particles, settings.settle_iterations, ensemble_weight, normals)
     stages.append(StagePlan(Stage.OPTIMIZING, *final, (end, end), (0.01, 0.01), until_converged=True))
     return stages
+
+
+def time_shares(stages: Sequence[StagePlan], *, geodesic: bool, registers: bool) -> tuple[float, float]:
+    """Return estimates of the time shares of preparation and of first particles.
+
+    Parameters
+    ----------
+    stages : sequence of StagePlan
+    geodesic : bool
+        Whether geodesic tables are computed.
+    registers : bool
+        Whether first particles are placed by registration.
+
+    Returns
+    -------
+    tuple of 2 float
+        Share of the preparation in the whole, and of the first particles in the rest.
+    """
+    iterations = sum(plan.expected_cost for plan in stages)
+    first = REGISTRATION_COST if registers else 0.0
+    levels = len({plan.count < MIN_FINE_PARTICLES for plan in stages})
+    tables = TABLES_COST * levels * (1.0 if geodesic else 0.1)
+    return tables / (tables + first + iterations), first / (first + iterations)

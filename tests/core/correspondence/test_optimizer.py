@@ -7,7 +7,7 @@ import pytest
 
 from homolog.correspondence import Reason, Shape, optimize
 from homolog.correspondence.initialization.splitting import split
-from homolog.correspondence.schedule import particle_counts, plan_stages
+from homolog.correspondence.schedule import particle_counts, plan_stages, time_shares
 from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.settings import Method, OptimizeSettings
 from homolog.surfaces.distance_field import DistanceField
@@ -229,3 +229,12 @@ def test_particles_are_even_on_surfaces_of_very_different_size(make_shape):
         np.fill_diagonal(gaps, np.inf)
         nearest = gaps.min(axis=1)
         assert nearest.std() / nearest.mean() < 0.15
+
+
+def test_estimates_give_preparation_a_smaller_share_the_more_particles_are_placed():
+    few, many = (plan_stages(OptimizeSettings(particles=count)) for count in (512, 4096))
+    shares = [time_shares(stages, geodesic=True, registers=True) for stages in (few, many)]
+    assert 1.0 > shares[0][0] > shares[1][0] > 0.0
+    assert 1.0 > shares[0][1] > shares[1][1] > 0.0
+    assert time_shares(few, geodesic=False, registers=True)[0] < shares[0][0]
+    assert time_shares(few, geodesic=True, registers=False)[1] == 0.0

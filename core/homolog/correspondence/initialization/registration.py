@@ -7,6 +7,7 @@ here: iterated closest points in position and normal, under a thin-plate map of 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -14,8 +15,9 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from homolog.arrays import FloatArray, IntArray
+from homolog.device import cores
 from homolog.geometry import farthest_point_sampling
-from homolog.progress import Tick, no_tick, part_of, run_in_background
+from homolog.progress import Tick, no_tick, part_of, run_in_background, run_in_threads
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["initial_particles", "snap_to_mesh"]
@@ -110,20 +112,19 @@ def initial_particles(
         part_of(tick, 0.1, 0.1),
         "first particles",
     )
-    result = np.empty((len(meshes), count, 3))
-    for index, (mesh, own) in enumerate(zip(meshes, normals, strict=True)):
-        here = part_of(tick, 0.1 + 0.9 * index / len(meshes), 0.1 + 0.9 * (index + 1) / len(meshes))
-        here(0.0, "first particles")
+
+    def place(index: int, inner: Tick) -> FloatArray:
         if index == reference:
-            result[index] = source.vertices[chosen]
-            continue
-        initial_guess = _initial_guess(
-            source, landmark_vertices[reference], mesh.vertices[landmark_vertices[index]]
-        )
-        deformed = register(source, control, mesh, own, maps, initial_guess, here)
-        result[index] = snap_to_mesh(deformed.vertices[chosen], deformed.vertex_normals[chosen], mesh)
-        result[index, : len(landmark_vertices[index])] = mesh.vertices[landmark_vertices[index]]
-    return result
+            return source.vertices[chosen]
+        mesh, own = meshes[index], landmark_vertices[index]
+        guess = _initial_guess(source, landmark_vertices[reference], mesh.vertices[own])
+        deformed = register(source, control, mesh, normals[index], maps, guess, inner)
+        particles = snap_to_mesh(deformed.vertices[chosen], deformed.vertex_normals[chosen], mesh)
+        particles[: len(own)] = mesh.vertices[own]
+        return particles
+
+    works = [partial(place, index) for index in range(len(meshes))]
+    return np.stack(run_in_threads(works, part_of(tick, 0.1, 1.0), "first particles", cores()))
 
 
 def _landmark_vertices(meshes: Sequence[TriangleMesh], landmarks: FloatArray | None) -> list[IntArray]:
