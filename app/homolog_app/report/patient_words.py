@@ -1,5 +1,6 @@
 """What is said of a reference and of a patient, in sentences."""
 
+from homolog.geometry import rms_radius
 from homolog.patient import PatientComparison, Percentile, Reference, Region
 
 __all__ = [
@@ -14,6 +15,9 @@ __all__ = [
 ]
 
 NOTICE = "For research use only. Not a medical device; not for diagnosis or treatment."
+
+_COARSE = 0.12
+"""Of the size (root mean square radius): a limit above it finds gross changes only."""
 
 REGION_COLUMNS = ("region", "area (mm²)", "mean (mm)", "peak (mm)", "z at peak", "place", "particles")
 
@@ -40,6 +44,12 @@ def reference_words(reference: Reference) -> list[str]:
         f"{100.0 * quality.near:.0f} % of particles within 0.3 spacings of their place in the joint run",
         f"limit: |z| = {reference.limit:.2f}, on average {quality.limit_mm:.1f} mm",
     ]
+    size = float(rms_radius(reference.surface.vertices))
+    if quality.limit_mm > _COARSE * size:
+        lines.append(
+            f"caution: controls vary much where the modes do not explain it; only differences of about "
+            f"{quality.limit_mm:.1f} mm are found (size {size:.0f} mm); more controls or particles may help"
+        )
     if about.controls < 20:
         lines.append(
             f"caution: {about.controls} controls are few; limits are wide and percentiles coarse (20 or "
