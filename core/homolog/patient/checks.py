@@ -24,9 +24,11 @@ _UNITS = {"m": 1000.0, "cm": 10.0, "inches": 25.4, "micrometres": 0.001}
 _UNIT_TOLERANCE = 1.6
 _MIRRORED_BETTER = 0.65
 _OTHER_SHAPE, _ODD_SHAPE = 0.10, 2.0
-_OTHER_MODES, _ODD_MODES = 15.0, 4.0
+_OTHER_MODES, _ODD_MODES = 10.0, 4.0
 """Median distance over the size, and distance in the modes [SD], above which a structure is another, if they
 are also as many times the controls' largest."""
+_UNCOVERED = 0.15
+"""Median distance of the patient's surface from the fitted one, over the size: the model fits a part only."""
 _CAP_COSINE, _CAP_DEPTH = 0.97, 2.0
 _CAP_SHARE = 0.5
 _MOST_MISSING = 0.3
@@ -55,6 +57,7 @@ def check_fit(
     name: str,
     reference: Reference,
     mesh: TriangleMesh,
+    fit: SurfaceFit,
     measures: Measures,
     columns: FloatArray,
     tick: Tick = no_tick,
@@ -70,6 +73,7 @@ def check_fit(
     reference : Reference
     mesh : TriangleMesh
         The patient's, as it was fitted.
+    fit : SurfaceFit
     measures : Measures
         Of that fit.
     columns : (c,) array
@@ -84,7 +88,7 @@ def check_fit(
         If its mirror image fits far better, or nothing fits.
     """
     try:
-        return _checked(name, reference, mesh, measures, columns, tick)
+        return _checked(name, reference, mesh, fit, measures, columns, tick)
     except InputError as error:
         if not force:
             raise
@@ -95,11 +99,21 @@ def _checked(
     name: str,
     reference: Reference,
     mesh: TriangleMesh,
+    fit: SurfaceFit,
     measures: Measures,
     columns: FloatArray,
     tick: Tick,
 ) -> list[str]:
     usual, usual_modes = float(reference.gap[-1]), float(reference.mahalanobis[-1])
+    placed = transform_points(fit.pose, mesh.vertices)
+    apart = np.asarray(KDTree(fit.expected[: reference.model.vertices]).query(placed)[0])
+    uncovered = float(np.median(apart)) / float(rms_radius(placed))
+    if uncovered > _UNCOVERED:
+        raise InputError(
+            f"{name}: does not look like the reference: half of its surface is more than "
+            f"{100.0 * uncovered:.0f} % of its size from what controls could look like; check that it "
+            "shows the same structure (label) as a whole"
+        )
     if measures.mahalanobis > max(_OTHER_MODES, _ODD_MODES * usual_modes):
         raise InputError(
             f"{name}: does not look like the reference: {measures.mahalanobis:.0f} standard deviations "

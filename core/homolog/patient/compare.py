@@ -188,7 +188,9 @@ def compare_groomed(
     measures, total = measures_of(model, fit, columns, reference.modes)
     remarks += [
         *side_remarks,
-        *check_fit(groomed.name, reference, mesh, measures, columns, part_of(tick, 0.8, 1.0), force=force),
+        *check_fit(
+            groomed.name, reference, mesh, fit, measures, columns, part_of(tick, 0.8, 1.0), force=force
+        ),
     ]
     z = scores_of(reference.local, fit.residual, bands_of(fit.residual, model.faces))
     surface = model.surface(fit.expected)

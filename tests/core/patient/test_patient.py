@@ -103,9 +103,10 @@ def test_another_unit_is_recognised(reference, template, scale, words):
         compare_groomed(reference, subject, AGE)
 
 
-def test_another_structure_is_refused(reference, template):
+@pytest.mark.parametrize("axes", [[6.0, 6.0, 48.0], [9.0, 9.0, 9.0], [40.0, 40.0, 4.0]])
+def test_another_structure_is_refused(reference, template, axes):
     directions, faces = template
-    rod = groomed("rod", TriangleMesh(directions * [6.0, 6.0, 48.0], faces))
+    rod = groomed("rod", TriangleMesh(directions * axes, faces))
     with pytest.raises(InputError, match="rod: does not look like the reference"):
         compare_groomed(reference, rod, AGE)
 

@@ -67,6 +67,9 @@ class PatientPage(ExplorePage):
         self.comparison: PatientComparison | None = None
         self._seen_from: Sequence[FloatArray] = ()
         self.group = choice("Controls")
+        self.adjust = QLineEdit()
+        self.adjust.setPlaceholderText("adjust for columns, such as age sex")
+        self.adjust.setAccessibleName("Columns to adjust for")
         self.make = ActionButton("Make reference", actions["patient.reference"])
         self.open = ActionButton("Open…", actions["patient.open_reference"])
         self.keep = ActionButton("Save…", actions["patient.keep_reference"])
@@ -96,6 +99,8 @@ class PatientPage(ExplorePage):
             for widget in widgets:
                 row.addWidget(widget, 1)
             self.body.addLayout(row)
+            if self.make in widgets:
+                self.body.addWidget(self.adjust)
         self.body.addWidget(self.about)
         self.body.addWidget(label("Patient", "SectionTitle"))
         self.body.addLayout(self.form)
@@ -174,11 +179,12 @@ class PatientPage(ExplorePage):
         """Freeze the model of the chosen group of the open project, fitting each control as a patient."""
         project = self.desk.project
         group = None if self.group.currentIndex() <= 0 else self.group.currentText()
+        columns = self.adjust.text().replace(",", " ").split()
 
         def make(tick: Tick) -> "Reference":
             from homolog.patient import make_reference
 
-            return make_reference(project, group=group, tick=tick)
+            return make_reference(project, group=group, adjust=columns, tick=tick)
 
         self.desk.work.compute("reference", make, "fitting controls one by one", self.take_reference)
 
