@@ -146,6 +146,9 @@ COMMANDS = (
             "View", "", "axes", "views", True),
     Command("view.scale_bar", "Scale bar", "Show a scale bar in millimetres.",
             "View", "", "ruler", "views", True, ends_section=True),
+    Command("view.from_middle", "Positive away from the middle",
+            "Colour displacements by the cavity of a hollow organ: on the inner wall, blue makes it larger. "
+            "Otherwise blue is out of the tissue.", "View", "", "range", "coloured", True),
     Command("view.range", "Colour range…", "Set the lowest and highest value of the colour scale.",
             "View", "", "range", "coloured"),
     Command("view.screenshot", "Screenshot…", "Save a picture of the views, up to four times as large.",

@@ -80,6 +80,7 @@ class Views(QObject):
             "view.letters": lambda: scene.switch(letters=commands["view.letters"].isChecked()),
             "view.scale_bar": lambda: scene.switch(scale_bar=commands["view.scale_bar"].isChecked()),
             "view.range": self.choose_range,
+            "view.from_middle": self._turn_colours,
             "view.screenshot": self.save_picture,
             "view.copy": self.copy_picture,
             "run.play": self.play_or_stop,
@@ -95,6 +96,12 @@ class Views(QObject):
         """Whether the ends of the colour scale can be set."""
         page = self._page
         return page is not None and isinstance(page.chosen, ColouredView) and self._scale is not None
+
+    def _turn_colours(self) -> None:
+        """Count displacements as positive away from the middle of the shape, or out of the tissue."""
+        for page in self._explore.pages:
+            page.from_middle = self._window.commands["view.from_middle"].isChecked()
+        self._display()
 
     @property
     def _scale(self) -> ColourScale | None:

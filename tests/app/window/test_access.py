@@ -268,6 +268,8 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     from homolog_app.window.asking import ask
     from homolog_app.window.commands import COMMANDS
     from homolog_app.window.explore.groups_page import GroupsPage
+    from homolog_app.window.explore.measure_page import MeasurePage
+    from homolog_app.window.explore.plot_menu import EnlargedPlot
 
     def rest():
         wait(lambda: not work.is_busy, seconds=120)
@@ -291,7 +293,9 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         look(step, panels)
     window.docks.show_or_hide_log()
     commands["help.tour"].trigger()
+    commands["view.clip"].trigger()
     look("around the views", window)
+    commands["view.clip"].trigger()
     window.docks.show_or_hide_log()
     for slices in (True, False):
         commands["view.slice"].trigger()
@@ -307,6 +311,13 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         look(page.title, page)
         if page.plots is not None:
             look(f"plots of {page.title}", page.plots)
+        if isinstance(page, MeasurePage):
+            page.charts.setCurrentWidget(page.charts.boxes)
+            look("measures by group", page.charts.boxes)
+            enlarged = EnlargedPlot(page.charts.volume)
+            enlarged.show()
+            look("a plot enlarged", enlarged)
+            enlarged.close()
     page = panels.explore.page_of(GroupsPage)
     page.form.alignment.setCurrentIndex(page.form.alignment.findData(None))  # form and shape: several results
     for question in ("group", "size (as a number)"):

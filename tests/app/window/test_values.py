@@ -1,8 +1,10 @@
 """Values set by hand: beside sliders, the ends of the colour scale, the reference group."""
 
+import numpy as np
 import pytest
 
 from homolog_app.window.explore.chosen import ModesView
+from homolog_app.window.explore.model_content import facing_away
 from homolog_app.window.range_dialog import RangeDialog
 
 pytestmark = pytest.mark.window
@@ -64,3 +66,22 @@ def test_a_control_group_is_the_reference_and_groups_can_be_swapped(explored):
     assert form.between == ("NOR", "HCM")
     form.swap.click()
     assert form.between == ("HCM", "NOR")
+
+
+def test_the_inner_wall_of_a_hollow_shape_faces_its_middle():
+    outer = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+    vertices, normals = np.concatenate([outer, 0.5 * outer]), np.concatenate([outer, -outer])
+    np.testing.assert_array_equal(facing_away(vertices, normals), np.repeat([1.0, -1.0], 6))
+
+
+def test_colours_can_be_positive_away_from_the_middle(explored, modes):
+    scene, command = explored.views.stage.scene, explored.commands["view.from_middle"]
+    modes.sliders.show_value(0, 2.0)
+    before, words = scene.shown[0].colours, scene.bar.scale.high_words
+    assert words == "out of the tissue"
+    command.trigger()
+    assert scene.bar.scale.high_words == "from the middle"
+    assert modes.chosen.from_middle
+    np.testing.assert_array_equal(scene.shown[0].colours, before)  # an ellipsoid has no inner wall
+    command.trigger()
+    assert scene.bar.scale.high_words == words

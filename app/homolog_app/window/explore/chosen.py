@@ -27,9 +27,19 @@ class _View(BaseModel):
 
 
 class ColouredView(_View):
-    """A view whose colours mean numbers; `colour_range` is set by hand, lowest and highest, or automatic."""
+    """A view whose colours mean numbers.
+
+    Attributes
+    ----------
+    colour_range : (float, float) or None
+        Lowest and highest value, set by hand; automatic if None.
+    from_middle : bool
+        Whether displacements count as positive away from the middle of the shape, as on the inner wall of a
+        hollow organ whose cavity becomes larger. Otherwise they do out of the tissue.
+    """
 
     colour_range: tuple[float, float] | None = None
+    from_middle: bool = False
 
     @field_validator("colour_range")
     @classmethod

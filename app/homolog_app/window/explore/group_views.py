@@ -53,13 +53,15 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     limit = max(one.limit for one in answers)
     factor = arrow_factor(first.shape, limit) if view.arrows else 0.0
     of = "" if first.values is None else f"{first.study.request.column} "
-    words = [f"Outward difference from {of}{first.first} to {first.second}"]
+    kind = "Difference" if view.from_middle else "Outward difference"
+    words = [f"{kind} from {of}{first.first} to {first.second}"]
     words += [f"arrows drawn {factor:g} × as long"] if factor > 1.0 else []
     words += [f"adjusted for {', '.join(first.study.request.covariates)}"] * bool(
         first.study.request.covariates
     )
     words += ["the question has changed"] if view.outdated else []
-    scale = displacement_scale(limit, words[0], " · ".join(words[1:])).within(view.colour_range)
+    scale = displacement_scale(limit, words[0], " · ".join(words[1:]), from_middle=view.from_middle)
+    scale = scale.within(view.colour_range)
     if view.only_significant:
         scale = replace(
             scale, grey_words=GREY_WORDS["both" if view.count > 1 and first.values is None else view.map]
@@ -68,7 +70,9 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
         scale = replace(scale, table=_pale(scale.table))
     contents = []
     for one in rows:
-        contents += _row(view, one, Look(scale, factor), _placement(one.shape, models), len(rows) > 1)
+        contents += _row(
+            view, one, Look(scale, factor, view.from_middle), _placement(one.shape, models), len(rows) > 1
+        )
     columns = len(contents) // len(rows)
     return Shown(contents, 2 if columns == 4 and len(rows) == 1 else columns, scale, {})
 

@@ -255,7 +255,7 @@ class GroupsPage(ExplorePage):
             map=self.map.currentData(), outdated=not self._current,
             count=self.views.currentData() if self.answers else 1, way=self.way.value() / _WHOLE,
             only_significant=self.significant.isChecked(), arrows=self.arrows.isChecked(),
-            colour_range=self.colour_range,
+            colour_range=self.colour_range, from_middle=self.from_middle,
         )  # fmt: skip
 
     @property

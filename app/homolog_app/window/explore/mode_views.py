@@ -65,8 +65,12 @@ def _look(view: ModesView, models: _Models) -> Look:
     limit = max(one.limit for one in models)
     factor = arrow_factor(models[0], limit) if view.arrows else 0.0
     note = f"arrows drawn {factor:g} × as long" if factor > 1.0 else ""
-    scale = displacement_scale(limit, "Outward displacement from the mean", note) if view.colours else None
-    return Look(scale and scale.within(view.colour_range), factor)
+    if not view.colours:
+        return Look(None, factor)
+    middle = view.from_middle
+    title = f"{'Displacement' if middle else 'Outward displacement'} from the mean"
+    scale = displacement_scale(limit, title, note, from_middle=middle)
+    return Look(scale.within(view.colour_range), factor, middle)
 
 
 def _rows(view: ModesView, models: _Models) -> list[int]:

@@ -13,7 +13,7 @@ from homolog_app.window.scene.content import Arrows, Content
 if TYPE_CHECKING:
     from homolog_app.window.explore.model_shape import ModelShape
 
-__all__ = ["Look", "arrow_factor", "model_content", "region_border", "shown_alone"]
+__all__ = ["Look", "arrow_factor", "facing_away", "model_content", "region_border", "shown_alone"]
 
 _ARROW_SHARE = 0.09
 _FACTORS = (1.0, 2.0, 5.0)
@@ -29,10 +29,13 @@ class Look:
         Colours; plain surfaces without.
     arrows : float
         How many times their length arrows are drawn; 0 draws none.
+    from_middle : bool
+        Whether values count as positive away from the middle of the shape, not out of the tissue.
     """
 
     scale: ColourScale | None = None
     arrows: float = 0.0
+    from_middle: bool = False
 
 
 def model_content(
@@ -71,7 +74,10 @@ def model_content(
     normals = shape.normals(vertices)
     colours = None
     if look.scale is not None:
-        colours = look.scale.colours(shape.outward(moved) if values is None else values, faded)
+        outward = shape.outward(moved) if values is None else values
+        if look.from_middle:
+            outward = outward * facing_away(shape.mean.vertices, shape.mean_normals)
+        colours = look.scale.colours(outward, faded)
     arrows = None
     if look.arrows:
         at = shape.arrows_at if faded is None else shape.arrows_at[~faded[shape.arrows_at]]
@@ -81,6 +87,12 @@ def model_content(
     lines = None if faded is None else _placed(region_border(vertices, shape.mean.faces, faded), placed)
     mesh = TriangleMesh(vertices, shape.mean.faces)
     return Content(name, None, mesh, None, placed, note, colours, normals, arrows, lines)
+
+
+def facing_away(vertices: Array, normals: Array) -> Array:
+    """Return 1 for vertices (V, 3) whose outward normal points away from their middle, -1 for others."""
+    away = np.einsum("vi,vi->v", vertices - vertices.mean(axis=0), normals)
+    return np.where(away >= 0.0, 1.0, -1.0)
 
 
 def shown_alone(subject: Content) -> Content:

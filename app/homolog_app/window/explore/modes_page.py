@@ -140,7 +140,7 @@ class ModesPage(ExplorePage):
             count=self.views.currentData(), deviations=tuple(self.sliders.values.tolist()),
             axes=tuple(self.charts.axes), reach=self.player.reach.currentData(), subject=self._subject,
             colours=self.colours.isChecked(), arrows=self.arrows.isChecked(),
-            colour_range=self.colour_range,
+            colour_range=self.colour_range, from_middle=self.from_middle,
         )  # fmt: skip
 
     @property

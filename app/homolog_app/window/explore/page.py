@@ -39,6 +39,8 @@ class ExplorePage(Panel):
         What the views show of the model, each with its number of views; None if the page shows subjects.
     colour_range : tuple of 2 float or None
         Ends of the colour scale that were set by hand.
+    from_middle : bool
+        Whether colours show displacements as positive away from the middle of the shape.
     """
 
     title = ""
@@ -53,6 +55,7 @@ class ExplorePage(Panel):
         self.plots: QWidget | None = None
         self.views: QComboBox | None = None
         self.colour_range: tuple[float, float] | None = None
+        self.from_middle = False
 
     @property
     def chosen(self) -> View | None:

@@ -65,7 +65,9 @@ class ColourScale:
         return chosen
 
 
-def displacement_scale(limit: float, title: str = "Outward displacement", note: str = "") -> ColourScale:
+def displacement_scale(
+    limit: float, title: str = "Outward displacement", note: str = "", *, from_middle: bool = False
+) -> ColourScale:
     """Return the blue-yellow scale of displacements, symmetric about 0.
 
     Parameters
@@ -74,11 +76,14 @@ def displacement_scale(limit: float, title: str = "Outward displacement", note: 
         End of the scale on both sides [mm]: blue at +limit is out of the tissue, yellow at -limit into it.
     title, note : str
         See `ColourScale`.
+    from_middle : bool
+        Whether blue is away from the middle of the shape.
     """
     from homolog_app.pictures.colours import diverging_table
 
     table = np.rint(255.0 * diverging_table()).astype(np.uint8)
-    return ColourScale(title, "mm", -limit, limit, table, "into the tissue", "out of the tissue", note)
+    words = ("to the middle", "from the middle") if from_middle else ("into the tissue", "out of the tissue")
+    return ColourScale(title, "mm", -limit, limit, table, *words, note)
 
 
 def viridis() -> Array:
