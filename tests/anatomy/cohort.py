@@ -18,7 +18,7 @@ from homolog.surfaces.isosurface import marching_cubes
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mesh_level import mesh_level
 
-__all__ = ["FAMILIES", "KINDS", "RandomCohort", "carried_errors", "random_cohort", "write_cohort"]
+__all__ = ["FAMILIES", "KINDS", "RandomCohort", "carried", "carried_errors", "random_cohort", "write_cohort"]
 
 _NODES = 72  # of the base solid's grid along its longest axis
 _VERTICES = 8000
@@ -101,6 +101,14 @@ def carried_errors(cohort: RandomCohort, particles: np.ndarray) -> np.ndarray:
                 spacing = np.sqrt(mesh.area / len(truth) * 2.0 / np.sqrt(3.0))
                 errors.append(np.linalg.norm(truth - particles[j], axis=1) / spacing)
     return np.concatenate(errors)
+
+
+def carried(cohort: RandomCohort, particles: np.ndarray) -> np.ndarray:
+    """Return particles (N, 3) of the first shape carried to each by the known correspondence, (S, N, 3)."""
+    face, weights = _places(cohort.meshes[0], particles)
+    return np.stack(
+        [(mesh.vertices[mesh.faces[face]] * weights[:, :, None]).sum(axis=1) for mesh in cohort.meshes]
+    )
 
 
 def _places(mesh: TriangleMesh, points: _Points) -> tuple[np.ndarray, np.ndarray]:
