@@ -2,15 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray
+from homolog.device import cores
 from homolog.errors import InputError
-from homolog.grooming.icp import OrientedPoints, axes_rotation, oriented_points, registered
+from homolog.grooming.icp import Fit, OrientedPoints, axes_rotation, oriented_points, registered
 from homolog.grooming.subject import GroomedSubject
-from homolog.progress import Tick, no_tick
+from homolog.progress import Tick, no_tick, run_in_threads
 from homolog.settings import Alignment, GroomSettings
 
 __all__ = ["Registration", "align", "medoid", "register"]
@@ -60,7 +62,7 @@ def register(
     settings : GroomSettings
         Its `alignment` and `scaling`: every root-mean-square radius becomes the cohort's geometric mean.
     tick : Tick
-        Called once per subject.
+        Called at least every 0.2 s.
 
     Raises
     ------
@@ -74,13 +76,13 @@ def register(
     units = [shape.scaled(1.0 / shape.size) for shape in oriented_shapes]
     reference = units[medoid(units)]
     result, distances = np.empty((len(units), 4, 4)), np.zeros(len(units))
+    fits = _fits(units, reference, settings.alignment, tick)
     for index, (unit, size, goal) in enumerate(zip(units, sizes.tolist(), goals.tolist(), strict=True)):
-        tick(index / len(units), f"aligning {names[index]}")
         pose = np.eye(4)
         if settings.alignment is Alignment.AXES:
             pose[:3, :3] = axes_rotation(unit, reference)
         elif settings.alignment is Alignment.ICP:
-            fit = registered(unit, reference)
+            fit = fits[index]
             distances[index] = fit.distance
             pose[:3] = fit.pose[:3] / np.cbrt(np.linalg.det(fit.pose[:3, :3]))
         pose[:3, :3] *= goal / size
@@ -90,6 +92,21 @@ def register(
             pose[:3, 3] += unit.centre
         result[index] = pose
     return Registration(result, _notes(result, distances))
+
+
+def _fits(
+    units: Sequence[OrientedPoints], reference: OrientedPoints, alignment: Alignment, tick: Tick
+) -> list[Fit]:
+    """Return the registrations of all shapes to the reference, none where only places or axes are aligned."""
+    tick(0.0, "aligning")
+    if alignment is not Alignment.ICP:
+        return []
+
+    def fit(unit: OrientedPoints, inner: Tick) -> Fit:
+        inner(0.0, "aligning")
+        return registered(unit, reference)
+
+    return run_in_threads([partial(fit, unit) for unit in units], tick, "aligning", cores())
 
 
 def _notes(alignments: FloatArray, distances: FloatArray) -> tuple[str | None, ...]:
