@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.analysis.reconstruction import carried
+from homolog.analysis.reconstruction import warp_surface
 from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
@@ -125,7 +125,7 @@ def standing(result: Result) -> Motion:
 def _carried(result: Result, displacements: FloatArray) -> FloatArray:
     """Return how the mean surface's vertices move (K, V, 3) when the mean particles do (K, N, 3) [mm]."""
     mean = result.world.mean(axis=0)
-    return carried(mean, result.mean_surface.vertices, displacements, result.smoothing)
+    return warp_surface(mean, result.mean_surface.vertices, displacements, result.smoothing)
 
 
 def _signed(amount: float) -> str:

@@ -1,5 +1,7 @@
 """Methods text and settings: what a reader needs to repeat the analysis."""
 
+from collections.abc import Iterator
+
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.procrustes import Alignment
 from homolog.files.records import ResultRecord
@@ -123,88 +125,113 @@ def _placed(record: ResultRecord) -> str:
     )
 
 
+_ALIGNED = {
+    Alignment.AS_IT_LIES: "Shapes were compared as the correspondence left them, not aligned further.",
+    Alignment.RIGID: (
+        "Shapes were aligned by generalized Procrustes analysis without scaling, so that size and shape "
+        "(form) were compared."
+    ),
+    Alignment.SIMILARITY: (
+        "Shapes were aligned by generalized Procrustes analysis with scaling to the cohort's mean size, so "
+        "that shape without size was compared."
+    ),
+}
+
+
 def _statistics(study: Study) -> str:
+    """Return the paragraph on a study's tests, one function a subject of it."""
+    sentences = [
+        _test_of_the_shape(study),
+        _ALIGNED[study.request.alignment],
+        "At every particle the position was tested by the same statistic; p-values were corrected over the "
+        "surface by the permutation distribution of the largest statistic (family-wise error, Westfall and "
+        "Young), and false discovery rates of the permutation p-values were computed by the method of "
+        f"Benjamini and Hochberg. The level was alpha = {LEVEL:g}, two-sided.",
+        "Size is the root mean square distance of a shape's particles from their centroid.",
+        *_adjustments(study),
+        *_further_measures(study),
+        *_discriminants(study),
+    ]
+    if study.overall.false_positives:
+        sentences.append(
+            f"Labels were permuted {study.request.null_repeats} times to estimate type I error rates on this "
+            "cohort."
+        )
+    return " ".join(sentences)
+
+
+def _test_of_the_shape(study: Study) -> str:
     request, first = study.request, study.overall
-    aligned = {
-        Alignment.AS_IT_LIES: "Shapes were compared as the correspondence left them, not aligned further.",
-        Alignment.RIGID: (
-            "Shapes were aligned by generalized Procrustes analysis without scaling, so that size and shape "
-            "(form) were compared."
-        ),
-        Alignment.SIMILARITY: (
-            "Shapes were aligned by generalized Procrustes analysis with scaling to the cohort's mean size, "
-            "so that shape without size was compared."
-        ),
-    }[request.alignment]
     modes = (
         f"the first {request.modes} modes (chosen beforehand)"
         if request.modes is not None
         else "the modes that Horn's parallel analysis retained (variance above the 95th percentile of "
         f"{first.test.parallel.repeats} data sets without correlation)"
     )
-    what = {
+    tested = {
         "groups": f"Groups of {request.column} ({', '.join(request.between)}) were compared",
         "regression": f"The linear effect of {request.column} was tested",
         "pairs": f"{' and '.join(request.between)} were compared in pairs by {request.pairs}, with random "
         "signs of the differences under the null",
     }[request.kind]
-    sentences = [
-        f"{request.title}. {what} in {modes}, by permutation of a studentized statistic: "
+    return (
+        f"{request.title}. {tested} in {modes}, by permutation of a studentized statistic: "
         f"{_statistic(study)}. {_permutations(first)}; seed {request.seed}. Hotelling's T² or Wilks' lambda "
-        "with the F distribution are given as well and assume equal covariances.",
-        aligned,
-        "At every particle the position was tested by the same statistic; p-values were corrected over the "
-        "surface by the permutation distribution of the largest statistic (family-wise error, Westfall and "
-        "Young), and false discovery rates of the permutation p-values were computed by the method of "
-        f"Benjamini and Hochberg. The level was alpha = {LEVEL:g}, two-sided.",
-        "Size is the root mean square distance of a shape's particles from their centroid.",
-    ]
+        "with the F distribution are given as well and assume equal covariances."
+    )
+
+
+def _adjustments(study: Study) -> Iterator[str]:
+    """Yield what the tests were adjusted and corrected for."""
+    request = study.request
     if request.covariates:
-        sentences.append(
+        chosen = "." if request.modes is not None else ", with modes chosen again in each permutation."
+        yield (
             f"Shapes were adjusted for {', '.join(request.covariates)} by a linear model of each coordinate; "
-            "residuals were permuted (Freedman and Lane)"
-            + ("." if request.modes is not None else ", with modes chosen again in each permutation.")
+            f"residuals were permuted (Freedman and Lane){chosen}"
         )
     if request.complete_cases:
-        sentences.append("Subjects with missing values were excluded (complete cases).")
+        yield "Subjects with missing values were excluded (complete cases)."
     if correction := correction_words(study):
         size = correction_words(study, size=True)
-        sentences.append(
+        yield (
             f"P-values of the whole shape, of particles and of the discriminant were {correction}; "
             f"p-values of size were {size or 'not corrected'}."
         )
     else:
-        sentences.append("P-values were not corrected for other questions.")
-    if first.dispersion is not None:
-        sentences.append(
+        yield "P-values were not corrected for other questions."
+
+
+def _further_measures(study: Study) -> Iterator[str]:
+    """Yield how dispersions were tested and distances corrected."""
+    if study.overall.dispersion is not None:
+        yield (
             "Equality of dispersion was tested by the distances of subjects to their group's centroid (or "
             "fitted shape) in these modes, by permutation."
         )
     if any(comparison.distance is not None for comparison in study.comparisons):
-        sentences.append(
+        yield (
             "Mahalanobis distances were corrected for bias; their intervals come from the noncentral F "
             "distribution."
         )
-    lines = [
+
+
+def _discriminants(study: Study) -> Iterator[str]:
+    fits = [
         comparison.discriminant for comparison in study.comparisons if comparison.discriminant is not None
     ]
-    if lines:
-        folds = " to ".join(str(item) for item in sorted({line.folds for line in lines}))
-        sentences.append(
-            "The linear discriminant was computed in the retained modes with the covariance shrunk after "
-            f"Ledoit and Wolf. Balanced accuracy and area under the curve (AUC) come from {folds}-fold "
-            f"stratified cross-validation, repeated {lines[0].repeats} times, with modes, covariates' "
-            "effects and direction fitted without the left-out subjects; their intervals are those of Wilson "
-            f"and of DeLong, their p-values come from {lines[0].auc.permutations} permutations. Bounds of "
-            f"the discriminant's map come from {len(lines[0].bootstrap)} bootstrap cohorts drawn within "
-            "groups."
-        )
-    if first.false_positives:
-        sentences.append(
-            f"Labels were permuted {request.null_repeats} times to estimate type I error rates on this "
-            "cohort."
-        )
-    return " ".join(sentences)
+    if not fits:
+        return
+    folds = " to ".join(str(item) for item in sorted({fit.folds for fit in fits}))
+    yield (
+        "The linear discriminant was computed in the retained modes with the covariance shrunk after "
+        f"Ledoit and Wolf. Balanced accuracy and area under the curve (AUC) come from {folds}-fold "
+        f"stratified cross-validation, repeated {fits[0].repeats} times, with modes, covariates' "
+        "effects and direction fitted without the left-out subjects; their intervals are those of Wilson "
+        f"and of DeLong, their p-values come from {fits[0].auc.permutations} permutations. Bounds of "
+        f"the discriminant's map come from {len(fits[0].bootstrap)} bootstrap cohorts drawn within "
+        "groups."
+    )
 
 
 def _statistic(study: Study) -> str:

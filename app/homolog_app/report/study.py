@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from homolog.analysis.comparison import Comparison, Options
 from homolog.analysis.covariates import covariate_columns, is_missing, lookalikes, numbers
-from homolog.analysis.procrustes import Alignment, sizes
+from homolog.analysis.procrustes import Alignment, rms_radii
 from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, regress
 from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.errors import InputError
@@ -85,7 +85,7 @@ def column_of(result: Result, column: str) -> list[str]:
     if column == "group":
         values = [group or "" for group in result.groups]
     elif column == SHAPE_SIZE or (column == SIZE and SIZE not in known):
-        return [repr(float(size)) for size in sizes(_at_own_size(result))]
+        return [repr(float(size)) for size in rms_radii(_at_own_size(result))]
     elif column in known:
         values = [columns.get(column, "") for columns in result.columns]
     else:

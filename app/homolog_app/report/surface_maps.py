@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from homolog.analysis.comparison import Comparison
-from homolog.analysis.thin_plate import MOST_CENTRES, spread_centres, thin_plate_operator
+from homolog.analysis.thin_plate import MOST_CENTRES, farthest_points, thin_plate_operator
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.files.results import Result
 from homolog.surfaces.mesh import TriangleMesh
@@ -40,7 +40,7 @@ class SurfaceCarrier:
     def of(cls, result: Result) -> "SurfaceCarrier":
         """Prepare the mean surface of a result."""
         mean = result.world.mean(axis=0)
-        centres = spread_centres(mean, MOST_CENTRES)
+        centres = farthest_points(mean, MOST_CENTRES)
         vertices = result.mean_surface.vertices
         operator = thin_plate_operator(mean[centres], vertices, smoothing=result.smoothing[centres])
         nearest = np.asarray(KDTree(mean).query(vertices)[1], dtype=np.int64)

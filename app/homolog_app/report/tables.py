@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.comparison import Comparison, prepared
+from homolog.analysis.comparison import Comparison, prepare_shapes
 from homolog.analysis.covariates import numbers
 from homolog.analysis.effects import Effect
 from homolog.analysis.welch_map import WelchMap, welch_map
@@ -247,7 +247,9 @@ def _particles(
 def _outward_test(study: Study, comparison: Comparison, result: Result, carrier: SurfaceCarrier) -> WelchMap:
     """Test two groups for outward displacement alone, with its sign and for unequal variances."""
     request = study.request
-    shapes = prepared(compared_shapes(result, request.alignment)[comparison.subjects], study_options(request))
+    shapes = prepare_shapes(
+        compared_shapes(result, request.alignment)[comparison.subjects], study_options(request)
+    )
     second = (
         np.array([study.labels[subject] for subject in comparison.subjects]) == list(comparison.counts)[1]
     )

@@ -11,11 +11,11 @@ from homolog.analysis.effects import Effect, corrected_distance, size_effect
 from homolog.analysis.local_map import LocalMap, local_map
 from homolog.analysis.mode_test import ModeTest, mode_test
 from homolog.analysis.null_simulation import FalsePositives, null_simulation
-from homolog.analysis.procrustes import Alignment, aligned, sizes
+from homolog.analysis.procrustes import Alignment, aligned, rms_radii
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.progress import Tick, part_of
 
-__all__ = ["DEFAULT", "Comparison", "Options", "compared", "prepared"]
+__all__ = ["DEFAULT", "Comparison", "Options", "prepare_shapes", "run_comparison"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,7 @@ class Comparison:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
-def compared(
+def run_comparison(
     shapes: FloatArray,
     subjects: IntArray,
     design: Design,
@@ -168,8 +168,8 @@ def compared(
     -------
     Comparison
     """
-    data = prepared(shapes[subjects], options) if data is None else data
-    size = sizes(shapes[subjects]) if size is None else size
+    data = prepare_shapes(shapes[subjects], options) if data is None else data
+    size = rms_radii(shapes[subjects]) if size is None else size
     members = members or {}
     drawn = {"permutations": options.permutations, "seed": options.seed}
     test = mode_test(data, design, modes=options.modes, **drawn, tick=part_of(tick, 0.0, 0.4))
@@ -204,7 +204,7 @@ def compared(
     )
 
 
-def prepared(shapes: FloatArray, options: Options) -> FloatArray:
+def prepare_shapes(shapes: FloatArray, options: Options) -> FloatArray:
     """Return the shapes as they are compared."""
     return aligned(shapes, options.alignment)
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from homolog.analysis.thin_plate import MOST_CENTRES, spread_centres, thin_plate_operator
+from homolog.analysis.thin_plate import MOST_CENTRES, farthest_points, thin_plate_operator
 from homolog.arrays import FloatArray
 
 __all__ = ["landmark_errors"]
@@ -40,7 +40,7 @@ def landmark_errors(
     """
     count = len(particles)
     errors = np.full((count, *landmarks.shape[:2]), np.nan)
-    centres = spread_centres(particles.mean(axis=0), MOST_CENTRES)
+    centres = farthest_points(particles.mean(axis=0), MOST_CENTRES)
     for source in range(count):
         placed = np.isfinite(landmarks[source]).all(axis=1)
         if not placed.any():

@@ -31,7 +31,7 @@ __all__ = ["ModeStatistic", "ModeTest", "mode_test"]
 _CHUNK = 500
 _CHUNK_VALUES = 4_000_000
 _MIN_DOF_PER_MODE = 3
-"""Degrees of freedom of the error for each mode below which a test is called thin."""
+"""Degrees of freedom of the error for each mode below which a test is said to have low power."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,7 +297,7 @@ def _warnings(kept: int, design: Design) -> tuple[str, ...]:
         return ("No mode has more variance than chance gives: the shapes differ by noise only, p is 1.",)
     if design.error_dof < _MIN_DOF_PER_MODE * kept:
         return (
-            f"Thin: {design.error_dof} degrees of freedom for {kept} modes. Only large effects can be "
+            f"Low power: {design.error_dof} degrees of freedom for {kept} modes. Only large effects can be "
             "found, and intervals are wide.",
         )
     return ()

@@ -7,7 +7,7 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog.geometry import fit_rotation, rms_radius
 
-__all__ = ["Alignment", "align", "aligned", "sizes"]
+__all__ = ["Alignment", "align", "aligned", "rms_radii"]
 
 
 class Alignment(StrEnum):
@@ -28,8 +28,10 @@ def aligned(particles: FloatArray, alignment: Alignment) -> FloatArray:
     return align(particles, scaling=alignment is Alignment.SIMILARITY)
 
 
-def sizes(particles: FloatArray) -> FloatArray:
-    """Return the size of each shape: root mean square distance of its particles from their centroid [mm].
+def rms_radii(particles: FloatArray) -> FloatArray:
+    """Return the root mean square distance of each shape's particles from their centroid [mm].
+
+    This is the centroid size divided by the root of the number of particles.
 
     Parameters
     ----------
@@ -68,7 +70,7 @@ def align(
     place = particles.mean(axis=0)
     middle = place.mean(axis=0)
     shapes = particles - particles.mean(axis=1, keepdims=True)
-    size = sizes(shapes)
+    size = rms_radii(shapes)
     if scaling:
         shapes = shapes * (size.mean() / size)[:, None, None]
     target = shapes[0]

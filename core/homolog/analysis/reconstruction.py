@@ -11,14 +11,14 @@ from scipy.spatial import KDTree
 from homolog.analysis.thin_plate import (
     MOST_CENTRES,
     evaluate_spline,
+    farthest_points,
     spline_weights,
-    spread_centres,
     warp_displacements,
 )
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.progress import Tick, no_tick, part_of
 
-__all__ = ["MeanSurface", "carried", "mean_surface", "medoid"]
+__all__ = ["MeanSurface", "mean_surface", "medoid", "warp_surface"]
 
 ROUNDS = 16
 """Most times that the spline is made smoother where faces are folded."""
@@ -45,7 +45,7 @@ class MeanSurface:
         Those of the template mesh.
     smoothing : (N,) array
         Smoothing of the spline at each particle [mm]: 0, where it interpolates, but near faces that would
-        have come out folded; see `carried`.
+        have come out folded; see `warp_surface`.
     folded : int
         Faces of the mean that are folded even so: 0 unless correspondences cross each other.
     """
@@ -100,7 +100,7 @@ def mean_surface(
     NumericalError
         If particles coincide or lie in one plane.
     """
-    chosen = spread_centres(mean, MOST_CENTRES)
+    chosen = farthest_points(mean, MOST_CENTRES)
     start, centres = particles[chosen], mean[chosen]
     none = np.zeros(len(chosen))
     warp = (centres - start)[None]
@@ -114,7 +114,7 @@ def mean_surface(
     return MeanSurface(warped, faces, smoothing, folded)
 
 
-def carried(
+def warp_surface(
     mean: FloatArray, vertices: FloatArray, displacements: FloatArray, smoothing: FloatArray
 ) -> FloatArray:
     """Return how the vertices of the mean surface move when the mean particles do.
@@ -140,7 +140,7 @@ def carried(
     NumericalError
         If particles coincide or lie in one plane.
     """
-    centres = spread_centres(mean, MOST_CENTRES)
+    centres = farthest_points(mean, MOST_CENTRES)
     return warp_displacements(mean[centres], vertices, displacements[:, centres], smoothing[centres])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import linalg
 
 from homolog.analysis.checks import checked_particles
-from homolog.analysis.procrustes import align, sizes
+from homolog.analysis.procrustes import align, rms_radii
 from homolog.arrays import ArrayLike, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
@@ -102,7 +102,7 @@ class ShapeModel:
         shapes = align(positions, scaling=True) if scaling else positions
         mean = shapes.mean(axis=0)
         scores, modes, variances = principal_components((shapes - mean).reshape(len(shapes), -1))
-        return cls(mean, modes.reshape(-1, *mean.shape), variances, scores, sizes(positions))
+        return cls(mean, modes.reshape(-1, *mean.shape), variances, scores, rms_radii(positions))
 
     @property
     def standard_deviations(self) -> FloatArray:

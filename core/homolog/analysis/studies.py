@@ -7,10 +7,10 @@ from itertools import combinations
 import numpy as np
 
 from homolog.analysis.checks import checked_particles, refuse_duplicates
-from homolog.analysis.comparison import DEFAULT, Comparison, Options, compared, prepared
+from homolog.analysis.comparison import DEFAULT, Comparison, Options, prepare_shapes, run_comparison
 from homolog.analysis.design import group_design, paired_design, regression_design
 from homolog.analysis.discriminant import discriminant
-from homolog.analysis.procrustes import sizes
+from homolog.analysis.procrustes import rms_radii
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
@@ -65,13 +65,13 @@ def compare_two_groups(
     title = f"{between[1]} - {between[0]}"
     counts = {item: int(np.count_nonzero(labels == item)) for item in between}
     members = {item: labels[subjects] == item for item in between}
-    done = compared(
+    done = run_comparison(
         shapes, subjects, design, title, counts, options, part_of(tick, 0.0, 0.6), members=members
     )
     if done.test.modes == 0:
         return done
     separation = discriminant(
-        prepared(shapes[subjects], options),
+        prepare_shapes(shapes[subjects], options),
         labels[subjects] == between[1],
         done.test.modes,
         covariates=own,
@@ -119,7 +119,7 @@ def compare_groups(
     share = 1.0 / (len(pairs) + 1)
     title = ", ".join(order)
     members = {item: labels[subjects] == item for item in order}
-    overall = compared(
+    overall = run_comparison(
         shapes, subjects, design, title, counts, options, part_of(tick, 0.0, share), members=members
     )
     each = []
@@ -202,7 +202,7 @@ def regress(
     subjects = np.arange(len(shapes))
     _refuse_duplicates_among(shapes, subjects, names)
     design = regression_design(values, covariates)
-    return compared(shapes, subjects, design, title, {"all": len(shapes)}, options, tick)
+    return run_comparison(shapes, subjects, design, title, {"all": len(shapes)}, options, tick)
 
 
 def compare_pairs(
@@ -243,8 +243,8 @@ def compare_pairs(
         raise InputError("pairs: each subject may be in one pair only; check the column that names the pairs")
     _refuse_duplicates_among(shapes, members, names)
     design = paired_design(len(first))
-    both = prepared(shapes[members], options)
-    return compared(
+    both = prepare_shapes(shapes[members], options)
+    return run_comparison(
         shapes,
         first,
         design,
@@ -254,7 +254,7 @@ def compare_pairs(
         tick,
         mean=both[: len(first)].mean(axis=0),
         data=both[len(first) :] - both[: len(first)],
-        size=sizes(shapes[second]) - sizes(shapes[first]),
+        size=rms_radii(shapes[second]) - rms_radii(shapes[first]),
     )
 
 

@@ -16,8 +16,8 @@ from homolog.progress import Tick, no_tick
 __all__ = [
     "MOST_CENTRES",
     "evaluate_spline",
+    "farthest_points",
     "spline_weights",
-    "spread_centres",
     "thin_plate_operator",
     "warp_displacements",
 ]
@@ -91,7 +91,7 @@ def warp_displacements(
     return moved.reshape(len(points), -1, 3).transpose(1, 0, 2)
 
 
-def spread_centres(points: FloatArray, most: int) -> IntArray:
+def farthest_points(points: FloatArray, most: int) -> IntArray:
     """Return the indices of at most so many points, each as far from those before it as can be."""
     if len(points) <= most:
         return np.arange(len(points))

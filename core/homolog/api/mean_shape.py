@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.analysis.reconstruction import carried
+from homolog.analysis.reconstruction import warp_surface
 from homolog.arrays import ArrayLike, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -23,7 +23,7 @@ class MeanShape:
     surface : TriangleMesh
         The mean surface in the same frame.
     smoothing : (N,) float64 array
-        Of the spline that warps it [mm]; see `homolog.analysis.reconstruction.carried`.
+        Of the spline that warps it [mm]; see `homolog.analysis.reconstruction.warp_surface`.
     """
 
     particles: FloatArray
@@ -60,5 +60,5 @@ class HasMeanShape(ABC):
         if particles is None:
             return mean.surface
         move = np.asarray(particles, np.float64) - mean.particles
-        moved = carried(mean.particles, mean.surface.vertices, move[None], mean.smoothing)[0]
+        moved = warp_surface(mean.particles, mean.surface.vertices, move[None], mean.smoothing)[0]
         return TriangleMesh(mean.surface.vertices + moved, mean.surface.faces)

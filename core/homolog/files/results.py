@@ -54,7 +54,7 @@ class Result:
         The mean shape, in world coordinates.
     smoothing : (N,) float64 array
         Of the spline by which the mean surface follows the particles, at each of them [mm]; 0 but where it
-        or a mode would have folds. See `homolog.analysis.reconstruction.carried`.
+        or a mode would have folds. See `homolog.analysis.reconstruction.warp_surface`.
     """
 
     names: tuple[str, ...]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.analysis.procrustes import align
-from homolog.analysis.reconstruction import carried
+from homolog.analysis.reconstruction import warp_surface
 from homolog.arrays import FloatArray, frozen
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_surface
@@ -112,7 +112,7 @@ def _template(result: Result, aligned: FloatArray) -> TriangleMesh:
     start = transform_points(pose, mean)
     scale = np.cbrt(np.linalg.det(pose[:3, :3]))
     vertices = transform_points(pose, mesh.vertices)
-    moved = carried(start, vertices, (goal - start)[None], scale * result.smoothing)[0]
+    moved = warp_surface(start, vertices, (goal - start)[None], scale * result.smoothing)[0]
     return TriangleMesh(vertices + moved, mesh.faces)
 
 
@@ -126,7 +126,7 @@ def _dense(
     """Return vertices that the particles carry onto each surface, and the particles, (M, P, 3)."""
     mean = aligned.mean(axis=0)
     tick(0.0, "carrying the mean surface")
-    moves = carried(mean, template.vertices, aligned - mean, np.zeros(len(mean)))
+    moves = warp_surface(mean, template.vertices, aligned - mean, np.zeros(len(mean)))
     points = np.empty((len(meshes), len(template.vertices) + len(mean), 3))
     for index, (mesh, shape, own) in enumerate(zip(meshes, aligned, particles, strict=True)):
         tick(index / len(meshes), "carrying the mean surface")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.reconstruction import MeanSurface, carried, mean_surface, medoid
+from homolog.analysis.reconstruction import MeanSurface, mean_surface, medoid, warp_surface
 from homolog.analysis.shape_model import ShapeModel
 from homolog.arrays import FloatArray
 from homolog.cohort import Cohort
@@ -94,7 +94,7 @@ def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, 
     _write_surface(mean_file(new), TriangleMesh(surface.vertices, surface.faces))
     if surface.smoothed:
         write_smoothing(new, surface.smoothing)
-    moves = carried(model.mean, surface.vertices, _moves(model), surface.smoothing)
+    moves = warp_surface(model.mean, surface.vertices, _moves(model), surface.smoothing)
     for mode, move in enumerate(moves):
         tick(mode / len(moves), f"surfaces of mode {mode + 1}")
         for sign, side in ((-1.0, "minus"), (1.0, "plus")):

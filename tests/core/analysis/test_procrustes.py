@@ -1,7 +1,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from homolog.analysis.procrustes import align, sizes
+from homolog.analysis.procrustes import align, rms_radii
 
 
 def _scattered(shape, seed, count=8):
@@ -17,8 +17,8 @@ def test_copies_of_one_shape_fall_together_with_scaling_and_differ_in_size_witho
     scaled = align(shapes, scaling=True)
     np.testing.assert_allclose(scaled, np.broadcast_to(scaled[0], scaled.shape), atol=1e-9)
     rigid = align(shapes, scaling=False)
-    np.testing.assert_allclose(sizes(rigid), sizes(shapes))
-    np.testing.assert_allclose(sizes(shapes) / sizes(shapes)[0], scales / scales[0])
+    np.testing.assert_allclose(rms_radii(rigid), rms_radii(shapes))
+    np.testing.assert_allclose(rms_radii(shapes) / rms_radii(shapes)[0], scales / scales[0])
 
 
 def test_mirror_images_are_not_turned_into_each_other(ellipsoids):

@@ -1,6 +1,6 @@
 import numpy as np
 
-from homolog.analysis.reconstruction import carried, mean_surface, medoid
+from homolog.analysis.reconstruction import mean_surface, medoid, warp_surface
 
 
 def test_the_mean_surface_of_a_sphere_among_ellipsoids_is_the_mean_ellipsoid(sphere):
@@ -12,7 +12,7 @@ def test_the_mean_surface_of_a_sphere_among_ellipsoids_is_the_mean_ellipsoid(sph
     assert not surface.smoothing.any()
     np.testing.assert_allclose(surface.vertices, vertices * [3.0, 2.0, 1.0], atol=1e-6)
     shape = particles * [3.3, 2.0, 0.8]
-    moved = carried(mean, surface.vertices, (shape - mean)[None], surface.smoothing)[0]
+    moved = warp_surface(mean, surface.vertices, (shape - mean)[None], surface.smoothing)[0]
     np.testing.assert_allclose(surface.vertices + moved, vertices * [3.3, 2.0, 0.8], atol=1e-6)
 
 
@@ -42,7 +42,9 @@ def test_moves_that_would_tear_the_mean_surface_leave_it_whole(sphere):
     for way in (move, -move):
         folds = [
             np.count_nonzero(
-                _turned_in(item.vertices, carried(particles, item.vertices, way, item.smoothing)[0], faces)
+                _turned_in(
+                    item.vertices, warp_surface(particles, item.vertices, way, item.smoothing)[0], faces
+                )
             )
             for item in (torn, whole)
         ]
@@ -50,7 +52,7 @@ def test_moves_that_would_tear_the_mean_surface_leave_it_whole(sphere):
         assert folds[1] == 0
     assert 12 < np.count_nonzero(whole.smoothing) < 80
     shift = np.ones((1, *particles.shape))  # what all do alike, the surface does too
-    np.testing.assert_allclose(carried(particles, vertices, shift, whole.smoothing), 1.0, atol=1e-9)
+    np.testing.assert_allclose(warp_surface(particles, vertices, shift, whole.smoothing), 1.0, atol=1e-9)
 
 
 def _turned_in(vertices, move, faces):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import RBFInterpolator
 
-from homolog.analysis.thin_plate import spread_centres, thin_plate_operator, warp_displacements
+from homolog.analysis.thin_plate import farthest_points, thin_plate_operator, warp_displacements
 from homolog.errors import NumericalError
 
 
@@ -48,8 +48,8 @@ def test_displacements_are_those_of_the_operator():
 
 def test_spread_centres_leave_no_point_far_from_all_of_them(sphere):
     vertices, _ = sphere
-    chosen = spread_centres(vertices, 100)
+    chosen = farthest_points(vertices, 100)
     assert len(set(chosen.tolist())) == 100
     gaps = np.linalg.norm(vertices[:, None] - vertices[chosen], axis=2).min(axis=1)
     assert gaps.max() < 0.35
-    np.testing.assert_array_equal(spread_centres(vertices, 800), np.arange(800))
+    np.testing.assert_array_equal(farthest_points(vertices, 800), np.arange(800))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from homolog.analysis.comparison import Comparison, prepared
+from homolog.analysis.comparison import Comparison, prepare_shapes
 from homolog.arrays import BoolArray, Float32Array, FloatArray
 from homolog.errors import InputError
 from homolog.files.results import Result
@@ -194,6 +194,6 @@ def _slope(study: Study, pair: Comparison) -> _Way:
 def _along(result: Result, request: StudyRequest, pair: Comparison, effect: FloatArray) -> FloatArray:
     """Return how far each subject lies along an effect (N, 3), as RMS over the particles [mm]."""
     own = compared_shapes(result, request.alignment)[pair.subjects]
-    shapes = prepared(own, study_options(request)) - pair.mean
+    shapes = prepare_shapes(own, study_options(request)) - pair.mean
     length = max(float(np.linalg.norm(effect)), np.finfo(float).tiny)
     return np.asarray(np.einsum("mni,ni->m", shapes, effect) / length / np.sqrt(len(effect)))

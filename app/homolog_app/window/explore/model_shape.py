@@ -10,9 +10,9 @@ import numpy as np
 from scipy import sparse
 
 from homolog.analysis.parallel import ParallelAnalysis, parallel_analysis
-from homolog.analysis.reconstruction import carried
+from homolog.analysis.reconstruction import warp_surface
 from homolog.analysis.shape_model import ShapeModel
-from homolog.analysis.thin_plate import spread_centres
+from homolog.analysis.thin_plate import farthest_points
 from homolog.arrays import Array, Float32Array, FloatArray, IntArray, frozen
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
@@ -157,7 +157,7 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
         moves=frozen(moves.reshape(len(moves), -1)),
         faces=frozen(faces),
         corners=corners,
-        arrows_at=spread_centres(mesh.vertices, _ARROWS),
+        arrows_at=farthest_points(mesh.vertices, _ARROWS),
         limit=common_limit([max(leading, key=lambda one: float(np.abs(one).max()))]),
     )
 
@@ -201,7 +201,7 @@ def placement(of: ModelShape, beside: ModelShape) -> FloatArray:
 
 def _carried(result: Result, displacements: FloatArray) -> Float32Array:
     mean, vertices = result.world.mean(axis=0), result.mean_surface.vertices
-    return carried(mean, vertices, displacements, result.smoothing).astype(np.float32)
+    return warp_surface(mean, vertices, displacements, result.smoothing).astype(np.float32)
 
 
 def _corners(faces: IntArray, vertices: int) -> "sparse.csr_array":

@@ -223,16 +223,29 @@ def _solve_blocks(prepared: PreparedMesh, threads: int, report: Report) -> tuple
         return solve_cluster
 
     parallel_for(worker, n_clusters, threads, lambda done: report(0.95 * done))
+    codes, start = _joined(blocks)
+    _symmetrize(prepared, codes, start, row, is_near, threads, lambda done: report(0.95 + 0.05 * done))
+    return codes[:-1], row, start, slot
+
+
+def _joined(blocks: list[Any]) -> tuple[Any, Any]:
+    """Join the clusters' rows and a missing one, each block freed once it is copied; where each begins."""
     starts = np.concatenate([[0], np.cumsum([len(block) for block in blocks])])
     codes = wp.empty((int(starts[-1]) + 1, LANES), dtype=wp.uint16, device="cpu")
     joined = codes.numpy()
-    for cluster in range(n_clusters):
+    for cluster in range(len(blocks)):
         joined[starts[cluster] : starts[cluster + 1]] = blocks[cluster]
         blocks[cluster] = None  # frees memory while the copy grows
     joined[-1] = MISSING
-    start = wp.array(starts[:-1].astype(np.int32), dtype=wp.int32, device="cpu")
-    lanes = wp.array(joined, dtype=patch_kernels.LaneCodes, device="cpu", copy=False)
+    return codes, wp.array(starts[:-1].astype(np.int32), dtype=wp.int32, device="cpu")
 
+
+def _symmetrize(
+    prepared: PreparedMesh, codes: Any, start: Any, row: Any, is_near: Any, threads: int, report: Report
+) -> None:
+    """Make the distance from a to b that from b to a, in place."""
+    n_clusters = len(prepared.clusters.members)
+    lanes = wp.array(codes.numpy(), dtype=patch_kernels.LaneCodes, device="cpu", copy=False)
     members = wp.array(prepared.clusters.members, dtype=wp.int32, ndim=2, device="cpu")
 
     def symmetrize(strip: int) -> None:
@@ -241,13 +254,7 @@ def _solve_blocks(prepared: PreparedMesh, threads: int, report: Report) -> tuple
         dim = min(CLUSTERS_PER_LAUNCH, n_clusters - first)
         wp.launch(store_kernels.symmetrize_tiles, dim, inputs=inputs, device="cpu")
 
-    parallel_for(
-        lambda: symmetrize,
-        -(-n_clusters // CLUSTERS_PER_LAUNCH),
-        threads,
-        lambda done: report(0.95 + 0.05 * done),
-    )
-    return codes[:-1], row, start, slot
+    parallel_for(lambda: symmetrize, -(-n_clusters // CLUSTERS_PER_LAUNCH), threads, report)
 
 
 def parallel_for(
