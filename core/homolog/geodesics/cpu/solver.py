@@ -224,7 +224,8 @@ def _solve_blocks(prepared: PreparedMesh, threads: int, report: Report) -> tuple
 
     parallel_for(worker, n_clusters, threads, lambda done: report(0.95 * done))
     codes, start = _joined(blocks)
-    _symmetrize(prepared, codes, start, row, is_near, threads, lambda done: report(0.95 + 0.05 * done))
+    arrays = (codes, start, row, is_near)
+    _symmetrize(prepared, arrays, threads, lambda done: report(0.95 + 0.05 * done))
     return codes[:-1], row, start, slot
 
 
@@ -240,10 +241,9 @@ def _joined(blocks: list[Any]) -> tuple[Any, Any]:
     return codes, wp.array(starts[:-1].astype(np.int32), dtype=wp.int32, device="cpu")
 
 
-def _symmetrize(
-    prepared: PreparedMesh, codes: Any, start: Any, row: Any, is_near: Any, threads: int, report: Report
-) -> None:
+def _symmetrize(prepared: PreparedMesh, arrays: tuple[Any, ...], threads: int, report: Report) -> None:
     """Make the distance from a to b that from b to a, in place."""
+    codes, start, row, is_near = arrays
     n_clusters = len(prepared.clusters.members)
     lanes = wp.array(codes.numpy(), dtype=patch_kernels.LaneCodes, device="cpu", copy=False)
     members = wp.array(prepared.clusters.members, dtype=wp.int32, ndim=2, device="cpu")
