@@ -20,6 +20,7 @@ _Index = QModelIndex | QPersistentModelIndex
 _HEADS = ("Subject", "Group", "Volume", "Status")
 NAME, GROUP, VOLUME, STATUS = range(len(_HEADS))
 _PICTURE = 32
+_VOLUME_TIP = "Volume of the input file; Explore > Measure has that of the groomed surface"
 
 
 def thumbnail(shade: Array, colour: str, size: int = _PICTURE) -> QPixmap:
@@ -63,6 +64,8 @@ class CohortModel(QAbstractTableModel):
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = 0) -> object:
         """Return a column's title."""
+        if orientation == Qt.Orientation.Horizontal and role == Qt.ItemDataRole.ToolTipRole:
+            return _VOLUME_TIP if section == VOLUME else None
         if orientation != Qt.Orientation.Horizontal or role != Qt.ItemDataRole.DisplayRole:
             return None
         heads = (*_HEADS, *self._columns)

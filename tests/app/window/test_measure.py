@@ -142,3 +142,15 @@ def test_measures_are_compared_by_group(page, window):
     assert boxes.volume.found.means[0] == pytest.approx((volumes["a"] + volumes["b"]) / 2.0)
     assert "n = 2" in boxes.volume.toolTip()
     window.grab()
+
+
+def test_the_two_volumes_of_a_subject_are_named(page, window):
+    from PySide6.QtCore import Qt
+    from PySide6.QtWidgets import QLabel
+
+    from homolog_app.window.cohort_model import VOLUME
+
+    model = window.inspector.cohort.rows
+    tip = model.headerData(VOLUME, Qt.Orientation.Horizontal, Qt.ItemDataRole.ToolTipRole)
+    assert "input file" in tip
+    assert any(text.text().startswith("Groomed surfaces") for text in page.findChildren(QLabel))

@@ -125,7 +125,7 @@ class MeasurePage(ExplorePage):
         self.body.addLayout(choosers)
         self.body.addLayout(along)
         self.body.addWidget(rule())
-        self.body.addWidget(label("Subjects, in the size of their files", "SectionTitle"))
+        self.body.addWidget(label("Groomed surfaces, in the size of their files", "SectionTitle"))
         self.body.addWidget(self.view, 1)
         self.footer.addWidget(self.write_button)
 
