@@ -129,19 +129,20 @@ class Walk:
         self.seen, self.faults = set(), set()
 
     def look(self, where, root):
-        """Look at what is visible in a widget, in both schemes."""
+        """Look at what is visible in a widget, in both schemes; the second stays: changes take long."""
         from PySide6.QtWidgets import QWidget
 
         shown = [one for one in [root, *root.findChildren(QWidget)] if one.isVisible()]
         self.seen |= {kind for one in shown for kind in type(one).__mro__}
         for one in controls_in(root):
             self.faults |= {f"{where}: {type(one).__name__} {fault}" for fault in faults_of(one)}
-        for _ in range(2):
+        for changes in (True, False):
             picture = picture_of(root)
             for one in shown:
                 if one.isEnabled():
                     self.measure(where, root, picture, one)
-            self.theme.choose("light" if self.theme.is_dark else "dark")
+            if changes:
+                self.theme.choose("light" if self.theme.is_dark else "dark")
 
     def measure(self, where, root, picture, one):
         """Measure the contrast of the texts that a widget shows."""
