@@ -66,7 +66,9 @@ class ExplorePanel(QWidget):
         self._session = desk.session
         for signal in (desk.session.study_changed, desk.session.facts_changed):
             signal.connect(self._tell_outdated)
-        self.fitted.changed.connect(self._offer_pages)
+        self._page_before: ExplorePage | None = None
+        for signal in (desk.session.facts_changed, self.fitted.changed):
+            signal.connect(self._offer_pages)
         self._tell_outdated()
 
     @property
@@ -92,10 +94,16 @@ class ExplorePanel(QWidget):
     def _offer_pages(self) -> None:
         """Offer the modes alone as long as there is a preliminary model only."""
         only_modes = self._session.result is None and self.fitted.preliminary is not None
+        if only_modes and self._page_before is None:
+            self._page_before = self.page  # before its tab is disabled, which turns to another
         for index, page in enumerate(self.pages):
             self.tabs.setTabEnabled(index, not only_modes or isinstance(page, ModesPage))
         if only_modes:
             self.open_page(self.page_of(ModesPage))
+        elif self._page_before is not None:
+            if not self.isVisible():  # nobody has looked at the preliminary modes
+                self.open_page(self._page_before)
+            self._page_before = None
 
     def _turn(self, index: int) -> None:
         before = self._stack.currentWidget()
