@@ -18,6 +18,7 @@ __all__ = ["BoxPlot", "GroupBoxes"]
 _HALF, _ROOM, _REACH = 0.28, 0.1, 1.5
 _VEIL = 60
 _WHOLE, _LARGE = 5.0, 50.0
+_APART = 8  # pixels between the texts of neighbouring groups
 
 
 class BoxPlot(Plot):
@@ -75,10 +76,14 @@ class BoxPlot(Plot):
             painter.setPen(QColor(self.theme.colours.dim))
             deviation = self.found.deviations[index]
             digits = 1 if deviation < _WHOLE and abs(self.found.means[index]) < _LARGE else 0
-            mean = f"{self.found.means[index]:.{digits}f}\u2009±\u2009{deviation:.{digits}f}"
-            for row, text in enumerate((name, mean if np.isfinite(deviation) else "")):
+            mean = f"{self.found.means[index]:.{digits}f}"
+            both = f"{mean}\u2009±\u2009{deviation:.{digits}f}"
+            room = round(step) - _APART
+            if np.isfinite(deviation) and metrics.horizontalAdvance(both) <= room:
+                mean = both  # the tooltip has it always
+            for row, text in enumerate((name, mean)):
                 box = QRectF(at.x() - step / 2, at.y() + 3 + 16 * row, step, 16)
-                text = metrics.elidedText(text, Qt.TextElideMode.ElideMiddle, round(step))
+                text = metrics.elidedText(text, Qt.TextElideMode.ElideMiddle, room)
                 painter.drawText(box, Qt.AlignmentFlag.AlignCenter, text)
 
     def _paint_box(self, painter: QPainter, index: int, part: FloatArray) -> None:
