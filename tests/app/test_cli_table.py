@@ -135,3 +135,15 @@ def test_sides_that_are_said_later_are_heeded(project, tmp_path, options):
     cohort = manifest(tmp_path, "abcd", side=sides)
     assert ran_again(project, [str(cohort), "--out", str(project.folder), *options])
     assert project.read().result.mirrored_words == "1 left subject was mirrored to right"
+
+
+def test_scans_come_from_the_table_and_stay_with_later_tables(project, tmp_path):
+    scans = tmp_path / "grey" / "scans.csv"
+    scans.parent.mkdir()
+    scans.write_text("name,image\na,a.nrrd\nb,deeper/b.nrrd\n", encoding="utf-8")
+    assert main(["table", str(project.folder), str(scans)]) == 0
+    assert project.read().subjects[0].image == "../grey/a.nrrd"
+    (tmp_path / "ages.csv").write_text("name,age\na,50\n", encoding="utf-8")
+    assert main(["table", str(project.folder), str(tmp_path / "ages.csv")]) == 0
+    images = {subject.name: subject.image for subject in project.cohort().subjects}
+    assert (images["a"], images["b"]) == (scans.parent / "a.nrrd", scans.parent / "deeper" / "b.nrrd")

@@ -229,3 +229,37 @@ def test_freesurfers_subjects_are_their_aseg(tmp_path):
 def test_labels_are_taken_where_images_lie_in_the_folder_beside(tmp_path):
     place(tmp_path, *(f"{kind}/{item}.nii.gz" for kind in ("imagesTr", "labelsTr") for item in "ab"))
     assert paths_of(tmp_path) == {"a": "labelsTr/a.nii.gz", "b": "labelsTr/b.nii.gz"}
+
+
+def test_a_scan_beside_a_file_is_its_image_and_no_subject(folder):
+    (folder / "a_image.nii.gz").touch()
+    (folder / "b_image").mkdir()
+    (folder / "lone_image.nrrd").touch()
+    images = {subject.name: subject.image for subject in read_cohort(folder).subjects}
+    assert images == {
+        "a": folder / "a_image.nii.gz",
+        "b": folder / "b_image",
+        "C": None,
+        "lone_image": None,
+    }
+
+
+def test_a_scan_in_each_subjects_folder_is_no_structure(tmp_path):
+    for name in ("p1", "p2"):
+        (tmp_path / name).mkdir()
+        for file in ("seg.nrrd", "seg_image.nrrd"):
+            (tmp_path / name / file).touch()
+    subjects = read_cohort(tmp_path).subjects
+    assert [(subject.name, subject.path.name) for subject in subjects] == [
+        ("p1", "seg.nrrd"),
+        ("p2", "seg.nrrd"),
+    ]
+    assert subjects[0].image == tmp_path / "p1" / "seg_image.nrrd"
+
+
+def test_a_table_names_scans_whether_or_not_they_are_there(folder):
+    (folder / "a_image.nrrd").touch()
+    subjects = read_cohort(table(folder, "name,path,image\nx,a.nrrd,scans/x.mha\ny,b.nii.gz,\n")).subjects
+    assert [subject.image for subject in subjects] == [folder / "scans" / "x.mha", None]
+    assert all("image" not in subject.columns for subject in subjects)
+    assert pickle.loads(pickle.dumps(subjects)) == subjects

@@ -25,11 +25,18 @@ def write_cohort(path: Path, cohort: Cohort) -> None:
     """
     relative = ProjectFolder(path.parent).describe(cohort)
     columns = list(dict.fromkeys(name for item in relative for name in item.columns))
+    files = [name for name in ("landmarks", "image") if any(getattr(item, name) for item in relative)]
     write_table(
         path,
-        ["name", "path", "group", *columns],
+        ["name", "path", "group", *files, *columns],
         (
-            [item.name, item.path, item.group, *(item.columns.get(name) for name in columns)]
+            [
+                item.name,
+                item.path,
+                item.group,
+                *(getattr(item, name) for name in files),
+                *(item.columns.get(name) for name in columns),
+            ]
             for item in relative
         ),
     )

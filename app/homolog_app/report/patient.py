@@ -12,6 +12,7 @@ from homolog.cohort import (
     Cohort,
     Subject,
     dicom_files,
+    image_beside,
     landmarks_beside,
     read_cohort,
     suffix_of,
@@ -189,7 +190,7 @@ def patients_of(files: Sequence[Path]) -> tuple[Subject, ...]:
             subjects += cohort.subjects
         else:
             name = path.name if series else path.name[: len(path.name) - len(suffix_of(path))]
-            subjects.append(Subject(name, path, landmarks=landmarks_beside(path)))
+            subjects.append(Subject(name, path, landmarks=landmarks_beside(path), image=image_beside(path)))
     names = [subject.name for subject in subjects]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

@@ -11,6 +11,7 @@ from homolog.cohort import (
     Cohort,
     Subject,
     TableChanges,
+    image_beside,
     landmarks_beside,
     read_cohort,
     table,
@@ -124,7 +125,8 @@ def found_subjects(paths: Iterable[Path]) -> list[Subject]:
                 f"{', '.join(IMAGE_SUFFIXES + MESH_SUFFIXES)}"
             )
         else:
-            found.append(Subject(path.name[: -len(suffix)], path, landmarks=landmarks_beside(path)))
+            name = path.name[: -len(suffix)]
+            found.append(Subject(name, path, landmarks=landmarks_beside(path), image=image_beside(path)))
     return found
 
 

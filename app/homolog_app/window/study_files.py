@@ -72,6 +72,7 @@ def study_of(record: StudyRecord, folder: Path) -> Study:
                 one.group,
                 one.columns,
                 (folder / one.landmarks).resolve() if one.landmarks else None,
+                (folder / one.image).resolve() if one.image else None,
             ),
             one.name not in excluded,
         )

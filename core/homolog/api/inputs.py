@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from homolog.arrays import Array, FloatArray
-from homolog.cohort import Cohort, Subject, landmarks_beside, read_cohort, suffix_of
+from homolog.cohort import Cohort, Subject, image_beside, landmarks_beside, read_cohort, suffix_of
 from homolog.errors import InputError
 from homolog.grooming.subject import Source
 from homolog.grooming.volumes import Volume
@@ -68,7 +68,8 @@ def cohort_of(
     for name, shape in pairs:
         if isinstance(shape, str | PathLike):
             path = Path(shape)
-            subjects.append(Subject(name, path.absolute(), landmarks=landmarks_beside(path)))
+            path = path.absolute()
+            subjects.append(Subject(name, path, landmarks=landmarks_beside(path), image=image_beside(path)))
             continue
         subjects.append(Subject(name, Path(name)))
         sources[name] = _source(name, shape, voxel_size, settings)

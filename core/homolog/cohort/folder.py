@@ -6,11 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from homolog.cohort.subject import (
+    IMAGE_ENDING,
     IMAGE_SUFFIXES,
     MESH_SUFFIXES,
     Cohort,
     Subject,
+    image_beside,
     landmarks_beside,
+    stem_of,
     suffix_of,
 )
 from homolog.errors import InputError
@@ -85,10 +88,8 @@ def read_folder(folder: Path) -> Cohort:
         series = {item: below for item in folders if (below := _series_below(item))}
     if not files and not series:
         return _read_folders(folder, folders)
-    subjects = [
-        Subject(file.name[: -len(suffix_of(file))], file, landmarks=landmarks_beside(file)) for file in files
-    ]
-    subjects += [Subject(item.name, place) for item, place in series.items()]
+    subjects = [_subject(file.name[: -len(suffix_of(file))], file) for file in files]
+    subjects += [Subject(item.name, place, image=image_beside(place)) for item, place in series.items()]
     return Cohort(tuple(sorted(subjects, key=lambda subject: subject.path)), folder)
 
 
@@ -122,7 +123,11 @@ def _subject_of(folder: Path, files: Sequence[Path], by_structure: bool) -> Subj
     """Return the subject of a folder; where it has a file for each structure, their folder is its path."""
     if by_structure and files[0].parent.name != "mri":
         return Subject(folder.name, files[0].parent)
-    return Subject(folder.name, files[0], landmarks=landmarks_beside(files[0]))
+    return _subject(folder.name, files[0])
+
+
+def _subject(name: str, file: Path) -> Subject:
+    return Subject(name, file, landmarks=landmarks_beside(file), image=image_beside(file))
 
 
 def _sources(folder: Path) -> Mapping[str, Path]:
@@ -191,7 +196,13 @@ def _structure(path: Path) -> str:
 
 
 def _entries(folder: Path) -> list[Path]:
-    return [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
+    """Return what is in a folder, without hidden entries and the scans of others."""
+    entries = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
+    scans = {path: stem for path in entries if (stem := stem_of(path)).endswith(IMAGE_ENDING)}
+    if not scans:
+        return entries
+    stems = {stem_of(path) for path in entries}
+    return [path for path in entries if scans.get(path, "").removesuffix(IMAGE_ENDING) not in stems]
 
 
 def _known_files(entries: Sequence[Path]) -> list[Path]:

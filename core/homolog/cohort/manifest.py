@@ -5,14 +5,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from homolog.cohort.subject import Cohort, Subject, checked_path, landmarks_beside
+from homolog.cohort.subject import Cohort, Subject, checked_path, image_beside, landmarks_beside
 from homolog.errors import InputError
 from homolog.spreadsheets import read_rows
 
-__all__ = ["MANIFEST", "read_manifest"]
+__all__ = ["MANIFEST", "place_of", "read_manifest"]
 
 MANIFEST = "cohort.csv"
-_OWN_COLUMNS = ("name", "path", "group", "landmarks")
+_OWN_COLUMNS = ("name", "path", "group", "landmarks", "image")
 _BAD_IN_NAMES = set('/\\:*?"<>|') | {chr(code) for code in range(32)}
 
 
@@ -48,22 +48,23 @@ def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:
     if bad or row["name"] in (".", ".."):
         raise InputError(f"{manifest}, line {line}: {row['name']!r} can't be a file name; rename the subject")
     try:
-        for column in ("path", "landmarks"):
+        for column in ("path", "landmarks", "image"):
             checked_path(row.get(column) or "")
     except ValueError as error:
         raise InputError(f"{manifest}, line {line}: the {column} {error}; correct it") from error
     further = {key: value for key, value in row.items() if key not in _OWN_COLUMNS}
-    path, landmarks = _place(manifest.parent, row["path"]), row.get("landmarks")
+    path, landmarks, image = place_of(manifest.parent, row["path"]), row.get("landmarks"), row.get("image")
     return Subject(
         name=row["name"],
         path=path,
         group=row.get("group") or None,
         columns=MappingProxyType(further),
-        landmarks=_place(manifest.parent, landmarks) if landmarks else landmarks_beside(path),
+        landmarks=place_of(manifest.parent, landmarks) if landmarks else landmarks_beside(path),
+        image=place_of(manifest.parent, image) if image else image_beside(path),
     )
 
 
-def _place(folder: Path, text: str) -> Path:
+def place_of(folder: Path, text: str) -> Path:
     """Return where a path of a table leads; a relative one may be written with backslashes."""
     place = folder / text
     return place if os.path.exists(place) else folder / text.replace("\\", "/")

@@ -9,12 +9,15 @@ from types import MappingProxyType
 from homolog.errors import InputError
 
 __all__ = [
+    "IMAGE_ENDING",
     "IMAGE_SUFFIXES",
     "MESH_SUFFIXES",
     "Cohort",
     "Subject",
     "checked_path",
+    "image_beside",
     "landmarks_beside",
+    "stem_of",
     "suffix_of",
 ]
 
@@ -22,6 +25,8 @@ IMAGE_SUFFIXES = (".nii.gz", ".nii", ".seg.nrrd", ".nrrd", ".nhdr", ".mha", ".mh
 MESH_SUFFIXES = (".vtp", ".vtk", ".ply", ".stl", ".obj")
 
 _MARKUPS = ".mrk.json"
+IMAGE_ENDING = "_image"
+"""Ends the name, before the suffix, of the scan beside a subject's file."""
 _LONGEST_PATH, _LONGEST_PART = 4000, 255  # characters; bytes between two slashes
 
 
@@ -43,6 +48,9 @@ class Subject:
     landmarks : Path or None
         Slicer markups of its landmarks: the manifest's ``landmarks`` column, or ``<file>.mrk.json`` beside
         the file, where ``<file>`` is its name without suffix.
+    image : Path or None
+        The grey-value scan that it was segmented in: the manifest's ``image`` column, or ``<file>_image``
+        with the suffix of an image beside the file. It is only shown; it may be missing.
     """
 
     name: str
@@ -50,10 +58,11 @@ class Subject:
     group: str | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
     landmarks: Path | None = None
+    image: Path | None = None
 
     def __post_init__(self) -> None:
         """Refuse names that are no text, as files of other systems may have: SimpleITK aborts on them."""
-        for item in (self.path, self.landmarks):
+        for item in (self.path, self.landmarks, self.image):
             try:
                 str(item or "").encode()
             except UnicodeEncodeError as error:
@@ -67,13 +76,20 @@ class Subject:
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle the columns as a plain dict; `__getstate__` is not honoured by Python 3.11.2's slots."""
-        return _subject_of, (self.name, self.path, self.group, dict(self.columns), self.landmarks)
+        return _subject_of, (
+            self.name, self.path, self.group, dict(self.columns), self.landmarks, self.image,
+        )  # fmt: skip
 
 
 def _subject_of(
-    name: str, path: Path, group: str | None, columns: dict[str, str], landmarks: Path | None
+    name: str,
+    path: Path,
+    group: str | None,
+    columns: dict[str, str],
+    landmarks: Path | None,
+    image: Path | None,
 ) -> Subject:
-    return Subject(name, path, group, MappingProxyType(columns), landmarks)
+    return Subject(name, path, group, MappingProxyType(columns), landmarks, image)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,11 +119,26 @@ def suffix_of(path: Path) -> str:
     return known[0] if known else path.suffix.lower()
 
 
+def stem_of(path: Path) -> str:
+    """Return a file's name without its suffix; the whole name of a folder of DICOM files."""
+    suffix = suffix_of(path)
+    known = suffix in IMAGE_SUFFIXES + MESH_SUFFIXES
+    return path.name[: len(path.name) - len(suffix)] if known or not path.is_dir() else path.name
+
+
 def landmarks_beside(path: Path) -> Path | None:
     """Return the markups file that lies beside a subject's file under its name, if there is one."""
     stem = path.name[: len(path.name) - len(suffix_of(path))]
     beside = path.parent / (stem + _MARKUPS)  # with_name knows no root
     return beside if beside.is_file() else None
+
+
+def image_beside(path: Path) -> Path | None:
+    """Return the scan that lies beside a subject's file: ``NAME_image.nii.gz``, or a folder of that name."""
+    stem = stem_of(path) + IMAGE_ENDING
+    places = (path.parent / (stem + suffix) for suffix in IMAGE_SUFFIXES)
+    folder = path.parent / stem
+    return next((place for place in places if place.is_file()), folder if folder.is_dir() else None)
 
 
 def checked_path(text: str) -> str:

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from homolog.cohort.subject import Subject, suffix_of
+from homolog.cohort.manifest import place_of
+from homolog.cohort.subject import Subject, checked_path, suffix_of
 from homolog.errors import InputError
 from homolog.spreadsheets import Row, read_rows
 
@@ -14,8 +15,9 @@ __all__ = ["Replaced", "TableChanges", "with_table", "with_values_of"]
 
 _KEYS = ("name", "subject", "id")
 _NOT_TAKEN = ("path", "landmarks")
-_GROUP = "group"
+_GROUP, _IMAGE = "group", "image"
 _SHOWN = 5
+_SHOWN_CHARACTERS = 80
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +87,8 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     The column called name, subject or id (the one that fits most subjects), else the first one, names the
     subject: by its name, by its file's name, with or without suffix, or by the beginning of its name up to a
     sign that is no letter or digit (``acdc004`` means ``acdc004_ED_myo``). Columns for paths and landmarks
-    are left alone. An empty cell leaves what is there.
+    are left alone; relative paths of scans (column image) start at the table's folder. An empty cell leaves
+    what is there.
 
     Parameters
     ----------
@@ -118,7 +121,11 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     if twice:
         raise InputError(f"{path}: has several rows of {_listed(twice)}; keep one of each")
     values = {
-        name: {column: value for column, value in row.items() if column != key}
+        name: {
+            column: _scan(path, value) if column.casefold() == _IMAGE and value else value
+            for column, value in row.items()
+            if column != key
+        }
         for name, row in zip(names, rows, strict=True)
         if name is not None
     }
@@ -128,7 +135,7 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
 
 def with_values_of(subjects: Sequence[Subject], others: Sequence[Subject]) -> TableChanges:
     """Return what the groups and columns of others with the same names change of subjects."""
-    values = {other.name: {_GROUP: other.group or "", **other.columns} for other in others}
+    values = {other.name: _values(other) for other in others}
     return _changes(subjects, values, [], "name")
 
 
@@ -140,10 +147,12 @@ def _changes(
     replaced: list[Replaced] = []
     result = []
     for item in subjects:
-        before = {_GROUP: item.group or "", **item.columns}
+        before = _values(item)
         after = dict(before)
         for title, value in values.get(item.name, {}).items():
-            column = _GROUP if title.casefold() == _GROUP else known.get(title.casefold(), title)
+            column = known.get(title.casefold(), title)
+            if title.casefold() in (_GROUP, _IMAGE):
+                column = title.casefold()
             if title.casefold() in _NOT_TAKEN:
                 continue
             was = before.get(column, "")
@@ -155,8 +164,15 @@ def _changes(
                     replaced.append(Replaced(item.name, column, was, value))
                 else:
                     added[column] += 1
-        group = after.pop(_GROUP)
-        result.append(replace(item, group=group or None, columns=MappingProxyType(after)))
+        group, image = after.pop(_GROUP), after.pop(_IMAGE)
+        result.append(
+            replace(
+                item,
+                group=group or None,
+                columns=MappingProxyType(after),
+                image=Path(image) if image else None,
+            )
+        )
     return TableChanges(
         subjects=tuple(result),
         matched=tuple(subject.name for subject in subjects if subject.name in values),
@@ -166,6 +182,19 @@ def _changes(
         added=MappingProxyType(dict(added)),
         replaced=tuple(replaced),
     )
+
+
+def _values(subject: Subject) -> dict[str, str]:
+    image = "" if subject.image is None else str(subject.image)
+    return {_GROUP: subject.group or "", _IMAGE: image, **subject.columns}
+
+
+def _scan(table: Path, text: str) -> str:
+    """Return the whole path of a scan that a table names."""
+    try:
+        return str(place_of(table.parent.resolve(), checked_path(text)))
+    except ValueError as error:
+        raise InputError(f"{table}: the image {text[:_SHOWN_CHARACTERS]} {error}; correct it") from error
 
 
 def _named(subjects: Sequence[Subject], text: str) -> str | None:

@@ -141,6 +141,7 @@ class ProjectFolder:
                 subject.group,
                 subject.columns,
                 (self.folder / subject.landmarks).resolve() if subject.landmarks else None,
+                (self.folder / subject.image).resolve() if subject.image else None,
             )
             for subject in self.read().subjects
         ]
@@ -155,6 +156,7 @@ class ProjectFolder:
                 group=subject.group,
                 columns=dict(subject.columns),
                 landmarks=_relative(subject.landmarks, self.folder) if subject.landmarks else None,
+                image=_relative(subject.image, self.folder) if subject.image else None,
             )
             for subject in cohort.subjects
         ]

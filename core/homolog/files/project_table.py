@@ -2,17 +2,17 @@
 
 from collections.abc import Sequence
 
-from homolog.cohort import Subject
+from homolog.cohort import Cohort, Subject
 from homolog.files.project import ProjectFolder
-from homolog.files.records import ProjectRecord, ResultSubject
+from homolog.files.records import ProjectRecord, ResultSubject, SubjectRecord
 from homolog.files.tables import write_table
 from homolog.spreadsheets import read_rows
 
-__all__ = ["update_table", "with_columns"]
+__all__ = ["update_table"]
 
 
 def update_table(project: ProjectFolder, subjects: Sequence[Subject]) -> None:
-    """Give a project's subjects, and those of its result, the groups and columns of others by name.
+    """Give a project's subjects the groups, columns and scans of others by name, also in its result.
 
     Particles, surfaces and models stay; the groups in ``model/scores.csv`` follow. Each file is replaced
     whole or not at all.
@@ -28,7 +28,7 @@ def update_table(project: ProjectFolder, subjects: Sequence[Subject]) -> None:
     InputError
         If the project can't be read or written to.
     """
-    record = with_columns(project.read(), subjects)
+    record = _with_columns(project.read(), project.describe(Cohort(tuple(subjects), project.folder)))
     project.write(record)
     scores = project.model / "scores.csv"
     if record.result is None or not scores.is_file():
@@ -44,12 +44,14 @@ def update_table(project: ProjectFolder, subjects: Sequence[Subject]) -> None:
     )
 
 
-def with_columns(record: ProjectRecord, subjects: Sequence[Subject]) -> ProjectRecord:
-    """Return a record with the groups and columns of others by name, also in its result."""
-    changed = {
-        subject.name: {"group": subject.group, "columns": dict(subject.columns)} for subject in subjects
-    }
-    listed = [subject.model_copy(update=changed.get(subject.name, {})) for subject in record.subjects]
+def _with_columns(record: ProjectRecord, subjects: Sequence[SubjectRecord]) -> ProjectRecord:
+    """Return a record with the groups, columns and scans of others by name; its result keeps no scans."""
+    changed = {subject.name: {"group": subject.group, "columns": subject.columns} for subject in subjects}
+    images = {subject.name: {"image": subject.image} for subject in subjects}
+    listed = [
+        subject.model_copy(update=changed.get(subject.name, {}) | images.get(subject.name, {}))
+        for subject in record.subjects
+    ]
     result = record.result
     if result is not None:
         known: list[ResultSubject] = [

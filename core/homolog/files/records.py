@@ -33,6 +33,7 @@ class SubjectRecord(_Record):
     group: str | None = None
     columns: dict[str, str] = {}
     landmarks: _Path | None = None
+    image: _Path | None = None
 
 
 class ResultSubject(_Record):

@@ -5,10 +5,12 @@ from pathlib import Path
 from homolog.cohort import dicom_files, is_dicom_seg
 from homolog.errors import InputError
 from homolog.grooming.dicom_seg import read_seg
-from homolog.grooming.dicom_series import read_series
+from homolog.grooming.dicom_series import read_series, series_voxels
+from homolog.grooming.scans import StoredScan
 from homolog.grooming.volumes import Volume
+from homolog.progress import Tick
 
-__all__ = ["read_dicom"]
+__all__ = ["read_dicom", "read_dicom_scan"]
 
 
 def read_dicom(path: Path) -> Volume:
@@ -33,3 +35,17 @@ def read_dicom(path: Path) -> Volume:
     if segs:
         raise InputError(f"{path}: contains a DICOM SEG among other files; give the file itself")
     return read_series(path, files)
+
+
+def read_dicom_scan(path: Path, tick: Tick) -> StoredScan:
+    """Read a folder with the slices of one series of grey values; see `homolog.grooming.scans.Scan`.
+
+    Raises
+    ------
+    InputError
+        If the path is a single file, or the folder holds no or several series or lacks slices.
+    """
+    if not path.is_dir():
+        raise InputError(f"{path}: is one DICOM file; give the folder of the scan's slices")
+    slices = [file for file in dicom_files(path) if not is_dicom_seg(file)]
+    return *series_voxels(path, slices, tick), ()

@@ -11,8 +11,9 @@ from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
 from homolog.grooming.dicom_faults import dicom_faults
 from homolog.grooming.volumes import Volume, check_size
+from homolog.progress import Tick, no_tick
 
-__all__ = ["read_series"]
+__all__ = ["read_series", "series_voxels"]
 
 _KIND = "a slice of a DICOM series"
 _UNEVEN = 0.01  # of the slice distance
@@ -22,13 +23,14 @@ _SPACINGS = ("PixelSpacing", "NominalScannedPixelSpacing", "ImagerPixelSpacing")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Slice:
-    """The header of a slice: its series, size (columns, rows), place and axes [mm, LPS]."""
+    """The header of a slice: series, size (columns, rows), place and axes [mm, LPS], slope and intercept."""
 
     path: Path
     series: str
     size: tuple[int, int]
     place: FloatArray
     axes: FloatArray
+    scale: tuple[float, float]
 
     @property
     def height(self) -> float:
@@ -44,7 +46,27 @@ def read_series(folder: Path, files: Sequence[Path]) -> Volume:
     InputError
         If there are none or several series, slices are missing, not parallel, of several sizes or damaged.
     """
-    slices = [_header(path) for path in files]
+    values, matrix, slope, intercept = series_voxels(folder, files, no_tick)
+    if (slope, intercept) != (1.0, 0.0):
+        values = values * slope + intercept
+    return Volume(folder, [values], matrix)
+
+
+def series_voxels(folder: Path, files: Sequence[Path], tick: Tick) -> tuple[Array, FloatArray, float, float]:
+    """Read the slices of one series into one array, (I, J, K), of the files' type.
+
+    Returns
+    -------
+    values : array
+        As stored where all slices have the same slope and intercept, else scaled float64.
+    index_to_world : (4, 4) array
+    slope, intercept : float
+        By which values are to be scaled.
+    """
+    slices = []
+    for number, path in enumerate(files):
+        tick(0.3 * number / len(files), f"reading {folder.name}")
+        slices.append(_header(path))
     count = len({item.series for item in slices})
     if count != 1:
         raise InputError(
@@ -53,10 +75,20 @@ def read_series(folder: Path, files: Sequence[Path]) -> Volume:
     slices.sort(key=lambda item: item.height)
     step = _step(folder, slices)
     check_size(folder, (*slices[0].size, len(slices)), 4.0)
-    values = np.stack([_pixels(item) for item in slices], axis=2)
+    scales = {item.scale for item in slices}
+    slope, intercept = scales.pop() if len(scales) == 1 else (1.0, 0.0)
+    first = _pixels(slices[0])
+    kind = first.dtype if not scales else np.dtype(np.float64)
+    values: Array = np.empty((*slices[0].size, len(slices)), kind, order="F")
+    for number, item in enumerate(slices):
+        tick(0.3 + 0.7 * number / len(slices), f"reading {folder.name}")
+        pixels = _pixels(item) if number else first
+        if not scales and pixels.dtype != values.dtype:
+            values = values.astype(np.promote_types(values.dtype, pixels.dtype), order="F")
+        values[..., number] = pixels * item.scale[0] + item.scale[1] if scales else pixels
     matrix = np.eye(4)
     matrix[:3, :2], matrix[:3, 2], matrix[:3, 3] = slices[0].axes.T, step, slices[0].place
-    return Volume(folder, [values], matrix)
+    return values, matrix, slope, intercept
 
 
 def _header(path: Path) -> _Slice:
@@ -74,7 +106,8 @@ def _header(path: Path) -> _Slice:
         if not np.isfinite([*place, *axes.ravel()]).all() or spacing.min() <= 0.0:
             raise ValueError(f"its pixels are {spacing} mm large, at {place}")
         size = int(content.Columns), int(content.Rows)
-        return _Slice(path, str(content.SeriesInstanceUID), size, place, axes)
+        scale = float(content.get("RescaleSlope", 1)), float(content.get("RescaleIntercept", 0))
+        return _Slice(path, str(content.SeriesInstanceUID), size, place, axes, scale)
 
 
 def _read(path: Path, *, without_pixels: bool) -> Any:  # noqa: ANN401 - pydicom's datasets have any attribute
@@ -110,11 +143,10 @@ def _step(folder: Path, slices: Sequence[_Slice]) -> FloatArray:
 
 
 def _pixels(_slice: _Slice) -> Array:
-    """Return a slice's values by column and row."""
+    """Return a slice's stored values by column and row."""
     with dicom_faults(_slice.path, _KIND):
         content = _read(_slice.path, without_pixels=False)
         values: Array = content.pixel_array
         if values.shape != _slice.size[::-1]:
             raise ValueError("it has several frames or colours")
-        slope, intercept = float(content.get("RescaleSlope", 1)), float(content.get("RescaleIntercept", 0))
-        return values.T if (slope, intercept) == (1.0, 0.0) else values.T * slope + intercept
+        return values.T

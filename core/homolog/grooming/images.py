@@ -3,15 +3,27 @@
 import math
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from homolog.arrays import FloatArray
 from homolog.cohort import IMAGE_SUFFIXES, suffix_of
 from homolog.errors import InputError
 from homolog.grooming.headers import read_header, segments_of
+from homolog.grooming.scans import StoredScan
 from homolog.grooming.volumes import Segment, Segmentation, Volume, check_size
+from homolog.progress import Tick, run_in_background
 
-__all__ = ["Segment", "Segmentation", "Volume", "read_segmentation", "read_volume"]
+__all__ = [
+    "Segment",
+    "Segmentation",
+    "Volume",
+    "check_kind",
+    "read_itk_scan",
+    "read_segmentation",
+    "read_volume",
+]
 
 _NO_FRAME = "its header gives no patient orientation (no LPS or RAS space); LPS axes were assumed"
 
@@ -41,22 +53,11 @@ def read_segmentation(path: Path, label: int | None, segment: str | None = None)
 def read_volume(path: Path) -> Volume:
     """Read a label map with all its structures; raises as `read_segmentation` does."""
     path = Path(path)
-    name = path.name.lower()
+    name = check_kind(path)
     if path.is_dir() or name.endswith(".dcm"):
         from homolog.grooming.dicom import read_dicom
 
-        if not path.is_dir() and not path.is_file():
-            raise _missing(path)
         return read_dicom(path)
-    if not path.is_file():
-        raise _missing(path)
-    if name.endswith(".particles"):
-        raise InputError(f"{path}: contains particles without a surface; analyze them, they can't be groomed")
-    if suffix_of(path) not in IMAGE_SUFFIXES:
-        raise InputError(
-            f"{path}: has an unsupported type; convert it, or give its header if it has one "
-            f"({', '.join(IMAGE_SUFFIXES)})"
-        )
     if name.endswith((".nii", ".nii.gz")):
         from homolog.grooming.nifti import read_nifti
 
@@ -68,12 +69,54 @@ def read_volume(path: Path) -> Volume:
     return _read_itk(path)
 
 
-def _missing(path: Path) -> InputError:
-    return InputError(f"{path}: does not exist; correct the path or exclude it")
+def check_kind(path: Path) -> str:
+    """Return a file's name in lower case; raises InputError if it is missing or no image by its name."""
+    name = path.name.lower()
+    if not path.is_file() and not path.is_dir():
+        raise InputError(f"{path}: does not exist; correct the path or exclude it")
+    if path.is_dir():
+        return name
+    if name.endswith(".particles"):
+        raise InputError(f"{path}: contains particles without a surface; analyze them, they can't be groomed")
+    if suffix_of(path) not in IMAGE_SUFFIXES:
+        raise InputError(
+            f"{path}: has an unsupported type; convert it, or give its header if it has one "
+            f"({', '.join(IMAGE_SUFFIXES)})"
+        )
+    return name
 
 
 def _read_itk(path: Path) -> Volume:
-    """Read a NRRD or MetaImage file."""
+    """Read a NRRD or MetaImage file of labels."""
+    import SimpleITK
+
+    image, matrix, named, notes = _itk_image(path)
+    values = np.moveaxis(SimpleITK.GetArrayFromImage(image), (2, 1, 0), (0, 1, 2))
+    count = image.GetNumberOfComponentsPerPixel()
+    layers = [values[..., layer] for layer in range(count)] if count > 1 else [values]
+    return Volume(path, layers, matrix, named, notes)
+
+
+def read_itk_scan(path: Path, tick: Tick) -> StoredScan:
+    """Read a NRRD or MetaImage file of grey values; see `homolog.grooming.scans.Scan`."""
+    image, matrix, _, notes = run_in_background(lambda _: _itk_image(path), tick, f"reading {path.name}")
+    if image.GetNumberOfComponentsPerPixel() > 1:
+        raise InputError(f"{path}: has several values per voxel; choose a scan of grey values")
+    return np.asarray(_Pixels(image)).T, matrix, 1.0, 0.0, notes
+
+
+class _Pixels:
+    """The voxels of an image of SimpleITK, for numpy: not copied, and alive as long as an array of them."""
+
+    def __init__(self, image: Any) -> None:  # noqa: ANN401 - SimpleITK is untyped
+        import SimpleITK
+
+        self._image = image
+        self.__array_interface__ = SimpleITK.GetArrayViewFromImage(image).__array_interface__
+
+
+def _itk_image(path: Path) -> tuple[Any, FloatArray, tuple[Segment, ...], tuple[str, ...]]:
+    """Read a NRRD or MetaImage file: SimpleITK's image, its matrix to LPS, its segments, and notes."""
     import SimpleITK
 
     text = read_header(path)
@@ -106,12 +149,10 @@ def _read_itk(path: Path) -> Volume:
         image = reader.Execute()
     except (RuntimeError, MemoryError) as error:
         raise InputError(f"{path}: may be cut short; copy or export it again ({_reason(error)})") from error
-    values = np.moveaxis(SimpleITK.GetArrayFromImage(image), (2, 1, 0), (0, 1, 2))
     matrix = np.eye(4)
     matrix[:3, :3] = np.reshape(image.GetDirection(), (3, 3)) * image.GetSpacing()
     matrix[:3, 3] = image.GetOrigin()
-    layers = [values[..., layer] for layer in range(count)] if count > 1 else [values]
-    return Volume(path, layers, matrix, named, (*_notes(path, header), *text.notes))
+    return image, matrix, named, (*_notes(path, header), *text.notes)
 
 
 def _notes(path: Path, header: dict[str, str]) -> tuple[str, ...]:

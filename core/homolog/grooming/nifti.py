@@ -1,4 +1,4 @@
-"""NIfTI 1 and 2 label maps, with their two ways of saying where they lie, and FreeSurfer's MGH and MGZ."""
+"""NIfTI 1 and 2 volumes, with their two ways of saying where they lie, and FreeSurfer's MGH and MGZ."""
 
 import gzip
 import html
@@ -6,6 +6,7 @@ import logging
 import math
 import re
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +19,18 @@ from nibabel.spatialimages import HeaderDataError
 
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
+from homolog.grooming.scans import StoredScan
 from homolog.grooming.volumes import Segment, Volume, check_size
+from homolog.progress import Tick
 
-__all__ = ["read_mgh", "read_nifti"]
+__all__ = ["read_mgh", "read_mgh_scan", "read_nifti", "read_nifti_scan"]
 
 logger.setLevel(logging.CRITICAL + 1)  # what nibabel finds is said in messages, not on the standard error
 
 _TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _UNITS = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}
 _NO_PLACE = "its header gives no patient orientation (no qform or sform); RAS axes were assumed"
-_HEADER, _FARTHEST = 348, 2**28  # bytes
+_HEADER, _FARTHEST, _PART = 348, 2**28, 2**22  # bytes
 _MGH_HEADER = 284
 _NO_MGH_PLACE = "its header gives no patient orientation; FreeSurfer's coronal axes were assumed"
 _NAMED = re.compile(
@@ -57,6 +60,34 @@ def read_nifti(path: Path) -> Volume:
         If it can't be read, is no 3-D volume of single numbers, too large, or if nothing tells which of
         qform and sform is true.
     """
+    image, shape, matrix, notes = _nifti_header(path)
+    kind, proxy = image.header.get_data_dtype(), image.dataobj
+    begin = int(proxy.offset)
+    content = _content(path, begin, begin + math.prod(shape) * kind.itemsize)
+    try:
+        values: Array
+        if (proxy.slope, proxy.inter) != (1.0, 0.0):
+            values = np.asanyarray(type(image).from_bytes(content).dataobj).reshape(shape)
+        else:
+            values = np.frombuffer(content, kind, math.prod(shape), begin)
+            values = values.astype(kind.newbyteorder("="), copy=False).reshape(shape, order="F")
+    except (*_FAULTS, MemoryError) as error:
+        raise InputError(
+            f"{path}: is cut short or damaged; copy or export it again ({_first_line(error)})"
+        ) from error
+    return Volume(path, [values], matrix, _named(image.header), notes)
+
+
+def read_nifti_scan(path: Path, tick: Tick) -> StoredScan:
+    """Read a NIfTI file of grey values as stored; see `homolog.grooming.scans.Scan`."""
+    image, shape, matrix, notes = _nifti_header(path)
+    proxy = image.dataobj
+    values = _stored(path, int(proxy.offset), shape, image.header.get_data_dtype(), tick)
+    return values, matrix, float(proxy.slope), float(proxy.inter), notes
+
+
+def _nifti_header(path: Path) -> tuple[Any, list[int], FloatArray, tuple[str, ...]]:
+    """Return nibabel's image, unread; its size, matrix to LPS and notes."""
     _check_packing(path)
     try:
         image: Any = _opened(path)
@@ -77,20 +108,7 @@ def read_nifti(path: Path) -> Volume:
     scaled = (proxy.slope, proxy.inter) != (1.0, 0.0)
     check_size(path, shape, kind.itemsize + (8.0 if scaled else kind.itemsize))
     matrix, notes = _placement(path, header, shape)
-    begin = int(proxy.offset)
-    content = _content(path, begin, begin + math.prod(shape) * kind.itemsize)
-    try:
-        values: Array
-        if scaled:
-            values = np.asanyarray(type(image).from_bytes(content).dataobj).reshape(shape)
-        else:
-            values = np.frombuffer(content, kind, math.prod(shape), begin)
-            values = values.astype(kind.newbyteorder("="), copy=False).reshape(shape, order="F")
-    except (*_FAULTS, MemoryError) as error:
-        raise InputError(
-            f"{path}: is cut short or damaged; copy or export it again ({_first_line(error)})"
-        ) from error
-    return Volume(path, [values], _TO_LPS @ matrix, _named(header), notes)
+    return image, shape, _TO_LPS @ matrix, notes
 
 
 def _named(header: Any) -> tuple[Segment, ...]:  # noqa: ANN401 - half of nibabel is untyped
@@ -111,6 +129,25 @@ def read_mgh(path: Path) -> Volume:
     InputError
         If it can't be read, is cut short, no 3-D volume, or too large.
     """
+    shape, kind, matrix, notes = _mgh_header(path)
+    size = math.prod(shape) * kind.itemsize
+    content = _unpacked(path, _MGH_HEADER + size)
+    if len(content) < _MGH_HEADER + size:
+        raise InputError(
+            f"{path}: is cut short ({len(content)} of {_MGH_HEADER + size} bytes); copy or export it again"
+        )
+    values = np.frombuffer(content, kind, offset=_MGH_HEADER).astype(kind.newbyteorder("="))
+    return Volume(path, [values.reshape(shape, order="F")], matrix, notes=notes)
+
+
+def read_mgh_scan(path: Path, tick: Tick) -> StoredScan:
+    """Read FreeSurfer's grey values as stored; see `homolog.grooming.scans.Scan`."""
+    shape, kind, matrix, notes = _mgh_header(path)
+    return _stored(path, _MGH_HEADER, shape, kind, tick, to_end=False), matrix, 1.0, 0.0, notes
+
+
+def _mgh_header(path: Path) -> tuple[list[int], np.dtype[Any], FloatArray, tuple[str, ...]]:
+    """Return the size of an MGH volume, the type of its voxels, its matrix to LPS, and notes."""
     _check_packing(path)
     begin = _unpacked(path, _MGH_HEADER)
     if len(begin) < _MGH_HEADER:
@@ -126,17 +163,42 @@ def read_mgh(path: Path) -> Volume:
     while len(shape) > 3 and shape[-1] == 1:
         shape.pop()
     check_size(path, shape, kind.itemsize * 2)
-    size = math.prod(shape) * kind.itemsize
-    content = _unpacked(path, _MGH_HEADER + size)
-    if len(content) < _MGH_HEADER + size:
-        raise InputError(
-            f"{path}: is cut short ({len(content)} of {_MGH_HEADER + size} bytes); copy or export it again"
-        )
-    values = np.frombuffer(content, kind, offset=_MGH_HEADER).astype(kind.newbyteorder("="))
     placed = int.from_bytes(begin[28:30], "big") > 0
-    return Volume(
-        path, [values.reshape(shape, order="F")], _TO_LPS @ matrix, notes=() if placed else (_NO_MGH_PLACE,)
-    )
+    return shape, kind, _TO_LPS @ matrix, () if placed else (_NO_MGH_PLACE,)
+
+
+def _stored(
+    path: Path, begin: int, shape: Sequence[int], kind: np.dtype[Any], tick: Tick, *, to_end: bool = True
+) -> Array:
+    """Return a file's voxels as stored: mapped, or unpacked into one array, part by part.
+
+    With `to_end`, a file that goes on after them is refused.
+    """
+    if not 0 < begin <= _FARTHEST:
+        raise InputError(f"{path}: says that its voxels begin at byte {begin}; export it again")
+    count = math.prod(shape)
+    size = count * kind.itemsize
+    cut = f"{path}: is cut short, or contains more voxels than its header declares; copy or export it again"
+    if not path.name.lower().endswith((".gz", ".mgz")):
+        there = path.stat().st_size - begin
+        if there < size or (to_end and there > size):
+            raise InputError(f"{cut} ({there} of {size} bytes)")
+        return np.memmap(path, kind, "r", begin, tuple(shape), "F")
+    values = np.empty(count, kind)
+    bytes_ = values.view(np.uint8).data
+    done = 0
+    try:
+        with gzip.open(path) as stream:
+            stream.seek(begin)
+            while done < size and (got := stream.readinto(bytes_[done : done + _PART])):
+                done += got
+                tick(done / size, f"reading {path.name}")
+            more = to_end and bool(stream.read(1))
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: is cut short or damaged; copy or export it again ({error})") from error
+    if done < size or more:
+        raise InputError(f"{cut} ({done} of {size} bytes)")
+    return values.reshape(shape, order="F")
 
 
 def _check_packing(path: Path) -> None:

@@ -14,6 +14,7 @@ from homolog.memory import check_fits
 
 __all__ = ["Extent", "Segment", "Segmentation", "Volume", "check_size"]
 
+
 _MASKS = 2
 """Bytes that each voxel takes beside its value while the structure is picked."""
 
