@@ -12,8 +12,8 @@ from homolog.analysis.comparison import Comparison
 from homolog.analysis.discriminant import Discriminant
 from homolog.analysis.dispersion import Dispersion
 from homolog.analysis.effects import Effect
-from homolog.analysis.local_map import LocalMap
 from homolog.analysis.mode_test import ModeTest
+from homolog.analysis.pointwise_test import PointwiseTest
 from homolog.cohort import Subject
 from homolog.parameters import parameters
 from homolog.settings import GroomSettings, OptimizeSettings
@@ -28,7 +28,7 @@ GROUPS: dict[str, list[Any]] = {
         hl.compare_groups,
         Comparison,
         ModeTest,
-        LocalMap,
+        PointwiseTest,
         Effect,
         Dispersion,
         Discriminant,

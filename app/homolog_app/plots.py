@@ -25,15 +25,20 @@ _MOST_BARS = 20
 
 
 def plot_scree(
-    variances: FloatArray, threshold: FloatArray, kept: int, percentile: float, *, theme: Theme = LIGHT
+    eigenvalues: FloatArray,
+    threshold: FloatArray,
+    n_retained: int,
+    percentile: float,
+    *,
+    theme: Theme = LIGHT,
 ) -> Figure:
     """Plot the eigenvalues with the line that chance reaches (parallel analysis).
 
     Parameters
     ----------
-    variances, threshold : (K,) array
+    eigenvalues, threshold : (K,) array
         Eigenvalues of the data, and their percentile under the null [mm²].
-    kept : int
+    n_retained : int
         Number of modes above chance.
     percentile : float
         Of the null, in percent.
@@ -41,11 +46,11 @@ def plot_scree(
         Background and text.
     """
     figure, axes = _page(4.6, 3.0, theme)
-    shown = min(len(variances), _MOST_BARS)
+    shown = min(len(eigenvalues), _MOST_BARS)
     numbers = np.arange(1, shown + 1)
-    share = 100.0 / variances.sum()
-    colours = [_COLOURS[0] if number <= kept else _COLOURS[6] for number in numbers]
-    axes.bar(numbers, variances[:shown] * share, color=colours, width=0.7)
+    share = 100.0 / eigenvalues.sum()
+    colours = [_COLOURS[0] if number <= n_retained else _COLOURS[6] for number in numbers]
+    axes.bar(numbers, eigenvalues[:shown] * share, color=colours, width=0.7)
     axes.plot(
         numbers,
         threshold[:shown] * share,
@@ -57,8 +62,8 @@ def plot_scree(
     axes.set_xlabel("mode")
     axes.set_ylabel("share of variance (%)")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    noun = "mode" if kept == 1 else "modes"
-    axes.set_title(f"{kept} {noun} above chance", fontsize=_FONT_PT + 1.0, color=theme.text)
+    noun = "mode" if n_retained == 1 else "modes"
+    axes.set_title(f"{n_retained} {noun} above chance", fontsize=_FONT_PT + 1.0, color=theme.text)
     _legend(axes, theme)
     return figure
 

@@ -18,8 +18,8 @@ comparison = hl.compare_groups(
 )
 
 print(f"{comparison.title}: p = {comparison.p_adjusted:.3f} over the whole shape")
-where = np.flatnonzero(comparison.p_family < 0.05)  # corrected over the surface
-outward = np.einsum("ni,ni->n", comparison.local.effect[0], directions)
+where = np.flatnonzero(comparison.p_fwe < 0.05)  # corrected over the surface
+outward = np.einsum("ni,ni->n", comparison.pointwise.effect[0], directions)
 print(f"particles that differ: {where}, by {outward[where].round(2)} mm along the normal")
 if comparison.discriminant is not None:
     accuracy = comparison.discriminant.accuracy

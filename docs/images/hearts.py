@@ -42,7 +42,7 @@ def main(study: Path, folder: Path) -> None:
     )
 
     healthy = project.aligned[[group == "healthy" for group in project.groups]].mean(axis=0)
-    mean, moved = (project.surface(healthy + share * found.local.effect[0]) for share in (0.0, 1.0))
+    mean, moved = (project.surface(healthy + share * found.pointwise.effect[0]) for share in (0.0, 1.0))
     exact = exact_mean(study, project)
     upright, _ = Rotation.align_vectors(true[0].vertices, exact - exact.mean(axis=0))
     estimated = (

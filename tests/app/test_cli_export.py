@@ -164,7 +164,7 @@ def test_meshes_are_the_projects_own_surfaces_with_displacement(export, project,
         assert len(found.vertices) == len(vertices)
         ends = [found.vertices.min(axis=0), found.vertices.max(axis=0)]
         np.testing.assert_allclose(ends, [vertices.min(axis=0), vertices.max(axis=0)], atol=1e-4)
-    held = {"mode_01_plus_2sd": "displacement_mm", "group_long_mean": "p_family"}
+    held = {"mode_01_plus_2sd": "displacement_mm", "group_long_mean": "p_fwe"}
     for name, value in held.items():
         assert (value in listed[f"{name}.{suffix}"]["values_at_vertices"]) == (suffix != "stl")
 
@@ -189,7 +189,7 @@ def test_values_at_vertices_are_those_of_the_statistics(export, project):
     np.testing.assert_allclose(low["displacement_mm"], -high["displacement_mm"])
     assert np.abs(high["displacement_vector_mm"]).max() > 0.5
     long = values("group_long_mean")
-    assert set(long) == {"displacement_mm", "displacement_vector_mm", "p", "p_family", "q"}
+    assert set(long) == {"displacement_mm", "displacement_vector_mm", "p", "p_fwe", "q"}
     assert 0.0 < long["p"].min() <= long["p"].max() <= 1.0
     np.testing.assert_allclose(long["p"], values("group_short_mean")["p"])
     world = read_result(project).world

@@ -23,9 +23,9 @@ def _inside(figure):
 
 def _figures(theme):
     generator = np.random.default_rng(0)
-    variances = np.sort(generator.random(30))[::-1]
+    eigenvalues = np.sort(generator.random(30))[::-1]
     return {
-        "scree": plot_scree(variances, np.full(30, 0.5), 12, 95.0, theme=theme),
+        "scree": plot_scree(eigenvalues, np.full(30, 0.5), 12, 95.0, theme=theme),
         "scores": plot_scores(
             generator.normal(size=(9, 3)), np.array([0.5, 0.3, 0.2]), ["NOR", "HCM", "DCM"] * 3, theme=theme
         ),

@@ -107,8 +107,8 @@ def test_three_groups_are_analyzed_with_and_without_size_and_written_as_tables(p
     particles = _rows(folder / "particles_C_-_A.csv")
     top = max(particles, key=lambda row: float(row["mean_z_mm"]))
     assert float(top["outward_mm"]) == pytest.approx(4.0, abs=1.5)
-    assert float(top["p_family"]) <= 0.05
-    assert float(top["outward_p_family"]) <= 0.05
+    assert float(top["p_fwe"]) <= 0.05
+    assert float(top["outward_p_fwe"]) <= 0.05
     assert float(top["outward_t_welch"]) > 3.0
     assert [row["name"] for row in _rows(folder / "subjects.csv")][4] == HOSTILE
     assert (project.folder / "analysis" / "groups_group_A_B_C_without_size" / "tests.csv").is_file()

@@ -57,3 +57,10 @@ def test_the_spread_is_between_the_smallest_and_the_largest(tmp_path):
     (words,) = spread_words(answers)
     assert "p = 0.011 to p = 0.080 (1 of 2 significant)" in words
     assert "3.1 to 4.7 % of the surface" in words
+
+
+def test_answers_that_version_0_2_wrote_are_read(tmp_path):
+    write_spread(tmp_path, [ANSWER])
+    table = tmp_path / "seeds.csv"
+    table.write_text(table.read_text("utf-8").replace("p_fwe", "p_family"), "utf-8")
+    assert read_spread(tmp_path, "abc") == [ANSWER]

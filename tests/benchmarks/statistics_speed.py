@@ -15,10 +15,10 @@ import numpy as np
 from homolog.analysis.covariates import covariate_columns
 from homolog.analysis.design import group_design
 from homolog.analysis.discriminant import discriminant
-from homolog.analysis.local_map import local_map
 from homolog.analysis.mode_test import mode_test
 from homolog.analysis.null_simulation import null_simulation
 from homolog.analysis.parallel import parallel_analysis
+from homolog.analysis.pointwise_test import pointwise_test
 from homolog.analysis.shape_model import ShapeModel
 
 
@@ -45,16 +45,16 @@ def main() -> None:
     timed("shape model", lambda: ShapeModel.fit(shapes))
     timed("parallel analysis, 200 data sets", lambda: parallel_analysis(shapes))
     timed("whole shape, two groups (with parallel analysis)", lambda: mode_test(shapes, two))
-    timed("local map with largest statistic, two groups", lambda: local_map(shapes, two))
+    timed("pointwise tests with largest statistic, two groups", lambda: pointwise_test(shapes, two))
     timed("whole shape, two covariates (modes chosen in each)", lambda: mode_test(shapes, allowed))
-    timed("local map, two covariates", lambda: local_map(shapes, allowed))
+    timed("pointwise tests, two covariates", lambda: pointwise_test(shapes, allowed))
     timed("whole shape, three groups", lambda: mode_test(shapes, three))
-    timed("local map, three groups", lambda: local_map(shapes, three))
+    timed("pointwise tests, three groups", lambda: pointwise_test(shapes, three))
     timed(
         "discriminant, 20 x 10 folds, 1000 bootstraps, 499 permutations",
         lambda: discriminant(shapes, np.arange(34) > 15, 4),
     )
-    timed("null simulation, 1000 relabellings", lambda: null_simulation(shapes, two, modes=4))
+    timed("null simulation, 1000 permutations", lambda: null_simulation(shapes, two, modes=4))
     if arguments.large:
         large = generator.normal(size=(5000, 1024, 3))
         timed("shape model of 5000 subjects", lambda: ShapeModel.fit(large))

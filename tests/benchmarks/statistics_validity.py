@@ -21,10 +21,10 @@ from homolog.analysis.covariates import covariate_columns
 from homolog.analysis.design import Design, group_design, paired_design, regression_design
 from homolog.analysis.dispersion import dispersion_test
 from homolog.analysis.effects import size_effect
-from homolog.analysis.local_map import LocalStatistic
 from homolog.analysis.mode_test import ModeStatistic
-from homolog.analysis.permutation import permutation_p_value, relabellings
-from homolog.analysis.studentized import identity
+from homolog.analysis.permutation import draw_permutations, permutation_p_value
+from homolog.analysis.pointwise_test import PointwiseStatistic
+from homolog.analysis.studentized import observed_design
 from homolog.threads import on_one_thread
 
 PARTICLES = 128
@@ -142,21 +142,21 @@ def called(data: np.ndarray, design: Design, members: dict, seed: int) -> list[b
     """Say which tests call these shapes significant."""
     residuals = design.residuals(data.reshape(len(data), -1))
     whole = ModeStatistic(residuals, design, MODES, None)
-    local = LocalStatistic(residuals.reshape(data.shape), design)
+    local = PointwiseStatistic(residuals.reshape(data.shape), design)
     ratios, largest = [], []
-    for some in relabellings(design, PERMUTATIONS, chunk=PERMUTATIONS, seed=seed):
+    for some in draw_permutations(design, PERMUTATIONS, chunk=PERMUTATIONS, seed=seed):
         ratios.append(whole.studentized(some))
         largest.append(local.studentized(some).max(axis=1))
-    real = identity(design)
+    original = observed_design(design)
     # The size itself grows with the noise; its linear part does not, and differences of pairs have it too.
     size = (data * SPHERE).sum(axis=2).mean(axis=1) / 30.0
     alike = () if design.covariates.shape[1] else tuple(members.values())
     found = size_effect(size, design, alike, permutations=PERMUTATIONS, seed=seed + 1)
     spread = dispersion_test(data, design, MODES, members, permutations=PERMUTATIONS, seed=seed + 2)
     p = [
-        float(np.exp(whole.log_p(real)[0])),
-        float(permutation_p_value(whole.studentized(real), np.concatenate(ratios))[0]),
-        float(permutation_p_value(local.studentized(real).max(), np.concatenate(largest))),
+        float(np.exp(whole.log_p(original)[0])),
+        float(permutation_p_value(whole.studentized(original), np.concatenate(ratios))[0]),
+        float(permutation_p_value(local.studentized(original).max(), np.concatenate(largest))),
         1.0 if found is None else found.p,
         1.0 if spread is None else spread.p,
     ]

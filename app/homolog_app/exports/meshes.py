@@ -112,9 +112,9 @@ def _group_surfaces(
     study = compare(
         result, groups, settings.permutations, settings.seed, tick, alignment=Alignment.AS_IT_LIES
     )
-    local = study.overall.local
+    local = study.overall.pointwise
     nearest = KDTree(result.world.mean(axis=0)).query(result.mean_surface.vertices)[1]
-    tests = {"p": local.p[nearest], "p_family": local.p_family[nearest], "q": local.q[nearest]}
+    tests = {"p": local.p[nearest], "p_fwe": local.p_fwe[nearest], "q": local.q[nearest]}
     column, *names = groups
     return [
         _Named(

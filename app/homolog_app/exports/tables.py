@@ -94,7 +94,9 @@ def _write_modes(path: Path, result: Result, model: ShapeModel) -> None:
         np.cumsum(shares).tolist(), parallel.threshold.tolist(), strict=False,
     )  # fmt: skip
     write_table(
-        path, columns, ([mode, *row, int(mode <= parallel.kept)] for mode, row in enumerate(rows, start=1))
+        path,
+        columns,
+        ([mode, *row, int(mode <= parallel.n_retained)] for mode, row in enumerate(rows, start=1)),
     )
 
 

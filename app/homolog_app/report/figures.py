@@ -58,7 +58,7 @@ def model_figures(
             + ("; large open markers are the groups' means." if any(result.groups) else "."),
         )
     tick(0.2, "pictures of the modes")
-    shown = min(max(parallel.kept, 1), 3, len(model.explained_variance))
+    shown = min(max(parallel.n_retained, 1), 3, len(model.explained_variance))
     shares = model.explained_variance_ratio[:shown]
     moves = carrier.moved(model.components[:shown] * model.standard_deviations[:shown, None, None])
     yield ReportFigure(
@@ -89,7 +89,7 @@ def study_figures(study: Study, carrier: SurfaceCarrier, tick: Tick) -> Iterator
     stems = file_stems([f"{study.request.name}_{comparison.title}" for comparison in study.comparisons])
     for index, (item, stem) in enumerate(zip(study.comparisons, stems, strict=True)):
         tick(index / len(stems), f"maps of {item.title}")
-        if len(item.local.effect) > 1:
+        if len(item.pointwise.effect) > 1:
             continue
         yield ReportFigure(f"{stem}_map", map_figure(item, carrier), _map_caption(study, item), item.title)
         if item.discriminant is not None:
@@ -161,7 +161,7 @@ def discriminant_figure(study: Study, comparison: Comparison, theme: Theme = LIG
 
 def map_figure(comparison: Comparison, carrier: SurfaceCarrier, theme: Theme = LIGHT) -> Figure:
     """Draw the effect of a comparison of two, where it is significant, and its discriminant."""
-    mesh, effect = carrier.mean_of(comparison), carrier.moved(comparison.local.effect[0])
+    mesh, effect = carrier.mean_of(comparison), carrier.moved(comparison.pointwise.effect[0])
     significant = carrier.significant(comparison, LEVEL)
     rows = {
         "effect": (mesh, effect),
@@ -195,8 +195,8 @@ def _map_caption(study: Study, comparison: Comparison) -> str:
 
 def scree_figure(parallel: ParallelAnalysis, theme: Theme = LIGHT) -> Figure:
     """Draw the eigenvalues with the line that chance reaches."""
-    variances, threshold = parallel.variances, parallel.threshold
-    return plot_scree(variances, threshold, parallel.kept, parallel.percentile, theme=theme)
+    eigenvalues, threshold = parallel.eigenvalues, parallel.threshold
+    return plot_scree(eigenvalues, threshold, parallel.n_retained, parallel.percentile, theme=theme)
 
 
 def _scree_caption(parallel: ParallelAnalysis) -> str:

@@ -99,7 +99,7 @@ def correction_words(study: Study, *, size: bool = False) -> str:
 
 def region_words(study: Study, comparison: Comparison) -> str:
     """Return where the effect is significant: particles, area and its share of the surface."""
-    significant = comparison.p_family <= LEVEL
+    significant = comparison.p_fwe <= LEVEL
     if not significant.any():
         return f"none of {len(significant)} particles"
     area, whole = float(study.areas[significant].sum()), float(study.areas.sum())
@@ -200,9 +200,9 @@ def _dispersion_words(comparison: Comparison) -> str:
 
 
 def _excess(comparison: Comparison) -> float:
-    """Return how much more often F than the permutation test raises false alarms, on the same relabellings.
+    """Return how much more often F than the permutation test has false positives, on the same permutations.
 
-    The permutation test is exact; both rates share the chance of which relabellings were drawn.
+    The permutation test is exact; both rates are of the same permutations.
     """
     rates = {test.test: test.rate for test in comparison.false_positives}
     return rates.get(WHOLE_SHAPE_F, 0.0) - rates.get(WHOLE_SHAPE_PERMUTATION, 0.0)

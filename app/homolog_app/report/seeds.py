@@ -26,7 +26,7 @@ FILE = "seeds.csv"
 _FOLDER = "seeds"
 _COLUMNS = [
     "comparison", "seed_of_correspondence", "p_permutation_corrected", "mahalanobis_d_corrected",
-    "particles_p_family_corrected_05", "area_p_family_corrected_05_percent", "balanced_accuracy", "auc",
+    "particles_p_fwe_corrected_05", "area_p_fwe_corrected_05_percent", "balanced_accuracy", "auc",
     "size_effect_mm", "permutations", "result_fingerprint",
 ]  # fmt: skip
 
@@ -126,12 +126,16 @@ def read_spread(folder: Path, fingerprint: str) -> list[SeedAnswer]:
         return []
     try:
         with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.DictReader(stream))
+            # Version 0.2 wrote p_family for p_fwe.
+            rows = [
+                {str(column).replace("p_family", "p_fwe"): value for column, value in row.items()}
+                for row in csv.DictReader(stream)
+            ]
         repeats = [
             SeedAnswer(
                 row["comparison"], int(row["seed_of_correspondence"]), float(row["p_permutation_corrected"]),
-                _number(row["mahalanobis_d_corrected"]), int(row["particles_p_family_corrected_05"]),
-                float(row["area_p_family_corrected_05_percent"]), _number(row["balanced_accuracy"]),
+                _number(row["mahalanobis_d_corrected"]), int(row["particles_p_fwe_corrected_05"]),
+                float(row["area_p_fwe_corrected_05_percent"]), _number(row["balanced_accuracy"]),
                 _number(row["auc"]), _number(row["size_effect_mm"]), int(row["permutations"]),
                 row["result_fingerprint"],
             )
@@ -214,7 +218,7 @@ def _with_table(again: Result, result: Result) -> Result:
 def _answers(study: Study, seed: int, fingerprint: str) -> list[SeedAnswer]:
     rows = []
     for comparison in study.comparisons:
-        significant = comparison.p_family <= LEVEL
+        significant = comparison.p_fwe <= LEVEL
         area = float(study.areas[significant].sum()) / max(float(study.areas.sum()), 1e-300)
         line, size = comparison.discriminant, comparison.size
         rows.append(

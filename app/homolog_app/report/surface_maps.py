@@ -57,7 +57,7 @@ class SurfaceCarrier:
 
     def significant(self, comparison: Comparison, level: float) -> BoolArray:
         """Return whether the effect is significant at each vertex, corrected for all that is tested, (V,)."""
-        significant: BoolArray = comparison.p_family[self.nearest] <= level
+        significant: BoolArray = comparison.p_fwe[self.nearest] <= level
         return significant
 
     def discriminant_is_firm(self, comparison: Comparison) -> BoolArray:

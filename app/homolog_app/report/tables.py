@@ -62,7 +62,7 @@ def write_study_tables(
 
     write(
         "null_simulation.csv",
-        ["comparison", "test", "false_alarms", "repeats", "rate", "low_95", "high_95"],
+        ["comparison", "test", "false_positives", "repeats", "rate", "low_95", "high_95"],
         (
             [comparison.title, test.test, test.false_positives, test.repeats, test.rate, test.low, test.high]
             for comparison in study.comparisons
@@ -146,11 +146,11 @@ def _provenance(request: StudyRequest, answered: Answered) -> dict[str, _Cell]:
 def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
     test, local, separation, spread = (
         comparison.test,
-        comparison.local,
+        comparison.pointwise,
         comparison.discriminant,
         comparison.dispersion,
     )
-    significant = comparison.p_family <= LEVEL
+    significant = comparison.p_fwe <= LEVEL
     area = float(study.areas[significant].sum())
     regression = study.request.kind == "regression"
     return {
@@ -178,10 +178,10 @@ def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
         "dispersion_ratio": None if spread is None else spread.ratio,
         "dispersion_f": None if spread is None else spread.f,
         "dispersion_p": None if spread is None else spread.p,
-        "particles": len(comparison.p_family),
-        "particles_p_family_corrected_05": int(np.count_nonzero(significant)),
-        "area_p_family_corrected_05_mm2": area,
-        "area_p_family_corrected_05_percent": 100.0 * area / max(float(study.areas.sum()), 1e-300),
+        "particles": len(comparison.p_fwe),
+        "particles_p_fwe_corrected_05": int(np.count_nonzero(significant)),
+        "area_p_fwe_corrected_05_mm2": area,
+        "area_p_fwe_corrected_05_percent": 100.0 * area / max(float(study.areas.sum()), 1e-300),
         "particles_q_05": int(np.count_nonzero(local.q <= LEVEL)),
         **_effect("size_effect_mm", comparison.size),
         "size_p_permutation": None if comparison.size is None else comparison.size.p,
@@ -211,18 +211,18 @@ def _particles(
     per = "_per_unit" if study.request.kind == "regression" else ""
     columns = ["particle", "area_mm2", "mean_x_mm", "mean_y_mm", "mean_z_mm"]
     values = [study.areas[:, None], comparison.mean]
-    for index, effect in enumerate(comparison.local.effect, start=1):
-        suffix = f"_{index}" if len(comparison.local.effect) > 1 else ""
+    for index, effect in enumerate(comparison.pointwise.effect, start=1):
+        suffix = f"_{index}" if len(comparison.pointwise.effect) > 1 else ""
         columns += [f"effect_{axis}{suffix}_mm{per}" for axis in "xyz"] + [f"outward{suffix}_mm{per}"]
         values += [effect, carrier.outward_at_particles(comparison, effect)[:, None]]
-    if len(comparison.local.effect) == 1:
+    if len(comparison.pointwise.effect) == 1:
         columns += [f"outward_low_95_mm{per}", f"outward_high_95_mm{per}"]
-        values += [np.column_stack(comparison.local.bounds(carrier.normals_at_particles(comparison)))]
+        values += [np.column_stack(comparison.pointwise.bounds(carrier.normals_at_particles(comparison)))]
     if comparison.discriminant is not None:
         columns += ["discriminant_outward_mm"]
         values += [carrier.outward_at_particles(comparison, comparison.discriminant.displacement)[:, None]]
-    columns += ["explained", "p_f", "studentized_statistic", "p", "p_family", "p_family_corrected", "q"]
-    local = comparison.local
+    columns += ["explained", "p_f", "studentized_statistic", "p", "p_fwe", "p_fwe_corrected", "q"]
+    local = comparison.pointwise
     values += [
         np.column_stack(
             [
@@ -230,16 +230,16 @@ def _particles(
                 local.p_f,
                 local.studentized,
                 local.p,
-                local.p_family,
-                comparison.p_family,
+                local.p_fwe,
+                comparison.p_fwe,
                 local.q,
             ]
         )
     ]
     if comparison.discriminant is not None and not study.request.covariates:
         welch = _outward_test(study, comparison, result, carrier)
-        columns += ["outward_t_welch", "outward_p_welch", "outward_p_family", "outward_q"]
-        values += [np.column_stack([welch.t, welch.p, welch.p_family, welch.q])]
+        columns += ["outward_t_welch", "outward_p_welch", "outward_p_fwe", "outward_q"]
+        values += [np.column_stack([welch.t, welch.p, welch.p_fwe, welch.q])]
     table = np.hstack(values).tolist()
     return columns, ([number, *row] for number, row in enumerate(table))
 

@@ -8,9 +8,9 @@ from homolog.analysis.design import Design
 from homolog.analysis.discriminant import Discriminant
 from homolog.analysis.dispersion import Dispersion, dispersion_test
 from homolog.analysis.effects import Effect, corrected_distance, size_effect
-from homolog.analysis.local_map import LocalMap, local_map
 from homolog.analysis.mode_test import ModeTest, mode_test
 from homolog.analysis.null_simulation import FalsePositives, null_simulation
+from homolog.analysis.pointwise_test import PointwiseTest, pointwise_test
 from homolog.analysis.procrustes import Alignment, aligned, rms_radii
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.progress import Tick, part_of
@@ -30,13 +30,13 @@ class Options:
     modes : int or None
         Number of modes; by parallel analysis if not given.
     permutations : int
-        Relabellings of each test.
+        Permutations of each test.
     bootstraps : int
-        Cohorts drawn for the bounds of the discriminant.
+        Bootstrap samples for the bounds of the discriminant.
     classifications : int
-        Relabellings for the p-values of the discriminant's accuracy and AUC.
+        Permutations for the p-values of the discriminant's accuracy and AUC.
     null_repeats : int
-        Relabellings of the null simulation; 0 leaves it out.
+        Permutations of the null simulation; 0 omits it.
     answers : int
         Answers to the same question that are reported together, such as form and shape: p-values of the whole
         shape, of particles and of the discriminant are corrected for their number (Bonferroni).
@@ -73,21 +73,21 @@ class Comparison:
         Mean shape of those subjects [mm].
     test : ModeTest
         Of the whole shape.
-    local : LocalMap
+    pointwise : PointwiseTest
         At every particle; its effect is the difference, or the change per unit [mm].
     size : Effect or None
         Difference in size, or change per unit [mm], with permutation p; None where size itself is tested or
-        allowed for.
+        adjusted for.
     distance : Effect or None
-        Mahalanobis distance of the means (or length of the change per unit) in the kept modes, corrected for
-        its bias.
+        Mahalanobis distance of the means (or length of the change per unit) in the retained modes, corrected
+        for its bias.
     dispersion : Dispersion or None
         Whether groups scatter alike; None for pairs.
     discriminant : Discriminant or None
         For two groups, if at least one mode is kept.
     p_adjusted : float
         Permutation p of the whole shape, corrected for pairs of groups (Holm) and answers (Bonferroni).
-    p_family : (N,) array
+    p_fwe : (N,) array
         Permutation p of each particle, corrected over the surface, pairs (Holm) and answers (Bonferroni).
     size_p_adjusted : float or None
         Permutation p of size, corrected for several pairs of groups (Holm).
@@ -107,13 +107,13 @@ class Comparison:
     counts: dict[str, int]
     mean: FloatArray
     test: ModeTest
-    local: LocalMap
+    pointwise: PointwiseTest
     size: Effect | None
     distance: Effect | None
     dispersion: Dispersion | None
     discriminant: Discriminant | None
     p_adjusted: float
-    p_family: FloatArray
+    p_fwe: FloatArray
     size_p_adjusted: float | None
     false_positives: tuple[FalsePositives, ...]
     notes: tuple[str, ...] = ()
@@ -123,7 +123,7 @@ class Comparison:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("subjects", "mean", "p_family"):
+        for name in ("subjects", "mean", "p_fwe"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
@@ -174,7 +174,7 @@ def run_comparison(
     drawn = {"permutations": options.permutations, "seed": options.seed}
     test = mode_test(data, design, modes=options.modes, **drawn, tick=part_of(tick, 0.0, 0.4))
     alike = () if design.covariates.shape[1] else tuple(members.values())
-    local = local_map(data, design, members=alike, **drawn, tick=part_of(tick, 0.4, 0.8))
+    pointwise = pointwise_test(data, design, members=alike, **drawn, tick=part_of(tick, 0.4, 0.8))
     false_positives: tuple[FalsePositives, ...] = ()
     if options.null_repeats and test.modes:
         false_positives = null_simulation(
@@ -192,13 +192,13 @@ def run_comparison(
         counts=counts,
         mean=data.mean(axis=0) if mean is None else mean,
         test=test,
-        local=local,
+        pointwise=pointwise,
         size=effect,
         distance=_distance(test, design),
         dispersion=dispersion_test(data, design, test.modes, members, **drawn),
         discriminant=None,
         p_adjusted=min(options.answers * test.p_permutation, 1.0),
-        p_family=np.minimum(options.answers * local.p_family, 1.0),
+        p_fwe=np.minimum(options.answers * pointwise.p_fwe, 1.0),
         size_p_adjusted=None if effect is None else effect.p,
         false_positives=false_positives,
     )

@@ -1,7 +1,7 @@
-"""Linear designs: what is tested, what is only allowed for, and what may be exchanged under the null.
+"""Linear designs: what is tested, what is adjusted for, and what may be exchanged under the null.
 
 Two groups, several groups, a continuous variable and paired subjects are one kind of test: columns that
-are tested, beside nuisance columns (the intercept and covariates).
+are tested, and nuisance columns (the intercept and covariates).
 """
 
 from collections.abc import Sequence
@@ -70,7 +70,7 @@ class Design:
         return rest
 
     def coefficients(self, data: FloatArray) -> FloatArray:
-        """Return the least-squares coefficients (d, P) of the tested columns, nuisance allowed for."""
+        """Return the least-squares coefficients (d, P) of the tested columns, adjusted for the others."""
         return np.asarray(np.linalg.lstsq(self.columns, data, rcond=None)[0], np.float64)
 
 

@@ -17,7 +17,7 @@ __all__ = ["Discriminant", "discriminant", "shrunk_covariance"]
 
 _MOST_FOLDS = 10
 _REPEATS_OF_P = 2
-"""Repeats of the cross-validation in each relabelling; the real labels are judged by as many of theirs."""
+"""Repeats of the cross-validation in each permutation, and for the observed accuracy that is compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,7 +121,7 @@ def discriminant(
     bootstraps : int
         Cohorts drawn for the bounds.
     permutations : int
-        Relabellings for the p-values of accuracy and AUC; 0 leaves them out. With covariates, rows of
+        Permutations for the p-values of accuracy and AUC; 0 leaves them out. With covariates, rows of
         labels and covariates are exchanged together.
     seed : int
         Same seed, same result.
@@ -161,7 +161,7 @@ def discriminant(
     ]
     measured = np.array([_rates(places, second) for places in rounds])
     accuracy, auc = (float(item) for item in measured.mean(axis=0))
-    relabelled = np.empty((permutations, 2))
+    null_rates = np.empty((permutations, 2))
     for entry in range(permutations):
         tick(0.6 + 0.4 * entry / permutations, "permutations of the discriminant")
         order = generator.permutation(len(second))
@@ -169,11 +169,11 @@ def discriminant(
             _rates(_round(gram, second[order], extra[order], modes, folds, generator, no_tick), second[order])
             for _ in range(_REPEATS_OF_P)
         ]
-        relabelled[entry] = np.mean(rates, axis=0)
+        null_rates[entry] = np.mean(rates, axis=0)
     compared = measured[:_REPEATS_OF_P].mean(axis=0)
     p = [
         float(permutation_p_value(item, column)) if permutations else None
-        for item, column in zip(compared, relabelled.T, strict=True)
+        for item, column in zip(compared, null_rates.T, strict=True)
     ]
     places = np.mean(rounds, axis=0)
     right = np.mean([(item > 0.0) == second for item in rounds], axis=0)

@@ -1,6 +1,6 @@
 """The test of equal dispersion: whether the subjects of one group scatter more than those of another.
 
-Each subject's distance to its group's centroid in the kept modes is compared between the groups (Anderson
+Each subject's distance to its group's centroid in the retained modes is compared between the groups (Anderson
 2006, PERMDISP). Without groups, residuals are compared along the variable (Breusch and Pagan's idea).
 """
 
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.analysis.design import Design, Exchange
-from homolog.analysis.permutation import permutation_p_value, relabelling_count, relabellings
-from homolog.analysis.studentized import identity
+from homolog.analysis.permutation import draw_permutations, permutation_count, permutation_p_value
+from homolog.analysis.studentized import observed_design
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.threads import on_one_thread
 
@@ -26,8 +26,8 @@ class Dispersion:
     Attributes
     ----------
     distances : (M,) array
-        Distance of each subject to its group's centroid, or to its fitted shape, in the kept modes: root mean
-        square over the particles [mm], made larger by what fitting the centroid took.
+        Distance of each subject to its group's centroid, or to its fitted shape, in the retained modes: root
+        mean square over the particles [mm], corrected for fitting the centroid.
     by_group : dict
         Mean distance in each group [mm]; empty without groups.
     f : float
@@ -94,20 +94,19 @@ def dispersion_test(
     scores = vectors[:, ::-1][:, :modes] * np.sqrt(np.clip(squares[::-1][:modes], 0.0, None))
     rest = scores - design.tested @ (design.tested.T @ scores)
     columns = np.hstack([design.nuisance, design.tested])
-    room = np.maximum(1.0 - np.square(columns).sum(axis=1), 1e-6)
-    distances = np.sqrt(np.square(rest).sum(axis=1) / room / particles.shape[1])
+    leverage_left = np.maximum(1.0 - np.square(columns).sum(axis=1), 1e-6)
+    distances = np.sqrt(np.square(rest).sum(axis=1) / leverage_left / particles.shape[1])
     # Permuting what nuisance columns leave holds the level better than permuting residuals of all columns.
     values = design.residuals(distances[:, None])[:, 0]
-    observed = _ratio(values, design, identity(design).tested)
-    count, _ = relabelling_count(design, permutations)
-    drawn, done = np.empty(count), 0
-    for some in relabellings(design, permutations, chunk=_CHUNK, seed=seed):
-        drawn[done : done + len(some.tested)] = _ratio(values, design, some.tested)
+    observed = _ratio(values, design, observed_design(design).tested)
+    count, _ = permutation_count(design, permutations)
+    null_statistics, done = np.empty(count), 0
+    for some in draw_permutations(design, permutations, chunk=_CHUNK, seed=seed):
+        null_statistics[done : done + len(some.tested)] = _ratio(values, design, some.tested)
         done += len(some.tested)
     by_group = {name: float(distances[own].mean()) for name, own in members.items()}
-    return Dispersion(
-        distances, by_group, float(observed[0]), float(permutation_p_value(observed, drawn)[0]), count
-    )
+    p = float(permutation_p_value(observed, null_statistics)[0])
+    return Dispersion(distances, by_group, float(observed[0]), p, count)
 
 
 def _ratio(values: FloatArray, design: Design, tested: FloatArray) -> FloatArray:

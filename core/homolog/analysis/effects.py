@@ -7,8 +7,19 @@ import numpy as np
 from scipy import optimize, stats
 
 from homolog.analysis.design import Design
-from homolog.analysis.permutation import Relabelling, permutation_p_value, relabelling_count, relabellings
-from homolog.analysis.studentized import WelchStatistic, equalized, identity, null_weights, studentized_ratio
+from homolog.analysis.permutation import (
+    PermutedDesigns,
+    draw_permutations,
+    permutation_count,
+    permutation_p_value,
+)
+from homolog.analysis.studentized import (
+    WelchStatistic,
+    equalize_groups,
+    null_weights,
+    observed_design,
+    studentized_ratio,
+)
 from homolog.arrays import BoolArray, FloatArray
 from homolog.threads import on_one_thread
 
@@ -16,8 +27,8 @@ __all__ = ["CONFIDENCE", "Effect", "corrected_distance", "effect_bounds", "size_
 
 CONFIDENCE = 0.95
 _CHUNK = 500
-_NOTHING = 1e-9
-"""Part of the size's own variation below which nothing is left to be tested: it is what is allowed for."""
+_NEGLIGIBLE = 1e-9
+"""Fraction of the variation of size below which nothing is left to be tested: size is adjusted for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +42,7 @@ class Effect:
     p : float or None
         Two-sided (for accuracy and AUC: one-sided) permutation p-value; None if not tested.
     permutations : int
-        Number of relabellings of that; 0 if not tested.
+        Number of permutations of that; 0 if not tested.
     """
 
     value: float
@@ -114,7 +125,7 @@ def effect_bounds(
     residuals = design.residuals(values)
     along = column @ residuals
     rest = residuals - column[:, None] * along
-    parts = null_weights(identity(design), design)[0][:, None] * np.square(rest)
+    parts = null_weights(observed_design(design), design)[0][:, None] * np.square(rest)
     variance = parts.sum(axis=0)
     dof = np.full(values.shape[1], float(design.error_dof))
     if members:
@@ -154,27 +165,27 @@ def size_effect(
     -------
     Effect or None
         Difference or change per unit [mm]; value and bounds are NaN for more than two groups. None if size
-        is what is tested or allowed for.
+        is what is tested or adjusted for.
     """
     residuals = design.residuals(size[:, None])
     spread = float(np.square(size - (size.mean() if design.nuisance.shape[1] else 0.0)).sum())
     left = residuals - design.tested @ (design.tested.T @ residuals)
-    if spread == 0.0 or float(np.square(left).sum()) <= _NOTHING * spread:
+    if spread == 0.0 or float(np.square(left).sum()) <= _NEGLIGIBLE * spread:
         return None
-    count, exact = relabelling_count(design, permutations)
-    groups = equalized(residuals, design, scaled=not exact)
+    count, exact = permutation_count(design, permutations)
+    groups = equalize_groups(residuals, design, scaled=not exact)
     welch = None if groups is None else WelchStatistic(groups.values[None], np.ones(1), groups, design)
 
-    def statistic(some: Relabelling) -> FloatArray:
+    def statistic(some: PermutedDesigns) -> FloatArray:
         if welch is not None:
             return welch.deviate(some)[:, 0]
         rest = residuals[None, :, :]
         rest = rest - some.covariates @ (np.swapaxes(some.covariates, 1, 2) @ rest)
         return studentized_ratio(rest, some, design)
 
-    some = relabellings(design, permutations, chunk=_CHUNK, seed=seed)
-    drawn = np.concatenate([statistic(each) for each in some])
-    p = float(permutation_p_value(statistic(identity(design)), drawn)[0])
+    some = draw_permutations(design, permutations, chunk=_CHUNK, seed=seed)
+    null_statistics = np.concatenate([statistic(each) for each in some])
+    p = float(permutation_p_value(statistic(observed_design(design)), null_statistics)[0])
     if design.tested.shape[1] > 1:
         return Effect(float("nan"), float("nan"), float("nan"), p, count)
     value, low, high = (

@@ -59,24 +59,18 @@ def compare_measure(values: FloatArray, groups: Sequence[str]) -> GroupMeasure:
     labels = np.array(groups, dtype=object)
     used = np.isfinite(values) & (labels != "")
     names = tuple(sorted(set(labels[used].tolist())))
-    parts = [np.asarray(values[used & (labels == name)], np.float64) for name in names]
+    values_by_group = [np.asarray(values[used & (labels == name)], np.float64) for name in names]
     return GroupMeasure(
         names,
-        tuple(len(part) for part in parts),
-        tuple(float(part.mean()) for part in parts),
-        tuple(float(part.std(ddof=1)) if len(part) > 1 else float("nan") for part in parts),
-        _welch(parts),
+        tuple(len(part) for part in values_by_group),
+        tuple(float(part.mean()) for part in values_by_group),
+        tuple(float(part.std(ddof=1)) if len(part) > 1 else float("nan") for part in values_by_group),
+        _welch_p(values_by_group),
     )
 
 
-def _welch(parts: Sequence[FloatArray]) -> float | None:
+def _welch_p(values_by_group: Sequence[FloatArray]) -> float | None:
     """Return the p-value of Welch's analysis of variance; None where a group has no variance."""
-    if len(parts) < 2 or any(len(part) < 2 or part.var() <= 0.0 for part in parts):
+    if len(values_by_group) < 2 or any(len(part) < 2 or part.var() <= 0.0 for part in values_by_group):
         return None
-    counts, means = np.array([len(part) for part in parts]), np.array([part.mean() for part in parts])
-    weights = counts / np.array([part.var(ddof=1) for part in parts])
-    k, total = len(parts), weights.sum()
-    between = float(weights @ (means - weights @ means / total) ** 2) / (k - 1)
-    doubt = float(((1.0 - weights / total) ** 2 / (counts - 1)).sum())
-    f = between / (1.0 + 2.0 * (k - 2) / (k**2 - 1) * doubt)
-    return float(stats.f.sf(f, k - 1, (k**2 - 1) / (3.0 * doubt)))
+    return float(stats.f_oneway(*values_by_group, equal_var=False).pvalue)

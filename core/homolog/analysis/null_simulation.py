@@ -13,9 +13,9 @@ from scipy import stats
 
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.design import Design
-from homolog.analysis.local_map import LocalStatistic
 from homolog.analysis.mode_test import ModeStatistic
-from homolog.analysis.permutation import permutation_p_value, relabelling_count, relabellings
+from homolog.analysis.permutation import draw_permutations, permutation_count, permutation_p_value
+from homolog.analysis.pointwise_test import PointwiseStatistic
 from homolog.analysis.wilks import wilks_p
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, no_tick
@@ -73,8 +73,8 @@ def null_simulation(
 ) -> tuple[FalsePositives, ...]:
     """Exchange the labels many times and count how often each test finds something.
 
-    The permutation tests of all relabellings share one set of permutations, drawn apart from them: without
-    covariates the permutation distribution is the same for every relabelling.
+    The permutation tests of all permutations share one set of permutations, drawn apart from them: without
+    covariates the permutation distribution is the same for every permutation.
 
     Parameters
     ----------
@@ -85,9 +85,9 @@ def null_simulation(
     modes : int
         Number of modes of the test of whole shapes, at least 1.
     repeats : int
-        Relabellings taken as if they were the truth.
+        Permutations taken as if they were the truth.
     permutations : int
-        Relabellings that give the permutation tests' distribution.
+        Permutations that give the permutation tests' distribution.
     alpha : float
         Level that each test claims.
     seed : int
@@ -102,11 +102,11 @@ def null_simulation(
     shapes = checked_particles(particles)
     residuals = design.residuals(shapes.reshape(len(shapes), -1))
     whole = ModeStatistic(residuals, design, modes, None, scaled=False)
-    local = LocalStatistic(residuals.reshape(shapes.shape), design, scaled=False)
-    count, _ = relabelling_count(design, permutations)
+    local = PointwiseStatistic(residuals.reshape(shapes.shape), design, scaled=False)
+    count, _ = permutation_count(design, permutations)
     reference, reference_largest = np.empty(count), np.empty(count)
     total, done = count + repeats, 0
-    for some in relabellings(design, permutations, chunk=_CHUNK, seed=seed):
+    for some in draw_permutations(design, permutations, chunk=_CHUNK, seed=seed):
         tick(done / total, "null simulation: permutation distribution")
         rows = slice(done, done + len(some.tested))
         reference[rows] = whole.studentized(some)
@@ -114,7 +114,7 @@ def null_simulation(
         done = rows.stop
     names = (WHOLE_SHAPE_F, WHOLE_SHAPE_PERMUTATION, _FAMILY_WISE, _NOT_CORRECTED)
     false_positives = np.zeros(len(names), np.int64)
-    for some in relabellings(design, repeats, chunk=_CHUNK, seed=seed + 1, exhaustive=False):
+    for some in draw_permutations(design, repeats, chunk=_CHUNK, seed=seed + 1, exhaustive=False):
         tick(done / total, "null simulation: type I error rates")
         explained = local.explained(some)
         p = wilks_p(1.0 - explained, local.variables, design.tested.shape[1], design.error_dof)

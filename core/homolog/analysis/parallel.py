@@ -1,4 +1,4 @@
-"""Parallel analysis: how many modes hold more variance than chance gives (Horn 1965)."""
+"""Parallel analysis: how many modes have more variance than uncorrelated data (Horn 1965)."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -13,10 +13,10 @@ __all__ = ["Null", "ParallelAnalysis", "parallel_analysis"]
 
 
 class Null(StrEnum):
-    """What chance is."""
+    """How null data are made."""
 
     PERMUTATION = "permutation"
-    """Each coordinate is shuffled among the subjects by itself: its distribution stays, correlation goes."""
+    """Each coordinate is permuted among the subjects by itself: distributions stay, correlations vanish."""
     GAUSSIAN = "gaussian"
     """Each coordinate is drawn from a normal distribution with the variance it has in the data."""
     SIGNS = "signs"
@@ -25,17 +25,17 @@ class Null(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParallelAnalysis:
-    """Eigenvalues of the data beside those of data without correlation. Arrays are read-only.
+    """Eigenvalues of the data and of data without correlation. Arrays are read-only.
 
     Attributes
     ----------
-    variances : (K,) array
+    eigenvalues : (K,) array
         Eigenvalues of the data [mm²].
     threshold : (K,) array
         Percentile of each eigenvalue under the null [mm²].
     null_mean : (K,) array
         Mean of each eigenvalue under the null [mm²].
-    kept : int
+    n_retained : int
         Leading modes above the threshold, up to the first that is not.
     null : Null
         The kind of null data.
@@ -45,17 +45,17 @@ class ParallelAnalysis:
         Number of null data sets.
     """
 
-    variances: FloatArray
+    eigenvalues: FloatArray
     threshold: FloatArray
     null_mean: FloatArray
-    kept: int
+    n_retained: int
     null: Null
     percentile: float
     repeats: int
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("variances", "threshold", "null_mean"):
+        for name in ("eigenvalues", "threshold", "null_mean"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
 
@@ -70,7 +70,7 @@ def parallel_analysis(
     seed: int = 0,
     tick: Tick = no_tick,
 ) -> ParallelAnalysis:
-    """Count the modes whose variance is above that of the same mode in data without correlation.
+    """Count the modes whose variance exceeds that of the same mode in uncorrelated data.
 
     Parameters
     ----------
@@ -80,11 +80,11 @@ def parallel_analysis(
         Orthonormal columns that are regressed out of data and null alike; by default the intercept, so
         that rows are centred. With no columns rows stay as they are.
     null : Null
-        What chance is.
+        How null data are made.
     repeats : int
-        Null data sets drawn.
+        Number of null data sets.
     percentile : float
-        A mode is kept above this percentile of its null distribution.
+        A mode is retained above this percentile of its null distribution.
     seed : int
         Same seed, same result.
     tick : Tick
@@ -103,16 +103,17 @@ def parallel_analysis(
     # Shuffled residuals have lost the covariates' share of their variance a second time.
     restored = (subjects - 1) / dof if nuisance.shape[1] else 1.0
     generator = np.random.default_rng(seed)
-    drawn = np.empty((repeats, modes))
+    null_eigenvalues = np.empty((repeats, modes))
     for repeat in range(repeats):
         tick(repeat / repeats, "parallel analysis")
-        chance = _without(_null_rows(rows, null, generator), nuisance)
-        drawn[repeat] = _spectrum(chance)[:modes] * (restored / dof)
-    variances = _spectrum(rows)[:modes] / dof
-    threshold = np.percentile(drawn, percentile, axis=0)
-    above = variances > threshold
-    kept = modes if above.all() else int(above.argmin())
-    return ParallelAnalysis(variances, threshold, drawn.mean(axis=0), kept, null, percentile, repeats)
+        null_rows = _without(_null_rows(rows, null, generator), nuisance)
+        null_eigenvalues[repeat] = _spectrum(null_rows)[:modes] * (restored / dof)
+    eigenvalues = _spectrum(rows)[:modes] / dof
+    threshold = np.percentile(null_eigenvalues, percentile, axis=0)
+    above = eigenvalues > threshold
+    n_retained = modes if above.all() else int(above.argmin())
+    null_mean = null_eigenvalues.mean(axis=0)
+    return ParallelAnalysis(eigenvalues, threshold, null_mean, n_retained, null, percentile, repeats)
 
 
 def _null_rows(rows: FloatArray, null: Null, generator: np.random.Generator) -> FloatArray:

@@ -16,15 +16,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.analysis.design import Design, Exchange
-from homolog.analysis.permutation import Relabelling
+from homolog.analysis.permutation import PermutedDesigns
 from homolog.arrays import FloatArray, frozen
 
-__all__ = ["EqualizedGroups", "WelchStatistic", "equalized", "identity", "null_weights", "studentized_ratio"]
+__all__ = [
+    "EqualizedGroups",
+    "WelchStatistic",
+    "equalize_groups",
+    "null_weights",
+    "observed_design",
+    "studentized_ratio",
+]
 
-_LEAST_ROOM = 1e-6
-"""A residual is divided by no less than this: with a leverage of one it is zero."""
-_FLAT = 1e-20
-"""Sum of squares where nothing varies, of standardized coordinates."""
+_MIN_RESIDUAL_FRACTION = 1e-6
+"""Lower bound of 1 - leverage, and of variances relative to the largest, where these divide."""
+_MIN_SQUARES = 1e-20
+"""Lower bound of the sum of squares of standardized coordinates, where nothing varies."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +58,7 @@ class EqualizedGroups:
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
 
-def equalized(values: FloatArray, design: Design, *, scaled: bool = True) -> EqualizedGroups | None:
+def equalize_groups(values: FloatArray, design: Design, *, scaled: bool = True) -> EqualizedGroups | None:
     """Scale groups to one dispersion; None if the design has covariates, a variable or pairs.
 
     Parameters
@@ -59,12 +66,12 @@ def equalized(values: FloatArray, design: Design, *, scaled: bool = True) -> Equ
     values : (M, P) array
         Data with the intercept regressed out.
     design : Design
-        With the real labels.
+        With the observed labels.
     scaled : bool
         Whether to scale; the dispersions are taken as equal otherwise, and the permutation test is exact
         for exchangeable subjects.
     """
-    memberships = _memberships(identity(design), design)
+    memberships = _memberships(observed_design(design), design)
     if memberships is None:
         return None
     members = memberships[0]
@@ -74,7 +81,7 @@ def equalized(values: FloatArray, design: Design, *, scaled: bool = True) -> Equ
     means = members @ values / counts[:, None]
     rest = values - members.T @ means
     variances = members @ np.square(rest).sum(axis=1) / np.maximum(counts - 1.0, 1.0)
-    variances = np.maximum(variances, _LEAST_ROOM * variances.max())
+    variances = np.maximum(variances, _MIN_RESIDUAL_FRACTION * variances.max())
     if not variances.max() > 0.0:
         return EqualizedGroups(values, np.ones(len(members)), 0.0)
     dispersions = np.sqrt(variances / np.exp(np.log(variances).mean()))
@@ -87,14 +94,14 @@ def equalized(values: FloatArray, design: Design, *, scaled: bool = True) -> Equ
 
 
 class WelchStatistic:
-    """Welch's F of groups at every place of a surface, for any relabelling of a design of groups.
+    """Welch's F of groups at every point of a surface, for any permutation of a design of groups.
 
     Parameters
     ----------
     coordinates : (v, M, N) array
         Of the equalized groups, standardized: of about one variance within a group.
     varying : (N,) array
-        How many of the v coordinates vary at each place, at least 1.
+        How many of the v coordinates vary at each point, at least 1.
     groups : EqualizedGroups
         The dispersions that are restored.
     design : Design
@@ -109,9 +116,9 @@ class WelchStatistic:
         self._dispersions = groups.dispersions[:, None]
         self._mean_spread = groups.mean_spread
 
-    def f(self, relabelling: Relabelling) -> tuple[FloatArray, FloatArray]:
+    def f(self, permuted: PermutedDesigns) -> tuple[FloatArray, FloatArray]:
         """Return F and the degrees of freedom of its denominator (Welch 1951), (c, N) each."""
-        memberships = _memberships(relabelling, self._design)
+        memberships = _memberships(permuted, self._design)
         if memberships is None:
             raise ValueError("the design is not one of groups alone")
         draws, groups, subjects = memberships.shape
@@ -120,10 +127,10 @@ class WelchStatistic:
         free = np.maximum(counts - 1.0, 1.0)
         squares = (flat @ self._squares).reshape(draws, groups, -1)
         means = np.stack([(flat @ axis).reshape(draws, groups, -1) for axis in self._coordinates]) / counts
-        within = np.maximum(squares - counts * np.square(means).sum(axis=0), _LEAST_ROOM * squares)
-        within = np.maximum(within * np.square(self._dispersions), _FLAT)
-        if relabelling.signs is not None and self._mean_spread:
-            means += np.stack([self._random_mean(relabelling.signs, axis) for axis in self._coordinates])
+        within = np.maximum(squares - counts * np.square(means).sum(axis=0), _MIN_RESIDUAL_FRACTION * squares)
+        within = np.maximum(within * np.square(self._dispersions), _MIN_SQUARES)
+        if permuted.signs is not None and self._mean_spread:
+            means += np.stack([self._random_mean(permuted.signs, axis) for axis in self._coordinates])
         means *= self._dispersions
         weights = counts * self._varying * free / within
         total = weights.sum(axis=1)
@@ -135,9 +142,9 @@ class WelchStatistic:
         ratio /= 1.0 + 2.0 * (groups - 2.0) / (groups**2 - 1.0) * spread
         return ratio, (groups**2 - 1.0) / (3.0 * spread)
 
-    def deviate(self, relabelling: Relabelling) -> FloatArray:
+    def deviate(self, permuted: PermutedDesigns) -> FloatArray:
         """Return the normal deviate that is as unlikely as F, (c, N)."""
-        ratio, dof = self.f(relabelling)
+        ratio, dof = self.f(permuted)
         across = self._varying * float(self._design.tested.shape[1])
         of_numerator, of_denominator = 2.0 / (9.0 * across), 2.0 / (9.0 * dof)
         root = np.cbrt(ratio)
@@ -152,7 +159,7 @@ class WelchStatistic:
         return drawn
 
 
-def _memberships(relabelling: Relabelling, design: Design) -> FloatArray | None:
+def _memberships(permuted: PermutedDesigns, design: Design) -> FloatArray | None:
     """Return who is in which group, (c, K, M) of 0 and 1; None if anything else than groups is in the design.
 
     The intercept and the tested columns of K groups span the groups' indicators.
@@ -164,43 +171,43 @@ def _memberships(relabelling: Relabelling, design: Design) -> FloatArray | None:
         return None
     intercept = len(design.tested) ** -0.5
     solved = np.linalg.inv(np.column_stack([np.full(len(rows), intercept), rows]))
-    memberships = np.round(intercept * solved[0] + relabelling.tested @ solved[1:])
+    memberships = np.round(intercept * solved[0] + permuted.tested @ solved[1:])
     return np.ascontiguousarray(memberships.swapaxes(1, 2))
 
 
-def identity(design: Design) -> Relabelling:
-    """Return the real labels as a relabelling."""
-    return Relabelling(design.tested[None], design.covariates[None])
+def observed_design(design: Design) -> PermutedDesigns:
+    """Return the design itself, as the identity permutation."""
+    return PermutedDesigns(design.tested[None], design.covariates[None])
 
 
-def null_weights(relabelling: Relabelling, design: Design) -> FloatArray:
+def null_weights(permuted: PermutedDesigns, design: Design) -> FloatArray:
     """Return what each subject's squared residual adds to the expected sum of squares, shape (c, M).
 
-    This is the leverage of the tested columns divided by what all columns leave of the subject's variance.
+    This is the leverage of the tested columns divided by 1 minus the leverage of all columns.
     """
-    tested = np.square(relabelling.tested).sum(axis=2)
-    taken = tested + np.square(relabelling.covariates).sum(axis=2)
+    tested = np.square(permuted.tested).sum(axis=2)
+    leverage = tested + np.square(permuted.covariates).sum(axis=2)
     if design.nuisance.shape[1]:
-        taken = taken + 1.0 / len(design.tested)
-    weights: FloatArray = tested / np.maximum(1.0 - taken, _LEAST_ROOM)
+        leverage = leverage + 1.0 / len(design.tested)
+    weights: FloatArray = tested / np.maximum(1.0 - leverage, _MIN_RESIDUAL_FRACTION)
     return weights
 
 
-def studentized_ratio(scores: FloatArray, relabelling: Relabelling, design: Design) -> FloatArray:
-    """Return the ratio of tested to expected sum of squares of each relabelling, shape (c,).
+def studentized_ratio(scores: FloatArray, permuted: PermutedDesigns, design: Design) -> FloatArray:
+    """Return the ratio of tested to expected sum of squares of each permutation, shape (c,).
 
     Parameters
     ----------
     scores : (M, k) or (c, M, k) array
-        Standardized coordinates with the (relabelled) nuisance columns regressed out.
-    relabelling : Relabelling
+        Standardized coordinates with the (permuted) nuisance columns regressed out.
+    permuted : PermutedDesigns
         Of c designs.
     design : Design
-        The design that was relabelled.
+        The design that was permuted.
     """
-    projected = np.swapaxes(relabelling.tested, 1, 2) @ scores
-    rest = np.square(scores - relabelling.tested @ projected).sum(axis=2)
-    expected = (null_weights(relabelling, design) * rest).sum(axis=1)
+    projected = np.swapaxes(permuted.tested, 1, 2) @ scores
+    rest = np.square(scores - permuted.tested @ projected).sum(axis=2)
+    expected = (null_weights(permuted, design) * rest).sum(axis=1)
     explained = np.square(projected).sum(axis=(1, 2))
     ratio: FloatArray = explained / np.maximum(expected, np.finfo(float).tiny)
     return ratio

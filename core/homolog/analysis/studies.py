@@ -33,13 +33,13 @@ def compare_two_groups(
     Parameters
     ----------
     particles : (M, N, 3) array_like
-        Aligned positions [mm]; subjects of other groups are left out.
+        Aligned positions [mm]; subjects of other groups are excluded.
     groups : sequence of str
         Group of each subject.
     between : (str, str)
         The two groups.
     covariates : (M, c) array, optional
-        Allowed for; as made by `homolog.analysis.covariates.covariate_columns`.
+        Adjusted for; as made by `homolog.analysis.covariates.covariate_columns`.
     options : Options
         How it is computed.
     names : sequence of str, optional
@@ -106,7 +106,7 @@ def compare_groups(
     Comparison
         Multivariate analysis of variance in the modes; effects are differences from the first group.
     tuple of Comparison
-        Each two groups; their adjusted p-values and `p_family` are corrected over these (Holm).
+        Each two groups; their adjusted p-values and `p_fwe` are corrected over these (Holm).
     """
     shapes = checked_particles(particles, names)
     labels = np.asarray(groups)
@@ -134,7 +134,7 @@ def compare_groups(
 
 
 def _varying(covariates: FloatArray | None, members: BoolArray) -> tuple[FloatArray | None, tuple[str, ...]]:
-    """Leave out covariates that are the same for all of some subjects, where there is nothing to adjust."""
+    """Omit covariates that are the same for all of some subjects."""
     if covariates is None:
         return None, ()
     varies = np.ptp(covariates[members], axis=0) > 0.0
@@ -147,7 +147,7 @@ def _varying(covariates: FloatArray | None, members: BoolArray) -> tuple[FloatAr
 def _corrected(pairs: Sequence[Comparison]) -> tuple[Comparison, ...]:
     """Correct all p-values of the pairs for their number (Holm 1979)."""
     whole = holm(np.array([pair.p_adjusted for pair in pairs]))
-    surface = _holm_of_families([pair.p_family for pair in pairs])
+    surface = _holm_of_surfaces([pair.p_fwe for pair in pairs])
     size = _holm_of_known([pair.size_p_adjusted for pair in pairs])
     accuracy = _holm_of_known([pair.accuracy_p_adjusted for pair in pairs])
     auc = _holm_of_known([pair.auc_p_adjusted for pair in pairs])
@@ -155,7 +155,7 @@ def _corrected(pairs: Sequence[Comparison]) -> tuple[Comparison, ...]:
         replace(
             pair,
             p_adjusted=float(whole[index]),
-            p_family=surface[index],
+            p_fwe=surface[index],
             size_p_adjusted=size[index],
             accuracy_p_adjusted=accuracy[index],
             auc_p_adjusted=auc[index],
@@ -170,15 +170,15 @@ def _holm_of_known(values: Sequence[float | None]) -> list[float | None]:
     return [None if value is None else p for value, p in zip(values, adjusted, strict=True)]
 
 
-def _holm_of_families(families: Sequence[FloatArray]) -> list[FloatArray]:
+def _holm_of_surfaces(surfaces: Sequence[FloatArray]) -> list[FloatArray]:
     """Correct p-values that hold over each of several surfaces for the number of surfaces.
 
     Surfaces are stepped through by their smallest p, as Holm (1979) steps through single tests.
     """
-    adjusted: list[FloatArray] = [np.zeros(0)] * len(families)
+    adjusted: list[FloatArray] = [np.zeros(0)] * len(surfaces)
     least = 0.0
-    for rank, index in enumerate(np.argsort([item.min() for item in families], kind="stable")):
-        family = np.minimum(families[index] * (len(families) - rank), 1.0)
+    for rank, index in enumerate(np.argsort([item.min() for item in surfaces], kind="stable")):
+        family = np.minimum(surfaces[index] * (len(surfaces) - rank), 1.0)
         adjusted[index] = np.maximum(family, least)
         least = float(adjusted[index].min())
     return adjusted

@@ -6,8 +6,8 @@ import numpy as np
 from scipy import stats
 
 from homolog.analysis.design import group_design
-from homolog.analysis.permutation import permutation_p_value, relabelling_count, relabellings
-from homolog.analysis.studentized import WelchStatistic, equalized, identity
+from homolog.analysis.permutation import draw_permutations, permutation_count, permutation_p_value
+from homolog.analysis.studentized import WelchStatistic, equalize_groups, observed_design
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
@@ -30,7 +30,7 @@ class WelchMap:
         Welch's t; 0 where nothing varies.
     p : (N,) array
         Parametric and two-sided, for each particle by itself, not corrected.
-    p_family : (N,) array
+    p_fwe : (N,) array
         Corrected by the permutation distribution of the largest magnitude of t over the surface, each as a
         normal deviate, so that t of few and of many degrees of freedom compare.
     q : (N,) array
@@ -40,7 +40,7 @@ class WelchMap:
     difference: FloatArray
     t: FloatArray
     p: FloatArray
-    p_family: FloatArray
+    p_fwe: FloatArray
     q: FloatArray
 
     def __post_init__(self) -> None:
@@ -67,7 +67,7 @@ def welch_map(
     second : (M,) bool array
         Members of the second group; the others are the first.
     permutations : int
-        Relabellings for the correction over the surface.
+        Permutations for the correction over the surface.
     seed : int
         Same seed, same result.
     tick : Tick
@@ -88,19 +88,21 @@ def welch_map(
     centred = values - values.mean(axis=0)
     floor = np.sqrt(np.square(centred).mean(axis=0))
     centred = centred / np.where(floor > 0.0, floor, 1.0)
-    count, exact = relabelling_count(design, permutations)
-    groups = equalized(centred, design, scaled=not exact)
+    count, exact = permutation_count(design, permutations)
+    groups = equalize_groups(centred, design, scaled=not exact)
     assert groups is not None
     welch = WelchStatistic(groups.values[None], np.ones(values.shape[1]), groups, design)
-    real = identity(design)
-    (f,), (dof,) = welch.f(real)
+    original = observed_design(design)
+    (f,), (dof,) = welch.f(original)
     difference = values[second].mean(axis=0) - values[~second].mean(axis=0)
     largest, done = np.empty(count), 0
-    for some in relabellings(design, permutations, chunk=max(1, _CHUNK_VALUES // values.shape[1]), seed=seed):
+    for some in draw_permutations(
+        design, permutations, chunk=max(1, _CHUNK_VALUES // values.shape[1]), seed=seed
+    ):
         tick(done / max(count, 1), "permutations of the outward map")
         largest[done : done + len(some.tested)] = welch.deviate(some).max(axis=1)
         done += len(some.tested)
     t = np.copysign(np.sqrt(f), difference)
     p = np.asarray(2.0 * stats.t.sf(np.abs(t), dof), np.float64)
-    p_family = permutation_p_value(welch.deviate(real)[0], largest)
-    return WelchMap(difference, t, p, p_family, stats.false_discovery_control(p))
+    p_fwe = permutation_p_value(welch.deviate(original)[0], largest)
+    return WelchMap(difference, t, p, p_fwe, stats.false_discovery_control(p))

@@ -95,7 +95,7 @@ def compare_groups(
     >>> shapes = 10.0 * directions + random.normal(scale=0.05, size=(12, 40, 3))
     >>> shapes[6:, 7] *= 1.2
     >>> comparison = hl.compare_groups(shapes, 6 * ["plain"] + 6 * ["bump"], permutations=999)
-    >>> comparison.title, int(np.argmin(comparison.p_family))
+    >>> comparison.title, int(np.argmin(comparison.p_fwe))
     ('bump - plain', 7)
     """
     labels = np.array(["" if group is None or is_missing(group) else str(group) for group in groups])

@@ -153,10 +153,10 @@ def _modes(controls: Controls, columns: FloatArray, tick: Tick) -> tuple[int, in
     aligned = controls.points[:, len(controls.surface.vertices) :]
     nuisance = np.linalg.qr(np.column_stack([np.ones(count), columns]))[0]
     analysis = parallel_analysis(aligned, nuisance=nuisance, tick=tick)
-    shares = np.cumsum(analysis.variances) / analysis.variances.sum()
+    shares = np.cumsum(analysis.eigenvalues) / analysis.eigenvalues.sum()
     enough = int(np.searchsorted(shares, _FITTED_SHARE)) + 1
     most = max((count - nuisance.shape[1]) // 2, 1)
-    kept = max(1, min(analysis.kept, most))
+    kept = max(1, min(analysis.n_retained, most))
     return kept, max(kept, min(enough, most))
 
 

@@ -66,7 +66,7 @@ def test_the_table_says_what_the_analysis_found(compare, bean_project):
     assert texts["All 252 permutations"].startswith("p = ")
     assert "95 % CI" in texts["Mahalanobis D"]
     local = texts["Significant area (FWE-corrected p ≤ 0.05)"]
-    assert (" mm² or " in local) == bool((answer.pair.local.p_family <= 0.05).any())
+    assert (" mm² or " in local) == bool((answer.pair.pointwise.p_fwe <= 0.05).any())
     assert "of 128 particles" in local
     assert any(name.startswith("Type I error (F test)") for name in texts)
     assert "slim" in page.verdict.text()

@@ -56,7 +56,7 @@ def test_the_modes_follow_the_truth_of_the_beans(page):
 
 
 def test_there_are_as_many_sliders_as_modes_above_chance_and_more_on_demand(page):
-    kept = page.fitted.shape.parallel.kept
+    kept = page.fitted.shape.parallel.n_retained
     assert len(page.sliders.values) == max(1, kept)
     page.sliders.more.click()
     assert len(page.sliders.values) == max(1, kept) + 3

@@ -88,7 +88,7 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     result = with_present_table(answer.shape.result, window.desk.session.study)
     same = run_study(result, StudyRequest(between=("slim", "wide"), covariates=("slot",), null_repeats=0))
     assert same.overall.test.p_permutation == answer.pair.test.p_permutation
-    np.testing.assert_array_equal(same.overall.local.effect, answer.pair.local.effect)
+    np.testing.assert_array_equal(same.overall.pointwise.effect, answer.pair.pointwise.effect)
 
 
 def test_an_answer_is_kept_as_the_command_line_keeps_it(page, window, wait, tmp_path, capsys):

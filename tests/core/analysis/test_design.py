@@ -3,7 +3,7 @@ import pytest
 
 from homolog.analysis.covariates import covariate_columns, lookalikes, numbers
 from homolog.analysis.design import group_design, paired_design, regression_design
-from homolog.analysis.permutation import permutation_p_value, relabelling_count, relabellings
+from homolog.analysis.permutation import draw_permutations, permutation_count, permutation_p_value
 from homolog.errors import InputError
 
 
@@ -108,14 +108,14 @@ def test_variables_that_cannot_be_regressed_on_are_refused(values, words):
 
 def test_relabellings_keep_group_sizes_and_do_not_depend_on_the_chunk():
     design = group_design(["a"] * 3 + ["b"] * 5, ["a", "b"])
-    whole = next(iter(relabellings(design, 50, chunk=50, seed=4))).tested
-    parts = np.concatenate([some.tested for some in relabellings(design, 50, chunk=7, seed=4)])
+    whole = next(iter(draw_permutations(design, 50, chunk=50, seed=4))).tested
+    parts = np.concatenate([some.tested for some in draw_permutations(design, 50, chunk=7, seed=4)])
     np.testing.assert_array_equal(whole, parts)
     np.testing.assert_allclose(np.sort(whole[:, :, 0]), np.sort(np.repeat(design.tested.T, 50, axis=0)))
 
 
 def test_pairs_are_relabelled_by_signs():
-    flipped = next(iter(relabellings(paired_design(16), 200, chunk=200, seed=0))).tested[:, :, 0]
+    flipped = next(iter(draw_permutations(paired_design(16), 200, chunk=200, seed=0))).tested[:, :, 0]
     np.testing.assert_allclose(np.abs(flipped), 0.25)
     assert len(np.unique(flipped, axis=0)) > 190
 
@@ -130,11 +130,11 @@ def test_pairs_are_relabelled_by_signs():
     ],
 )
 def test_small_designs_are_relabelled_in_each_way_once(design, different):
-    assert relabelling_count(design, 200) == (different - 1, True)
-    rows = [some.tested for some in relabellings(design, 200, chunk=7, seed=0)]
+    assert permutation_count(design, 200) == (different - 1, True)
+    rows = [some.tested for some in draw_permutations(design, 200, chunk=7, seed=0)]
     everything = np.concatenate([*rows, design.tested[None]]).round(9)
     assert len(everything) == len(np.unique(everything, axis=0)) == different
-    assert relabelling_count(design, 5) == (5, False)
+    assert permutation_count(design, 5) == (5, False)
 
 
 def test_counted_p_counts_ties_and_the_real_labels():

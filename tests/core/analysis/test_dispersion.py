@@ -4,8 +4,8 @@ from scipy import stats
 
 from homolog.analysis.design import group_design, paired_design, regression_design
 from homolog.analysis.dispersion import dispersion_test
-from homolog.analysis.local_map import local_map
 from homolog.analysis.mode_test import mode_test
+from homolog.analysis.pointwise_test import pointwise_test
 
 
 def _groups(counts):
@@ -54,8 +54,8 @@ def test_the_permutation_tests_hold_their_level_where_t_squared_does_not():
         scores = generator.normal(size=(42, 5)) * np.where(np.arange(42) < 8, 2.0, 1.0)[:, None]
         shapes = np.tensordot(scores, pattern, axes=1)
         whole = mode_test(shapes, design, modes=5, permutations=199, seed=repeat)
-        local = local_map(shapes, design, permutations=199, seed=repeat)
-        counts += [whole.p <= 0.05, whole.p_permutation <= 0.05, local.p_family.min() <= 0.05]
+        local = pointwise_test(shapes, design, permutations=199, seed=repeat)
+        counts += [whole.p <= 0.05, whole.p_permutation <= 0.05, local.p_fwe.min() <= 0.05]
     parametric, permuted, family_wise = counts / 150
     assert parametric > 0.25
     assert permuted < 0.1

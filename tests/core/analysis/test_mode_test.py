@@ -7,7 +7,7 @@ from statsmodels.regression.linear_model import OLS
 from homolog.analysis.covariates import covariate_columns
 from homolog.analysis.design import group_design, paired_design, regression_design
 from homolog.analysis.mode_test import ModeStatistic, mode_test
-from homolog.analysis.permutation import Relabelling
+from homolog.analysis.permutation import PermutedDesigns
 from homolog.errors import Cancelled, InputError
 
 
@@ -102,9 +102,9 @@ def test_choosing_modes_again_for_permuted_labels_changes_nothing_without_covari
     generator = np.random.default_rng(2)
     for _ in range(5):
         order = generator.permutation(24)
-        fast = statistic.log_p(Relabelling(design.tested[order][None], design.covariates[order][None]))
+        fast = statistic.log_p(PermutedDesigns(design.tested[order][None], design.covariates[order][None]))
         shuffled = ModeStatistic(rows[np.argsort(order)], design, 4, None)
-        slow = shuffled.log_p(Relabelling(design.tested[None], design.covariates[None]))
+        slow = shuffled.log_p(PermutedDesigns(design.tested[None], design.covariates[None]))
         np.testing.assert_allclose(fast, slow, rtol=1e-9)
 
 
@@ -120,15 +120,15 @@ def test_freedman_lane_refits_covariates_and_chooses_modes_again(correlated, cov
     generator, counts = np.random.default_rng(3), set()
     for _ in range(20):
         order = generator.permutation(24)
-        relabelling = Relabelling(design.tested[order][None], design.covariates[order][None])
+        permuted = PermutedDesigns(design.tested[order][None], design.covariates[order][None])
         # By the book: fitted values plus permuted residuals are the new data; everything is fitted again.
         data = (rows - residuals) + residuals[np.argsort(order)]
         again = data - nuisance @ np.linalg.lstsq(nuisance, data, rcond=None)[0]
         _, singular, vt = np.linalg.svd(again, full_matrices=False)
         modes = int(np.argmin(singular**2 / 21 > threshold[0]))
         wilks, _ = _manova(data @ vt[:modes].T, np.column_stack([nuisance, np.tile([0.0, 1.0], 12)]), [3])
-        assert statistic.projections(relabelling)[1][0] == modes
-        assert np.exp(statistic.log_p(relabelling)[0]) == pytest.approx(wilks["Pr > F"], abs=1e-8)
+        assert statistic.projections(permuted)[1][0] == modes
+        assert np.exp(statistic.log_p(permuted)[0]) == pytest.approx(wilks["Pr > F"], abs=1e-8)
         counts.add(modes)
     assert len(counts) > 1
 

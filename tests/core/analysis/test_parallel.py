@@ -13,10 +13,10 @@ def _by_definition(rows, repeats, percentile, generator):
         shuffled = np.column_stack([generator.permutation(column) for column in rows.T])
         drawn.append(np.linalg.eigvalsh(np.cov(shuffled, rowvar=False))[::-1])
     threshold = np.percentile(drawn, percentile, axis=0)
-    kept = 0
-    while kept < len(real) and real[kept] > threshold[kept]:
-        kept += 1
-    return real, threshold, kept
+    n_retained = 0
+    while n_retained < len(real) and real[n_retained] > threshold[n_retained]:
+        n_retained += 1
+    return real, threshold, n_retained
 
 
 @pytest.mark.parametrize(("subjects", "expected"), [(15, 1), (60, 3)])
@@ -25,17 +25,17 @@ def test_eigenvalues_thresholds_and_count_are_those_of_the_definition(subjects, 
     sources = generator.normal(size=(subjects, 3)) * [4.0, 3.0, 2.0]
     rows = sources @ generator.normal(size=(3, 30)) + generator.normal(size=(subjects, 30))
     found = parallel_analysis(rows, repeats=400, seed=1)
-    real, threshold, kept = _by_definition(rows, 400, 95.0, generator)
+    real, threshold, n_retained = _by_definition(rows, 400, 95.0, generator)
     modes = min(subjects - 1, 30)
-    np.testing.assert_allclose(found.variances, real[:modes], atol=1e-8)
+    np.testing.assert_allclose(found.eigenvalues, real[:modes], atol=1e-8)
     np.testing.assert_allclose(found.threshold[:10], threshold[:10], rtol=0.06)
-    assert found.kept == kept == expected
+    assert found.n_retained == n_retained == expected
 
 
 @pytest.mark.parametrize("null", list(Null))
 def test_noise_without_correlation_keeps_no_modes(null):
     noise = np.random.default_rng(5).normal(size=(21, 256, 3))
-    assert parallel_analysis(noise, null=null, repeats=100).kept == 0
+    assert parallel_analysis(noise, null=null, repeats=100).n_retained == 0
 
 
 @pytest.mark.parametrize("null", list(Null))
@@ -44,15 +44,18 @@ def test_two_strong_modes_in_noise_are_both_kept(null):
     modes = generator.normal(size=(2, 200, 3))
     shapes = np.tensordot(generator.normal(size=(24, 2)), modes, axes=1)
     shapes += 0.4 * generator.normal(size=shapes.shape)
-    assert parallel_analysis(shapes, null=null, repeats=100).kept == 2
+    assert parallel_analysis(shapes, null=null, repeats=100).n_retained == 2
 
 
 def test_the_null_of_signs_sees_a_common_shift_that_the_others_centre_away():
     generator = np.random.default_rng(7)
     shift = generator.normal(size=(100, 3))
     differences = shift + 0.5 * generator.normal(size=(16, 100, 3))
-    assert parallel_analysis(differences, nuisance=np.zeros((16, 0)), null=Null.SIGNS, repeats=100).kept == 1
-    assert parallel_analysis(differences, null=Null.PERMUTATION, repeats=100).kept == 0
+    assert (
+        parallel_analysis(differences, nuisance=np.zeros((16, 0)), null=Null.SIGNS, repeats=100).n_retained
+        == 1
+    )
+    assert parallel_analysis(differences, null=Null.PERMUTATION, repeats=100).n_retained == 0
 
 
 def test_the_same_seed_gives_the_same_bits(ellipsoids):

@@ -4,7 +4,7 @@ from scipy import stats
 from statsmodels.stats.oneway import anova_oneway
 
 from homolog.analysis.design import group_design, paired_design, regression_design
-from homolog.analysis.studentized import WelchStatistic, equalized, identity
+from homolog.analysis.studentized import WelchStatistic, equalize_groups, observed_design
 
 
 @pytest.mark.parametrize("counts", [(7, 12), (6, 9, 14), (4, 5, 6, 7)])
@@ -16,8 +16,8 @@ def test_f_of_one_coordinate_is_the_welch_anova_of_statsmodels(counts):
     values -= values.mean(axis=0)
     design = group_design(labels, sorted(set(labels)))
     for scaled in (False, True):
-        groups = equalized(values, design, scaled=scaled)
-        f, dof = WelchStatistic(groups.values[None], np.ones(5), groups, design).f(identity(design))
+        groups = equalize_groups(values, design, scaled=scaled)
+        f, dof = WelchStatistic(groups.values[None], np.ones(5), groups, design).f(observed_design(design))
         for place in range(5):
             parts = [values[np.array(labels) == name, place] for name in sorted(set(labels))]
             expected = anova_oneway(parts, use_var="unequal", welch_correction=True)
@@ -30,17 +30,17 @@ def test_the_deviate_is_as_unlikely_as_f():
     design = group_design(labels, list("abc"))
     values = np.random.default_rng(4).normal(size=(20, 40))
     values[:9] += np.linspace(0.0, 3.0, 40)
-    groups = equalized(values - values.mean(axis=0), design)
+    groups = equalize_groups(values - values.mean(axis=0), design)
     welch = WelchStatistic(groups.values[None], np.ones(40), groups, design)
-    f, dof = welch.f(identity(design))
+    f, dof = welch.f(observed_design(design))
     p = stats.f.sf(f, 2.0, dof)
-    np.testing.assert_allclose(stats.norm.sf(welch.deviate(identity(design))), p, rtol=0.15, atol=0.01)
+    np.testing.assert_allclose(stats.norm.sf(welch.deviate(observed_design(design))), p, rtol=0.15, atol=0.01)
 
 
 def test_equalized_groups_have_one_dispersion():
     labels = ["a"] * 30 + ["b"] * 60
     values = np.random.default_rng(5).normal(size=(90, 50)) * np.repeat([3.0, 1.0], [30, 60])[:, None]
-    groups = equalized(values - values.mean(axis=0), group_design(labels, ["a", "b"]))
+    groups = equalize_groups(values - values.mean(axis=0), group_design(labels, ["a", "b"]))
     first, second = groups.values[:30].std(axis=0), groups.values[30:].std(axis=0)
     assert first.mean() == pytest.approx(second.mean(), rel=0.05)
     assert groups.dispersions[0] / groups.dispersions[1] == pytest.approx(3.0, rel=0.05)
@@ -55,4 +55,4 @@ def test_equalized_groups_have_one_dispersion():
     ],
 )
 def test_only_groups_without_covariates_are_equalized(design):
-    assert equalized(np.random.default_rng(1).normal(size=(6, 4)), design) is None
+    assert equalize_groups(np.random.default_rng(1).normal(size=(6, 4)), design) is None

@@ -26,7 +26,7 @@ def test_two_groups_are_compared_among_their_own_subjects_only(correlated):
     assert whole.test.p == apart.test.p
     np.testing.assert_array_equal(whole.subjects, kept)
     difference = shapes[1::3].mean(axis=0) - shapes[0::3].mean(axis=0)
-    np.testing.assert_allclose(whole.local.effect[0], difference, atol=1e-10)
+    np.testing.assert_allclose(whole.pointwise.effect[0], difference, atol=1e-10)
 
 
 def test_size_is_tested_apart_and_taken_out_of_the_shapes(ellipsoids):
@@ -53,7 +53,7 @@ def test_three_groups_are_tested_together_and_each_two_with_holms_correction(cor
     shapes[2::3] += 8.0 * np.random.default_rng(0).normal(size=shapes.shape[1:])
     overall, pairs = compare_groups(shapes, groups, ["n", "h", "d"], options=QUICK)
     assert overall.test.p_permutation < 0.02
-    assert overall.local.effect.shape == (2, 30, 3)
+    assert overall.pointwise.effect.shape == (2, 30, 3)
     assert [pair.title for pair in pairs] == ["h - n", "d - n", "d - h"]
     raw = [pair.test.p_permutation for pair in pairs]
     np.testing.assert_allclose([pair.p_adjusted for pair in pairs], multipletests(raw, method="holm")[1])
@@ -85,7 +85,7 @@ def test_regression_finds_the_change_per_unit_and_allows_for_covariates(correlat
     columns = covariate_columns(covariates())
     result = regress(shapes, values, "age", covariates=columns, options=QUICK)
     assert result.test.p_permutation == pytest.approx(1 / 200)
-    assert np.corrcoef(result.local.effect[0].ravel(), slope.ravel())[0, 1] > 0.9
+    assert np.corrcoef(result.pointwise.effect[0].ravel(), slope.ravel())[0, 1] > 0.9
 
 
 def test_pairs_show_what_changed_between_them(correlated):
@@ -94,8 +94,8 @@ def test_pairs_show_what_changed_between_them(correlated):
     after[:, 4] += [0.0, 0.0, 2.0]
     shapes = np.concatenate([before, after])
     result = compare_pairs(shapes, np.arange(15), np.arange(15, 30), "after - before", options=QUICK)
-    assert np.flatnonzero(result.local.p_family <= 0.01).tolist() == [4]
-    np.testing.assert_allclose(result.local.effect[0, 4], [0.0, 0.0, 2.0], atol=0.4)
+    assert np.flatnonzero(result.pointwise.p_fwe <= 0.01).tolist() == [4]
+    np.testing.assert_allclose(result.pointwise.effect[0, 4], [0.0, 0.0, 2.0], atol=0.4)
 
 
 def test_a_subject_that_is_there_twice_is_refused_by_name(correlated):

@@ -35,16 +35,16 @@ def test_the_correction_counts_the_most_unlikely_t_of_each_relabelling():
         largest.append(stats.norm.isf(oracle.pvalue / 2).max())
     deviates = stats.norm.isf(found.p / 2)
     expected = [(np.count_nonzero(largest >= deviate) + 1) / 301 for deviate in deviates]
-    np.testing.assert_allclose(found.p_family, expected, atol=0.08)
-    assert np.flatnonzero(found.p_family <= 0.05).tolist() == [7]
+    np.testing.assert_allclose(found.p_fwe, expected, atol=0.08)
+    assert np.flatnonzero(found.p_fwe <= 0.05).tolist() == [7]
 
 
 def test_values_that_do_not_vary_have_p_of_one_and_no_nan():
     values, second = _groups()
     values[:, 3] = 5.0
     found = welch_map(values, second, permutations=50)
-    assert (found.t[3], found.p[3], found.p_family[3]) == (0.0, 1.0, 1.0)
-    assert np.isfinite([found.difference, found.t, found.p, found.p_family, found.q]).all()
+    assert (found.t[3], found.p[3], found.p_fwe[3]) == (0.0, 1.0, 1.0)
+    assert np.isfinite([found.difference, found.t, found.p, found.p_fwe, found.q]).all()
 
 
 def test_a_group_of_one_is_refused():

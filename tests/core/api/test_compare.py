@@ -37,7 +37,7 @@ def test_two_groups_are_compared_as_the_analysis_does(shapes):
     assert found.title == "c - a"
     assert found.subjects.tolist() == part
     assert found.p_adjusted == expected.p_adjusted
-    np.testing.assert_array_equal(found.p_family, expected.p_family)
+    np.testing.assert_array_equal(found.p_fwe, expected.p_fwe)
     assert found.pairs == ()
 
 
@@ -46,7 +46,7 @@ def test_several_groups_are_tested_together_and_each_two_of_them(shapes):
     assert [pair.title for pair in found.pairs] == ["b - a", "c - a", "c - b"]
     assert found.counts == {"a": 5, "b": 6, "c": 6}
     assert found.p_adjusted < 0.05
-    apart = [int(np.argmin(pair.p_family)) for pair in found.pairs[1:]]
+    apart = [int(np.argmin(pair.p_fwe)) for pair in found.pairs[1:]]
     assert apart == [4, 4]
     assert found.pairs[2].subjects.tolist() == list(range(6, 18))
 

@@ -148,7 +148,7 @@ def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, 
     normals = shape.normals(shape.mean.vertices.astype(np.float32) + middle)
     nearest = KDTree(shape.model.mean).query(shape.mean.vertices)[1]
     outward = np.einsum("...vi,vi->...v", carried[1:], normals)
-    difference = GroupMap(ways, outward[0], pair.p_family[nearest] <= LEVEL)
+    difference = GroupMap(ways, outward[0], pair.p_fwe[nearest] <= LEVEL)
     discriminant = places = None
     if found is not None and len(found.modes):
         low, high = found.bounds(outward[1:])
@@ -179,7 +179,7 @@ class _Way:
 
 def _between(pair: Comparison) -> _Way:
     first, second = pair.counts
-    return _Way(first, second, pair.local.effect[0], pair.counts[second] / sum(pair.counts.values()))
+    return _Way(first, second, pair.pointwise.effect[0], pair.counts[second] / sum(pair.counts.values()))
 
 
 def _slope(study: Study, pair: Comparison) -> _Way:
@@ -188,7 +188,7 @@ def _slope(study: Study, pair: Comparison) -> _Way:
     low, high = float(values.min()), float(values.max())
     first, second = short(low), short(high)
     share = float((values.mean() - low) / (high - low))
-    return _Way(first, second, pair.local.effect[0] * (high - low), share, values)
+    return _Way(first, second, pair.pointwise.effect[0] * (high - low), share, values)
 
 
 def _along(result: Result, request: StudyRequest, pair: Comparison, effect: FloatArray) -> FloatArray:

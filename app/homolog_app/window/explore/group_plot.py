@@ -69,7 +69,7 @@ class GroupPlot(ScatterPlot):
         rim = 0.06 * (self.ends[1] - self.ends[0])
         reach = 1.15 * float(np.abs(places).max())
         self.x_range, self.y_range = (self.ends[0] - rim, self.ends[1] + rim), (-reach, reach)
-        length = float(np.linalg.norm(answer.pair.local.effect[0])) / np.sqrt(len(answer.pair.mean))
+        length = float(np.linalg.norm(answer.pair.pointwise.effect[0])) / np.sqrt(len(answer.pair.mean))
         self._line, self.y_ticks = (float(values.mean()), length), None
         self.title = f"Subjects by {column}"
         self.update()

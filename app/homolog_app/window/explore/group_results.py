@@ -127,7 +127,7 @@ def _values(study: "Study", one: "Comparison") -> tuple[str, str, str, str]:
     p = "–"
     if one.test.modes:
         p = p_words(one.p_adjusted, one.test.permutations).removeprefix("p ").removeprefix("= ")
-    significant = one.p_family <= LEVEL
+    significant = one.p_fwe <= LEVEL
     share = (
         100.0 * float(study.areas[significant].sum()) / max(float(study.areas.sum()), np.finfo(float).tiny)
     )

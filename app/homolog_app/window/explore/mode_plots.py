@@ -40,7 +40,7 @@ class ScreePlot(Plot):
         super().__init__(theme, "Variance of the modes", "The variance of each mode appears here.")
         self._shares: FloatArray = np.empty(0)
         self._chance: FloatArray = np.empty(0)
-        self._kept = 0
+        self._n_retained = 0
         self.y_label, self.x_label = "share of variance (%)", "mode"
 
     @property
@@ -53,14 +53,14 @@ class ScreePlot(Plot):
         self._shares = self._chance = np.empty(0)
         if shape is not None:
             parallel = shape.parallel
-            percent = 100.0 / parallel.variances.sum()
-            self._shares = (parallel.variances * percent)[:_MOST_BARS]
+            percent = 100.0 / parallel.eigenvalues.sum()
+            self._shares = (parallel.eigenvalues * percent)[:_MOST_BARS]
             self._chance = (parallel.threshold * percent)[:_MOST_BARS]
-            self._kept = parallel.kept
+            self._n_retained = parallel.n_retained
             shown = len(self._shares)
             self.x_range, self.x_ticks = (0.4, shown + 0.6), range(1, shown + 1, 1 + (shown > _DENSE))
             self.y_range = (0.0, 1.08 * float(max(self._shares.max(), self._chance.max())))
-            self.title = f"{self._kept} mode{'s' * (self._kept != 1)} above chance"
+            self.title = f"{self._n_retained} mode{'s' * (self._n_retained != 1)} above chance"
             self.setAccessibleDescription(
                 f"{self.title}; " + ", ".join(f"mode {n + 1}: {s:.1f} %" for n, s in enumerate(self._shares))
             )
@@ -71,9 +71,9 @@ class ScreePlot(Plot):
         ink, faint = group_colour(0, self.theme), QColor(self.theme.colours.dim)
         for index, share in enumerate(self._shares):
             corner, base = self.place(index + 0.68, share), self.place(index + 1.32, 0.0)
-            painter.setPen(QPen(ink if index < self._kept else faint, 1))
-            style = Qt.BrushStyle.SolidPattern if index < self._kept else Qt.BrushStyle.BDiagPattern
-            painter.setBrush(ink if index < self._kept else faint)
+            painter.setPen(QPen(ink if index < self._n_retained else faint, 1))
+            style = Qt.BrushStyle.SolidPattern if index < self._n_retained else Qt.BrushStyle.BDiagPattern
+            painter.setBrush(ink if index < self._n_retained else faint)
             brush = painter.brush()
             brush.setStyle(style)
             painter.setBrush(brush)

@@ -88,7 +88,7 @@ class ModeSliders(QWidget):
             row.deleteLater()
         self._rows, self._shape = [], shape
         if shape is not None:
-            self._show_rows(max(1, shape.parallel.kept))
+            self._show_rows(max(1, shape.parallel.n_retained))
             self.choose(0)
 
     def choose(self, mode: int) -> None:
@@ -117,7 +117,7 @@ class ModeSliders(QWidget):
         for mode in range(len(self._rows), min(count, shape.modes)):
             rms = float(shape.model.standard_deviations[mode]) / len(shape.model.mean) ** 0.5
             share = float(shape.model.explained_variance_ratio[mode])
-            row = _Row(mode, rms, share, above=mode < shape.parallel.kept)
+            row = _Row(mode, rms, share, above=mode < shape.parallel.n_retained)
             row.slider.valueChanged.connect(lambda _, mode=mode: self._follow(mode))
             self._choice.addButton(row.name, mode)
             self._column.addWidget(row)

@@ -145,7 +145,7 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
     corners = _corners(mesh.faces, len(mesh.vertices))
     faces = np.ascontiguousarray(mesh.faces.T, dtype=np.intp)
     normals = _normals(mesh.vertices.astype(np.float32), faces, corners)
-    leading = _LIMIT_AT * np.einsum("kvi,vi->kv", moves[: max(1, parallel.kept)], normals)
+    leading = _LIMIT_AT * np.einsum("kvi,vi->kv", moves[: max(1, parallel.n_retained)], normals)
     return ModelShape(
         name=name,
         method=method,

@@ -187,7 +187,7 @@ class ModesPage(ExplorePage):
             )
             self.state.setText(words or "The shape model is not fitted; open this page again to fit it.")
             return
-        kept = shape.parallel.kept
+        kept = shape.parallel.n_retained
         verb = "mode is" if kept == 1 else "modes are"
         share = 100.0 * float(shape.model.explained_variance_ratio[:kept].sum())
         self.state.setText(

@@ -6,8 +6,8 @@ from statsmodels.stats.multitest import multipletests
 
 from homolog.analysis.covariates import covariate_columns
 from homolog.analysis.design import group_design, paired_design
-from homolog.analysis.local_map import LocalStatistic, local_map
-from homolog.analysis.permutation import Relabelling, relabellings
+from homolog.analysis.permutation import PermutedDesigns, draw_permutations
+from homolog.analysis.pointwise_test import PointwiseStatistic, pointwise_test
 from homolog.errors import InputError
 
 
@@ -20,7 +20,7 @@ def _wilks(endog, exog, tested):
 def test_each_particle_is_tested_as_statsmodels_tests_it(correlated, covariates, levels):
     shapes, columns = correlated(particles=6), covariate_columns(covariates())
     groups = np.random.default_rng(1).choice(list(levels), 24)
-    found = local_map(shapes, group_design(groups.tolist(), list(levels), columns), permutations=9)
+    found = pointwise_test(shapes, group_design(groups.tolist(), list(levels), columns), permutations=9)
     dummies = np.column_stack([groups == level for level in levels[1:]]).astype(float)
     exog = np.column_stack([np.ones(24), columns, dummies])
     tested = list(range(3, exog.shape[1]))
@@ -37,13 +37,15 @@ def test_freedman_lane_refits_covariates_at_each_particle(correlated, covariates
     design = group_design(["a", "b"] * 12, ["a", "b"], columns)
     rows = shapes.reshape(24, -1)
     residuals = design.residuals(rows)
-    statistic = LocalStatistic(residuals.reshape(shapes.shape), design)
+    statistic = PointwiseStatistic(residuals.reshape(shapes.shape), design)
     exog = np.column_stack([np.ones(24), columns, np.tile([0.0, 1.0], 12)])
     generator = np.random.default_rng(5)
     for _ in range(5):
         order = generator.permutation(24)
         data = ((rows - residuals) + residuals[np.argsort(order)]).reshape(shapes.shape)
-        found = statistic.explained(Relabelling(design.tested[order][None], design.covariates[order][None]))
+        found = statistic.explained(
+            PermutedDesigns(design.tested[order][None], design.covariates[order][None])
+        )
         for particle in range(4):
             expected = 1.0 - _wilks(data[:, particle], exog, [3])["Value"]
             assert found[0, particle] == pytest.approx(expected, abs=1e-8)
@@ -52,9 +54,9 @@ def test_freedman_lane_refits_covariates_at_each_particle(correlated, covariates
 def test_the_family_wise_p_of_few_subjects_is_counted_over_all_splits(correlated):
     shapes = correlated(subjects=10, particles=8)
     design = group_design(["a", "b"] * 5, ["a", "b"])
-    found = local_map(shapes, design, permutations=1000)
+    found = pointwise_test(shapes, design, permutations=1000)
     assert found.permutations == 251
-    (every,) = relabellings(design, 1000, chunk=1000, seed=0)
+    (every,) = draw_permutations(design, 1000, chunk=1000, seed=0)
     splits = every.tested[:, :, 0] > 0
     least = [min(_welch(shapes[:, index], split)[1] for index in range(8)) for split in splits]
     second = np.tile([False, True], 5)
@@ -62,7 +64,7 @@ def test_the_family_wise_p_of_few_subjects_is_counted_over_all_splits(correlated
         f, p = _welch(shapes[:, particle], second)
         assert found.studentized[particle] == pytest.approx(f)
         beyond = np.count_nonzero(np.array(least) <= p)
-        assert found.p_family[particle] == pytest.approx((beyond + 1) / 252, abs=0.02)
+        assert found.p_fwe[particle] == pytest.approx((beyond + 1) / 252, abs=0.02)
 
 
 def _welch(positions, second):
@@ -87,7 +89,7 @@ def test_dispersions_that_differ_do_not_make_differences():
     smallest = []
     for repeat in range(150):
         shapes = generator.normal(size=(40, 12, 3)) * spread
-        smallest.append(local_map(shapes, design, permutations=99, seed=repeat).p_family.min())
+        smallest.append(pointwise_test(shapes, design, permutations=99, seed=repeat).p_fwe.min())
     assert 0 < np.count_nonzero(np.array(smallest) <= 0.05) < 17  # 7.5 expected; 18 is beyond 99.9 %
 
 
@@ -96,8 +98,8 @@ def test_the_studentized_ratio_with_covariates_is_that_of_a_refit(correlated, co
     groups = np.random.default_rng(1).choice(list("abc"), 24).tolist()
     design = group_design(groups, list("abc"), covariate_columns(covariates()))
     residuals = design.residuals(shapes.reshape(24, -1)).reshape(shapes.shape)
-    some = next(iter(relabellings(design, 4, chunk=4, seed=2)))
-    found = LocalStatistic(residuals, design).studentized(some)
+    some = next(iter(draw_permutations(design, 4, chunk=4, seed=2)))
+    found = PointwiseStatistic(residuals, design).studentized(some)
     for particle in range(5):
         values, vectors = np.linalg.eigh(residuals[:, particle].T @ residuals[:, particle])
         own = residuals[:, particle] @ (vectors / np.sqrt(values))
@@ -114,7 +116,7 @@ def test_the_studentized_ratio_with_covariates_is_that_of_a_refit(correlated, co
 def test_q_values_are_those_of_statsmodels(correlated):
     shapes = correlated()
     shapes[::2, :5] += 4.0
-    found = local_map(shapes, group_design(["a", "b"] * 12, ["a", "b"]), permutations=99)
+    found = pointwise_test(shapes, group_design(["a", "b"] * 12, ["a", "b"]), permutations=99)
     np.testing.assert_allclose(found.q, multipletests(found.p, method="fdr_bh")[1], atol=1e-12)
 
 
@@ -122,34 +124,34 @@ def test_a_local_bump_is_found_where_it_is_and_nowhere_else():
     generator = np.random.default_rng(9)
     shapes = generator.normal(size=(30, 200, 3))
     shapes[15:, 40:50, 2] += 3.0
-    found = local_map(shapes, group_design(["a"] * 15 + ["b"] * 15, ["a", "b"]), permutations=1000)
-    assert np.flatnonzero(found.p_family <= 0.05).tolist() == list(range(40, 50))
+    found = pointwise_test(shapes, group_design(["a"] * 15 + ["b"] * 15, ["a", "b"]), permutations=1000)
+    assert np.flatnonzero(found.p_fwe <= 0.05).tolist() == list(range(40, 50))
     np.testing.assert_allclose(found.effect[0, 40:50, 2], 3.0, atol=1.2)
 
 
 def test_pairs_are_tested_by_flipping_signs(correlated):
     differences = correlated(particles=8)
     differences[:, 3] += 9.0
-    found = local_map(differences, paired_design(24), permutations=500)
+    found = pointwise_test(differences, paired_design(24), permutations=500)
     positions = differences[:, 3]
     t_squared = (
         24 * positions.mean(axis=0) @ np.linalg.solve(np.cov(positions, rowvar=False), positions.mean(axis=0))
     )
     assert found.explained[3] == pytest.approx(t_squared / (t_squared + 23), rel=1e-8)
-    assert found.p_family[3] < 0.05
+    assert found.p_fwe[3] < 0.05
 
 
 def test_particles_that_do_not_move_have_p_of_one_and_no_nan():
     shapes = np.random.default_rng(1).normal(size=(12, 5, 3))
     shapes[:, 2] = [1.0, 2.0, 3.0]
     shapes[:, 3, 0] = 7.0
-    found = local_map(shapes, group_design(["a", "b"] * 6, ["a", "b"]), permutations=99)
-    assert found.p[2] == found.p_family[2] == 1.0
-    for values in (found.explained, found.p, found.p_family, found.q, found.effect):
+    found = pointwise_test(shapes, group_design(["a", "b"] * 6, ["a", "b"]), permutations=99)
+    assert found.p[2] == found.p_fwe[2] == 1.0
+    for values in (found.explained, found.p, found.p_fwe, found.q, found.effect):
         assert np.isfinite(values).all()
 
 
 def test_too_few_subjects_for_a_map_are_refused():
     shapes = np.random.default_rng(2).normal(size=(4, 5, 3))
     with pytest.raises(InputError, match="at least 3 degrees of freedom"):
-        local_map(shapes, group_design(["a", "b"] * 2, ["a", "b"]), permutations=9)
+        pointwise_test(shapes, group_design(["a", "b"] * 2, ["a", "b"]), permutations=9)

@@ -1,10 +1,10 @@
-"""Local maps: a test at every particle, corrected over the surface.
+"""Pointwise tests: one at every particle, corrected over the surface.
 
 Each particle's position is tested by a studentized statistic (`homolog.analysis.studentized`), which holds
 when the groups' dispersions differ. Over the surface, family-wise error is held by the permutation
 distribution of the largest statistic (Westfall and Young 1993) and the false discovery rate by Benjamini
 and Hochberg (1995).
-Hotelling's T² (Wilks' lambda for several columns) and its parametric p stand beside it.
+Hotelling's T² (Wilks' lambda for several columns) and its parametric p are reported with it.
 """
 
 from collections.abc import Sequence
@@ -17,28 +17,28 @@ from homolog.analysis.checks import checked_particles
 from homolog.analysis.design import Design
 from homolog.analysis.effects import CONFIDENCE
 from homolog.analysis.permutation import (
-    Relabelling,
-    lowered,
+    PermutedDesigns,
+    draw_permutations,
+    permutation_count,
     permutation_p_value,
-    relabelling_count,
-    relabellings,
+    subtract_rounding,
 )
-from homolog.analysis.studentized import WelchStatistic, equalized, identity, null_weights
+from homolog.analysis.studentized import WelchStatistic, equalize_groups, null_weights, observed_design
 from homolog.analysis.wilks import wilks_p
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
 from homolog.threads import on_one_thread
 
-__all__ = ["LocalMap", "LocalStatistic", "local_map"]
+__all__ = ["PointwiseStatistic", "PointwiseTest", "pointwise_test"]
 
 _CHUNK_VALUES = 200_000
-_FLAT = 1e-12
-"""Part of the largest variance below which a direction at a particle holds no variation."""
+_MIN_VARIANCE_FRACTION = 1e-12
+"""Directions at a particle with less than this fraction of the largest variance hold no variation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LocalMap:
+class PointwiseTest:
     """Tests at each particle. Arrays are read-only.
 
     Attributes
@@ -54,12 +54,12 @@ class LocalMap:
         one expected without an effect.
     p : (N,) array
         Its permutation p, for each particle by itself, not corrected.
-    p_family : (N,) array
-        Corrected: chance that any particle of the surface shows such a statistic without an effect.
+    p_fwe : (N,) array
+        FWE-corrected: probability of so large a statistic at any particle of the surface without an effect.
     q : (N,) array
-        Benjamini-Hochberg: false discovery rate at which the particle is found.
+        False discovery rate at which the particle is significant (Benjamini and Hochberg).
     permutations : int
-        Number of relabellings.
+        Number of permutations.
     variables : int
         Directions in which a particle varies, at most 3.
     covariance : (N, 3, 3) array
@@ -73,7 +73,7 @@ class LocalMap:
     p_f: FloatArray
     studentized: FloatArray
     p: FloatArray
-    p_family: FloatArray
+    p_fwe: FloatArray
     q: FloatArray
     permutations: int
     variables: int
@@ -82,7 +82,7 @@ class LocalMap:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("effect", "explained", "p_f", "studentized", "p", "p_family", "q", "covariance", "dof"):
+        for name in ("effect", "explained", "p_f", "studentized", "p", "p_fwe", "q", "covariance", "dof"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
     def bounds(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -96,8 +96,8 @@ class LocalMap:
         return along - reach, along + reach
 
 
-class LocalStatistic:
-    """The statistics of every particle for any relabelling of a design.
+class PointwiseStatistic:
+    """The statistics of every particle for any permutation of a design.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class LocalStatistic:
     design : Design
         Whose rows are exchanged.
     scaled : bool
-        Whether the groups' dispersions are equalized before subjects are exchanged; see `equalized`.
+        Whether the groups' dispersions are equalized before subjects are exchanged; see `equalize_groups`.
     """
 
     def __init__(self, residuals: FloatArray, design: Design, *, scaled: bool = True) -> None:
@@ -116,37 +116,38 @@ class LocalStatistic:
         self.variables = int(varying.max())
         self.particles = residuals.shape[1]
         self._welch: WelchStatistic | None = None
-        groups = equalized(residuals.reshape(len(residuals), -1), design, scaled=scaled)
+        groups = equalize_groups(residuals.reshape(len(residuals), -1), design, scaled=scaled)
         if groups is not None:
             white, varying = _whitened(groups.values.reshape(residuals.shape))
             self._welch = WelchStatistic(white, np.maximum(varying, 1.0), groups, design)
 
-    def explained(self, relabelling: Relabelling) -> FloatArray:
+    def explained(self, permuted: PermutedDesigns) -> FloatArray:
         """Return 1 - Wilks' lambda, shape (c, N)."""
-        total = self._left_over(_squares(self._across(relabelling.covariates)))
-        both = np.concatenate([relabelling.covariates, relabelling.tested], axis=2)
-        error = self._left_over(_squares(self._across(both)))
+        total = self._residual_determinant(_squares(self._projections(permuted.covariates)))
+        both = np.concatenate([permuted.covariates, permuted.tested], axis=2)
+        error = self._residual_determinant(_squares(self._projections(both)))
         explained: FloatArray = 1.0 - np.clip(error / np.maximum(total, np.finfo(float).tiny), 0.0, 1.0)
         return explained
 
     def statistic(self) -> FloatArray:
-        """Return the studentized statistic of the real labels, shape (N,); see `LocalMap.studentized`."""
-        real = identity(self._design)
-        value: FloatArray = self.studentized(real)[0] if self._welch is None else self._welch.f(real)[0][0]
-        return value
+        """Return the studentized statistic of the observed labels, (N,); see `PointwiseTest.studentized`."""
+        original = observed_design(self._design)
+        if self._welch is None:
+            return np.asarray(self.studentized(original)[0])
+        return np.asarray(self._welch.f(original)[0][0])
 
-    def studentized(self, relabelling: Relabelling) -> FloatArray:
-        """Return a statistic that is comparable between relabellings and particles, shape (c, N).
+    def studentized(self, permuted: PermutedDesigns) -> FloatArray:
+        """Return a statistic that is comparable between permutations and particles, shape (c, N).
 
         For groups the normal deviate of Welch's F, else the ratio of tested to expected sum of squares.
         """
         if self._welch is not None:
-            return self._welch.deviate(relabelling)
-        weights = null_weights(relabelling, self._design)
-        columns = np.concatenate([relabelling.covariates, relabelling.tested], axis=2)
+            return self._welch.deviate(permuted)
+        weights = null_weights(permuted, self._design)
+        columns = np.concatenate([permuted.covariates, permuted.tested], axis=2)
         crossed = np.einsum("cm,cmq,cmr->cqr", weights, columns, columns)
         expected = weights @ self._squares
-        first_tested = relabelling.covariates.shape[2]
+        first_tested = permuted.covariates.shape[2]
         explained = np.zeros_like(expected)
         for axis in self._white:
             along = [columns[:, :, index] @ axis for index in range(columns.shape[2])]
@@ -159,13 +160,13 @@ class LocalStatistic:
         ratio: FloatArray = explained / np.maximum(expected, np.finfo(float).tiny)
         return np.where(explained > 0.0, ratio, 0.0)
 
-    def _across(self, columns: FloatArray) -> list[FloatArray]:
+    def _projections(self, columns: FloatArray) -> list[FloatArray]:
         """Inner products of the columns (c, M, q) with each whitened axis: three arrays (q, c, N)."""
-        across = np.ascontiguousarray(columns.transpose(2, 0, 1))
-        return [across @ axis for axis in self._white]
+        projected = np.ascontiguousarray(columns.transpose(2, 0, 1))
+        return [projected @ axis for axis in self._white]
 
     @staticmethod
-    def _left_over(squares: FloatArray) -> FloatArray:
+    def _residual_determinant(squares: FloatArray) -> FloatArray:
         """Return the determinant of identity minus the scatter taken out, (6, c, N) to (c, N)."""
         xx, yy, zz, xy, xz, yz = squares
         a, b, c = 1.0 - xx, 1.0 - yy, 1.0 - zz
@@ -174,7 +175,7 @@ class LocalStatistic:
 
 
 @on_one_thread
-def local_map(
+def pointwise_test(
     particles: FloatArray,
     design: Design,
     *,
@@ -182,7 +183,7 @@ def local_map(
     permutations: int = 10_000,
     seed: int = 0,
     tick: Tick = no_tick,
-) -> LocalMap:
+) -> PointwiseTest:
     """Test every particle for the effect of a design.
 
     Parameters
@@ -194,7 +195,7 @@ def local_map(
     members : sequence of (M,) bool arrays, optional
         The groups, without covariates: intervals then have the degrees of freedom of Welch (1947).
     permutations : int
-        Relabellings for the correction over the surface.
+        Permutations for the correction over the surface.
     seed : int
         Same seed, same result.
     tick : Tick
@@ -202,7 +203,7 @@ def local_map(
 
     Returns
     -------
-    LocalMap
+    PointwiseTest
 
     Raises
     ------
@@ -212,32 +213,32 @@ def local_map(
     shapes = checked_particles(particles)
     if design.error_dof < 3:
         raise InputError(
-            f"local maps need at least 3 degrees of freedom for the error, not {design.error_dof}; "
+            f"pointwise tests need at least 3 degrees of freedom for the error, not {design.error_dof}; "
             "use more subjects or fewer covariates"
         )
     rows = shapes.reshape(len(shapes), -1)
-    count, exact = relabelling_count(design, permutations)
-    statistic = LocalStatistic(design.residuals(rows).reshape(shapes.shape), design, scaled=not exact)
-    real = identity(design)
-    explained, observed = statistic.explained(real)[0], statistic.studentized(real)[0]
+    count, exact = permutation_count(design, permutations)
+    statistic = PointwiseStatistic(design.residuals(rows).reshape(shapes.shape), design, scaled=not exact)
+    original = observed_design(design)
+    explained, observed = statistic.explained(original)[0], statistic.studentized(original)[0]
     largest, beyond = np.empty(count), np.zeros(len(observed), np.int64)
-    limit, done = lowered(observed), 0
+    limit, done = subtract_rounding(observed), 0
     chunk = max(1, _CHUNK_VALUES // (statistic.particles * (1 + design.tested.shape[1])))
-    for some in relabellings(design, permutations, chunk=chunk, seed=seed):
-        tick(done / max(count, 1), "permutations of the local map")
+    for some in draw_permutations(design, permutations, chunk=chunk, seed=seed):
+        tick(done / max(count, 1), "permutations of the pointwise tests")
         drawn = statistic.studentized(some)
         largest[done : done + len(drawn)] = drawn.max(axis=1)
         beyond += np.count_nonzero(drawn >= limit, axis=0)
         done += len(drawn)
     value = statistic.statistic()
     p = np.where(value > 0.0, (beyond + 1.0) / (count + 1.0), 1.0)
-    return LocalMap(
+    return PointwiseTest(
         effect=design.coefficients(rows).reshape(-1, *shapes.shape[1:]),
         explained=explained,
         p_f=wilks_p(1.0 - explained, statistic.variables, design.tested.shape[1], design.error_dof),
         studentized=value,
         p=p,
-        p_family=permutation_p_value(observed, largest),
+        p_fwe=permutation_p_value(observed, largest),
         q=stats.false_discovery_control(p),
         permutations=count,
         variables=statistic.variables,
@@ -252,7 +253,7 @@ def _whitened(residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     scatter = np.einsum("mni,mnj->nij", residuals, residuals)
     values, vectors = np.linalg.eigh(scatter)
-    kept = values > _FLAT * max(float(values.max()), np.finfo(float).tiny)
+    kept = values > _MIN_VARIANCE_FRACTION * max(float(values.max()), np.finfo(float).tiny)
     scale = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
     white = np.einsum("mni,nij->jmn", residuals, vectors * scale[:, None, :])
     return np.ascontiguousarray(white), kept.sum(axis=1).astype(np.float64)
@@ -264,7 +265,7 @@ def _errors(residuals: FloatArray, design: Design, members: Sequence[BoolArray])
         return {"covariance": np.zeros((0, 3, 3)), "dof": np.zeros(0)}
     column = design.tested
     rest = (residuals - column @ (column.T @ residuals)).reshape(len(residuals), -1, 3)
-    weights = null_weights(identity(design), design)[0] / np.square(design.columns).sum()
+    weights = null_weights(observed_design(design), design)[0] / np.square(design.columns).sum()
     covariance = np.einsum("m,mni,mnj->nij", weights, rest, rest)
     dof = np.full(rest.shape[1], float(design.error_dof))
     if members:
@@ -277,8 +278,8 @@ def _errors(residuals: FloatArray, design: Design, members: Sequence[BoolArray])
     return {"covariance": covariance, "dof": dof}
 
 
-def _squares(across: list[FloatArray]) -> FloatArray:
+def _squares(projected: list[FloatArray]) -> FloatArray:
     """Return xx, yy, zz, xy, xz, yz summed over columns, shape (6, c, N)."""
-    x, y, z = across
+    x, y, z = projected
     pairs = ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z))
     return np.stack([np.einsum("qcn,qcn->cn", item, other) for item, other in pairs])
