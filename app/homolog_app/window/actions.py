@@ -29,10 +29,10 @@ _STANDARD = {
 }
 
 
-def shortcuts(one: Command) -> list[QKeySequence]:
+def shortcuts(entry: Command) -> list[QKeySequence]:
     """Return a command's keys: those of the platform, where it has a convention, or its own."""
-    own = [QKeySequence(one.shortcut)] if one.shortcut else []
-    standard = _STANDARD.get(one.id)
+    own = [QKeySequence(entry.shortcut)] if entry.shortcut else []
+    standard = _STANDARD.get(entry.id)
     return (QKeySequence.keyBindings(standard) if standard is not None else []) or own
 
 
@@ -44,18 +44,18 @@ class Actions(QObject):
         self._theme = theme
         self._actions: dict[str, QAction] = {}
         groups: dict[str, QActionGroup] = {}
-        for one in COMMANDS:
-            action = QAction(one.title, window)
-            action.setObjectName(one.id)
-            action.setCheckable(one.checkable)
-            action.setShortcuts(shortcuts(one))
-            action.setToolTip(self._tip(one, ""))
-            action.setStatusTip(one.help)
-            if one.choice:
-                group = groups.setdefault(one.choice, QActionGroup(window))
+        for entry in COMMANDS:
+            action = QAction(entry.title, window)
+            action.setObjectName(entry.id)
+            action.setCheckable(entry.checkable)
+            action.setShortcuts(shortcuts(entry))
+            action.setToolTip(self._tip(entry, ""))
+            action.setStatusTip(entry.help)
+            if entry.choice:
+                group = groups.setdefault(entry.choice, QActionGroup(window))
                 group.addAction(action)
             window.addAction(action)
-            self._actions[one.id] = action
+            self._actions[entry.id] = action
         self._fill_menus(window)
         theme.changed.connect(self._draw_icons)
         self._draw_icons()
@@ -71,11 +71,11 @@ class Actions(QObject):
 
     def enable(self, available: Mapping[str, bool]) -> None:
         """Enable exactly the commands whose needs are met; tool tips of the others say what is missing."""
-        for one in COMMANDS:
-            action, possible = self._actions[one.id], available[one.needs]
+        for entry in COMMANDS:
+            action, possible = self._actions[entry.id], available[entry.needs]
             if action.isEnabled() is not possible:
                 action.setEnabled(possible)
-                action.setToolTip(self._tip(one, "" if possible else REASONS[one.needs]))
+                action.setToolTip(self._tip(entry, "" if possible else REASONS[entry.needs]))
 
     def button(self, identifier: str, parent: QWidget, size: int = 20) -> QToolButton:
         """Return a tool button of a command."""
@@ -85,24 +85,26 @@ class Actions(QObject):
         result.setAccessibleName(command(identifier).title)
         return result
 
-    def _tip(self, one: Command, reason: str) -> str:
-        known = shortcuts(one)
+    def _tip(self, entry: Command, reason: str) -> str:
+        known = shortcuts(entry)
         keys = known[0].toString(QKeySequence.SequenceFormat.NativeText) if known else ""
-        return (f"{one.help} ({keys})" if keys else one.help) + (f"\nNot now: {reason}." if reason else "")
+        return (f"{entry.help} ({keys})" if keys else entry.help) + (
+            f"\nNot now: {reason}." if reason else ""
+        )
 
     def _fill_menus(self, window: QMainWindow) -> None:
         menus: dict[str, QMenu] = {name: window.menuBar().addMenu(f"&{name}") for name in MENUS}
-        for one in COMMANDS:
-            top, _, below = one.menu.partition("/")
-            if one.menu not in menus:
-                menus[one.menu] = menus[top].addMenu(below)
-            menus[one.menu].addAction(self._actions[one.id])
-            if one.ends_section:
-                menus[one.menu].addSeparator()
+        for entry in COMMANDS:
+            top, _, below = entry.menu.partition("/")
+            if entry.menu not in menus:
+                menus[entry.menu] = menus[top].addMenu(below)
+            menus[entry.menu].addAction(self._actions[entry.id])
+            if entry.ends_section:
+                menus[entry.menu].addSeparator()
 
     def _draw_icons(self) -> None:
         colours = self._theme.colours
-        for one in COMMANDS:
-            if one.icon:
-                picture = icon(one.icon, colours.text, colours.faint, colours.accent)
-                self._actions[one.id].setIcon(picture)
+        for entry in COMMANDS:
+            if entry.icon:
+                picture = icon(entry.icon, colours.text, colours.faint, colours.accent)
+                self._actions[entry.id].setIcon(picture)

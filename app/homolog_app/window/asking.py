@@ -42,7 +42,7 @@ _Method = Callable[Concatenate[_AnyPart, _Given], None]
 def ask(
     parent: QWidget,
     title: str,
-    words: str,
+    details: str,
     answers: tuple[str, ...],
     default: int = 0,
     settled: Callable[[], bool] | None = None,
@@ -67,7 +67,7 @@ def ask(
         The answer; nothing if the question was settled.
     """
     box = QMessageBox(QMessageBox.Icon.Question, title, title, parent=parent)
-    box.setInformativeText(words)
+    box.setInformativeText(details)
     role = QMessageBox.ButtonRole
     buttons = [
         box.addButton(text, role.RejectRole if text == answers[-1] else role.AcceptRole) for text in answers
@@ -88,12 +88,12 @@ def ask(
     return chosen[0] if chosen else answers[-1]
 
 
-def waited(parent: QWidget, words: str, work: Callable[[], _Result]) -> _Result:
+def waited(parent: QWidget, text: str, work: Callable[[], _Result]) -> _Result:
     """Do something that takes a while in another thread; until it is done only the waiting is shown.
 
     Returns what `work` returns, raises what it raises.
     """
-    dialog = QProgressDialog(words, "", 0, 0, parent)
+    dialog = QProgressDialog(text, "", 0, 0, parent)
     dialog.setCancelButton(None)
     dialog.setWindowModality(Qt.WindowModality.WindowModal)
     dialog.setMinimumDuration(300)

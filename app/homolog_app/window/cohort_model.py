@@ -120,7 +120,7 @@ class CohortModel(QAbstractTableModel):
 
     def _take(self) -> None:
         study = self._session.study
-        rows_same = [one.name for one in study.members] == [one.name for one in self._members]
+        rows_same = [member.name for member in study.members] == [member.name for member in self._members]
         if rows_same and study.columns == self._columns:
             self._members = study.members
             self._refresh()

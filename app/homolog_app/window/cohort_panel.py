@@ -62,8 +62,8 @@ class CohortPanel(Panel):
         self.problems: QLabel = label("", "Problem", wrap=True)
         proceed = button("Next: Groom", "primary")
         proceed.clicked.connect(actions["view.groom"].trigger)
-        for one in (self.count, self.problems, proceed):
-            self.footer.addWidget(one)
+        for widget in (self.count, self.problems, proceed):
+            self.footer.addWidget(widget)
         self._proceed: QWidget = proceed
         self.table.selectionModel().selectionChanged.connect(self._tell_selection)
         session.selection_changed.connect(self._show_selection)
@@ -108,9 +108,11 @@ class CohortPanel(Panel):
 
     def _count(self) -> None:
         members = self._session.study.members
-        surveys = [self._session.surveys.get(one.name) for one in members]
-        waiting = sum(one is not None and one.awaits_choice for one in surveys)
-        bad = [one for one in surveys if one is not None and one.problem and not one.awaits_choice]
+        surveys = [self._session.surveys.get(member.name) for member in members]
+        waiting = sum(survey is not None and survey.awaits_choice for survey in surveys)
+        bad = [
+            survey for survey in surveys if survey is not None and survey.problem and not survey.awaits_choice
+        ]
         included = len(self._session.study.included)
         groups = self._session.study.groups
         if groups != self._groups:
@@ -120,7 +122,7 @@ class CohortPanel(Panel):
             self.table.fit_names()
         text = f"{included} of {len(members)} subjects included"
         self.count.setText(f"{text} · groups: {', '.join(groups)}" if groups else text)
-        listed = "; ".join(f"{one.subject.name}: {one.problem}" for one in bad[:3])
+        listed = "; ".join(f"{survey.subject.name}: {survey.problem}" for survey in bad[:3])
         more = f" and {len(bad) - 3} more, see the table" if len(bad) > 3 else ""
         plural = "file" if len(bad) == 1 else "files"
         lines = [f"{len(bad)} {plural} excluded. {listed}{more}"] if bad else []

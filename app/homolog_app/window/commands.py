@@ -229,7 +229,7 @@ COMMANDS = (
     Command("help.about", "About Homolog", "Version, device and licence.", "Help", "", "help"),
 )  # fmt: skip
 
-_BY_ID = {one.id: one for one in COMMANDS}
+_BY_ID = {entry.id: entry for entry in COMMANDS}
 
 
 def command(identifier: str) -> Command:

@@ -21,7 +21,7 @@ class ErrorDialog(QDialog):
         parent: QWidget,
         theme: Theme,
         title: str,
-        words: str,
+        message: str,
         details: str,
         save: Callable[[str], None],
         remedies: Mapping[str, Callable[[], object]] = MappingProxyType({}),
@@ -33,7 +33,7 @@ class ErrorDialog(QDialog):
         sign = QLabel()
         sign.setPixmap(pixmap("warning", theme.colours.warning, 40))
         sign.setAlignment(Qt.AlignmentFlag.AlignTop)
-        text = label(words, wrap=True)
+        text = label(message, wrap=True)
         text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.details = QPlainTextEdit(details, readOnly=True)
         self.details.setAccessibleName("Details")
@@ -63,11 +63,11 @@ class ErrorDialog(QDialog):
         row.addWidget(report)
         row.addWidget(close)
         for words_of_one, remedy in remedies.items():
-            one = button(words_of_one)
-            one.setAutoDefault(False)
-            one.clicked.connect(self.accept)
-            one.clicked.connect(lambda _, remedy=remedy: remedy())
-            row.insertWidget(row.count() - 2, one)
+            single = button(words_of_one)
+            single.setAutoDefault(False)
+            single.clicked.connect(self.accept)
+            single.clicked.connect(lambda _, remedy=remedy: remedy())
+            row.insertWidget(row.count() - 2, single)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
         layout.setSpacing(2 * GRID)

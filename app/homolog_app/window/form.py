@@ -61,11 +61,11 @@ class SettingsForm(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(2 * GRID)
-        for one in parameters(model):
-            if one.name not in leave_out:
-                row = _Row(one)
+        for parameter in parameters(model):
+            if parameter.name not in leave_out:
+                row = _Row(parameter)
                 row.entered.connect(self._enter)
-                self._rows[one.name] = row
+                self._rows[parameter.name] = row
                 layout.addWidget(row)
 
     def show_values(self, model: BaseModel) -> None:
@@ -93,7 +93,7 @@ class SettingsPair(QWidget):
 
     def __init__(self, model: type[BaseModel], main: tuple[str, ...]) -> None:
         super().__init__()
-        more = tuple(one.name for one in parameters(model) if one.name not in main)
+        more = tuple(parameter.name for parameter in parameters(model) if parameter.name not in main)
         self.main = SettingsForm(model, leave_out=more)
         self.more = SettingsForm(model, leave_out=main)
         self.more.hide()
@@ -177,31 +177,36 @@ class _Row(QWidget):
         self._help.setText(text)
         if self._help.objectName() != look:
             self._help.setObjectName(look)
-            for one in (self._help, self._editor):
-                one.setProperty("invalid", look == "Problem")
-                one.style().unpolish(one)
-                one.style().polish(one)
+            for widget in (self._help, self._editor):
+                widget.setProperty("invalid", look == "Problem")
+                widget.style().unpolish(widget)
+                widget.style().polish(widget)
 
     def _make_editor(self) -> QWidget:
-        one = self._parameter
-        if one.kind is bool:
+        parameter = self._parameter
+        if parameter.kind is bool:
             tick = QCheckBox()
             tick.toggled.connect(self._report)
             return tick
-        if one.choices:
+        if parameter.choices:
             choice = QComboBox()
-            for value in one.choices:
+            for value in parameter.choices:
                 choice.addItem(_WORDS.get(value, value.capitalize()), value)
             choice.activated.connect(lambda _: self._report(choice.currentData()))
             return choice
-        if one.kind is int and not one.automatic and one.low is not None and one.high is not None:
-            number = NumberBox(int(one.low), int(one.high))
+        if (
+            parameter.kind is int
+            and not parameter.automatic
+            and parameter.low is not None
+            and parameter.high is not None
+        ):
+            number = NumberBox(int(parameter.low), int(parameter.high))
             number.setKeyboardTracking(False)
             number.setFixedWidth(112)
             number.setAlignment(Qt.AlignmentFlag.AlignRight)
             number.valueChanged.connect(self._report)
             return number
-        text = QLineEdit(placeholderText="automatic" if one.automatic else "")
+        text = QLineEdit(placeholderText="automatic" if parameter.automatic else "")
         text.setFixedWidth(112)
         text.setAlignment(Qt.AlignmentFlag.AlignRight)
         text.textEdited.connect(self._report_text)
@@ -222,6 +227,10 @@ class _Row(QWidget):
         self._report(int(number) if self._parameter.kind is int and number.is_integer() else number)
 
 
-def _help(one: Parameter) -> str:
-    bounds = f"{one.low} or more" if one.high is not None and one.high >= _NO_BOUND else one.bounds
-    return f"{one.help} ({bounds} {one.unit})".replace(" )", ")") if bounds else one.help
+def _help(parameter: Parameter) -> str:
+    bounds = (
+        f"{parameter.low} or more"
+        if parameter.high is not None and parameter.high >= _NO_BOUND
+        else parameter.bounds
+    )
+    return f"{parameter.help} ({bounds} {parameter.unit})".replace(" )", ")") if bounds else parameter.help

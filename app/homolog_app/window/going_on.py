@@ -20,19 +20,19 @@ class GoingOn:
         How many more, if that is what the study asks for.
     subjects : tuple of str
         New ones that can be fitted to it.
-    words : str
+    message : str
         What would happen, or what to do so that something can.
     """
 
     particles: int
     subjects: tuple[str, ...]
-    words: str
+    message: str
 
 
 def going_on(study: Study, result: ResultRecord) -> GoingOn:
     """Return what a run of a study can add to a result."""
-    known = [one.name for one in result.subjects]
-    names = [one.name for one in study.included]
+    known = [subject.name for subject in result.subjects]
+    names = [subject.name for subject in study.included]
     fresh = tuple(name for name in names if name not in known)
     gone = [name for name in known if name not in names]
     more = study.settings.optimize.particles - result.particles
@@ -71,11 +71,11 @@ def going_on(study: Study, result: ResultRecord) -> GoingOn:
 
 def outdated_words(study: Study, result: ResultRecord) -> str:
     """Say in what cohort and settings have changed since a result was computed; nothing if they have not."""
-    known = [one.name for one in result.subjects]
-    names = [one.name for one in study.included]
-    gone, fresh = [one for one in known if one not in names], [one for one in names if one not in known]
-    words = [f"{_listed(gone)} {_are(gone)} excluded in Cohort but still part of it"] if gone else []
-    words += [f"{_listed(fresh)} {_are(fresh)} not part of it"] if fresh else []
+    known = [subject.name for subject in result.subjects]
+    names = [subject.name for subject in study.included]
+    gone, fresh = [name for name in known if name not in names], [name for name in names if name not in known]
+    parts = [f"{_listed(gone)} {_are(gone)} excluded in Cohort but still part of it"] if gone else []
+    parts += [f"{_listed(fresh)} {_are(fresh)} not part of it"] if fresh else []
     changed = [
         name.replace("_", " ")
         for now, own in (
@@ -85,12 +85,12 @@ def outdated_words(study: Study, result: ResultRecord) -> str:
         for name in type(now).model_fields
         if getattr(now, name) != getattr(own, name)
     ]
-    words += [f"settings have changed ({_listed(changed)})"] if changed else []
-    return f"This result is out of date: {'; '.join(words)}. Run again to update it." if words else ""
+    parts += [f"settings have changed ({_listed(changed)})"] if changed else []
+    return f"This result is out of date: {'; '.join(parts)}. Run again to update it." if parts else ""
 
 
-def _not(words: str) -> GoingOn:
-    return GoingOn(0, (), words)
+def _not(text: str) -> GoingOn:
+    return GoingOn(0, (), text)
 
 
 def _listed(names: list[str]) -> str:

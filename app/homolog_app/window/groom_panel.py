@@ -38,14 +38,14 @@ class GroomPanel(Panel):
         self.body.addWidget(self.form)
         self.body.addWidget(self.mirrored)
         self.body.addWidget(rule())
-        for one in (self.subject, self.report, self.again):
-            self.body.addWidget(one)
+        for widget in (self.subject, self.report, self.again):
+            self.body.addWidget(widget)
         self.body.addStretch()
         self.progress = Progress(actions)
         self.go = ActionButton("Groom", actions["run.groom"], "primary")
         self.proceed = ActionButton("Next: Correspond", actions["view.correspond"], "primary")
-        for widget in (self.progress, self.go, self.proceed):
-            self.footer.addWidget(widget)
+        for below in (self.progress, self.go, self.proceed):
+            self.footer.addWidget(below)
         for signal in (session.study_changed, session.facts_changed, session.selection_changed):
             signal.connect(self._show)
         self._show()
@@ -64,7 +64,7 @@ class GroomPanel(Panel):
         self.go.setText(f"Groom {count} subjects" if not session.is_groomed else "Groom all again")
         set_primary(self.go, not session.is_groomed)
         self.proceed.setVisible(idle and session.is_groomed)
-        turned = [one for one, found in session.groomed.items() if mirrors(found.alignment)]
+        turned = [name for name, groomed in session.groomed.items() if mirrors(groomed.alignment)]
         self.mirrored.setText(f"Mirrored to the other side: {', '.join(turned)}")
         self.mirrored.setVisible(bool(turned))
         name = session.selection[0] if session.selection else ""

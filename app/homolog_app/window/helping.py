@@ -42,18 +42,20 @@ class Helping(Part):
     def show_error(self, kind: str, error: BaseException) -> None:
         """Show what happened and what to do; a defect of the program asks for a report."""
         title = _TITLES.get(kind, "Unexpected error")
-        words = (
+        text = (
             user_message(error)
             or "This is a bug in Homolog. Please save a problem report and attach it to an issue."
         )
         details = "".join(traceback.format_exception(error))
-        remedies = self._remedies(kind, words)
-        ErrorDialog(self._window, self._desk.theme, title, words, details, self.save_report, remedies).open()
+        remedies = self._remedies(kind, text)
+        ErrorDialog(self._window, self._desk.theme, title, text, details, self.save_report, remedies).open()
 
-    def _remedies(self, kind: str, words: str) -> dict[str, Callable[[], object]]:
+    def _remedies(self, kind: str, message: str) -> dict[str, Callable[[], object]]:
         """Return what can be done about the subject that an error of grooming or a run names."""
         session, commands = self._desk.session, self._window.commands
-        names = [one.name for one in session.study.included if words.startswith(f"{one.name}: ")]
+        names = [
+            subject.name for subject in session.study.included if message.startswith(f"{subject.name}: ")
+        ]
         if kind not in _AGAIN or len(names) != 1:
             return {}
         (name,) = names

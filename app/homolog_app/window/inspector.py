@@ -54,4 +54,4 @@ class Inspector(QFrame):
         self.correspond.show_busy(work.status if work.kind == "run" else None)
 
     def _show_devices(self, devices: Devices) -> None:
-        self.correspond.show_devices(devices.words)
+        self.correspond.show_devices(devices.names)

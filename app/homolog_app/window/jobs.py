@@ -38,9 +38,9 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """The machine's devices: alias and words for people, and the one that automatic takes."""
+    """The machine's devices: alias and name, and the one that automatic takes."""
 
-    words: dict[str, str]
+    names: dict[str, str]
     automatic: str
 
 
@@ -55,15 +55,15 @@ def prepare(tick: Tick) -> Devices:
 
     automatic = choose_device("auto")
     aliases = ["cpu", *(device.alias for device in warp.get_cuda_devices())]
-    words = {"auto": f"Automatic ({describe_device(automatic)})"}
-    words |= {alias: describe_device(alias) for alias in aliases}
+    names = {"auto": f"Automatic ({describe_device(automatic)})"}
+    names |= {alias: describe_device(alias) for alias in aliases}
     ours = [module for name, module in sys.modules.items() if name.startswith("homolog.")]
-    kernels = [one for module in ours for one in vars(module).values() if isinstance(one, warp.Kernel)]
+    kernels = [item for module in ours for item in vars(module).values() if isinstance(item, warp.Kernel)]
     modules = sorted({kernel.module.name for kernel in kernels})
     for number, module in enumerate(modules):
         tick(number / len(modules), "preparing compute kernels (first start only)")
         warp.load_module(module, device=automatic)
-    return Devices(words, automatic)
+    return Devices(names, automatic)
 
 
 def read_files(
@@ -108,7 +108,7 @@ def groomed_before(
     from homolog.grooming.cache import content_key, load_groomed
     from homolog.grooming.subject import read_source
 
-    found = []
+    groomed = []
     for number, subject in enumerate(cohort.subjects):
         tick(number / len(cohort.subjects), f"looking for the groomed shape of {subject.name}")
         if not (project.groomed / f"{file_stems([subject.name])[0]}.npz").is_file():
@@ -120,8 +120,8 @@ def groomed_before(
         kept = load_groomed(project.groomed, subject.name, key)
         if kept is None:
             return None
-        found.append(kept)
-    return align_cohort(cohort, found, settings.groom, tick) if found else None
+        groomed.append(kept)
+    return align_cohort(cohort, groomed, settings.groom, tick) if groomed else None
 
 
 class RunJob:
@@ -144,7 +144,7 @@ class RunJob:
         """Whether its particles can be kept when it is cancelled; a result that it began with stays."""
         self._last: Frame | None = None
         self.recorder = Recorder()
-        self.names = [one.name for one in cohort.subjects]
+        self.names = [subject.name for subject in cohort.subjects]
         self._status: RunStatus = self._run.status
         self._news: tuple[RunStatus, PreliminaryModel | None] = (self._status, None)
         optimize = settings.optimize

@@ -92,7 +92,7 @@ def find_lost(sessions: Path) -> list[Lost]:
 
     A lock tells who is alive: the system lets go of it when a process ends, however it ends.
     """
-    found: list[tuple[float, Lost]] = []
+    journals: list[tuple[float, Lost]] = []
     for folder in sessions.iterdir() if sessions.is_dir() else ():
         lock = FileLock(folder / _LOCK)
         try:
@@ -103,7 +103,7 @@ def find_lost(sessions: Path) -> list[Lost]:
         path = folder / _RECORD
         try:
             lost = Lost(folder, JournalRecord.model_validate_json(path.read_bytes()))
-            found.append((path.stat().st_mtime, lost))
+            journals.append((path.stat().st_mtime, lost))
         except (OSError, ValidationError):
             shutil.rmtree(folder, ignore_errors=True)
-    return [lost for _, lost in sorted(found, key=lambda one: -one[0])]
+    return [lost for _, lost in sorted(journals, key=lambda entry: -entry[0])]

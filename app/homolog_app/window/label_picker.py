@@ -68,33 +68,38 @@ class LabelPicker(QFrame):
 
         groom = self._session.study.settings.groom
         count = len(self._session.study.members)
-        found = {
-            name: [Found(one.name, one.value, one.volume_ml or 0.0, one.at_border) for one in survey.labels]
+        labels_of = {
+            name: [
+                Found(label.name, label.value, label.volume_ml or 0.0, label.at_border)
+                for label in survey.labels
+            ]
             for name, survey in surveys.items()
         }
-        structures = joined(found)
+        structures = joined(labels_of)
         self.setVisible(len(structures) > 1)
-        texts = [_text(one, count) for one in structures]
+        texts = [_text(structure, count) for structure in structures]
         state = (self._theme.colours, groom.label, groom.segment, texts)
         if len(structures) < 2 or state == self._shown:
             return
         self._shown = state
         pictures = {
-            one.name or one.value: one.thumbnail
+            label.name or label.value: label.thumbnail
             for survey in reversed(surveys.values())
-            for one in survey.labels
-            if one.thumbnail is not None
+            for label in survey.labels
+            if label.thumbnail is not None
         }
         self.choice.clear()
         self.choice.addItem("All labels together", None)
         chosen = 0
-        for index, (one, text) in enumerate(zip(structures, texts, strict=True), start=1):
-            data = one.name or one.values[0]
+        for index, (structure, text) in enumerate(zip(structures, texts, strict=True), start=1):
+            data = structure.name or structure.values[0]
             picture = pictures.get(data)
             icon = QIcon() if picture is None else self._icon(picture)
             self.choice.addItem(icon, text, data)
-            named = groom.segment is not None and same_name(one.name, groom.segment)
-            if named or (groom.segment is None and groom.label is not None and groom.label in one.values):
+            named = groom.segment is not None and same_name(structure.name, groom.segment)
+            if named or (
+                groom.segment is None and groom.label is not None and groom.label in structure.values
+            ):
                 chosen = index
         self.choice.setCurrentIndex(chosen)
 

@@ -90,7 +90,9 @@ class Library(Part):
         self._desk.session.open(study, folder)
         if elsewhere is not None:
             self._desk.session.undo.resetClean()
-        self._desk.session.select(opened.view.selection or [one.name for one in opened.study.members[:1]])
+        self._desk.session.select(
+            opened.view.selection or [member.name for member in opened.study.members[:1]]
+        )
         self._desk.preferences.remember(folder)
         self.show_recent()
         self._window.commands[f"view.grid{opened.view.layout}"].trigger()
@@ -210,11 +212,11 @@ class Library(Part):
         """Offer what windows that are gone left behind; the newest first."""
         for lost in find_lost(self._desk.sessions):
             name = Path(lost.record.folder).name if lost.record.folder else "a study that was never saved"
-            words = f"{len(lost.record.study.subjects)} subjects" + (
+            text = f"{len(lost.record.study.subjects)} subjects" + (
                 ", a run was in progress" if lost.record.running else ", unsaved edits"
             )
             answer = ask(
-                self._window, f"Recover {name}?", f"The program ended without closing it: {words}.",
+                self._window, f"Recover {name}?", f"The program ended without closing it: {text}.",
                 ("Recover", "Later", "Discard"),
             )  # fmt: skip
             if answer == "Discard":
@@ -250,7 +252,7 @@ class Library(Part):
     def _add(self) -> None:
         paths, _ = QFileDialog.getOpenFileNames(self._window, "Add files", "", FILES)
         if paths:
-            self.take([Path(one) for one in paths])
+            self.take([Path(path) for path in paths])
 
     def _open(self) -> None:
         path = QFileDialog.getExistingDirectory(self._window, "Open project folder")
@@ -296,10 +298,8 @@ class Library(Part):
         domains = domains_of(source)
         domain = domains[0]
         if len(domains) > 1:
-            words = "Which anatomy of the project?"
-            domain, chosen = QInputDialog.getItem(
-                self._window, "Import model", words, domains, editable=False
-            )
+            text = "Which anatomy of the project?"
+            domain, chosen = QInputDialog.getItem(self._window, "Import model", text, domains, editable=False)
             if not chosen:
                 return
 
@@ -343,12 +343,12 @@ class Library(Part):
 
     def _asked_where(self, study: Study) -> Path | None:
         """Ask where input files are that have moved; None if none has, or nobody knows."""
-        missing = [one.name for one in study.members if not one.subject.path.exists()]
+        missing = [member.name for member in study.members if not member.subject.path.exists()]
         if not missing:
             return None
-        words = f"{len(missing)} input files have moved, such as that of {missing[0]}."
+        text = f"{len(missing)} input files have moved, such as that of {missing[0]}."
         if (
-            ask(self._window, "Files have moved", words, ("Locate folder…", "Continue without"))
+            ask(self._window, "Files have moved", text, ("Locate folder…", "Continue without"))
             != "Locate folder…"
         ):
             return None

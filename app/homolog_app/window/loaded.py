@@ -78,7 +78,7 @@ class Recorder:
 
     def take(self, iteration: int, particles: FloatArray, energies: FloatArray) -> None:
         """Take a moment in."""
-        sampling, ensemble, normals = (float(one) for one in energies)
+        sampling, ensemble, normals = (float(energy) for energy in energies)
         self.energies.append((float(iteration), sampling, ensemble, normals))
         self._seen += 1
         if self._seen % self._every == 0:
@@ -91,9 +91,9 @@ class Recorder:
         """Store the frames with the result."""
         arrays: dict[str, object] = {
             "result": _fingerprint(project),
-            "iterations": np.array([one.iteration for one in self.frames]),
+            "iterations": np.array([frame.iteration for frame in self.frames]),
         }
-        arrays |= {f"frame_{index:04d}": one.particles for index, one in enumerate(self.frames)}
+        arrays |= {f"frame_{index:04d}": frame.particles for index, frame in enumerate(self.frames)}
         write_arrays(project.folder / _FRAMES, arrays)
 
 
@@ -113,9 +113,9 @@ def load_result(project: ProjectFolder) -> Loaded:
     if record is None:
         raise InputError(f"{project.folder}: has no result")
     surfaces = {}
-    for one in record.subjects:
-        mesh = read_surface(project, one)
-        surfaces[one.name] = (mesh, simplified(mesh, COARSE_VERTICES))
+    for subject in record.subjects:
+        mesh = read_surface(project, subject)
+        surfaces[subject.name] = (mesh, simplified(mesh, COARSE_VERTICES))
     summary = f"{record.particles} particles on {len(record.subjects)} shapes, " + (
         f"imported from {record.source}{_remarks(record)}"
         if record.source
@@ -156,12 +156,12 @@ def write_held(project: ProjectFolder, loaded: Loaded, cohort: Cohort, tick: Tic
     model = ShapeModel.fit(result.world, names=result.names)
     meshes = [loaded.surfaces[name][0] for name in result.names]
     surface = surface_of_model(model, result.world, meshes, result.alignments, part_of(tick, 0.0, 0.5))
-    own = Cohort(tuple(one for one in cohort.subjects if one.name in result.names), cohort.folder)
+    own = Cohort(tuple(subject for subject in cohort.subjects if subject.name in result.names), cohort.folder)
     with project.replacing_result() as new:
-        for index, one in enumerate(record.subjects):
-            write_particles(particle_file(new, one.file, "local"), result.local[index])
-            write_particles(particle_file(new, one.file, "world"), result.world[index])
-            write_mesh(surface_file(project, one.file), meshes[index])
+        for index, subject in enumerate(record.subjects):
+            write_particles(particle_file(new, subject.file, "local"), result.local[index])
+            write_particles(particle_file(new, subject.file, "world"), result.world[index])
+            write_mesh(surface_file(project, subject.file), meshes[index])
         write_model(new, own, model)
         write_surfaces(new, model, surface, part_of(tick, 0.5, 1.0))
         rows = ([int(row[0]), *row[1:]] for row in loaded.energies.tolist())
@@ -175,7 +175,7 @@ def write_held(project: ProjectFolder, loaded: Loaded, cohort: Cohort, tick: Tic
 
 def _remarks(record: ResultRecord) -> str:
     """Say what can't be shown of an imported model as it was."""
-    noted = [one for one in record.subjects if one.notes]
+    noted = [subject for subject in record.subjects if subject.notes]
     return f". {len(noted)} of them: {noted[0].notes[0]}" if noted else ""
 
 
@@ -202,6 +202,6 @@ def _frames(project: ProjectFolder) -> tuple[RecordedFrame, ...]:
         return ()
     stored = [arrays[name] for name in sorted(arrays) if name.startswith("frame_")]
     return tuple(
-        RecordedFrame(int(iteration), one)
-        for iteration, one in zip(arrays["iterations"], stored, strict=True)
+        RecordedFrame(int(iteration), particles)
+        for iteration, particles in zip(arrays["iterations"], stored, strict=True)
     )

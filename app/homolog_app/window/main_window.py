@@ -174,8 +174,8 @@ class MainWindow(QMainWindow):
     def _connect(self) -> None:
         desk = self.desk
         self.commands.connect_handlers(self._handlers())
-        for name, one in self.rail.buttons.items():
-            one.clicked.connect(self.commands[f"view.{name}"].trigger)
+        for name, button in self.rail.buttons.items():
+            button.clicked.connect(self.commands[f"view.{name}"].trigger)
         for signal in (
             desk.session.study_changed, desk.session.facts_changed, desk.session.selection_changed,
             desk.session.project_changed, desk.session.undo.indexChanged, desk.work.changed,

@@ -18,32 +18,35 @@ from homolog_app.window.commands import COMMANDS, Command
 __all__ = ["CommandPalette", "matches", "ranked"]
 
 
-def matches(query: str, one: Command) -> bool:
+def matches(query: str, command: Command) -> bool:
     """Whether every word of the query occurs in the command's menu, title or help."""
-    text = f"{one.menu} {one.title} {one.help}".casefold()
+    text = f"{command.menu} {command.title} {command.help}".casefold()
     return all(word in text for word in query.casefold().split())
 
 
 def ranked(query: str) -> list[Command]:
     """Return the commands that match, best first: by title, then help, then menu."""
-    return sorted((one for one in COMMANDS if matches(query, one)), key=lambda one: _distance(query, one))
+    return sorted(
+        (command for command in COMMANDS if matches(query, command)),
+        key=lambda command: _distance(query, command),
+    )
 
 
-def _distance(query: str, one: Command) -> int:
-    title, about = one.title.casefold(), f"{one.title} {one.help}".casefold()
-    words = query.casefold().split()
+def _distance(query: str, command: Command) -> int:
+    title, about = command.title.casefold(), f"{command.title} {command.help}".casefold()
+    parts = query.casefold().split()
     starts = [
-        all(any(part.startswith(word) for part in text.split()) for word in words) for text in (title, about)
+        all(any(part.startswith(word) for part in text.split()) for word in parts) for text in (title, about)
     ]
-    if not words or title.startswith(query.casefold().strip()):
+    if not parts or title.startswith(query.casefold().strip()):
         return 0
     if starts[0]:
         return 1
-    if all(word in title for word in words):
+    if all(word in title for word in parts):
         return 2
     if starts[1]:
         return 3
-    return 4 if all(word in about for word in words) else 5
+    return 4 if all(word in about for word in parts) else 5
 
 
 class CommandPalette(QDialog):
@@ -96,13 +99,13 @@ class CommandPalette(QDialog):
 
     def _fill(self, query: str) -> None:
         self.list.clear()
-        for one in ranked(query):
-            action = self._actions[one.id]
-            if action.isEnabled() and one.id != "help.palette":
+        for command in ranked(query):
+            action = self._actions[command.id]
+            if action.isEnabled() and command.id != "help.palette":
                 keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
-                item = QTreeWidgetItem([one.title.rstrip("…"), keys])
+                item = QTreeWidgetItem([command.title.rstrip("…"), keys])
                 item.setIcon(0, action.icon())
-                item.setToolTip(0, one.help)
+                item.setToolTip(0, command.help)
                 item.setData(0, Qt.ItemDataRole.UserRole, action)
                 item.setTextAlignment(1, Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
                 self.list.addTopLevelItem(item)

@@ -63,17 +63,17 @@ class Preferences:
         """Projects opened last, newest first."""
         stored = self._store.value("recent", [])
         listed = [stored] if isinstance(stored, str) else stored if isinstance(stored, list) else []
-        return [Path(one) for one in listed if one]
+        return [Path(path) for path in listed if path]
 
     def remember(self, folder: Path) -> None:
         """Put a project at the top of the list."""
-        others = [one for one in self.recent if one != folder]
-        self._put("recent", [str(one) for one in [folder, *others]][:_MOST_RECENT])
+        others = [other for other in self.recent if other != folder]
+        self._put("recent", [str(path) for path in [folder, *others]][:_MOST_RECENT])
 
     def relocate(self, before: Path, after: Path) -> None:
         """Put a project that was moved in the place of the one that is gone."""
-        listed = [after if one == before else one for one in self.recent]
-        self._put("recent", [str(one) for one in dict.fromkeys(listed)])
+        listed = [after if path == before else path for path in self.recent]
+        self._put("recent", [str(path) for path in dict.fromkeys(listed)])
 
     def forget(self) -> None:
         """Clear the list: folders' names may tell who was a patient."""
@@ -100,8 +100,8 @@ class PreferencesDialog(QDialog):
         self.setWindowTitle("Preferences")
         self.setMinimumWidth(440)
         self.scheme = QComboBox()
-        for value, words in SCHEMES.items():
-            self.scheme.addItem(words, value)
+        for value, text in SCHEMES.items():
+            self.scheme.addItem(text, value)
         self.scheme.setCurrentIndex(self.scheme.findData(preferences.scheme))
         self.ask = QCheckBox("Ask before discarding unsaved edits or stopping a run")
         self.ask.setChecked(preferences.ask_on_close)

@@ -36,7 +36,7 @@ class PreliminaryModel:
     iteration: int
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """How far the run was."""
         return f"preliminary: {self.particles} of {self.wanted} particles, iteration {self.iteration}"
 

@@ -28,7 +28,11 @@ _PACKAGES = (
 )
 _LINES = 200
 _ID_LENGTH = 5  # digits that may be somebody's number rather than an age
-_OWN = (*(Path(str(one.__file__)).parents[1] for one in (homolog, homolog_app)), sys.prefix, sys.base_prefix)
+_OWN = (
+    *(Path(str(module.__file__)).parents[1] for module in (homolog, homolog_app)),
+    sys.prefix,
+    sys.base_prefix,
+)
 _PATH = re.compile(r"""(?<![\w.<>])(?:/|[A-Za-z]:[\\/])[^\n:"'<>|]*""")  # up to what ends a path in messages
 
 
@@ -63,13 +67,13 @@ def _secrets(session: Session) -> Iterator[tuple[str, str]]:
     if session.folder:
         yield str(session.folder), "PROJECT"
     numbers: dict[Path, int] = {}
-    for one in session.seen.values():
-        number = numbers.setdefault(one.path, len(numbers) + 1)
-        yield str(one.path), f"FILE-{number}"
-        yield str(one.path.parent), "FOLDER"
-        yield one.path.name, f"FILE-{number}"
-        yield one.name, f"SUBJECT-{number}"
-        for value in (one.group, *one.columns.values()):
+    for subject in session.seen.values():
+        number = numbers.setdefault(subject.path, len(numbers) + 1)
+        yield str(subject.path), f"FILE-{number}"
+        yield str(subject.path.parent), "FOLDER"
+        yield subject.path.name, f"FILE-{number}"
+        yield subject.name, f"SUBJECT-{number}"
+        for value in (subject.group, *subject.columns.values()):
             if value and (len(value) >= _ID_LENGTH or not value.replace(".", "").isdigit()):
                 yield value, "VALUE"
 

@@ -18,7 +18,7 @@ class Progress(QWidget):
         self.bar = QProgressBar(maximum=1000)
         self.bar.setTextVisible(False)
         self.bar.setAccessibleName("Progress")
-        self.words: QLabel = label("", "Hint", wrap=True)
+        self.message: QLabel = label("", "Hint", wrap=True)
         self.cancel = button("Cancel")
         self.cancel.clicked.connect(actions["run.cancel"].trigger)
         layout = QVBoxLayout(self)
@@ -28,7 +28,7 @@ class Progress(QWidget):
         self.buttons.setSpacing(GRID)
         self.buttons.addWidget(self.cancel)
         layout.addWidget(self.bar)
-        layout.addWidget(self.words)
+        layout.addWidget(self.message)
         layout.addLayout(self.buttons)
         self.hide()
 
@@ -37,7 +37,7 @@ class Progress(QWidget):
         self.setVisible(status is not None)
         if status is not None:
             self.bar.setValue(round(1000 * status.fraction))
-            self.words.setText(progress_words(status))
+            self.message.setText(progress_words(status))
 
 
 def progress_words(status: Status) -> str:

@@ -56,6 +56,6 @@ def ticks(low: float, high: float, about: int = 5) -> list[float]:
     """Return so many round values, or a few more or less, from low to high; 0 is one of them if between."""
     rough = max((high - low) / about, 1e-300)
     power = 10.0 ** math.floor(math.log10(rough))
-    step = next(one * power for one in _STEPS if one * power >= 0.999 * rough)
+    step = next(factor * power for factor in _STEPS if factor * power >= 0.999 * rough)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     return [number * step for number in range(first, last + 1)]

@@ -18,12 +18,12 @@ _WIDTH, _HEIGHT = 96, 104
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """How far a step is: reachable, done, the one to do next, and a few words."""
+    """How far a step is: reachable, done, the one to do next, and its status."""
 
     enabled: bool
     done: bool
     following: bool
-    words: str
+    status: str
 
 
 class Rail(QFrame):
@@ -37,14 +37,14 @@ class Rail(QFrame):
         layout.setContentsMargins(0, GRID, 0, GRID)
         layout.setSpacing(GRID // 2)
         self.buttons = {name: _StepButton(name, theme, self) for name in STEPS}
-        for one in self.buttons.values():
-            layout.addWidget(one)
+        for button in self.buttons.values():
+            layout.addWidget(button)
         layout.addStretch()
 
     def show_steps(self, steps: dict[str, Step], current: str) -> None:
         """Show how far each step is and which one is open."""
-        for name, one in self.buttons.items():
-            one.show_step(steps[name], name == current)
+        for name, button in self.buttons.items():
+            button.show_step(steps[name], name == current)
 
 
 class _StepButton(QAbstractButton):
@@ -63,8 +63,8 @@ class _StepButton(QAbstractButton):
         self._step, self._current = step, current
         self.setEnabled(step.enabled)
         state = "done" if step.done else "next" if step.following else ""
-        self.setAccessibleDescription(", ".join(part for part in (step.words, state) if part))
-        self.setToolTip(f"{self.text()}: {step.words}" if step.words else self.text())
+        self.setAccessibleDescription(", ".join(part for part in (step.status, state) if part))
+        self.setToolTip(f"{self.text()}: {step.status}" if step.status else self.text())
         self.update()
 
     def sizeHint(self) -> QSize:
@@ -115,5 +115,5 @@ class _StepButton(QAbstractButton):
         font.setWeight(QFont.Weight.Normal)
         painter.setFont(font)
         painter.setPen(QColor(self._theme.colours.dim if self._step.enabled else self._theme.colours.faint))
-        words = self._step.words or ("next" if self._step.following and not self._current else "")
-        painter.drawText(box.adjusted(2, 66, -2, 0), flags | Qt.TextFlag.TextWordWrap, words)
+        text = self._step.status or ("next" if self._step.following and not self._current else "")
+        painter.drawText(box.adjusted(2, 66, -2, 0), flags | Qt.TextFlag.TextWordWrap, text)

@@ -32,9 +32,9 @@ class RangeDialog(QDialog):
         self.symmetric = QCheckBox("Symmetric about 0")
         form = QFormLayout()
         form.setVerticalSpacing(GRID)
-        for words, box in ((f"Lowest{unit}", self.low), (f"Highest{unit}", self.high)):
-            box.setAccessibleName(words)
-            form.addRow(words, box)
+        for text, box in ((f"Lowest{unit}", self.low), (f"Highest{unit}", self.high)):
+            box.setAccessibleName(text)
+            form.addRow(text, box)
         form.addRow("", self.symmetric)
         self.problem = label("", "Problem", wrap=True)
         self.automatic = button("Automatic")

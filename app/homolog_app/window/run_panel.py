@@ -52,11 +52,11 @@ class RunPanel(Panel):
         self.resume, self.keep = button("Resume"), button("Keep particles")
         self.proceed = button("Next: Explore", "primary")
         self._lay_out_footer()
-        for one, command in (
+        for control, command in (
             (self.more, "run.more"), (self.fit, "run.fit"), (self.pause, "run.pause"), (self.go, "run.start"),
             (self.resume, "run.resume"), (self.keep, "run.keep"), (self.proceed, "view.explore"),
         ):  # fmt: skip
-            one.clicked.connect(actions[command].trigger)
+            control.clicked.connect(actions[command].trigger)
         session.study_changed.connect(self.refresh)
         session.facts_changed.connect(self.refresh)
         self.refresh()
@@ -90,8 +90,8 @@ class RunPanel(Panel):
     def show_devices(self, devices: dict[str, str]) -> None:
         """List the devices of this machine: alias and description."""
         self.device.clear()
-        for alias, words in devices.items():
-            self.device.addItem(words, alias)
+        for alias, text in devices.items():
+            self.device.addItem(text, alias)
         self.refresh_device()
 
     def show_busy(self, status: Status | None) -> None:
@@ -118,10 +118,10 @@ class RunPanel(Panel):
         self.keep.setVisible(idle and self._actions["run.keep"].isEnabled())
         self.proceed.setVisible(idle and done)
         ready = session.is_groomed or done
-        words = session.result.summary if session.result else "" if ready else _FIRST
+        text = session.result.summary if session.result else "" if ready else _FIRST
         if self.resume.isVisibleTo(self):
-            words = f"{self._interrupted()}\n{words}".strip()
-        self.summary.setText(words)
+            text = f"{self._interrupted()}\n{text}".strip()
+        self.summary.setText(text)
 
     def _interrupted(self) -> str:
         """Say how far the unfinished run got."""
@@ -133,17 +133,17 @@ class RunPanel(Panel):
 
     def _show_further(self) -> None:
         """Say what a run could add to the result."""
-        found = self._session.going_on
-        self.from_result.setVisible(found is not None)
-        if found is None:
+        possible = self._session.going_on
+        self.from_result.setVisible(possible is not None)
+        if possible is None:
             return
-        self.further.setText(found.words)
-        count = len(found.subjects)
-        self.more.setText(f"Add {found.particles} particles" if found.particles else "Add particles")
+        self.further.setText(possible.message)
+        count = len(possible.subjects)
+        self.more.setText(f"Add {possible.particles} particles" if possible.particles else "Add particles")
         self.fit.setText(f"Fit {count} new subject{'s' * (count != 1)}" if count else "Fit new subjects")
-        for one, command in ((self.more, "run.more"), (self.fit, "run.fit")):
-            one.setEnabled(self._actions[command].isEnabled())
-            one.setToolTip(self._actions[command].toolTip())
+        for control, command in ((self.more, "run.more"), (self.fit, "run.fit")):
+            control.setEnabled(self._actions[command].isEnabled())
+            control.setToolTip(self._actions[command].toolTip())
 
     def refresh_device(self) -> None:
         """Show the chosen device; one that this machine lacks is listed as missing."""

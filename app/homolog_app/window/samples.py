@@ -32,7 +32,7 @@ class Stop:
 
     step: str
     title: str
-    words: str
+    text: str
     offer: str = ""
     opens: str = ""
 

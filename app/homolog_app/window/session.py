@@ -55,14 +55,14 @@ class Session(QObject):
     @property
     def groomed_names(self) -> list[str]:
         """The included subjects that have a groomed surface, in order."""
-        return [one.name for one in self.study.included if one.name in self.groomed]
+        return [subject.name for subject in self.study.included if subject.name in self.groomed]
 
     @property
     def is_groomed(self) -> bool:
         """Whether every included subject is groomed with the settings in force."""
         return bool(self.study.included) and all(
-            one.name in self.groomed and self.groomed[one.name].settings == self.study.settings.groom
-            for one in self.study.included
+            subject.name in self.groomed and self.groomed[subject.name].settings == self.study.settings.groom
+            for subject in self.study.included
         )
 
     @property
@@ -93,7 +93,7 @@ class Session(QObject):
 
     def select(self, names: Iterable[str]) -> None:
         """Select subjects, everywhere."""
-        known = {one.name for one in self.study.members}
+        known = {member.name for member in self.study.members}
         chosen = tuple(name for name in names if name in known)
         if chosen != self.selection:
             self.selection = chosen
@@ -101,24 +101,28 @@ class Session(QObject):
 
     def toggle_selected(self, name: str) -> None:
         """Add a subject to the selection, or remove it."""
-        others = [one for one in self.selection if one != name]
+        others = [selected for selected in self.selection if selected != name]
         self.select(others if len(others) < len(self.selection) else [*others, name])
 
     def set_group(self, group: str | None) -> None:
         """Give the selected subjects a group."""
-        self._edit_selected("Set group", lambda one: replace(one, subject=replace(one.subject, group=group)))
+        self._edit_selected(
+            "Set group", lambda member: replace(member, subject=replace(member.subject, group=group))
+        )
 
     def toggle_included(self) -> None:
         """Take the selected subjects in, or leave them out if all of them are in."""
-        chosen = [one for one in self.study.members if one.name in self.selection]
-        included = not all(one.included for one in chosen)
+        chosen = [member for member in self.study.members if member.name in self.selection]
+        included = not all(member.included for member in chosen)
         self._edit_selected(
             "Include subjects" if included else "Exclude subjects",
-            lambda one: replace(one, included=included),
+            lambda member: replace(member, included=included),
         )
 
     def _edit_selected(self, text: str, change: Callable[[Member], Member]) -> None:
-        changed = {one.name: change(one) for one in self.study.members if one.name in self.selection}
+        changed = {
+            member.name: change(member) for member in self.study.members if member.name in self.selection
+        }
         self.edit(text, self.study.with_members(changed))
 
     def put(self, study: Study) -> None:
@@ -130,8 +134,8 @@ class Session(QObject):
 
     def _remember(self) -> None:
         """Keep in mind who was ever in a study: the log may speak of them when they are gone."""
-        for one in self.study.members:
-            subject = one.subject
+        for member in self.study.members:
+            subject = member.subject
             self.seen[subject.name, subject.path, subject.group, *subject.columns.values()] = subject
 
 

@@ -45,10 +45,10 @@ def _rows(menu: str) -> QGridLayout:
     grid = QGridLayout()
     grid.setHorizontalSpacing(3 * GRID)
     grid.setVerticalSpacing(2)
-    listed = [one for one in COMMANDS if one.menu.split("/")[0] == menu and one.shortcut]
-    for row, one in enumerate(listed):
-        keys = shortcuts(one)[0].toString(QKeySequence.SequenceFormat.NativeText)
-        grid.addWidget(label(one.title.rstrip("…")), row, 0)
+    listed = [command for command in COMMANDS if command.menu.split("/")[0] == menu and command.shortcut]
+    for row, command in enumerate(listed):
+        keys = shortcuts(command)[0].toString(QKeySequence.SequenceFormat.NativeText)
+        grid.addWidget(label(command.title.rstrip("…")), row, 0)
         grid.addWidget(label(keys, "Hint"), row, 1, alignment=Qt.AlignmentFlag.AlignRight)
     grid.setColumnStretch(0, 1)
     return grid

@@ -89,13 +89,13 @@ def _contents(
     groomed = {}
     if loaded is None and (before := groomed_before(cohort, settings, project, part_of(tick, 0.1, 0.2))):
         pairs = zip(*before, strict=True)
-        groomed = {one.name: Groomed(one, alignment, settings.groom) for one, alignment in pairs}
-    subjects: Sequence[Subject] = [one for one in cohort.subjects if name in ("", one.name)]
-    needs_file = [one for one in subjects if wanted.canvas.raw or not (loaded or groomed)]
+        groomed = {subject.name: Groomed(subject, alignment, settings.groom) for subject, alignment in pairs}
+    subjects: Sequence[Subject] = [subject for subject in cohort.subjects if name in ("", subject.name)]
+    needs_file = [subject for subject in subjects if wanted.canvas.raw or not (loaded or groomed)]
     surveys = {}
-    for number, one in enumerate(needs_file):
-        tick(0.1 + 0.1 * number / len(needs_file), f"reading {one.name}")
-        surveys[one.name] = survey_subject(one, settings.groom.label, settings.groom.segment)
+    for number, subject in enumerate(needs_file):
+        tick(0.1 + 0.1 * number / len(needs_file), f"reading {subject.name}")
+        surveys[subject.name] = survey_subject(subject, settings.groom.label, settings.groom.segment)
     return subject_contents(subjects, surveys, groomed, loaded)
 
 
@@ -132,7 +132,8 @@ def _groups(project: ProjectFolder, loaded: Loaded, wanted: Snapshot, view: Grou
     request = view.request.model_copy(update={"null_repeats": 0})
     ticks = [part_of(tick, 0.5 + 0.4 * n / len(models), 0.9) for n in range(len(models))]
     answers = [
-        answer_groups(one, one.result, request, t, view.pair) for one, t in zip(models, ticks, strict=True)
+        answer_groups(model, model.result, request, t, view.pair)
+        for model, t in zip(models, ticks, strict=True)
     ]
     return group_scene(view, models, answers)
 
@@ -145,23 +146,23 @@ def _checked(
 
     own, names = loaded.result, loaded.result.names
     meshes = [loaded.surfaces[name][0] for name in names]
-    found = inspect(own.local, meshes, own.alignments, names=names, tick=part_of(tick, 0.0, 0.7))
+    inspection = inspect(own.local, meshes, own.alignments, names=names, tick=part_of(tick, 0.0, 0.7))
     subject = names.index(view.subject) if view.subject in names else 0
     distances = energies = texture = None
-    if view.show == "distances" and (place := _place(view, found, subject)) is not None:
-        distances = distances_on(found, subject, place, names[subject], part_of(tick, 0.7, 1.0))
+    if view.show == "distances" and (place := _place(view, inspection, subject)) is not None:
+        distances = distances_on(inspection, subject, place, names[subject], part_of(tick, 0.7, 1.0))
     elif view.show in ENERGIES:
-        energies = energies_of(found, project, part_of(tick, 0.7, 1.0))
+        energies = energies_of(inspection, project, part_of(tick, 0.7, 1.0))
     elif view.show in ("checkerboard", "stripes"):
-        texture = textures_of(found, names, part_of(tick, 0.7, 1.0))[view.show]
+        texture = textures_of(inspection, names, part_of(tick, 0.7, 1.0))[view.show]
     marks = Marks(
         "texture" if texture else view.show, view.particle, subject, np.array(view.others, np.int64),
         distances, energies, texture,
     )  # fmt: skip
-    return checked_scene(contents, found, names, marks)
+    return checked_scene(contents, inspection, names, marks)
 
 
-def _place(view: CheckView, found: "Inspection", subject: int) -> np.ndarray | None:
+def _place(view: CheckView, inspection: "Inspection", subject: int) -> np.ndarray | None:
     if view.place is not None:
         return np.array(view.place)
-    return None if view.particle is None else found.located.world[subject, view.particle]
+    return None if view.particle is None else inspection.located.world[subject, view.particle]

@@ -28,9 +28,9 @@ class Stage(QWidget):
         self._theme = theme
         self._sign = QLabel(alignment=Qt.AlignmentFlag.AlignHCenter)
         self._title = label("", "EmptyTitle")
-        self._words = label("", "Hint", wrap=True)
-        self._words.setAlignment(Qt.AlignmentFlag.AlignHCenter)
-        self._words.setFixedWidth(420)
+        self._text = label("", "Hint", wrap=True)
+        self._text.setAlignment(Qt.AlignmentFlag.AlignHCenter)
+        self._text.setFixedWidth(420)
         self._pages = QStackedWidget()
         for page in (self._empty(), self.scene, self.slices):
             self._pages.addWidget(page)
@@ -44,10 +44,10 @@ class Stage(QWidget):
         theme.changed.connect(self._paint)
         self._paint()
 
-    def show_hint(self, title: str, words: str) -> None:
+    def show_hint(self, title: str, text: str) -> None:
         """Show what to do instead of the views."""
         self._title.setText(title)
-        self._words.setText(words)
+        self._text.setText(text)
         self._pages.setCurrentIndex(0)
 
     def show_views(self) -> None:
@@ -69,8 +69,8 @@ class Stage(QWidget):
         layout = QVBoxLayout(page)
         layout.setSpacing(GRID)
         layout.addStretch()
-        for one in (self._sign, self._title, self._words):
-            layout.addWidget(one, alignment=Qt.AlignmentFlag.AlignHCenter)
+        for widget in (self._sign, self._title, self._text):
+            layout.addWidget(widget, alignment=Qt.AlignmentFlag.AlignHCenter)
         layout.addStretch()
         return page
 

@@ -43,7 +43,7 @@ def start(paths: list[str]) -> int:
     def go_on() -> None:
         window.desk.sweeper.settle()
         if paths:
-            window.library.take([Path(one).resolve() for one in paths])
+            window.library.take([Path(path).resolve() for path in paths])
         else:
             window.library.offer_recovery()
 

@@ -84,17 +84,17 @@ class StartPage(QFrame):
         mark = QLabel()
         mark.setPixmap(pixmap("homolog", "", 64))
         row.addWidget(mark)
-        words = QVBoxLayout()
-        words.setSpacing(0)
-        words.addWidget(label("Homolog", "Wordmark"))
-        words.addWidget(
+        column = QVBoxLayout()
+        column.setSpacing(0)
+        column.addWidget(label("Homolog", "Wordmark"))
+        column.addWidget(
             label(
                 "From segmentations to corresponding points and shape statistics",
                 "Tagline",
                 wrap=True,
             )
         )
-        row.addLayout(words, 1)
+        row.addLayout(column, 1)
         return row
 
     def _card_row(self) -> QGridLayout:
@@ -120,9 +120,9 @@ class StartPage(QFrame):
         layout.setContentsMargins(2 * GRID, 2 * GRID, 2 * GRID, 2 * GRID)
         layout.setSpacing(GRID)
         icon = QLabel()
-        for one in (icon, label(title, "SectionTitle"), label(text, "Hint", wrap=True)):
-            one.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-            layout.addWidget(one)
+        for widget in (icon, label(title, "SectionTitle"), label(text, "Hint", wrap=True)):
+            widget.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+            layout.addWidget(widget)
         layout.addStretch()
         return card, icon
 
@@ -132,14 +132,14 @@ class StartPage(QFrame):
         row.setAccessibleName(f"Open {folder.name}" if present else f"Locate {folder.name}")
         layout = QHBoxLayout(row)
         layout.setContentsMargins(GRID, 0, GRID, 0)
-        words = (folder.name, str(folder.parent) if present else "not found — locate…")
+        texts = (folder.name, str(folder.parent) if present else "not found — locate…")
         fitting = [
-            self.fontMetrics().elidedText(one, Qt.TextElideMode.ElideMiddle, _WORDS_PX) for one in words
+            self.fontMetrics().elidedText(text, Qt.TextElideMode.ElideMiddle, _WORDS_PX) for text in texts
         ]
         name, where = label(fitting[0]), label(fitting[1], "Hint")
         row.setToolTip(str(folder))
-        for one in (name, where):
-            one.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        for widget in (name, where):
+            widget.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         layout.addWidget(name)
         layout.addStretch()
         layout.addWidget(where)

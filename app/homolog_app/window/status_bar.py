@@ -53,15 +53,15 @@ class StatusBar(QObject):
         self._timer.start()
         self._show_memory()
 
-    def say(self, words: str) -> None:
+    def say(self, text: str) -> None:
         """Show a word for some seconds."""
-        self._bar.showMessage(words, 6000)
+        self._bar.showMessage(text, 6000)
 
-    def _show_work(self, words: str) -> None:
-        self.work.setText(f"{words[:1].upper()}{words[1:]}…" if words else "")
+    def _show_work(self, text: str) -> None:
+        self.work.setText(f"{text[:1].upper()}{text[1:]}…" if text else "")
 
     def _show_devices(self, devices: Devices) -> None:
-        self.device.setText(f"Device: {devices.words[devices.automatic]}")
+        self.device.setText(f"Device: {devices.names[devices.automatic]}")
 
     def _show_memory(self) -> None:
         held = resident_bytes()

@@ -24,16 +24,16 @@ def steps_of(session: Session, work: Work) -> dict[str, Step]:
         "correspond": included >= 2,
         "explore": result is not None or work.preliminary is not None,
     }
-    words = {
+    texts = {
         "cohort": f"{included} subjects" if session.is_open else "",
         "groom": f"{groomed} of {included}" if groomed else "",
         "correspond": f"{result.result.world.shape[1]} particles" if result else "",
         "explore": "preliminary" if work.preliminary is not None else "",
     }
     if work.status is not None and work.kind in ("groom", "run"):
-        words["groom" if work.kind == "groom" else "correspond"] = f"{100 * work.status.fraction:.0f} %"
+        texts["groom" if work.kind == "groom" else "correspond"] = f"{100 * work.status.fraction:.0f} %"
     following = next((name for name, is_done in done.items() if not is_done), "") if session.is_open else ""
     return {
-        name: Step(enabled[name], done[name], name == following and enabled[name], words[name])
+        name: Step(enabled[name], done[name], name == following and enabled[name], texts[name])
         for name in done
     }

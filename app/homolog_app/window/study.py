@@ -45,7 +45,7 @@ class Study:
     @property
     def included(self) -> tuple[Subject, ...]:
         """The subjects of the next run."""
-        return tuple(one.subject for one in self.members if one.included)
+        return tuple(member.subject for member in self.members if member.included)
 
     @property
     def cohort(self) -> Cohort:
@@ -56,52 +56,54 @@ class Study:
     @property
     def whole(self) -> Cohort:
         """All subjects, also those left out, as the core takes them."""
-        return Cohort(tuple(one.subject for one in self.members), Path())
+        return Cohort(tuple(member.subject for member in self.members), Path())
 
     @property
     def groups(self) -> list[str]:
         """The groups' names, sorted."""
-        return sorted({one.subject.group for one in self.members if one.subject.group})
+        return sorted({member.subject.group for member in self.members if member.subject.group})
 
     @property
     def columns(self) -> list[str]:
         """Names of the further columns, in the order in which they first occur."""
-        return list(dict.fromkeys(name for one in self.members for name in one.subject.columns))
+        return list(dict.fromkeys(name for member in self.members for name in member.subject.columns))
 
     def with_members(self, changed: Mapping[str, Member]) -> "Study":
         """Return the study with some members replaced, by name."""
-        return replace(self, members=tuple(changed.get(one.name, one) for one in self.members))
+        return replace(self, members=tuple(changed.get(member.name, member) for member in self.members))
 
     def adding(self, subjects: Iterable[Subject]) -> "Study":
         """Return the study with more subjects; files that are listed already are not added again."""
-        files = {one.subject.path for one in self.members}
-        names = {one.name for one in self.members}
+        files = {member.subject.path for member in self.members}
+        names = {member.name for member in self.members}
         added = []
-        for one in subjects:
-            if one.path in files:
+        for subject in subjects:
+            if subject.path in files:
                 continue
-            name, number = one.name, 1
+            name, number = subject.name, 1
             while name in names:
                 number += 1
-                name = f"{one.name} ({number})"
-            files.add(one.path)
+                name = f"{subject.name} ({number})"
+            files.add(subject.path)
             names.add(name)
-            added.append(Member(replace(one, name=name)))
+            added.append(Member(replace(subject, name=name)))
         return replace(self, members=(*self.members, *added))
 
     def relocated(self, folder: Path) -> "Study":
         """Return the study with the files that are gone looked for, by name, in another folder."""
-        found = {
-            one.name: replace(one, subject=replace(one.subject, path=folder / one.subject.path.name))
-            for one in self.members
-            if not one.subject.path.exists() and (folder / one.subject.path.name).exists()
+        values = {
+            member.name: replace(
+                member, subject=replace(member.subject, path=folder / member.subject.path.name)
+            )
+            for member in self.members
+            if not member.subject.path.exists() and (folder / member.subject.path.name).exists()
         }
-        return self.with_members(found)
+        return self.with_members(values)
 
     def without(self, names: Iterable[str]) -> "Study":
         """Return the study without some members."""
         gone = set(names)
-        return replace(self, members=tuple(one for one in self.members if one.name not in gone))
+        return replace(self, members=tuple(member for member in self.members if member.name not in gone))
 
 
 def found_subjects(paths: Iterable[Path]) -> list[Subject]:
@@ -112,13 +114,13 @@ def found_subjects(paths: Iterable[Path]) -> list[Subject]:
     InputError
         If a folder holds none, or a file is of no known kind.
     """
-    found: list[Subject] = []
+    subjects: list[Subject] = []
     for path in paths:
         suffix = next(
-            (one for one in IMAGE_SUFFIXES + MESH_SUFFIXES if path.name.lower().endswith(one)), None
+            (suffix for suffix in IMAGE_SUFFIXES + MESH_SUFFIXES if path.name.lower().endswith(suffix)), None
         )
         if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
-            found += read_cohort(path).subjects
+            subjects += read_cohort(path).subjects
         elif suffix is None:
             raise InputError(
                 f"{path.name} is not a segmentation or surface; known suffixes are "
@@ -126,8 +128,8 @@ def found_subjects(paths: Iterable[Path]) -> list[Subject]:
             )
         else:
             name = path.name[: -len(suffix)]
-            found.append(Subject(name, path, landmarks=landmarks_beside(path), image=image_beside(path)))
-    return found
+            subjects.append(Subject(name, path, landmarks=landmarks_beside(path), image=image_beside(path)))
+    return subjects
 
 
 def with_table(study: Study, path: Path) -> tuple[Study, TableChanges]:
@@ -138,9 +140,9 @@ def with_table(study: Study, path: Path) -> tuple[Study, TableChanges]:
     InputError
         If the file can't be read or names no subject of the study.
     """
-    changes = table.with_table([one.subject for one in study.members], path)
+    changes = table.with_table([member.subject for member in study.members], path)
     changed = {
-        one.name: replace(one, subject=subject)
-        for one, subject in zip(study.members, changes.subjects, strict=True)
+        member.name: replace(member, subject=subject)
+        for member, subject in zip(study.members, changes.subjects, strict=True)
     }
     return study.with_members(changed), changes

@@ -55,7 +55,7 @@ def record_of(study: Study, project: ProjectFolder, view: ViewRecord) -> StudyRe
     """Return a study for the disk, with paths that start at the project's folder."""
     return StudyRecord(
         subjects=project.describe(study.whole),
-        excluded=[one.name for one in study.members if not one.included],
+        excluded=[member.name for member in study.members if not member.included],
         settings=study.settings,
         view=view,
     )
@@ -67,16 +67,16 @@ def study_of(record: StudyRecord, folder: Path) -> Study:
     members = tuple(
         Member(
             Subject(
-                one.name,
-                (folder / one.path).resolve(),
-                one.group,
-                one.columns,
-                (folder / one.landmarks).resolve() if one.landmarks else None,
-                (folder / one.image).resolve() if one.image else None,
+                subject.name,
+                (folder / subject.path).resolve(),
+                subject.group,
+                subject.columns,
+                (folder / subject.landmarks).resolve() if subject.landmarks else None,
+                (folder / subject.image).resolve() if subject.image else None,
             ),
-            one.name not in excluded,
+            subject.name not in excluded,
         )
-        for one in record.subjects
+        for subject in record.subjects
     )
     return Study(members, record.settings)
 
@@ -108,14 +108,14 @@ def open_project(project: ProjectFolder) -> Opened:
     project.recover()
     record = project.read()
     stored = _stored(project.folder / _FILE)
-    left_out = [one for one in stored.subjects if one.name in set(stored.excluded)]
-    running = {one.name: one for one in record.subjects}
-    order = [one.name for one in stored.subjects] + list(running)
-    known = {one.name: one for one in left_out} | running
+    left_out = [subject for subject in stored.subjects if subject.name in set(stored.excluded)]
+    running = {subject.name: subject for subject in record.subjects}
+    order = [subject.name for subject in stored.subjects] + list(running)
+    known = {subject.name: subject for subject in left_out} | running
     subjects = [known[name] for name in dict.fromkeys(order) if name in known]
     whole = StudyRecord(
         subjects=subjects,
-        excluded=[one.name for one in left_out if one.name not in running],
+        excluded=[subject.name for subject in left_out if subject.name not in running],
         settings=record.settings,
     )
     study = study_of(whole, project.folder)

@@ -37,8 +37,8 @@ def moment_of(loaded: Loaded, index: int) -> tuple[dict[str, FloatArray], Array]
     """
     names, final = loaded.result.names, loaded.result.world
     particles = loaded.frames[index].particles
-    stages = [one.particles for one in loaded.frames] + [final]
-    usual = next(one for one in reversed(stages) if one.shape[1] == particles.shape[1])
+    stages = [frame.particles for frame in loaded.frames] + [final]
+    usual = next(stage for stage in reversed(stages) if stage.shape[1] == particles.shape[1])
     shown = final if index == len(loaded.frames) - 1 else particles
     return dict(zip(names, shown, strict=True)), colours_by_place(np.asarray(usual).mean(axis=0))
 
@@ -71,6 +71,6 @@ def subject_contents(
         notes = [subject.group or "", "mirrored" if mirrors(alignment) else ""]
         if fine is None and survey is not None and survey.every > 1:
             notes.append(f"every {survey.every}. voxel")
-        note = " · ".join(one for one in notes if one)
+        note = " · ".join(note for note in notes if note)
         contents.append(Content(subject.name, raw, fine, coarse, alignment, note))
     return contents

@@ -142,13 +142,13 @@ def _labels(volume: Volume) -> tuple[LabelFound, ...]:
     drawn = len(extents) * volume.layers[0].size < _MOST_DRAWN
     return tuple(
         LabelFound(
-            one.segment.value,
-            one.volume / 1000.0,
-            _thumbnail(_framed(part)) if drawn and (part := volume.placed(one.segment)) else None,
-            one.segment.name,
-            one.at_border,
+            extent.segment.value,
+            extent.volume / 1000.0,
+            _thumbnail(_framed(part)) if drawn and (part := volume.placed(extent.segment)) else None,
+            extent.segment.name,
+            extent.at_border,
         )
-        for one in extents
+        for extent in extents
     )
 
 
@@ -157,7 +157,8 @@ def _of_masks(subject: Subject, masks: Mapping[str, Path]) -> tuple[LabelFound, 
     if sum(map(_unpacked_bytes, masks.values())) > _MOST_MEASURED:
         return tuple(LabelFound(None, None, None, name) for name in masks)
     return tuple(
-        LabelFound(one.value, one.volume, None, one.name, one.at_border) for one in structures_of(subject)
+        LabelFound(structure.value, structure.volume, None, structure.name, structure.at_border)
+        for structure in structures_of(subject)
     )
 
 
@@ -171,11 +172,11 @@ def _unpacked_bytes(path: Path) -> int:
         return int.from_bytes(stream.read(), "little")
 
 
-def _framed(found: Segmentation) -> Segmentation:
+def _framed(segmentation: Segmentation) -> Segmentation:
     """Return the voxels of a structure with some more around them, for slices to show."""
-    mask = np.pad(found.mask, _MARGIN)
-    origin = found.origin - found.rotation @ (_MARGIN * found.spacing)
-    return Segmentation(mask, found.rotation, found.spacing, origin)
+    mask = np.pad(segmentation.mask, _MARGIN)
+    origin = segmentation.origin - segmentation.rotation @ (_MARGIN * segmentation.spacing)
+    return Segmentation(mask, segmentation.rotation, segmentation.spacing, origin)
 
 
 def _surface(voxels: Segmentation) -> tuple[TriangleMesh, int]:

@@ -95,12 +95,12 @@ class Tour(QObject):
 
 
 class _Card(QFrame):
-    """One stop's title and words, with its buttons."""
+    """One stop's title and text, with its buttons."""
 
     def __init__(self) -> None:
         super().__init__()
         self.setObjectName("Banner")
-        self._title, self._words = label("", "SectionTitle"), label("", wrap=True)
+        self._title, self._text = label("", "SectionTitle"), label("", wrap=True)
         self._number = label("", "Hint")
         self.offer, self.back = button(""), button("Back", "flat")
         self.go_on, self.end = button("Next", "primary"), button("End tour", "flat")
@@ -109,21 +109,21 @@ class _Card(QFrame):
         head.addStretch()
         head.addWidget(self._number)
         row = QHBoxLayout()
-        for one in (self.end, self.back):
-            row.addWidget(one)
+        for widget in (self.end, self.back):
+            row.addWidget(widget)
         row.addStretch()
-        for one in (self.offer, self.go_on):
-            row.addWidget(one)
+        for widget in (self.offer, self.go_on):
+            row.addWidget(widget)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(2 * GRID, GRID + 4, 2 * GRID, GRID + 4)
         layout.setSpacing(GRID)
         layout.addLayout(head)
-        layout.addWidget(self._words)
+        layout.addWidget(self._text)
         layout.addLayout(row)
 
     def show_stop(self, stop: Stop, number: str, has_back: bool, done: bool, last: bool) -> None:
         self._title.setText(stop.title)
-        self._words.setText(stop.words)
+        self._text.setText(stop.text)
         self._number.setText(number)
         self.offer.setVisible(bool(stop.offer))
         self.back.setVisible(has_back)

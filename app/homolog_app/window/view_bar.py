@@ -76,10 +76,10 @@ class ViewFooter(QFrame):
         self.time.setRange(0, max(0, count - 1))
         self.time.setValue(max(0, count - 1))
         self.time.blockSignals(False)
-        for one in (self.play, self.time, self.moment):
-            one.setVisible(count > 1)
+        for widget in (self.play, self.time, self.moment):
+            widget.setVisible(count > 1)
 
     def show_page(self, first: int, last: int, total: int) -> None:
         """Say which subjects are shown."""
-        words = f"{first}–{last} of {total}" if last > first else f"{first} of {total}"
-        self.page.setText(words if total else "")
+        text = f"{first}–{last} of {total}" if last > first else f"{first} of {total}"
+        self.page.setText(text if total else "")

@@ -178,7 +178,7 @@ class Views(QObject):
     @property
     def _sliced(self) -> int:
         """Index of the subject whose slices are shown."""
-        names = [one.name for one in self._session.study.included]
+        names = [subject.name for subject in self._session.study.included]
         return next((names.index(name) for name in self._session.selection if name in names), 0)
 
     def turn_page(self, step: int) -> None:
@@ -218,13 +218,13 @@ class Views(QObject):
             self._generation = session.generation
             stage.scene.begin_anew()
         key: list[object] = [*session.study.included, session.result]
-        for one in session.study.included:
-            groomed, survey = session.groomed.get(one.name), session.surveys.get(one.name)
+        for subject in session.study.included:
+            groomed, survey = session.groomed.get(subject.name), session.surveys.get(subject.name)
             key += [groomed, survey.surface if survey else None]
         if len(key) != len(self._shown) or any(a is not b for a, b in zip(key, self._shown, strict=True)):
             new_result, former = session.result is not self._result, self._result
             self._result = session.result
-            had_smooth = any(isinstance(one, Groomed | Loaded) for one in self._shown)
+            had_smooth = any(isinstance(content, Groomed | Loaded) for content in self._shown)
             smooth = bool(session.groomed or session.result)
             if smooth is not had_smooth:  # there must be something to see, and not the input behind it
                 self._window.commands["view.raw"].setChecked(not smooth)
@@ -279,9 +279,9 @@ class Views(QObject):
         page = self._page
         offered = page.layouts if page is not None else None
         count = offered[0] if offered else self.stage.scene.layout_count
-        told = (count, self.layouts, self.is_coloured)
-        if told != self._told:
-            self._told = told
+        state = (count, self.layouts, self.is_coloured)
+        if state != self._told:
+            self._told = state
             self._window.commands[f"view.grid{count}"].setChecked(True)
             self._window.refresh()
 

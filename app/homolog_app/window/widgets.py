@@ -81,16 +81,16 @@ def set_dimmed(widget: QWidget, dimmed: bool) -> None:
     effect.setEnabled(dimmed)
 
 
-def set_primary(one: QPushButton, primary: bool) -> None:
+def set_primary(target: QPushButton, primary: bool) -> None:
     """Make a button the one to press next, or an ordinary one."""
     wanted = "true" if primary else "false"
-    if one.property("primary") != wanted:
-        one.setProperty("primary", wanted)
-        one.style().unpolish(one)
-        one.style().polish(one)
+    if target.property("primary") != wanted:
+        target.setProperty("primary", wanted)
+        target.style().unpolish(target)
+        target.style().polish(target)
 
 
-def choice(name: str, words: Mapping[str, object] | None = None) -> QComboBox:
+def choice(name: str, entries: Mapping[str, object] | None = None) -> QComboBox:
     """Return a box to choose from, with its accessible name; it gets as narrow as the panel is.
 
     Parameters
@@ -103,7 +103,7 @@ def choice(name: str, words: Mapping[str, object] | None = None) -> QComboBox:
     box.setAccessibleName(name)
     box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
     box.setMinimumContentsLength(4)
-    for text, data in (words or {}).items():
+    for text, data in (entries or {}).items():
         box.addItem(text, data)
     return box
 
@@ -147,8 +147,8 @@ class Panel(QWidget):
         self.base = QFrame()
         self.base.setObjectName("PanelBase")
         self.base.setLayout(self.footer)
-        for one in (inner, self.base):  # names, however long, never make the panel wider
-            one.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        for widget in (inner, self.base):  # names, however long, never make the panel wider
+            widget.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         outer.addWidget(self.base)
 
 

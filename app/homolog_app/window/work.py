@@ -97,10 +97,10 @@ class Work(QObject):
             return
         groom = self._session.study.settings.groom
         unread = [
-            one.subject
-            for one in self._session.study.members
-            if (seen := self._session.surveys.get(one.name)) is None
-            or seen.subject.path != one.subject.path
+            member.subject
+            for member in self._session.study.members
+            if (seen := self._session.surveys.get(member.name)) is None
+            or seen.subject.path != member.subject.path
             or (seen.label, seen.segment) != (groom.label, groom.segment)
         ]
         if unread:
@@ -142,8 +142,8 @@ class Work(QObject):
     def _take_groomed(self, ended: Ended, settings: GroomSettings) -> None:
         groomed, alignments = ended.result
         self._session.groomed |= {
-            one.name: Groomed(one, alignment, settings)
-            for one, alignment in zip(groomed, alignments, strict=True)
+            item.name: Groomed(item, alignment, settings)
+            for item, alignment in zip(groomed, alignments, strict=True)
         }
         self._kept = None
         self._session.facts_changed.emit()
@@ -152,7 +152,7 @@ class Work(QObject):
         """Groom one subject again; its place among the others stays."""
         settings = self._session.study.settings
         cohort = Cohort(
-            tuple(one for one in self._session.study.included if one.name == name), project.folder
+            tuple(subject for subject in self._session.study.included if subject.name == name), project.folder
         )
 
         def take(ended: Ended) -> None:
@@ -185,7 +185,7 @@ class Work(QObject):
             self._order("keep", Task(job.keep, "keeping the particles"), self._take_result)
 
     def compute(
-        self, kind: str, function: Callable[[Tick], _T], words: str, take: Callable[[_T], object]
+        self, kind: str, function: Callable[[Tick], _T], message: str, take: Callable[[_T], object]
     ) -> None:
         """Call a function in the computing thread with progress and cancel, then hand over what it returns.
 
@@ -203,7 +203,7 @@ class Work(QObject):
         take : callable
             Is called in the window's thread.
         """
-        self._order(kind, Task(function, words), lambda ended: take(ended.result))
+        self._order(kind, Task(function, message), lambda ended: take(ended.result))
 
     def open_result(self, project: ProjectFolder, then: Callable[[], None]) -> None:
         """Read the result of a project, then do something."""
@@ -306,36 +306,37 @@ class Work(QObject):
             arrived.append(self._arrived.get())
         if not arrived:
             return
-        members = {one.name: one for one in self._session.study.members}
+        members = {member.name: member for member in self._session.study.members}
         current = [
-            one
-            for one in arrived
-            if one.subject.name in members and members[one.subject.name].subject.path == one.subject.path
+            survey
+            for survey in arrived
+            if survey.subject.name in members
+            and members[survey.subject.name].subject.path == survey.subject.path
         ]
         before = self._session.surveys
         back = {  # left out for the lack of a structure, and another one was chosen
-            one.subject.name: replace(members[one.subject.name], included=True)
-            for one in current
-            if not one.problem
-            and not members[one.subject.name].included
-            and (last := before.get(one.subject.name)) is not None
+            survey.subject.name: replace(members[survey.subject.name], included=True)
+            for survey in current
+            if not survey.problem
+            and not members[survey.subject.name].included
+            and (last := before.get(survey.subject.name)) is not None
             and last.problem
             and not last.awaits_choice
         }
-        self._session.surveys |= {one.subject.name: one for one in current}
+        self._session.surveys |= {survey.subject.name: survey for survey in current}
         result = self._session.result
         seen = result.result.names if result is not None else ()  # a result is shown also without its files
         bad = {
-            one.subject.name: replace(members[one.subject.name], included=False)
-            for one in current
-            if one.problem
-            and not (one.awaits_choice or self.awaits_result)
-            and members[one.subject.name].included
-            and one.subject.name not in seen
+            survey.subject.name: replace(members[survey.subject.name], included=False)
+            for survey in current
+            if survey.problem
+            and not (survey.awaits_choice or self.awaits_result)
+            and members[survey.subject.name].included
+            and survey.subject.name not in seen
         }
-        for one in current:
-            if one.problem:
-                _log.warning("%s: %s", one.subject.name, one.problem)
+        for survey in current:
+            if survey.problem:
+                _log.warning("%s: %s", survey.subject.name, survey.problem)
         if bad or back:
             self._session.put(self._session.study.with_members(bad | back))
         self._session.facts_changed.emit()

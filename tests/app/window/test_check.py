@@ -124,7 +124,7 @@ def test_all_suspects_are_optimized_again_in_one_step_that_can_be_undone(checkin
     settled(checking, wait)
     assert not any(one.subject == SUBJECT and set(PAIR) & set(one.particles) for one in page.rows.suspects)
     if count > 1:
-        assert f"{len(page.rows.suspects)} are left" in page.words.text()
+        assert f"{len(page.rows.suspects)} are left" in page.message.text()
     checking.commands["edit.undo"].trigger()
     assert session.result is before
     assert not errors

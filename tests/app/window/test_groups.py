@@ -70,7 +70,7 @@ def test_the_table_says_what_the_analysis_found(compare, bean_project):
     assert "of 128 particles" in local
     assert any(name.startswith("Type I error (F test)") for name in texts)
     assert "slim" in page.verdict.text()
-    assert "permutation" in page.words.text().lower()
+    assert "permutation" in page.summary.text().lower()
 
 
 def test_the_slider_goes_from_one_groups_mean_to_the_others(compare, bean_project, window):
@@ -172,7 +172,7 @@ def test_groups_edited_after_the_run_are_the_ones_compared(compare, bean_project
 def test_an_answer_whose_question_has_changed_is_dimmed_and_says_so(compare, bean_project, window):
     page = compare(bean_project, "slim", "wide")
     scene = window.views.stage.scene
-    assert page.asked.text() == "Form (size and shape)."
+    assert page.question.text() == "Form (size and shape)."
     assert page.is_current
     assert not page.stale.isVisible()
     page.significant.setChecked(False)
@@ -183,7 +183,7 @@ def test_an_answer_whose_question_has_changed_is_dimmed_and_says_so(compare, bea
     assert page.stale.isVisible()
     assert page.answer.graphicsEffect().isEnabled()
     assert not page.keep.isEnabled()
-    assert page.asked.text() == "Form (size and shape)."  # what the answer is still about
+    assert page.question.text() == "Form (size and shape)."  # what the answer is still about
     assert np.ptp(scene.shown[0].colours.astype(int), axis=1).max() < 0.3 * colours
     assert "the question has changed" in scene.bar.scale.note
     box.setCurrentText("Form: size and shape (rigid alignment)")
@@ -221,7 +221,7 @@ def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_
     wait(lambda: page.answers[0].study is shape)
     assert page.answers[0].pair is shape.pairwise[2]
     assert page.verdict.text().startswith("c − b (3 b, 3 c)")
-    assert page.asked.text() == "Shape (size removed)."
+    assert page.question.text() == "Shape (size removed)."
     assert (page.first.text(), page.second.text()) == ("b", "c")
     assert page.chosen.pair == 2
 

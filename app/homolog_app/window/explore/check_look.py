@@ -31,7 +31,7 @@ _SHOW = {
         "Click a particle: others are coloured by distance from it.",
     ),
     "Distance from a place": ("distances", "Click a place on a surface, or choose a particle."),
-    **{f"Energy: {part} ({words})": (part, _SHARE) for part, words in ENERGIES.items()},
+    **{f"Energy: {part} ({meaning})": (part, _SHARE) for part, meaning in ENERGIES.items()},
     "Texture: checkerboard": ("checkerboard", _TORN),
     "Texture: stripes": ("stripes", _TORN),
 }
@@ -93,16 +93,18 @@ class LookAt(QWidget):
             others=tuple(self._others.tolist()), place=place,
         )  # fmt: skip
 
-    def show_inspection(self, found: "Inspection | None", names: tuple[str, ...]) -> None:
+    def show_inspection(self, inspection: "Inspection | None", names: tuple[str, ...]) -> None:
         """Take what is known of a result; particle and subject stay if they can."""
-        self._found, self._others = found, _NOBODY
+        self._found, self._others = inspection, _NOBODY
         self._picked, self._distances, self._energies, self._textures = None, None, None, {}
         if names != self._names:
             self._names = names
             self.subject.clear()
             self.subject.addItems(list(names))
-        self._quietly(lambda: self.particle.setRange(-1, len(found.consensus.shape) - 1 if found else -1))
-        self.setEnabled(found is not None)
+        self._quietly(
+            lambda: self.particle.setRange(-1, len(inspection.consensus.shape) - 1 if inspection else -1)
+        )
+        self.setEnabled(inspection is not None)
         self._refresh()
 
     def mark(self, particle: int, subject: int, others: IntArray = _NOBODY) -> None:
@@ -152,12 +154,12 @@ class LookAt(QWidget):
         column.addWidget(label("Look at", "SectionTitle"))
         self.particle.setSpecialValueText("none")
         self.particle.setRange(-1, -1)
-        for words, (value, hint) in _SHOW.items():
-            self.show_what.addItem(words, value)
+        for text, (value, hint) in _SHOW.items():
+            self.show_what.addItem(text, value)
             self.show_what.setItemData(self.show_what.count() - 1, hint, _HINT)
         self.particle.setAccessibleName("Particle")
-        for words, widget in (("&Particle", self.particle), ("&On", self.subject), ("&Show", self.show_what)):
-            name = QLabel(words)
+        for text, widget in (("&Particle", self.particle), ("&On", self.subject), ("&Show", self.show_what)):
+            name = QLabel(text)
             name.setBuddy(widget)
             name.setFixedWidth(64)
             row = QHBoxLayout()
@@ -181,26 +183,29 @@ class LookAt(QWidget):
 
     def _compute(self) -> None:
         """Have computed what is to be shown and not known yet."""
-        found, mode, origin = self._found, self._mode, self._origin
-        if found is None or self._desk.work.is_busy or not self.isVisible():
+        inspection, mode, origin = self._found, self._mode, self._origin
+        if inspection is None or self._desk.work.is_busy or not self.isVisible():
             return
         if mode == "distances" and origin is not None and not self._is_measured:
             m, place = origin
             self._desk.work.compute(
                 "distances",
-                lambda tick: distances_on(found, m, place, self._names[m], tick),
+                lambda tick: distances_on(inspection, m, place, self._names[m], tick),
                 "distances",
                 self._take_distances,
             )
         elif mode in ENERGIES and self._energies is None:
             project = self._desk.project
             self._desk.work.compute(
-                "energies", lambda tick: energies_of(found, project, tick), "energies", self._take_energies
+                "energies",
+                lambda tick: energies_of(inspection, project, tick),
+                "energies",
+                self._take_energies,
             )
         elif mode in ("checkerboard", "stripes") and not self._textures:
             names = self._names
             self._desk.work.compute(
-                "texture", lambda tick: textures_of(found, names, tick), "texture", self._take_textures
+                "texture", lambda tick: textures_of(inspection, names, tick), "texture", self._take_textures
             )
 
     def _take_distances(self, distances: Distances) -> None:

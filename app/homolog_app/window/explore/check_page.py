@@ -43,7 +43,7 @@ class CheckPage(ExplorePage):
         self.checked = Checked(desk, self)
         self.rows = SuspectModel(desk.theme)
         self.table = suspect_table(self.rows)
-        self.state, self.words = label("", "Hint", wrap=True), label("", wrap=True)
+        self.state, self.message = label("", "Hint", wrap=True), label("", wrap=True)
         self.again, self.export = button("Find suspects"), button("Export list…")
         self.mend = button("Optimize again here", "primary")
         self.mend_all_button = button("Optimize again at all suspects")
@@ -72,10 +72,10 @@ class CheckPage(ExplorePage):
 
     def shown(self, subjects: Sequence[Content]) -> Shown:
         """Return the shapes with what is marked and coloured."""
-        found = self.checked.inspection
-        if found is None:
+        inspection = self.checked.inspection
+        if inspection is None:
             return Shown(subjects)
-        return replace(checked_scene(subjects, found, self._names, self.look.marks), stays=True)
+        return replace(checked_scene(subjects, inspection, self._names, self.look.marks), stays=True)
 
     @property
     def chosen(self) -> CheckView | None:
@@ -99,7 +99,7 @@ class CheckPage(ExplorePage):
         if suspect is not None:
             self.checked.mend([suspect])
         else:
-            self.words.setText("Choose a suspect in the list first.")
+            self.message.setText("Choose a suspect in the list first.")
 
     def mend_all(self) -> None:
         """Optimize the particles around all suspects again, one after the other."""
@@ -118,16 +118,16 @@ class CheckPage(ExplorePage):
     def _lay_out(self) -> None:
         self.body.addWidget(self.state)
         self.body.addWidget(self.table, 1)
-        self.body.addWidget(self.words)
+        self.body.addWidget(self.message)
         row = QHBoxLayout()
-        for one in (self.again, self.export):
-            row.addWidget(one)
+        for widget in (self.again, self.export):
+            row.addWidget(widget)
         row.addStretch()
         self.body.addLayout(row)
         self.body.addSpacing(GRID)
         self.body.addWidget(self.look)
-        for widget in (self.progress, self.unsaved, self.keep, self.mend_all_button, self.mend):
-            self.footer.addWidget(widget)
+        for below in (self.progress, self.unsaved, self.keep, self.mend_all_button, self.mend):
+            self.footer.addWidget(below)
 
     def _connect(self) -> None:
         session = self.desk.session
@@ -135,56 +135,58 @@ class CheckPage(ExplorePage):
         self.checked.mended.connect(self._show_mended)
         self.desk.work.changed.connect(self._tell_state)
         self.table.selectionModel().currentRowChanged.connect(lambda now, _: self._choose(now.row()))
-        for one, command in (
+        for widget, command in (
             (self.again, "check.look"), (self.export, "check.export"), (self.mend, "check.mend"),
             (self.mend_all_button, "check.mend_all"),
             (self.keep, "check.keep"),
         ):  # fmt: skip
-            one.setToolTip(self.actions_[command].toolTip())
-            one.clicked.connect(self.actions_[command].trigger)
+            widget.setToolTip(self.actions_[command].toolTip())
+            widget.clicked.connect(self.actions_[command].trigger)
         self.look.changed.connect(self._show_marks)
         self.look.wanted.connect(self._go)
         self.sphere.subject_chosen.connect(self._look_on)
         session.selection_changed.connect(lambda: self.sphere.show_selection(session.selection))
 
     def _show_inspection(self) -> None:
-        found = self.checked.inspection
-        self.rows.show_suspects(found.suspects if found else (), self._names)
-        self.words.setText("")
-        self.look.show_inspection(found, self._names)
+        inspection = self.checked.inspection
+        self.rows.show_suspects(inspection.suspects if inspection else (), self._names)
+        self.message.setText("")
+        self.look.show_inspection(inspection, self._names)
         self._tell_state()
 
     @Slot()
     def _tell_state(self) -> None:
-        found, work = self.checked.inspection, self.desk.work
-        for widget in (self.table, self.export):
-            widget.setEnabled(found is not None)
+        inspection, work = self.checked.inspection, self.desk.work
+        for enabled in (self.table, self.export):
+            enabled.setEnabled(inspection is not None)
         self.mend.setEnabled(self._suspect is not None and not work.is_busy)
-        self.mend_all_button.setEnabled(found is not None and bool(found.suspects) and not work.is_busy)
+        self.mend_all_button.setEnabled(
+            inspection is not None and bool(inspection.suspects) and not work.is_busy
+        )
         self.progress.show_status(work.status if work.kind == "mend" else None)
-        self.again.setVisible(found is None and self.checked.is_possible)
-        for one in (self.keep, self.unsaved):
-            one.setVisible(not self.checked.is_written)
+        self.again.setVisible(inspection is None and self.checked.is_possible)
+        for widget in (self.keep, self.unsaved):
+            widget.setVisible(not self.checked.is_written)
         self.keep.setEnabled(not work.is_busy)
         if work.kind in _WORK and work.status is not None:
             self.state.setText(f"{work.status.message}: {100 * work.status.fraction:.0f} %")
         elif not self.checked.is_possible:
             self.state.setText("Suspects are found by comparing three or more subjects.")
-        elif found is None:
+        elif inspection is None:
             self.state.setText("Not checked yet.")
-        elif not found.suspects:
+        elif not inspection.suspects:
             self.state.setText("No suspects: neighbours, normals, triangles and coverage are as usual.")
         else:
-            on, count = len({one.subject for one in found.suspects}), len(found.suspects)
+            on, count = len({suspect.subject for suspect in inspection.suspects}), len(inspection.suspects)
             verb = "suspect" if count == 1 else "suspects"
             self.state.setText(
                 f"{count} {verb} on {on} of {len(self._names)} subjects, the most severe first."
             )
 
     def _show_marks(self) -> None:
-        found, particle = self.checked.inspection, self.look.chosen
-        if found is not None and particle is not None:
-            normals, mean = found.located.normals[:, particle], found.consensus.normals[particle]
+        inspection, particle = self.checked.inspection, self.look.chosen
+        if inspection is not None and particle is not None:
+            normals, mean = inspection.located.normals[:, particle], inspection.consensus.normals[particle]
             self.sphere.show_normals(particle, self._names, normals, mean)
         else:
             self.sphere.show_nothing()
@@ -192,11 +194,11 @@ class CheckPage(ExplorePage):
 
     def _choose(self, row: int) -> None:
         if 0 <= row < len(self.rows.suspects):
-            one = self.rows.suspects[row]
-            self.words.setText(f"{self._names[one.subject]}: {one.description}.")
-            self.look.mark(int(one.particles[0]), one.subject, one.particles)
+            suspect = self.rows.suspects[row]
+            self.message.setText(f"{self._names[suspect.subject]}: {suspect.description}.")
+            self.look.mark(int(suspect.particles[0]), suspect.subject, suspect.particles)
             self._tell_state()
-            self._go(one.subject, one.place)
+            self._go(suspect.subject, suspect.place)
 
     def _look_on(self, name: str) -> None:
         particle = self.look.chosen
@@ -205,30 +207,30 @@ class CheckPage(ExplorePage):
             self.desk.session.select([name])
 
     def _go(self, subject: int, place: FloatArray) -> None:
-        found = self.checked.inspection
-        if found is not None:
-            nearest = int(np.linalg.norm(found.located.world[subject] - place, axis=1).argmin())
+        inspection = self.checked.inspection
+        if inspection is not None:
+            nearest = int(np.linalg.norm(inspection.located.world[subject] - place, axis=1).argmin())
             self.desk.session.select([self._names[subject]])
-            self.place_wanted.emit(self._names[subject], place, found.located.normals[subject, nearest])
+            self.place_wanted.emit(self._names[subject], place, inspection.located.normals[subject, nearest])
 
     def _show_mended(self, suspects: "Sequence[Suspect]") -> None:
         """Say what came of it, and stay where it was."""
-        found = self.checked.inspection
-        if found is None:
+        inspection = self.checked.inspection
+        if inspection is None:
             return
         if len(suspects) > 1:
-            self.words.setText(
-                f"Optimized again at {len(suspects)} suspects; {len(found.suspects)} are left. Undo takes it "
-                "back; saving keeps it."
+            self.message.setText(
+                f"Optimized again at {len(suspects)} suspects; {len(inspection.suspects)} are left. "
+                "Undo reverts it; saving keeps it."
             )
             return
         (suspect,) = suspects
         self.look.mark(int(suspect.particles[0]), suspect.subject, suspect.particles)
         near = [
-            one
-            for one in found.suspects
-            if one.subject == suspect.subject and np.isin(one.particles, suspect.particles).any()
+            candidate
+            for candidate in inspection.suspects
+            if candidate.subject == suspect.subject and np.isin(candidate.particles, suspect.particles).any()
         ]
         outcome = "No longer suspect." if not near else f"Still suspect: {near[0].description}."
-        self.words.setText(f"Optimized again. {outcome} Undo reverts it; saving keeps it.")
+        self.message.setText(f"Optimized again. {outcome} Undo reverts it; saving keeps it.")
         self._go(suspect.subject, suspect.place)

@@ -84,10 +84,10 @@ def checked_scene(
     if marks.show == "distances" and marks.distances is not None:
         return _distances(subjects, inspection, marks.distances, names)
     contents = [
-        replace(one, lines=_rings(inspection, number[one.name], marks), through=True)
-        if one.name in number
-        else one
-        for one in subjects
+        replace(content, lines=_rings(inspection, number[content.name], marks), through=True)
+        if content.name in number
+        else content
+        for content in subjects
     ]
     if marks.show == "neighbours" and marks.particle is not None:
         scale, tints = _neighbours(inspection, names, marks.particle)
@@ -98,8 +98,8 @@ def checked_scene(
     if marks.show == "texture" and marks.texture is not None:
         texture = marks.texture
         contents = [
-            replace(one, colours=_toned(texture[one.name])) if one.name in texture else one
-            for one in contents
+            replace(content, colours=_toned(texture[content.name])) if content.name in texture else content
+            for content in contents
         ]
         return Shown(contents, particles={})
     if marks.pair is not None:
@@ -113,9 +113,9 @@ def _in_two_colours(
     """Mark two particles on every shape in two colours, which the captions name."""
     tint = np.full((inspection.located.world.shape[1], 3), _PALE, np.uint8)
     tint[list(pair)] = _MARK, _SECOND
-    words = f"{pair[0]} pink · {pair[1]} blue"
+    note = f"{pair[0]} pink · {pair[1]} blue"
     noted = [
-        replace(content, note=" · ".join(part for part in (content.note, words) if part))
+        replace(content, note=" · ".join(part for part in (content.note, note) if part))
         for content in contents
     ]
     return Shown(noted, tints=dict.fromkeys(names, tint))
@@ -125,7 +125,10 @@ def _neighbours(
     inspection: "Inspection", names: Sequence[str], particle: int
 ) -> tuple[ColourScale, Mapping[str, Array]]:
     places = inspection.located
-    rows = [one[[particle]].toarray()[0] * s for one, s in zip(places.distances, places.spacing, strict=True)]
+    rows = [
+        matrix[[particle]].toarray()[0] * s
+        for matrix, s in zip(places.distances, places.spacing, strict=True)
+    ]
     limit = max(float(row.max()) for row in rows)
     title = f"Distance from particle {particle} along the surface"
     scale = _distance_scale(title, limit, "grey: farther than the table reaches")
@@ -140,7 +143,7 @@ def _neighbours(
 
 def _energies(marks: Marks, names: Sequence[str]) -> tuple[ColourScale, Mapping[str, Array]]:
     values: FloatArray = getattr(marks.energies, marks.show)
-    low, high = (float(one) for one in np.percentile(values, (0.5, 99.5)))
+    low, high = (float(bound) for bound in np.percentile(values, (0.5, 99.5)))
     low = min(low, 0.0) if marks.show == "sampling" else 0.0
     title = f"{marks.show.capitalize()} energy by particle: {ENERGIES[marks.show]}"
     scale = ColourScale(title, "", low, max(high, low + 1e-9), viridis(), "low", "high")
@@ -152,7 +155,7 @@ def _distances(
     subjects: Sequence[Content], inspection: "Inspection", distances: Distances, names: Sequence[str]
 ) -> Shown:
     name = names[distances.subject]
-    own = next((one for one in subjects if one.name == name), None)
+    own = next((content for content in subjects if content.name == name), None)
     if own is None:
         return Shown(subjects)
     limit = float(distances.along.max())
@@ -161,14 +164,14 @@ def _distances(
     contents = [
         replace(
             own,
-            name=f"{name}: {words}",
+            name=f"{name}: {label}",
             raw=None,
             note="",
             colours=scale.colours(values),
             lines=ring,
             through=True,
         )
-        for words, values in ((ALONG, distances.along), (STRAIGHT, distances.straight))
+        for label, values in ((ALONG, distances.along), (STRAIGHT, distances.straight))
     ]
     return Shown(contents, columns=2, scale=scale, particles={})
 
@@ -179,7 +182,7 @@ def _rings(inspection: "Inspection", m: int, marks: Marks) -> FloatArray | None:
     if marks.pair is not None:
         chosen = list(marks.pair)
     elif m == marks.subject:
-        chosen += [int(one) for one in marks.others if one != marks.particle]
+        chosen += [int(other) for other in marks.others if other != marks.particle]
     if not chosen:
         return None
     places = inspection.located
@@ -206,5 +209,5 @@ def _toned(tones: FloatArray) -> Array:
 def _distance_scale(title: str, limit: float, note: str) -> ColourScale:
     """Return the scale of distances: near is bright, far is dark."""
     power = 10.0 ** np.floor(np.log10(max(limit, 1e-9)))
-    high = next(one * power for one in _ROUND if one * power >= limit)
+    high = next(factor * power for factor in _ROUND if factor * power >= limit)
     return ColourScale(title, "mm", 0.0, float(high), viridis()[::-1].copy(), note=note)

@@ -71,7 +71,7 @@ class NormalSphere(QWidget):
     def _at(self, position: QPointF) -> int | None:
         if self._particle is None or not len(self._points):
             return None
-        apart = [(self._place(one) - position).manhattanLength() for one in self._points]
+        apart = [(self._place(point) - position).manhattanLength() for point in self._points]
         nearest = int(np.argmin(apart))
         return nearest if apart[nearest] <= 2 * _DOT else None
 
@@ -85,8 +85,8 @@ class NormalSphere(QWidget):
         """Name the subject under the mouse."""
         if isinstance(event, QHelpEvent):
             hit = self._at(QPointF(event.pos()))
-            words = f"{self._names[hit]}: {self._angles[hit]:.1f}°" if hit is not None else ""
-            QToolTip.showText(event.globalPos(), words, self)
+            text = f"{self._names[hit]}: {self._angles[hit]:.1f}°" if hit is not None else ""
+            QToolTip.showText(event.globalPos(), text, self)
             return True
         return super().event(event)
 
@@ -102,8 +102,8 @@ class NormalSphere(QWidget):
         if self._particle is None:
             painter.setPen(QColor(colours.dim))
             flags = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
-            words = "Choose a particle: its normals on all shapes appear here."
-            painter.drawText(self.rect().adjusted(24, 0, -24, 0), flags, words)
+            text = "Choose a particle: its normals on all shapes appear here."
+            painter.drawText(self.rect().adjusted(24, 0, -24, 0), flags, text)
         else:
             self._paint_globe(painter)
             self._paint_normals(painter)

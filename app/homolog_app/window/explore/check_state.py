@@ -89,7 +89,7 @@ class Checked(QObject):
             return
         project, inspection = desk.project, version.inspection
 
-        names = list(dict.fromkeys(version.loaded.result.names[one.subject] for one in suspects))
+        names = list(dict.fromkeys(version.loaded.result.names[suspect.subject] for suspect in suspects))
         notes = version.notes | dict.fromkeys(names, "particles were optimized again where they were suspect")
 
         def work(tick: Tick) -> _Version:
@@ -100,10 +100,10 @@ class Checked(QObject):
             from homolog_app.suspects import mended
 
             after = inspection
-            for index, one in enumerate(suspects):
+            for index, suspect in enumerate(suspects):
                 part = part_of(tick, 0.8 * index / len(suspects), 0.8 * (index + 1) / len(suspects))
-                if any(_same(one, other) for other in after.suspects):  # or a neighbour's repair cured it
-                    after = mended(project, after, one, part)
+                if any(_same(suspect, other) for other in after.suspects):  # or a neighbour's repair cured it
+                    after = mended(project, after, suspect, part)
             places = after.located
             model, last = ShapeModel.fit(places.world), part_of(tick, 0.8, 1.0)
             surface = surface_of_model(model, places.world, places.meshes, places.alignments, last)
@@ -148,8 +148,8 @@ class Checked(QObject):
 
         version = self._version
         if version is not None:
-            found = version.inspection
-            write_suspects(path, rows(found, found.suspects, version.loaded.result.names))
+            inspection = version.inspection
+            write_suspects(path, rows(inspection, inspection.suspects, version.loaded.result.names))
 
     def _take_written(self, loaded: Loaded) -> None:
         self._written = loaded
@@ -164,7 +164,7 @@ class Checked(QObject):
     @property
     def _version(self) -> _Version | None:
         result = self._desk.session.result
-        return next((one for one in self._versions if one.loaded is result), None)
+        return next((version for version in self._versions if version.loaded is result), None)
 
     @Slot()
     def _look(self) -> None:
@@ -197,9 +197,9 @@ class Checked(QObject):
         work.compute("check", inspect, "looking for suspects", take)
 
 
-def _same(one: "Suspect", other: "Suspect") -> bool:
-    shared = np.isin(one.particles, other.particles).any()
-    return one.kind is other.kind and one.subject == other.subject and bool(shared)
+def _same(first: "Suspect", other: "Suspect") -> bool:
+    shared = np.isin(first.particles, other.particles).any()
+    return first.kind is other.kind and first.subject == other.subject and bool(shared)
 
 
 class _Exchange(QUndoCommand):

@@ -61,17 +61,17 @@ class SuspectModel(QAbstractTableModel):
 
     def data(self, index: _Index, role: int = 0) -> Any:  # noqa: ANN401 - what Qt's roles ask for
         """Return what a cell shows."""
-        one = self.suspects[index.row()]
-        cells = (one.kind.value.capitalize(), self._names[one.subject], f"{one.severity:.1f}")
+        suspect = self.suspects[index.row()]
+        cells = (suspect.kind.value.capitalize(), self._names[suspect.subject], f"{suspect.severity:.1f}")
         if role == Qt.ItemDataRole.DisplayRole:
             return cells[index.column()]
         if role == Qt.ItemDataRole.ToolTipRole:
-            return one.description
+            return suspect.description
         if role == Qt.ItemDataRole.AccessibleTextRole:
             return ", ".join(cells)
         if role == Qt.ItemDataRole.DecorationRole and index.column() == 0:
             colours = self._theme.colours
-            return icon(_ICONS[one.kind.value], colours.text, colours.faint)
+            return icon(_ICONS[suspect.kind.value], colours.text, colours.faint)
         if role == Qt.ItemDataRole.TextAlignmentRole and index.column() == 2:
             return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
         return None

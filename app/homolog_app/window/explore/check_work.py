@@ -53,12 +53,12 @@ def textures_of(
     """Return both patterns for each subject: a tone from 0 to 1 for each vertex of its surface."""
     from homolog.inspection import carried_places, checkerboard, stripes
 
-    found: dict[str, dict[str, FloatArray]] = {"checkerboard": {}, "stripes": {}}
+    patterns: dict[str, dict[str, FloatArray]] = {"checkerboard": {}, "stripes": {}}
     for m, name in enumerate(names):
         tick(m / len(names), f"texture on {name}")
         carried = carried_places(inspection.located, inspection.consensus, m)
         matrix = inspection.located.alignments[m]
         blur = inspection.located.meshes[m].mean_edge * float(scale_of(matrix))
-        found["checkerboard"][name] = checkerboard(carried, inspection.consensus.shape, blur)
-        found["stripes"][name] = stripes(carried, inspection.consensus.shape, blur)
-    return found
+        patterns["checkerboard"][name] = checkerboard(carried, inspection.consensus.shape, blur)
+        patterns["stripes"][name] = stripes(carried, inspection.consensus.shape, blur)
+    return patterns

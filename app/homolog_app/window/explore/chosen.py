@@ -181,8 +181,8 @@ class Snapshot(_View):
     beside: Path | None = None
 
     @property
-    def words(self) -> str:
-        """The JSON that it can be read from again, without what is as usual."""
-        told = self.model_dump(mode="json", exclude_defaults=True)
-        told["view"] = {"page": self.view.page, **told["view"]}
-        return json.dumps(told, ensure_ascii=False, separators=(",", ":"))
+    def as_json(self) -> str:
+        """The JSON text that it can be read from again, without default values."""
+        fields = self.model_dump(mode="json", exclude_defaults=True)
+        fields["view"] = {"page": self.view.page, **fields["view"]}
+        return json.dumps(fields, ensure_ascii=False, separators=(",", ":"))

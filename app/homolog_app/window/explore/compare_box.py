@@ -18,19 +18,19 @@ class CompareBox(QWidget):
         self.choose = ActionButton("Compare with…", actions["explore.compare"])
         self.leave = button("Show alone", "flat")
         self.leave.clicked.connect(fitted.compare_no_more)
-        self.words = label("", "Hint", wrap=True)
+        self.hint = label("", "Hint", wrap=True)
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(GRID)
         row.addWidget(self.choose)
-        row.addWidget(self.words, 1)
+        row.addWidget(self.hint, 1)
         row.addWidget(self.leave)
         fitted.changed.connect(self._show)
         self._show()
 
     def _show(self) -> None:
         other = self._fitted.other
-        self.words.setText(
+        self.hint.setText(
             f"Compared with: {other.title}" if other else "Another run or method, for comparison."
         )
         self.leave.setVisible(other is not None)

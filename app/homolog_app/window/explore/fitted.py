@@ -62,7 +62,7 @@ class Fitted(QObject):
     @property
     def both(self) -> "tuple[ModelShape, ...]":
         """The models that are shown beside each other: none, the open one, or the other one after it."""
-        return tuple(one for one in (self.shape, self.other) if one is not None)
+        return tuple(shape for shape in (self.shape, self.other) if shape is not None)
 
     def want(self) -> None:
         """Fit the model unless that was done; `changed` follows. Asks again if it was cancelled before."""

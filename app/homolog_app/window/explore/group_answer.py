@@ -139,10 +139,10 @@ def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, 
     if index >= len(pairs):
         raise InputError(f"there is no pair {index} of groups; there are {len(pairs)}")
     pair = pairs[index]
-    found = pair.discriminant
+    separation = pair.discriminant
     way = _slope(study, pair) if request.kind == "regression" else _between(pair)
     fields = [pair.mean - shape.model.mean - way.share * way.effect, way.effect]
-    carried = shape.carried(np.array([*fields, *(found.modes if found is not None else ())]))
+    carried = shape.carried(np.array([*fields, *(separation.modes if separation is not None else ())]))
     start, ways = carried[0], carried[1]
     middle = start + np.float32(way.share) * ways
     normals = shape.normals(shape.mean.vertices.astype(np.float32) + middle)
@@ -150,18 +150,18 @@ def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, 
     outward = np.einsum("...vi,vi->...v", carried[1:], normals)
     difference = GroupMap(ways, outward[0], pair.p_fwe[nearest] <= LEVEL)
     discriminant = places = None
-    if found is not None and len(found.modes):
-        low, high = found.bounds(outward[1:])
-        along = np.tensordot(found.weights.astype(np.float32), carried[2:], axes=1)
+    if separation is not None and len(separation.modes):
+        low, high = separation.bounds(outward[1:])
+        along = np.tensordot(separation.weights.astype(np.float32), carried[2:], axes=1)
         firm = ((low > 0) | (high < 0)) & (pair.p_adjusted <= LEVEL)
-        discriminant = GroupMap(along, found.weights.astype(np.float32) @ outward[1:], firm)
-        places = found.scores / np.sqrt(len(pair.mean))
+        discriminant = GroupMap(along, separation.weights.astype(np.float32) @ outward[1:], firm)
+        places = separation.scores / np.sqrt(len(pair.mean))
     elif way.values is not None:
         places = _along(result, request, pair, way.effect)
-    maps = [one.outward for one in (difference, discriminant) if one is not None]
+    maps = [item.outward for item in (difference, discriminant) if item is not None]
     return GroupAnswer(
         shape, study, pair, way.first, way.second, start, difference, discriminant, places,
-        max(common_limit([np.asarray(one, np.float64)]) for one in maps), way.values,
+        max(common_limit([np.asarray(values, np.float64)]) for values in maps), way.values,
         tuple(result.groups[subject] or "" for subject in pair.subjects),
     )  # fmt: skip
 

@@ -75,7 +75,7 @@ class GroupForm(QWidget):
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setHorizontalSpacing(GRID)
         grid.setVerticalSpacing(GRID)
-        self._names = [QLabel(words) for words in ("Column", "From", "To")]
+        self._names = [QLabel(text) for text in ("Column", "From", "To")]
         places = ((0, 0, 4), (1, 0, 1), (1, 2, 1))
         boxes = (self.column, self.first, self.second)
         for (row, at, span), name, box in zip(places, self._names, boxes, strict=True):
@@ -117,9 +117,9 @@ class GroupForm(QWidget):
             StudyRequest(
                 kind="regression" if self.is_regression else "groups", column=column,
                 between=() if self.is_regression else self.between, covariates=self.covariates,
-                alignment=one, complete_cases=self.complete.isChecked(), answers=len(alignments),
+                alignment=alignment, complete_cases=self.complete.isChecked(), answers=len(alignments),
             )
-            for one in alignments
+            for alignment in alignments
         )  # fmt: skip
 
     @property
@@ -133,7 +133,7 @@ class GroupForm(QWidget):
     @property
     def covariates(self) -> tuple[str, ...]:
         """The columns that are allowed for."""
-        return tuple(one.data() for one in self._covariates.actions() if one.isChecked())
+        return tuple(action.data() for action in self._covariates.actions() if action.isChecked())
 
     def offer(self) -> None:
         """Offer the columns that make groups, then those that are numbers."""
@@ -144,16 +144,16 @@ class GroupForm(QWidget):
             if 1 < len(values_of(study, column)) <= _MOST_VALUES
         }
         problems = {
-            f"{column}{_AS_NUMBER}": words
-            for column, words in numbers_of(study, complete=self.complete.isChecked()).items()
+            f"{column}{_AS_NUMBER}": problem
+            for column, problem in numbers_of(study, complete=self.complete.isChecked()).items()
         }
-        slopes = {words: (words.removesuffix(_AS_NUMBER), _NUMBER) for words in problems}
+        slopes = {text: (text.removesuffix(_AS_NUMBER), _NUMBER) for text in problems}
         offered = groups | slopes
         held = {self.column.itemText(at): self.column.itemData(at) for at in range(self.column.count())}
         if offered != held:
             self.column.clear()
-            for words, data in offered.items():
-                self.column.addItem(words, data)
+            for text, data in offered.items():
+                self.column.addItem(text, data)
         model = self.column.model()
         assert isinstance(model, QStandardItemModel), "a box that is filled item by item has no other"
         for at in range(self.column.count()):
@@ -194,14 +194,14 @@ class GroupForm(QWidget):
         for name, problem in covariates_of(
             self._session.study, column, complete=self.complete.isChecked()
         ).items():
-            words = name.removesuffix(":c") + " (as categories)" * name.endswith(":c")
-            one = QAction(words.replace("&", "&&"), self._covariates, checkable=True)
-            one.setData(name)
-            one.setEnabled(not problem)
-            one.setToolTip(problem or f"Remove the effect of {name} on shape before the test")
-            one.setChecked(name in kept and not problem)
-            one.toggled.connect(self._tell_covariates)
-            self._covariates.addAction(one)
+            text = name.removesuffix(":c") + " (as categories)" * name.endswith(":c")
+            action = QAction(text.replace("&", "&&"), self._covariates, checkable=True)
+            action.setData(name)
+            action.setEnabled(not problem)
+            action.setToolTip(problem or f"Remove the effect of {name} on shape before the test")
+            action.setChecked(name in kept and not problem)
+            action.toggled.connect(self._tell_covariates)
+            self._covariates.addAction(action)
         self._name_covariates()
 
     def _tell_covariates(self) -> None:
@@ -210,8 +210,8 @@ class GroupForm(QWidget):
 
     def _name_covariates(self) -> None:
         own = size_name(self._session.study)
-        chosen = [f"{SIZE} of the shape" if one == own else one for one in self.covariates]
-        words = f"Adjust for {', '.join(chosen)}" if chosen else "Adjust for covariates…"
+        chosen = [f"{SIZE} of the shape" if name == own else name for name in self.covariates]
+        text = f"Adjust for {', '.join(chosen)}" if chosen else "Adjust for covariates…"
         self.allow.setText(
-            (words if len(words) < _LONG else f"Adjust for {len(chosen)} covariates").replace("&", "&&")
+            (text if len(text) < _LONG else f"Adjust for {len(chosen)} covariates").replace("&", "&&")
         )

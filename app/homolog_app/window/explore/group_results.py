@@ -63,14 +63,14 @@ class GroupResults(QTreeWidget):
             tops.append(top)
             pairs = study.pairwise or (study.overall,)
             top.setFirstColumnSpanned(True)
-            for pair, one in enumerate(pairs):
-                item = QTreeWidgetItem(list(_values(study, one)))
+            for pair, comparison in enumerate(pairs):
+                item = QTreeWidgetItem(list(_values(study, comparison)))
                 item.setData(0, _PLACE, (number, pair))
                 top.addChild(item)
                 if (number, pair) == chosen:
                     self.setCurrentItem(item)
                 count += 1
-        self.texts = [_texts(one) for top in tops for one in (top, *_children(top))]
+        self.texts = [_texts(item) for top in tops for item in (top, *_children(top))]
         self.expandAll()
         self.blockSignals(False)
         rows = min(count + self.topLevelItemCount(), _MOST_ROWS)
@@ -112,23 +112,28 @@ def _texts(item: QTreeWidgetItem) -> tuple[str, ...]:
 
 def _heading(study: "Study") -> str:
     """Return the alignment, and of three or more groups whether any differ."""
-    words, overall = SIZE_WORDS[study.request.alignment], study.overall
-    words = f"{words[0].upper()}{words[1:]}"
+    text, overall = SIZE_WORDS[study.request.alignment], study.overall
+    text = f"{text[0].upper()}{text[1:]}"
     if not study.pairwise or not overall.test.modes:
-        return words
-    return f"{words}; any difference: {p_words(overall.p_adjusted, overall.test.permutations)}"
+        return text
+    return f"{text}; any difference: {p_words(overall.p_adjusted, overall.test.permutations)}"
 
 
-def _values(study: "Study", one: "Comparison") -> tuple[str, str, str, str]:
-    found = one.distance
+def _values(study: "Study", comparison: "Comparison") -> tuple[str, str, str, str]:
+    distance = comparison.distance
     effect = "–"
-    if found is not None and one.test.modes:
-        effect = f"{found.value:.2f} ({found.low:.2f} to {found.high:.2f})"
+    if distance is not None and comparison.test.modes:
+        effect = f"{distance.value:.2f} ({distance.low:.2f} to {distance.high:.2f})"
     p = "–"
-    if one.test.modes:
-        p = p_words(one.p_adjusted, one.test.permutations).removeprefix("p ").removeprefix("= ")
-    significant = one.p_fwe <= LEVEL
+    if comparison.test.modes:
+        p = p_words(comparison.p_adjusted, comparison.test.permutations).removeprefix("p ").removeprefix("= ")
+    significant = comparison.p_fwe <= LEVEL
     share = (
         100.0 * float(study.areas[significant].sum()) / max(float(study.areas.sum()), np.finfo(float).tiny)
     )
-    return one.title.replace(" - ", " − "), effect, p, f"{share:.0f} %" if significant.any() else "none"
+    return (
+        comparison.title.replace(" - ", " − "),
+        effect,
+        p,
+        f"{share:.0f} %" if significant.any() else "none",
+    )

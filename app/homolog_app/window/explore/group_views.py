@@ -43,24 +43,26 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     """
     if not answers:
         plain = [
-            model_content(one, one.title, "mean", np.zeros_like(one.mean_normals), Look(),
-                          alignment=_placement(one, models))
-            for one in models
+            model_content(model, model.title, "mean", np.zeros_like(model.mean_normals), Look(),
+                          alignment=_placement(model, models))
+            for model in models
         ]  # fmt: skip
         return Shown(plain, len(plain), None, {})
-    rows = sorted(answers, key=lambda one: one.shape.method.uses_geodesics + one.shape.method.uses_normals)
+    rows = sorted(
+        answers, key=lambda answer: answer.shape.method.uses_geodesics + answer.shape.method.uses_normals
+    )
     first = answers[0]
-    limit = max(one.limit for one in answers)
+    limit = max(answer.limit for answer in answers)
     factor = arrow_factor(first.shape, limit) if view.arrows else 0.0
     of = "" if first.values is None else f"{first.study.request.column} "
     kind = "Difference" if view.from_middle else "Outward difference"
-    words = [f"{kind} from {of}{first.first} to {first.second}"]
-    words += [f"arrows drawn {factor:g} × as long"] if factor > 1.0 else []
-    words += [f"adjusted for {', '.join(first.study.request.covariates)}"] * bool(
+    parts = [f"{kind} from {of}{first.first} to {first.second}"]
+    parts += [f"arrows drawn {factor:g} × as long"] if factor > 1.0 else []
+    parts += [f"adjusted for {', '.join(first.study.request.covariates)}"] * bool(
         first.study.request.covariates
     )
-    words += ["the question has changed"] if view.outdated else []
-    scale = displacement_scale(limit, words[0], " · ".join(words[1:]), from_middle=view.from_middle)
+    parts += ["the question has changed"] if view.outdated else []
+    scale = displacement_scale(limit, parts[0], " · ".join(parts[1:]), from_middle=view.from_middle)
     scale = scale.within(view.colour_range)
     if view.only_significant:
         scale = replace(
@@ -69,9 +71,13 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     if view.outdated:
         scale = replace(scale, table=_pale(scale.table))
     contents = []
-    for one in rows:
+    for answer in rows:
         contents += _row(
-            view, one, Look(scale, factor, view.from_middle), _placement(one.shape, models), len(rows) > 1
+            view,
+            answer,
+            Look(scale, factor, view.from_middle),
+            _placement(answer.shape, models),
+            len(rows) > 1,
         )
     columns = len(contents) // len(rows)
     return Shown(contents, 2 if columns == 4 and len(rows) == 1 else columns, scale, {})
@@ -89,7 +95,7 @@ def _row(
         return [_mapped(view, answer, look, placed, view.map, named)]
     ends = [_mean(answer, placed, end, named) for end in (0.0, 1.0)]
     if answer.values is None:
-        maps = [_mapped(view, answer, look, placed, one, named) for one in ("difference", "discriminant")]
+        maps = [_mapped(view, answer, look, placed, kind, named) for kind in ("difference", "discriminant")]
         return [*ends, *maps]
     middle = _mean(answer, placed, 0.5, named)
     return [ends[0], middle, ends[1], _mapped(view, answer, look, placed, "difference", named)]
@@ -122,12 +128,12 @@ def _mapped(
 def _mean(answer: "GroupAnswer", placed: FloatArray, way: float, named: bool) -> Content:
     """Return a shape without colours: at an end, or half-way."""
     if way == 0.5:
-        words, count = "half-way", ""
+        text, count = "half-way", ""
     else:
-        words = answer.ends[int(way)]
+        text = answer.ends[int(way)]
         known = answer.pair.counts.get((answer.first, answer.second)[int(way)])
         count = f"{known} subjects" if known else "by regression"
-    names = (answer.shape.title, words) if named else (words, count)
+    names = (answer.shape.title, text) if named else (text, count)
     moved = _at(answer, answer.difference, way)
     return model_content(answer.shape, *names, moved, Look(), alignment=placed)
 
@@ -138,7 +144,7 @@ def _at(answer: "GroupAnswer", chosen: "GroupMap", way: float) -> FloatArray:
     return np.asarray(middle + np.float32(way - 0.5) * chosen.ways)
 
 
-def _placement(one: "ModelShape", models: _Models) -> FloatArray:
+def _placement(model: "ModelShape", models: _Models) -> FloatArray:
     from homolog_app.window.explore.model_shape import placement
 
-    return _STAY if one is models[0] else placement(one, models[0])
+    return _STAY if model is models[0] else placement(model, models[0])

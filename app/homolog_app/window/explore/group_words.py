@@ -24,15 +24,15 @@ __all__ = ["asked_words", "number_rows"]
 def asked_words(request: StudyRequest) -> str:
     """Return alignment, covariates and who is left out, as they stand below the headline."""
     how = SIZE_WORDS[request.alignment]
-    words = [f"{how[0].upper()}{how[1:]}"]
-    words += [f"adjusted for {', '.join(request.covariates)}"] if request.covariates else []
-    words += ["subjects with missing values excluded"] if request.complete_cases else []
-    return f"{', '.join(words)}."
+    parts = [f"{how[0].upper()}{how[1:]}"]
+    parts += [f"adjusted for {', '.join(request.covariates)}"] if request.covariates else []
+    parts += ["subjects with missing values excluded"] if request.complete_cases else []
+    return f"{', '.join(parts)}."
 
 
 def number_rows(answers: "list[GroupAnswer]") -> list[tuple[str, ...]]:
     """Return what stands in the table: a name and a value for each answer."""
-    columns = [dict(_rows(one)) for one in answers]
+    columns = [dict(_rows(answer)) for answer in answers]
     names = list(dict.fromkeys(name for column in columns for name in column))
     return [(name, *(column.get(name, "–") for column in columns)) for name in names]
 
@@ -49,8 +49,8 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
         rows.append(("Left out", f"{gone} with missing values"))
     rows.append(("Modes retained (parallel analysis)", str(test.modes)))
     if pair.distance is not None and test.modes:
-        words = interval_words(pair.distance, 3 if slope else 2)
-        rows.append(("Change per unit" if slope else "Mahalanobis D", f"{words} SD"))
+        text = interval_words(pair.distance, 3 if slope else 2)
+        rows.append(("Change per unit" if slope else "Mahalanobis D", f"{text} SD"))
     if test.modes:
         how = (
             f"All {test.permutations + 1} permutations" if test.exact else f"{test.permutations} permutations"
@@ -74,18 +74,18 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     if study.request.covariates:
         rows.append(("Adjusted for", ", ".join(study.request.covariates)))
     if pair.discriminant is not None:
-        found = pair.discriminant
-        known = ((one, found.auc.permutations) for one in (pair.accuracy_p_adjusted, pair.auc_p_adjusted))
+        discriminant = pair.discriminant
+        known = ((p, discriminant.auc.permutations) for p in (pair.accuracy_p_adjusted, pair.auc_p_adjusted))
         accuracy, auc = ("" if p is None else f", {p_words(p, count)}" for p, count in known)
-        rows.append(("Balanced accuracy", f"{percent_words(found.accuracy)}{accuracy}"))
-        rows.append(("AUC", f"{interval_words(found.auc)}{auc}"))
+        rows.append(("Balanced accuracy", f"{percent_words(discriminant.accuracy)}{accuracy}"))
+        rows.append(("AUC", f"{interval_words(discriminant.auc)}{auc}"))
     if pair.size is not None and np.isfinite(pair.size.value) and pair.size_p_adjusted is not None:
         unit = f"mm per unit of {study.request.column}" if kind == "regression" else "mm"
         low, high = signed(pair.size.low), signed(pair.size.high)
         p = p_words(pair.size_p_adjusted, pair.size.permutations)
         rows.append(("Size", f"{signed(pair.size.value)} {unit} (95 % CI {low} to {high}), {p}"))
-    for one in pair.false_positives[:1]:
-        assert one.test == WHOLE_SHAPE_F
-        bounds = f"{short(100 * one.low)}–{short(100 * one.high)}"
-        rows.append(("Type I error (F test)", f"{100 * one.rate:.1f} % ({bounds})"))
+    for simulated in pair.false_positives[:1]:
+        assert simulated.test == WHOLE_SHAPE_F
+        bounds = f"{short(100 * simulated.low)}–{short(100 * simulated.high)}"
+        rows.append(("Type I error (F test)", f"{100 * simulated.rate:.1f} % ({bounds})"))
     return rows

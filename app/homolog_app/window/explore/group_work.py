@@ -46,12 +46,12 @@ class Question:
     @property
     def titles(self) -> frozenset[str]:
         """What tells the requests from others, however precisely they are answered."""
-        return frozenset(one.question for one in self.requests)
+        return frozenset(request.question for request in self.requests)
 
     @property
-    def words(self) -> list[str]:
+    def arguments(self) -> list[str]:
         """The options of ``homolog analyze`` that ask it."""
-        return [*self.requests[0].arguments, *(one.alignment.value for one in self.requests[1:])]
+        return [*self.requests[0].arguments, *(request.alignment.value for request in self.requests[1:])]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,8 +81,8 @@ def question_of(requests: Sequence[StudyRequest], result: Result, cohort: Cohort
     """Return a question with what the table holds of it now, so that a later change can be told."""
     present = with_present_table(result, cohort)
     known = {name for columns in present.columns for name in columns}
-    used = [one.column for one in requests]
-    used += [category_of(name, known)[0] for one in requests for name in one.covariates]
+    used = [request.column for request in requests]
+    used += [category_of(name, known)[0] for request in requests for name in request.covariates]
     cells = tuple(
         tuple(group or "" for group in present.groups)
         if column == "group"
@@ -105,13 +105,13 @@ def answer_question(
     from homolog_app.report.study import run_study
 
     count = len(models) * len(requests)
-    found: list[Study] = []
+    studies: list[Study] = []
     for index, request in enumerate(requests):
         for number, model in enumerate(models):
             done = index * len(models) + number
             part = part_of(tick, 0.9 * done / count, 0.9 * (done + 1) / count)
-            found.append(run_study(with_present_table(model.result, cohort), request, part))
-    rows = tuple(tuple(found[at : at + len(models)]) for at in range(0, count, len(models)))
+            studies.append(run_study(with_present_table(model.result, cohort), request, part))
+    rows = tuple(tuple(studies[at : at + len(models)]) for at in range(0, count, len(models)))
     answers = Answers(question_of(requests, models[0].result, cohort), tuple(models), rows)
     return answers, map_answers(answers, models, cohort, (0, 0), part_of(tick, 0.9, 1.0))
 
@@ -160,9 +160,11 @@ def repeat_by_seed(
 
     result = with_present_table(answers.models[0].result, cohort)
     requests = answers.question.requests
-    found = answer_by_seed(project, result, requests, seeds, tick)
-    words = []
-    for study, spread in zip(answers.own, found, strict=True):
+    spreads = answer_by_seed(project, result, requests, seeds, tick)
+    sentences = []
+    for study, spread in zip(answers.own, spreads, strict=True):
         write_spread(keep_study(project, study, result), spread)
-        words += [f"{study.request.title}: " * (len(requests) > 1) + one for one in spread_words(spread)]
-    return words
+        sentences += [
+            f"{study.request.title}: " * (len(requests) > 1) + sentence for sentence in spread_words(spread)
+        ]
+    return sentences

@@ -74,14 +74,14 @@ class GroupsPage(ExplorePage):
             "The question has changed. Compare again to update the answer.", "Problem", wrap=True
         )
         self.verdict = label("", "SectionTitle", wrap=True)
-        self.asked = label("", "Hint", wrap=True)
+        self.question = label("", "Hint", wrap=True)
         self.results = GroupResults()
         self.others = label("", "Hint", wrap=True)
-        self.words = label("", wrap=True)
+        self.summary = label("", wrap=True)
         self.cautions = label("", "Problem", wrap=True)
         self.kept = label("", "Hint", wrap=True)
-        for one in (self.verdict, self.asked, self.others, self.words, self.cautions, self.kept):
-            one.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        for widget in (self.verdict, self.question, self.others, self.summary, self.cautions, self.kept):
+            widget.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.numbers = NumbersTable()
         self.map = choice("Map", _MAPS)
         self.views: QComboBox = choice("Views", _LAYOUTS)
@@ -119,7 +119,7 @@ class GroupsPage(ExplorePage):
         answer = QVBoxLayout(self.answer)
         answer.setContentsMargins(0, 0, 0, 0)
         answer.setSpacing(GRID)
-        for widget in (self.verdict, self.asked, self.results, self.others):
+        for widget in (self.verdict, self.question, self.results, self.others):
             answer.addWidget(widget)
         slide = QHBoxLayout()
         slide.addWidget(self.first)
@@ -138,7 +138,7 @@ class GroupsPage(ExplorePage):
         answer.addLayout(ticks)
         answer.addWidget(self.player)
         answer.addWidget(rule())
-        for text in (self.cautions, self.numbers, self.words, self.kept):
+        for text in (self.cautions, self.numbers, self.summary, self.kept):
             answer.addWidget(text)
         self.body.addWidget(self.answer)
         self.body.addStretch()
@@ -196,8 +196,8 @@ class GroupsPage(ExplorePage):
         def answer(tick: Tick) -> "tuple[Answers, list[GroupAnswer]]":
             return answer_question(models, cohort, requests, tick)
 
-        words = " and ".join(requests[0].between) or f"shapes along {requests[0].column}"
-        self.desk.work.compute("groups", answer, f"comparing {words}", self._take)
+        text = " and ".join(requests[0].between) or f"shapes along {requests[0].column}"
+        self.desk.work.compute("groups", answer, f"comparing {text}", self._take)
 
     @property
     def is_current(self) -> bool:
@@ -223,7 +223,7 @@ class GroupsPage(ExplorePage):
             lambda tick: keep_answers(project, answers, cohort, tick),
             "keeping the answer",
             lambda folders: self.kept.setText(
-                f"Stored in {', '.join(str(one) for one in folders)}; Export > Report includes it."
+                f"Stored in {', '.join(str(folder) for folder in folders)}; Export > Report includes it."
             ),
         )
 
@@ -237,7 +237,7 @@ class GroupsPage(ExplorePage):
             "seeds",
             lambda tick: repeat_by_seed(project, answers, cohort, _SEEDS, tick),
             f"answers of {_SEEDS} seeds",
-            lambda words: self.kept.setText("\n".join(words)),
+            lambda sentences: self.kept.setText("\n".join(sentences)),
         )
 
     def shown(self, subjects: Sequence[Content]) -> Shown:
@@ -263,8 +263,8 @@ class GroupsPage(ExplorePage):
         """Before there is an answer, one view."""
         return (1,) if self.chosen is not None and not self.answers else super().layouts
 
-    def _take(self, found: "tuple[Answers, list[GroupAnswer]]") -> None:
-        self.all, self.answers = found
+    def _take(self, answered: "tuple[Answers, list[GroupAnswer]]") -> None:
+        self.all, self.answers = answered
         self._mapped = (0, 0)
         self._asked |= self.all.question.titles
         self.kept.clear()
@@ -277,8 +277,8 @@ class GroupsPage(ExplorePage):
         if answers is None or (request, pair) == self._mapped or self.desk.work.is_busy:
             return
 
-        def take(found: "list[GroupAnswer]") -> None:
-            self.answers, self._mapped = found, (request, pair)
+        def take(mapped: "list[GroupAnswer]") -> None:
+            self.answers, self._mapped = mapped, (request, pair)
             self._show()
             self._follow_way()
 
@@ -292,7 +292,7 @@ class GroupsPage(ExplorePage):
     def _follow_models(self) -> None:
         models = self.fitted.both
         again = bool(self.answers) and len(models) > len(self.answers) and self._current
-        self.answers = [one for one in self.answers if one.shape in models]
+        self.answers = [answer for answer in self.answers if answer.shape in models]
         if not self.answers:
             self.all, self._asked = None, frozenset()
         self._show()
@@ -325,18 +325,18 @@ class GroupsPage(ExplorePage):
 
     def _go_to_significant(self) -> None:
         """Have the views look at the largest connected place where the map is significant."""
-        found, (content, *_) = self._map, self.shown(()).contents or (None,)
-        if found is None or content is None:
+        drawn, (content, *_) = self._map, self.shown(()).contents or (None,)
+        if drawn is None or content is None:
             return
-        largest = largest_region(self.answers[0].shape.mean.faces, found.significant)
+        largest = largest_region(self.answers[0].shape.mean.faces, drawn.significant)
         place, normal = middle_of(self.answers[0].shape, largest)
         self.place_wanted.emit(content.name, place, normal)
 
     def _tell_work(self) -> None:
         work = self.desk.work
         own = work.kind in ("groups", "model", "compare", "study", "seeds")
-        for one in (self.keep, self.seeds):
-            one.setEnabled(not work.is_busy and self._current)
+        for widget in (self.keep, self.seeds):
+            widget.setEnabled(not work.is_busy and self._current)
         self.results.setEnabled(not work.is_busy)
         self.progress.show_status(work.status if own else None)
         self.go.setVisible(not (own and work.status is not None))
@@ -346,15 +346,15 @@ class GroupsPage(ExplorePage):
     def _show(self) -> None:
         answers = self.answers
         self._current = self._is_current()
-        for one in (self.way, self.player, self.map, self.views, self.significant, self.arrows):
-            one.setEnabled(bool(answers))
+        for widget in (self.way, self.player, self.map, self.views, self.significant, self.arrows):
+            widget.setEnabled(bool(answers))
         if answers and answers[0].values is not None:
             self.map.setCurrentIndex(0)
             self.map.setEnabled(False)
         for footer in (self.keep, self.seeds):
             footer.setVisible(bool(answers))
         if self.all is not None:
-            line = ["homolog", "analyze", str(self.desk.project.folder), *self.all.question.words]
+            line = ["homolog", "analyze", str(self.desk.project.folder), *self.all.question.arguments]
             self.keep.setToolTip(f"Write its tables into the project, like: {shlex.join(line)}")
         self.first.setText(answers[0].first if answers else "")
         self.second.setText(answers[0].second if answers else "")
@@ -375,14 +375,14 @@ class GroupsPage(ExplorePage):
         from homolog_app.report.findings import cautions, findings
 
         study = answers[0].study
-        found = dict(zip(study.comparisons, findings(study), strict=True))
-        first = found[answers[0].pair]
+        sentences = dict(zip(study.comparisons, findings(study), strict=True))
+        first = sentences[answers[0].pair]
         self.verdict.setText(first.verdict.replace(" - ", " − "))
-        self.asked.setText(asked_words(study.request))
+        self.question.setText(asked_words(study.request))
         self.results.show_answers(self.all, self._mapped)
         self.others.setText(correction_sentence(self.all, len(self._asked - self.all.question.titles)))
         self.others.setVisible(bool(self.others.text()))
-        self.words.setText(first.numbers)
+        self.summary.setText(first.numbers)
         self.cautions.setText("\n".join(cautions(study)))
         self.cautions.setVisible(bool(self.cautions.text()))
-        self.numbers.show_rows([one.shape.title for one in answers], number_rows(answers))
+        self.numbers.show_rows([answer.shape.title for answer in answers], number_rows(answers))

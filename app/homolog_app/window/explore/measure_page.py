@@ -81,9 +81,9 @@ class MeasurePage(ExplorePage):
         names = ("First particle", "Second particle")
         grid = QGridLayout()
         grid.setHorizontalSpacing(GRID)
-        for row, (words, box) in enumerate(zip(names, self.particles, strict=True)):
-            box.setAccessibleName(words)
-            name = QLabel(words)
+        for row, (title, box) in enumerate(zip(names, self.particles, strict=True)):
+            box.setAccessibleName(title)
+            name = QLabel(title)
             name.setBuddy(box)
             grid.addWidget(name, row, 0)
             grid.addWidget(box, row, 1)
@@ -219,13 +219,13 @@ class MeasurePage(ExplorePage):
     def _measure(self) -> None:
         """Measure subjects and mode in the computing thread, where that was not done yet."""
         shape, mode, work = self.fitted.shape, self.mode.currentIndex(), self.desk.work
-        loaded, asked = self.desk.session.result, (shape, mode)
+        loaded, request = self.desk.session.result, (shape, mode)
         done = self._subjects is not None and mode in self._along
         if not self.isVisible() or shape is None or loaded is None or mode < 0 or done or work.is_busy:
             return
-        if asked == self._asked:
+        if request == self._asked:
             return
-        self._asked = asked
+        self._asked = request
 
         def measure(tick: Tick) -> "tuple[Measures, Measures]":
             from homolog.surfaces.mesh import TriangleMesh
@@ -240,8 +240,8 @@ class MeasurePage(ExplorePage):
             along = measure_meshes(meshes, part_of(tick, 0.0, 0.4))
             return along, self._subjects or measure_meshes(own, part_of(tick, 0.4, 1.0))
 
-        def take(found: "tuple[Measures, Measures]") -> None:
-            self._along[mode], self._subjects = found
+        def take(measured: "tuple[Measures, Measures]") -> None:
+            self._along[mode], self._subjects = measured
             self._show_measures()
 
         work.compute("measure", measure, "measuring", take)
@@ -261,18 +261,20 @@ class MeasurePage(ExplorePage):
     def _show_measures(self) -> None:
         """Show the curves and the table for the chosen particles."""
         shape, mode = self.fitted.shape, self.mode.currentIndex()
-        found = self._along.get(mode)
+        measures = self._along.get(mode)
         x, none = _amounts(), np.empty(0)
-        words = f"mode {mode + 1} (SD)"
-        if shape is None or found is None:
+        axis = f"mode {mode + 1} (SD)"
+        if shape is None or measures is None:
             for plot in self.charts.each:
-                plot.show_curve(none, none, words)
+                plot.show_curve(none, none, axis)
         else:
             apart = [float(_apart(shape, mode, amount, self.pair)) for amount in x]
             for plot, y in zip(
-                self.charts.each, (np.array(apart), found.volumes, found.areas, found.walls), strict=True
+                self.charts.each,
+                (np.array(apart), measures.volumes, measures.areas, measures.walls),
+                strict=True,
             ):
-                plot.show_curve(x, y, words)
+                plot.show_curve(x, y, axis)
         self._show_table()
         self._show_place()
 
@@ -302,8 +304,8 @@ def _amounts() -> FloatArray:
 
 def _apart(shape: "ModelShape", mode: int, amount: float, pair: tuple[int, int]) -> FloatArray:
     ends = [
-        shape.model.mean[one]
-        + amount * shape.model.standard_deviations[mode] * shape.model.components[mode, one]
-        for one in pair
+        shape.model.mean[particle]
+        + amount * shape.model.standard_deviations[mode] * shape.model.components[mode, particle]
+        for particle in pair
     ]
     return np.asarray(np.linalg.norm(ends[1] - ends[0]))

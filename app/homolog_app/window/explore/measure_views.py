@@ -41,8 +41,8 @@ def measured_scene(view: MeasureView, shape: "ModelShape", subject: Content | No
     if subject is None:
         deviations = deviations_of(view)
         particles = shape.model.instance(deviations)
-        words = f"mode {view.mode + 1}: {signed(view.at)} SD"
-        content = model_content(shape, shape.title, words, shape.moved(deviations), Look())
+        text = f"mode {view.mode + 1}: {signed(view.at)} SD"
+        content = model_content(shape, shape.title, text, shape.moved(deviations), Look())
         content = _with_pins(content, particles[list(view.particles)])
     else:
         particles = shape.result.world[shape.result.names.index(subject.name)]

@@ -45,24 +45,24 @@ def mode_scene(view: ModesView, models: _Models, subject: Content | None = None)
     deviations = np.array(view.deviations)
     contents = [subject] if subject is not None else []
     particles = {}
-    for one in models:
-        words = _words(deviations, one, subject if one is models[0] else None)
-        words += " · surface from particles"
+    for model in models:
+        text = _words(deviations, model, subject if model is models[0] else None)
+        text += " · surface from particles"
         content = model_content(
-            one, one.title, words, one.moved(deviations), look, alignment=_placement(one, models)
+            model, model.title, text, model.moved(deviations), look, alignment=_placement(model, models)
         )
         contents.append(content)
-        local = one.model.instance(deviations[: one.modes])
-        particles[one.title] = local @ content.alignment[:3, :3].T + content.alignment[:3, 3]
+        local = model.model.instance(deviations[: model.modes])
+        particles[model.title] = local @ content.alignment[:3, :3].T + content.alignment[:3, 3]
     if subject is not None:
         first = models[0].result
         particles[subject.name] = first.world[first.names.index(subject.name)]
-    same = len({len(one) for one in particles.values()}) == 1
+    same = len({len(points) for points in particles.values()}) == 1
     return Shown(contents, len(contents), look.scale, particles if same else {})
 
 
 def _look(view: ModesView, models: _Models) -> Look:
-    limit = max(one.limit for one in models)
+    limit = max(model.limit for model in models)
     factor = arrow_factor(models[0], limit) if view.arrows else 0.0
     note = f"arrows drawn {factor:g} × as long" if factor > 1.0 else ""
     if not view.colours:
@@ -78,34 +78,34 @@ def _rows(view: ModesView, models: _Models) -> list[int]:
     steps = _STEPS[view.count]
     room = min(view.count // len(steps), _MOST // (len(steps) * len(models)))
     order = dict.fromkeys([*view.axes, *range(models[0].modes)])
-    return [mode for mode in order if mode < min(one.modes for one in models)][:room]
+    return [mode for mode in order if mode < min(model.modes for model in models)][:room]
 
 
 def _strip(view: ModesView, models: _Models, look: Look, mode: int) -> list[Content]:
     strip = []
-    for one in models:
+    for model in models:
         for step in _STEPS[view.count]:
             deviations = np.zeros(mode + 1)
             deviations[mode] = amount = step * view.reach
-            share = f"mode {mode + 1}: {100 * float(one.model.explained_variance_ratio[mode]):.1f} %"
+            share = f"mode {mode + 1}: {100 * float(model.model.explained_variance_ratio[mode]):.1f} %"
             digits = 0 if amount == round(amount) else 1
-            words = f"mode {mode + 1}: {signed(amount, digits)} SD" if step else f"mean ({share})"
-            names = (one.title, words) if len(models) > 1 else (words, "")
-            moved = one.moved(deviations)
-            strip.append(model_content(one, *names, moved, look, alignment=_placement(one, models)))
+            text = f"mode {mode + 1}: {signed(amount, digits)} SD" if step else f"mean ({share})"
+            names = (model.title, text) if len(models) > 1 else (text, "")
+            moved = model.moved(deviations)
+            strip.append(model_content(model, *names, moved, look, alignment=_placement(model, models)))
     return strip
 
 
-def _placement(one: "ModelShape", models: _Models) -> FloatArray:
+def _placement(model: "ModelShape", models: _Models) -> FloatArray:
     from homolog_app.window.explore.model_shape import placement
 
-    return _STAY if one is models[0] else placement(one, models[0])
+    return _STAY if model is models[0] else placement(model, models[0])
 
 
-def _words(deviations: FloatArray, one: "ModelShape", subject: Content | None) -> str:
+def _words(deviations: FloatArray, model: "ModelShape", subject: Content | None) -> str:
     away = [(mode, float(value)) for mode, value in enumerate(deviations) if value]
     if subject is not None:
-        gaps = one.model.instance(deviations) - one.result.world[one.result.names.index(subject.name)]
+        gaps = model.model.instance(deviations) - model.result.world[model.result.names.index(subject.name)]
         gap = float(np.linalg.norm(gaps, axis=1).mean())
         count = len(deviations)
         return f"from {count} mode{'s' * (count != 1)}, {short(gap)} mm from its particles"

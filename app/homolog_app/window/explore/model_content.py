@@ -106,7 +106,7 @@ def arrow_factor(shape: "ModelShape", limit: float) -> float:
     if wanted <= 1.0:
         return 1.0
     power = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(one for one in _FACTORS if one * power <= wanted) * power)
+    return float(max(factor for factor in _FACTORS if factor * power <= wanted) * power)
 
 
 def region_border(vertices: Array, faces: Array, inside: BoolArray) -> FloatArray:

@@ -81,9 +81,9 @@ class ModelShape:
     @property
     def title(self) -> str:
         """The project with its method, for captions."""
-        words = {Method.GEODESIC_NORMALS: "proposed", Method.EUCLIDEAN: "original"}
+        names = {Method.GEODESIC_NORMALS: "proposed", Method.EUCLIDEAN: "original"}
         aside = f", {self.result.mirrored} mirrored" if self.result.mirrored else ""
-        return f"{self.name} ({words.get(self.method, self.method.value)}{aside})"
+        return f"{self.name} ({names.get(self.method, self.method.value)}{aside})"
 
     def moved(self, deviations: FloatArray) -> Float32Array:
         """Return displacements from the mean (V, 3) [mm] at multiples (k,) of the modes' deviations."""
@@ -158,7 +158,7 @@ def fit_model_shape(name: str, method: Method, result: Result, tick: Tick = no_t
         faces=frozen(faces),
         corners=corners,
         arrows_at=farthest_points(mesh.vertices, _ARROWS),
-        limit=common_limit([max(leading, key=lambda one: float(np.abs(one).max()))]),
+        limit=common_limit([max(leading, key=lambda displacement: float(np.abs(displacement).max()))]),
     )
 
 
@@ -174,7 +174,7 @@ def facing(of: ModelShape, beside: ModelShape) -> ModelShape:
     ]
     if not pairs:
         return of
-    mine, theirs = (list(one) for one in zip(*pairs, strict=True))
+    mine, theirs = (list(indices) for indices in zip(*pairs, strict=True))
     signs = np.ones(of.modes)
     shared = min(of.modes, beside.modes)
     products = of.model.scores[mine][:, :shared] * beside.model.scores[theirs][:, :shared]
@@ -212,10 +212,10 @@ def _corners(faces: IntArray, vertices: int) -> "sparse.csr_array":
 
 def _normals(vertices: Array, faces: IntArray, corners: "sparse.csr_array") -> Float32Array:
     a, b, c = (vertices.take(corner, axis=0) for corner in faces)
-    one, other = b - a, c - a
+    side, other = b - a, c - a
     across = np.empty_like(a)
     for axis, (left, right) in enumerate(((1, 2), (2, 0), (0, 1))):
-        across[:, axis] = one[:, left] * other[:, right] - one[:, right] * other[:, left]
+        across[:, axis] = side[:, left] * other[:, right] - side[:, right] * other[:, left]
     sums: Float32Array = corners @ across
     sums /= np.maximum(np.sqrt(np.einsum("vi,vi->v", sums, sums)), 1e-30)[:, None]
     return sums

@@ -66,9 +66,9 @@ class ModesPage(ExplorePage):
         self.body.addWidget(self.sliders)
         self.body.addWidget(self.player)
         self.body.addSpacing(GRID)
-        for words, box in (("Show", self.who), ("Views", self.views)):
+        for text, box in (("Show", self.who), ("Views", self.views)):
             row = QHBoxLayout()
-            name = QLabel(words)
+            name = QLabel(text)
             name.setBuddy(box)
             name.setFixedWidth(56)
             row.addWidget(name)
@@ -121,14 +121,14 @@ class ModesPage(ExplorePage):
         view = self.chosen
         if view is None:
             return Shown(subjects)
-        own = next((one for one in subjects if one.name == view.subject), None)
+        own = next((content for content in subjects if content.name == view.subject), None)
         own = own and replace(own, raw=None, note="groomed surface")
         early = self.fitted.preliminary
         if early is None:
             return mode_scene(view, self.fitted.both, own)
         shown = mode_scene(view, (early.shape,), own)
-        marks = (f"{one.note} · {early.words}".removeprefix(" · ") for one in shown.contents)
-        marked = [replace(one, note=mark) for one, mark in zip(shown.contents, marks, strict=True)]
+        marks = (f"{content.note} · {early.description}".removeprefix(" · ") for content in shown.contents)
+        marked = [replace(content, note=mark) for content, mark in zip(shown.contents, marks, strict=True)]
         return replace(shown, contents=marked)
 
     @property
@@ -182,10 +182,10 @@ class ModesPage(ExplorePage):
         self._tell_preliminary()
         if shape is None:
             busy = work.kind == "model" and work.status is not None
-            words = (
+            text = (
                 f"Fitting the shape model: {100 * work.status.fraction:.0f} %" if busy and work.status else ""
             )
-            self.state.setText(words or "The shape model is not fitted; open this page again to fit it.")
+            self.state.setText(text or "The shape model is not fitted; open this page again to fit it.")
             return
         kept = shape.parallel.n_retained
         verb = "mode is" if kept == 1 else "modes are"
@@ -201,12 +201,12 @@ class ModesPage(ExplorePage):
         if early is None:
             return
         if work.run_job is not None:
-            words = "The model is replaced as the run continues."
+            text = "The model is replaced as the run continues."
         elif self.desk.session.result is None:
-            words = "The run was cancelled: keep the particles or resume the run in Correspond."
+            text = "The run was cancelled: keep the particles or resume the run in Correspond."
         else:
-            words = "The model of the result is being fitted."
-        self.mark.setText(f"{early.words.capitalize()}. {words}")
+            text = "The model of the result is being fitted."
+        self.mark.setText(f"{early.description.capitalize()}. {text}")
 
     def _follow_sliders(self) -> None:
         first, second = self.charts.axes
@@ -244,7 +244,7 @@ class ModesPage(ExplorePage):
         shape = self._shape
         if shape is None:
             return
-        present = {one.name: one.subject.group or "" for one in self.desk.session.study.members}
+        present = {member.name: member.subject.group or "" for member in self.desk.session.study.members}
         groups = [present.get(name, "") for name in shape.result.names]
         self.charts.show_scores(self._scores(), shape, groups)
         self._follow_selection()

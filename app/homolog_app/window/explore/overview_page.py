@@ -39,8 +39,8 @@ class OverviewPage(ExplorePage):
         self.body.addWidget(self.summary)
         self.body.addSpacing(GRID)
         self.body.addWidget(label("What next", "SectionTitle"))
-        for command, words in _NEXT.items():
-            self.body.addWidget(ActionButton(words, actions[command]))
+        for command, title in _NEXT.items():
+            self.body.addWidget(ActionButton(title, actions[command]))
         self.body.addSpacing(GRID)
         self.kept_title = label("Answers kept in the project", "SectionTitle")
         self.kept = label("", wrap=True)
@@ -79,17 +79,17 @@ class OverviewPage(ExplorePage):
         try:
             kept = kept_studies(self.desk.project) if self._session.folder else []
         except InputError as error:
-            kept, words = [], str(error)
+            kept, text = [], str(error)
         else:
-            old = [one.title for one, outdated in kept if outdated]
-            words = "\n".join(
+            old = [study.title for study, outdated in kept if outdated]
+            text = "\n".join(
                 ["Out of date, since particles were placed again: compare again, or write the report:", *old]
             ) if old else ""  # fmt: skip
-        self.kept.setText("\n".join(one.title for one, outdated in kept if not outdated))
-        self.outdated.setText(words)
+        self.kept.setText("\n".join(study.title for study, outdated in kept if not outdated))
+        self.outdated.setText(text)
         self.kept.setVisible(bool(self.kept.text()))
-        self.outdated.setVisible(bool(words))
-        self.kept_title.setVisible(bool(kept or words))
+        self.outdated.setVisible(bool(text))
+        self.kept_title.setVisible(bool(kept or text))
 
     def _show(self) -> None:
         self._show_kept()

@@ -87,9 +87,9 @@ class ExplorePanel(QWidget):
     def _tell_outdated(self) -> None:
         """Say whether what the pages show is of another cohort or other settings than those in force."""
         result = self._session.result
-        words = outdated_words(self._session.study, result.record) if result is not None else ""
-        self.outdated.setText(words)
-        self.outdated.setVisible(bool(words))
+        text = outdated_words(self._session.study, result.record) if result is not None else ""
+        self.outdated.setText(text)
+        self.outdated.setVisible(bool(text))
 
     def _offer_pages(self) -> None:
         """Offer the modes alone as long as there is a preliminary model only."""

@@ -52,8 +52,8 @@ class Player(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(GRID)
-        for one in (self.go, self.reach, self.speed, self.loop):
-            row.addWidget(one)
+        for widget in (self.go, self.reach, self.speed, self.loop):
+            row.addWidget(widget)
         row.addStretch()
 
     @property

@@ -10,7 +10,7 @@ __all__ = ["with_present_table"]
 
 def with_present_table(result: Result, study: Study) -> Result:
     """Return a result with groups and columns as the study's table has them now, by subject."""
-    present = {one.name: one.subject for one in study.members}
+    present = {member.name: member.subject for member in study.members}
     groups, columns = [], []
     for name, group, values in zip(result.names, result.groups, result.columns, strict=True):
         known = present.get(name)

@@ -31,16 +31,16 @@ def numbers_of(study: Study, *, complete: bool = False) -> dict[str, str]:
     Size is among them; those that can't be used come last. With `complete`, missing values are no fault.
     """
     own = size_name(study)
-    found = {own: ""}
+    problems = {own: ""}
     for column in study.columns:
         try:
             values = numbers([cell for cell in _cells(study, column) if cell])
         except InputError as error:
-            found[column] = str(error)
+            problems[column] = str(error)
             continue
         if values is not None and len(set(values.tolist())) >= _FEWEST_NUMBERS:
-            found[column] = "" if complete else _missing(study, column)
-    return dict(sorted(found.items(), key=lambda one: (bool(one[1]), one[0] == own)))
+            problems[column] = "" if complete else _missing(study, column)
+    return dict(sorted(problems.items(), key=lambda item: (bool(item[1]), item[0] == own)))
 
 
 def covariates_of(study: Study, column: str, *, complete: bool = False) -> dict[str, str]:
@@ -48,21 +48,21 @@ def covariates_of(study: Study, column: str, *, complete: bool = False) -> dict[
 
     Numbers with few values are offered as codes of categories too (``site:c``).
     """
-    found = {}
+    problems = {}
     own = size_name(study)
     for name in ("group", *study.columns, own):
         if name == column:
             continue
         cells = _cells(study, name)
         if name == own:
-            found[name] = ""
+            problems[name] = ""
         elif any(cells):
             alike = len({cell for cell in cells if cell}) == 1
             missing = "" if complete else _missing(study, name)
-            found[name] = missing or ("The same for all subjects" if alike else "")
+            problems[name] = missing or ("The same for all subjects" if alike else "")
             if _are_codes(cells):
-                found[f"{name}{_CATEGORIES}"] = found[name]
-    return found
+                problems[f"{name}{_CATEGORIES}"] = problems[name]
+    return problems
 
 
 def _are_codes(cells: list[str]) -> bool:
@@ -76,11 +76,14 @@ def _are_codes(cells: list[str]) -> bool:
 def _missing(study: Study, column: str) -> str:
     """Say which subjects have no value, if any."""
     cells = _cells(study, column)
-    gone = [one.name for one, cell in zip(study.included, cells, strict=True) if not cell]
+    gone = [subject.name for subject, cell in zip(study.included, cells, strict=True) if not cell]
     return f"No value for {', '.join(gone[:3])}{' …' * (len(gone) > 3)}" if gone else ""
 
 
 def _cells(study: Study, column: str) -> list[str]:
     """Return a column of the included subjects, missing values as empty text."""
-    cells = [one.group or "" if column == "group" else one.columns.get(column, "") for one in study.included]
+    cells = [
+        subject.group or "" if column == "group" else subject.columns.get(column, "")
+        for subject in study.included
+    ]
     return ["" if is_missing(cell) else cell for cell in cells]

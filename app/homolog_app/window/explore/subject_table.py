@@ -25,7 +25,9 @@ class SubjectTable(QAbstractTableModel):
         self.beginResetModel()
         self._rows = list(rows)
         columns = zip(*rows, strict=True) if rows else ()
-        self._digits = [_digits([one for one in column if isinstance(one, float)]) for column in columns]
+        self._digits = [
+            _digits([value for value in column if isinstance(value, float)]) for column in columns
+        ]
         self.endResetModel()
 
     def rowCount(self, parent: _Index = QModelIndex()) -> int:  # noqa: B008 - Qt's

@@ -28,7 +28,7 @@ def place_problem(out: Path | None, suffixes: tuple[str, ...]) -> str:
     if out is None:
         return "Choose where to save."
     if suffixes and out.suffix.lower() not in suffixes:
-        kinds = ", ".join(one or "no ending for a folder of pictures" for one in suffixes)
+        kinds = ", ".join(suffix or "no ending for a folder of pictures" for suffix in suffixes)
         return f"The name must end in {kinds}."
     is_folder = not suffixes or not out.suffix
     if is_folder and out.exists() and (not out.is_dir() or any(out.iterdir())):

@@ -64,8 +64,8 @@ class Child(QObject):
     def _read(self) -> None:
         while self._process.canReadLine():
             try:
-                told = json.loads(bytes(self._process.readLine().data()))
-                self.progressed.emit(float(told["fraction"]), str(told["message"]))
+                message = json.loads(bytes(self._process.readLine().data()))
+                self.progressed.emit(float(message["fraction"]), str(message["message"]))
             except (ValueError, KeyError, TypeError):
                 continue  # a line for people
 

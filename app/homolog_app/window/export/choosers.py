@@ -23,12 +23,12 @@ _NOTHING = "No comparison"
 
 def group_columns(columns: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
     """Return the columns that hold groups, with their values: two to half as many as there are subjects."""
-    found = {}
+    groups_of = {}
     for name, values in columns.items():
-        groups = list(dict.fromkeys(one for one in values if one))
+        groups = list(dict.fromkeys(value for value in values if value))
         if 2 <= len(groups) <= max(2, len(values) // 2):
-            found[name] = groups
-    return found
+            groups_of[name] = groups
+    return groups_of
 
 
 class GroupChooser(QWidget):
@@ -42,15 +42,15 @@ class GroupChooser(QWidget):
         self.column, self.first, self.second = choice("Column"), choice("From"), choice("To")
         if optional:
             self.column.addItem(_NOTHING, "")
-        for one in self._columns:
-            self.column.addItem(one, one)
+        for column in self._columns:
+            self.column.addItem(column, column)
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(GRID)
         rows = (("Column", self.column), ("From the mean of", self.first), ("To the mean of", self.second))
-        for row, (words, box) in enumerate(rows):
-            box.setAccessibleName(words)
-            name = QLabel(words)
+        for row, (text, box) in enumerate(rows):
+            box.setAccessibleName(text)
+            name = QLabel(text)
             name.setBuddy(box)
             grid.addWidget(name, row, 0)
             grid.addWidget(box, row, 1)
@@ -146,13 +146,13 @@ class MotionChooser(QWidget):
 
     def arguments(self) -> list[str]:
         """Return the choice as options of the command line."""
-        words: list[str] = []
+        parts: list[str] = []
         if self.kind == "mode":
-            words = ["--mode", *map(str, self._numbers())]
+            parts = ["--mode", *map(str, self._numbers())]
         elif self.kind == "group":
-            words = self.groups.arguments()
+            parts = self.groups.arguments()
         views = self._views()
-        return words if views == ["oblique"] else [*words, "--view", *views]
+        return parts if views == ["oblique"] else [*parts, "--view", *views]
 
     def _make_mode_page(self, modes: int) -> QWidget:
         page = QWidget()
@@ -169,9 +169,9 @@ class MotionChooser(QWidget):
         return page
 
     def _numbers(self) -> list[int]:
-        words = self.modes.text().replace(",", " ").split()
-        numbers = [int(word) for word in words if word.isdecimal()]
-        fit = len(numbers) == len(words) and all(1 <= one <= self._most for one in numbers)
+        parts = self.modes.text().replace(",", " ").split()
+        numbers = [int(word) for word in parts if word.isdecimal()]
+        fit = len(numbers) == len(parts) and all(1 <= number <= self._most for number in numbers)
         return numbers if fit else []
 
     def _views(self) -> list[str]:

@@ -233,7 +233,7 @@ class ExportDialog(QDialog):
 
     @Slot()
     def _browse(self) -> None:
-        kinds = [f"*{one}" for one in self.kind.suffixes if one]
+        kinds = [f"*{suffix}" for suffix in self.kind.suffixes if suffix]
         filters = f"{self.kind.title} ({' '.join(kinds)})" if kinds else ""
         options = QFileDialog.Option.DontConfirmOverwrite
         path, _ = QFileDialog.getSaveFileName(
@@ -263,8 +263,8 @@ class ExportDialog(QDialog):
     def _end(self, how: str, said: str) -> None:
         self._switch(running=False)
         self.show_.setVisible(how == "done")
-        words = {"done": f"Done. {said}", "cancelled": "Cancelled; nothing was written."}
-        self.note.setText(words.get(how, f"Not exported. {said}"))
+        text = {"done": f"Done. {said}", "cancelled": "Cancelled; nothing was written."}
+        self.note.setText(text.get(how, f"Not exported. {said}"))
         self.finished_export.emit(how)
 
     def _switch(self, *, running: bool) -> None:
@@ -280,15 +280,15 @@ class ExportDialog(QDialog):
         QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
 
 
-def _row(words: str, line: QLineEdit, *after: QWidget) -> QHBoxLayout:
+def _row(text: str, line: QLineEdit, *after: QWidget) -> QHBoxLayout:
     row = QHBoxLayout()
     row.setSpacing(GRID)
-    name = QLabel(words)
+    name = QLabel(text)
     name.setBuddy(line)
     name.setFixedWidth(112)
-    line.setAccessibleName(words)
+    line.setAccessibleName(text)
     row.addWidget(name)
     row.addWidget(line, 1)
-    for one in after:
-        row.addWidget(one)
+    for widget in after:
+        row.addWidget(widget)
     return row

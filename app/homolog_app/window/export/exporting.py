@@ -77,8 +77,8 @@ class Exporting(Part):
         session = self._desk.session
         edits = session.folder is not None and not session.undo.isClean()
         mended = not self._window.inspector.explore.page_of(CheckPage).checked.is_written
-        words = {"Unsaved edits": edits, "Particles optimized again": mended}
-        return tuple(text for text, given in words.items() if given)
+        cautions = {"Unsaved edits": edits, "Particles optimized again": mended}
+        return tuple(text for text, given in cautions.items() if given)
 
     def close(self) -> None:
         """Close the dialogs and end what they export."""
@@ -120,7 +120,7 @@ class Exporting(Part):
         if session.result is None:
             return {}
         result = with_present_table(session.result.result, session.study)
-        names = dict.fromkeys(name for one in result.columns for name in one)
+        names = dict.fromkeys(name for column in result.columns for name in column)
         return {name: column_of(result, name) for name in ("group", *names)}
 
     def _caution(self) -> str:

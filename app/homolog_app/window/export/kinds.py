@@ -60,8 +60,8 @@ SCREENSHOT = ExportKind(
 """The picture of the views, which the window draws itself."""
 
 KINDS = {
-    one.name: one
-    for one in (
+    kind.name: kind
+    for kind in (
         ExportKind(
             "film",
             "Film",

@@ -46,17 +46,17 @@ class ScreenshotDialog(ExportDialog):
 
     def content(self) -> list[str]:
         """Return what is shown as options of the command line."""
-        return ["--view", self._snapshot.words if self._snapshot else str(self.kept)]
+        return ["--view", self._snapshot.as_json if self._snapshot else str(self.kept)]
 
     def _warning(self) -> str:
         beside = self.kept
-        words = [super()._warning()]
+        sentences = [super()._warning()]
         if beside is not None:
-            words.append(
+            sentences.append(
                 "The project does not contain what is shown, so it is written with the picture, for the "
                 f"command line: {beside.name}."
             )
-        return " ".join(one for one in words if one)
+        return " ".join(sentence for sentence in sentences if sentence)
 
     @Slot()
     def _start(self) -> None:
