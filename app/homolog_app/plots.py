@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from homolog.arrays import FloatArray
 from homolog_app.fonts import legible
-from homolog_app.pictures.colours import LIGHT, Theme
+from homolog_app.rendering.colours import LIGHT, Theme
 
 __all__ = ["plot_discriminant", "plot_energies", "plot_quality", "plot_scores", "plot_scree"]
 

@@ -14,11 +14,12 @@ from scipy.spatial.transform import Rotation
 import homolog as hl
 from homolog.arrays import FloatArray
 from homolog_app.pictures import View, outward_displacement, write_picture
-from homolog_app.pictures.colours import diverging_colours
 from homolog_app.pictures.layout import Panel, arrange
-from homolog_app.pictures.render import render
-from homolog_app.pictures.solids import surface
-from homolog_app.pictures.views import frame_around
+from homolog_app.rendering.colours import diverging_colours
+from homolog_app.rendering.draw import draw
+from homolog_app.rendering.hollows import shaded
+from homolog_app.rendering.scene import Scene
+from homolog_app.rendering.views import frame_around
 
 LIMIT = 4.0  # mm
 PIXELS = 430
@@ -52,7 +53,7 @@ def main(study: Path, folder: Path) -> None:
 
     frames = [frame_around([true[0].vertices, estimated[0].vertices], view) for view in VIEWS]
     panels = [
-        Panel(render([surface(mesh, diverging_colours(outward, LIMIT))], frame, PIXELS), frame.view.name)
+        Panel(draw(Scene((shaded(mesh, diverging_colours(outward, LIMIT)),)), frame, PIXELS), frame.view.name)
         for mesh, outward in (true, estimated)
         for frame in frames
     ]

@@ -5,6 +5,9 @@ import subprocess
 
 import numpy as np
 import pytest
+from skimage.measure import marching_cubes
+
+from homolog.surfaces.mesh import TriangleMesh
 
 
 @pytest.fixture(scope="session")
@@ -20,3 +23,14 @@ def decode():
         return facts, np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3).astype(int)
 
     return decoded
+
+
+@pytest.fixture(scope="session")
+def ball():
+    """A sphere of radius 10 mm around (1, 2, 3)."""
+    grid = np.stack(np.meshgrid(*[np.arange(-12.0, 13.0)] * 3, indexing="ij"), axis=-1)
+    vertices, faces, _, _ = marching_cubes(
+        np.linalg.norm(grid - 0.3, axis=-1) - 10.0, 0.0, gradient_direction="ascent"
+    )
+    mesh = TriangleMesh(vertices - 12.3 + [1.0, 2.0, 3.0], faces)
+    return mesh if mesh.volume > 0 else TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])

@@ -3,8 +3,8 @@ import io
 import numpy as np
 import pytest
 
-from homolog_app.pictures.colours import DARK, LIGHT
 from homolog_app.plots import plot_discriminant, plot_energies, plot_quality, plot_scores, plot_scree
+from homolog_app.rendering.colours import DARK, LIGHT
 
 
 def _svg(figure):

@@ -32,6 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog.progress import part_of
     from homolog_app.films.encode import FILM_SUFFIXES, write_film
     from homolog_app.films.film import Film
+    from homolog_app.rendering.draw import renderer_name
 
     if arguments.out.suffix.lower() not in FILM_SUFFIXES:
         raise InputError(f"--out {arguments.out}: use .mp4 or .gif, or no suffix for a folder of PNG frames")
@@ -47,5 +48,6 @@ def run(arguments: argparse.Namespace) -> int:
             settings.fps,
             part_of(tick, 0.05, 0.99),
         )
-    sys.stderr.write(f"{arguments.out}: {settings.frames} frames at {settings.fps} fps\n")
+    facts = f"{settings.frames} frames at {settings.fps} fps, drawn with {renderer_name()}"
+    sys.stderr.write(f"{arguments.out}: {facts}\n")
     return 0

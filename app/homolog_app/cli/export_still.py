@@ -32,6 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = with_options(StillSettings(), arguments)
     from homolog_app.films.encode import write_still
     from homolog_app.films.film import Film
+    from homolog_app.rendering.draw import renderer_name
 
     with exporting(arguments) as tick:
         motions = chosen_motions(arguments, settings.deviations)
@@ -42,5 +43,6 @@ def run(arguments: argparse.Namespace) -> int:
         film = Film(motions, arguments.view, settings, transparent=settings.transparent)
         tick(0.5, "drawing")
         write_still(arguments.out, film.draw((at - low) / (high - low) if high > low else 0.0))
-    sys.stderr.write(f"{arguments.out}: {settings.width} x {settings.height} pixels\n")
+    facts = f"{settings.width} x {settings.height} pixels, drawn with {renderer_name()}"
+    sys.stderr.write(f"{arguments.out}: {facts}\n")
     return 0

@@ -23,7 +23,7 @@ from homolog_app.exports.groups import compare
 from homolog_app.exports.settings import MeshFormat, MeshSettings
 from homolog_app.films.motion import Motion, group_motion, mode_motions
 from homolog_app.pictures import LIGHT, common_limit, outward_displacement
-from homolog_app.pictures.colours import diverging_colours
+from homolog_app.rendering.colours import diverging_colours
 
 __all__ = ["write_meshes"]
 

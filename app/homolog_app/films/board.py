@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from homolog.arrays import Array
 from homolog_app.fonts import complete_text
-from homolog_app.pictures.colours import Theme
 from homolog_app.pictures.layout import draw_displacement_bar
+from homolog_app.rendering.colours import Theme
 
 __all__ = ["Board", "Box"]
 
@@ -92,7 +92,7 @@ class Board:
         draw_displacement_bar(place, limit, self._theme, 0.7 * self.em * 72.0 / _DPI)
 
     def compose(self, images: Sequence[tuple[Box, Array]]) -> NDArray[np.uint8]:
-        """Return the page with images (red, green, blue, opacity in [0, 1]) laid upon it, (H, W, 4)."""
+        """Return the page with images (red, green, blue, opacity; uint8) laid upon it, (H, W, 4)."""
         if self._still is None:
             self._canvas.draw()  # type: ignore[no-untyped-call]
             self._still = self._canvas.copy_from_bbox(self._figure.bbox)  # type: ignore[no-untyped-call]
@@ -102,7 +102,7 @@ class Board:
             self._figure.draw_artist(text)
         page = np.array(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
         for box, image in images:
-            seen = image[..., 3] > 0.0
+            seen = image[..., 3] > 0
             rows, columns = (slice(*_ends(np.asarray(seen.any(axis=axis)))) for axis in (1, 0))
             part = page[box.y : box.y + box.height, box.x : box.x + box.width][rows, columns]
             _lay(image[rows, columns], part)
@@ -118,20 +118,20 @@ def _ends(filled: Array) -> tuple[int, int]:
 def _lay(image: Array, part: NDArray[np.uint8]) -> None:
     """Lay an image over a part of the page; only its few edge pixels have to be mixed."""
     opacity = image[..., 3]
-    opaque = opacity >= 1.0
-    np.copyto(part, (255.0 * image + 0.5).astype(np.uint8), where=opaque[..., None])
-    edge = (opacity > 0.0) & ~opaque
+    opaque = opacity == 255
+    np.copyto(part, image, where=opaque[..., None])
+    edge = (opacity > 0) & ~opaque
     part[edge] = _over(image[edge], part[edge])
 
 
 def _over(image: Array, page: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Mix pixels (n, 4) of an image and the page, both with straight (not premultiplied) opacity."""
-    front, behind = image[..., 3:], page.astype(np.float32)
-    mixed = behind + front * (255.0 * image - behind)
+    front, behind = image[..., 3:] / np.float32(255.0), page.astype(np.float32)
+    mixed = behind + front * (image - behind)
     mixed[..., 3:] = behind[..., 3:] + front * (255.0 - behind[..., 3:])
     clear = page[..., 3] < 255
     if clear.any():  # what is behind counts as much as it is opaque
         share, own = mixed[clear, 3:], 255.0 * front[clear]
-        colour = own * 255.0 * image[clear, :3] + (share - own) * behind[clear, :3]
+        colour = own * image[clear, :3] + (share - own) * behind[clear, :3]
         mixed[clear, :3] = colour / np.maximum(share, 1e-4)
     return np.asarray(np.rint(mixed), dtype=np.uint8)

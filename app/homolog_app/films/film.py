@@ -24,10 +24,11 @@ from homolog_app.pictures import (
     outward_displacement,
     three_quarter_view,
 )
-from homolog_app.pictures.colours import Theme, diverging_colours
-from homolog_app.pictures.render import Renderer
-from homolog_app.pictures.solids import hollows, surface
-from homolog_app.pictures.views import Frame
+from homolog_app.rendering.colours import Theme, diverging_colours
+from homolog_app.rendering.draw import draw
+from homolog_app.rendering.hollows import hollows
+from homolog_app.rendering.scene import Scene, surface
+from homolog_app.rendering.views import Frame
 
 __all__ = ["Film"]
 
@@ -163,7 +164,6 @@ class _Actor:
         self._outward = outward_displacement(motion.start, motion.displacement)
         self._amounts = np.unique([motion.low, (motion.low + motion.high) / 2.0, motion.high])
         self._shadows = np.stack([hollows(motion.at(float(amount))) for amount in self._amounts])
-        self.renderer = Renderer([surface(motion.start, self._plain, self._shadows[0])])
 
     def amount(self, share: float) -> float:
         """Return how far it has moved after a share of its way."""
@@ -173,13 +173,12 @@ class _Actor:
         """Move there."""
         amount = self.amount(share)
         colours = self._plain if self._limit is None else self._colours(amount, self._limit)
-        solid = surface(self.motion.at(amount), colours, self._shadow(amount))
-        self.renderer.move(solid.vertices, solid.normals, solid.colours)
+        self._surface = surface(self.motion.at(amount), colours, self._shadow(amount))
 
-    def draw(self, frame: Frame, width: int) -> NDArray[np.float32]:
+    def draw(self, frame: Frame, width: int) -> NDArray[np.uint8]:
         """Draw it, cut open if that is wanted."""
         cut = None if self._clip is None else self._clip.cut(self._box, -frame.view.axes[2])
-        return self.renderer.draw(frame, width, cut, self._cap)
+        return draw(Scene((self._surface,), cut=cut, cap=self._cap), frame, width)
 
     def _colours(self, amount: float, limit: float) -> FloatArray:
         return diverging_colours(amount * self._outward, limit)

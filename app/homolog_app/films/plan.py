@@ -8,7 +8,7 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog_app.films.board import Box
 from homolog_app.films.motion import Motion
-from homolog_app.pictures.views import Frame, View, frame_around
+from homolog_app.rendering.views import Frame, View, frame_around
 
 __all__ = ["SCALE_SHARE", "Cell", "Plan", "make_plan", "turned"]
 

@@ -7,12 +7,13 @@ from matplotlib.figure import Figure
 
 from homolog.arrays import FloatArray
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.pictures.colours import LIGHT, Theme, diverging_colours
 from homolog_app.pictures.displacement import common_limit, outward_displacement
 from homolog_app.pictures.layout import Panel, arrange
-from homolog_app.pictures.render import render
-from homolog_app.pictures.solids import surface
-from homolog_app.pictures.views import View, frame_around, three_quarter_view
+from homolog_app.rendering.colours import LIGHT, Theme, diverging_colours
+from homolog_app.rendering.draw import draw
+from homolog_app.rendering.hollows import shaded
+from homolog_app.rendering.scene import Scene
+from homolog_app.rendering.views import View, frame_around, three_quarter_view
 
 __all__ = ["draw_differences"]
 
@@ -53,7 +54,7 @@ def draw_differences(
     frames = [frame_around(vertices, view) for view in views]
     rows = []
     for name, (mesh, _) in surfaces.items():
-        solid = surface(mesh, diverging_colours(outward[name], limit))
-        rows.append([Panel(render([solid], frame, width), frame.view.name) for frame in frames])
+        scene = Scene((shaded(mesh, diverging_colours(outward[name], limit)),))
+        rows.append([Panel(draw(scene, frame, width), frame.view.name) for frame in frames])
     labels = list(surfaces) if len(surfaces) > 1 else []
     return arrange(rows, title=title, row_labels=labels, limit=limit, theme=theme)

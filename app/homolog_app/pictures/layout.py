@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from homolog.arrays import Array
 from homolog.files.atomic import atomic_write
 from homolog_app.fonts import complete_texts
-from homolog_app.pictures.colours import LIGHT, Theme, diverging_table
+from homolog_app.rendering.colours import LIGHT, Theme, diverging_table
 
 __all__ = ["Panel", "arrange", "draw_displacement_bar", "write_picture"]
 
@@ -42,8 +42,8 @@ class Panel:
 
     Attributes
     ----------
-    image : (H, W, 4) array
-        Red, green, blue, opacity in [0, 1].
+    image : (H, W, 4) uint8 array
+        Red, green, blue, opacity.
     caption : str
         One line; may be empty.
     """
@@ -78,7 +78,7 @@ class _Page:
             self._images.axis("off")
             self._images.set(xlim=(0.0, width), ylim=(height, 0.0), autoscale_on=False)
         extent = (x, x + w, y + h, y)
-        self._images.imshow(np.clip(pixels, 0.0, 1.0), interpolation="none", aspect="auto", extent=extent)
+        self._images.imshow(pixels, interpolation="none", aspect="auto", extent=extent)
 
     def text(self, x: float, y: float, content: str, size: float = _FONT_PT, **style: Any) -> None:  # noqa: ANN401
         """Words centred on x."""

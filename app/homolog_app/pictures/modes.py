@@ -8,12 +8,13 @@ from matplotlib.figure import Figure
 
 from homolog.arrays import FloatArray
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.pictures.colours import LIGHT, Theme, diverging_colours
 from homolog_app.pictures.displacement import common_limit, outward_displacement
 from homolog_app.pictures.layout import Panel, arrange
-from homolog_app.pictures.render import render
-from homolog_app.pictures.solids import surface
-from homolog_app.pictures.views import Frame, View, frame_around, three_quarter_view
+from homolog_app.rendering.colours import LIGHT, Theme, diverging_colours
+from homolog_app.rendering.draw import draw
+from homolog_app.rendering.hollows import shaded
+from homolog_app.rendering.scene import Scene
+from homolog_app.rendering.views import Frame, View, frame_around, three_quarter_view
 
 __all__ = ["ModeSurfaces", "draw_modes"]
 
@@ -121,6 +122,6 @@ def _panels(
         colours = diverging_colours(amount * outward, limit) if amount else np.array(theme.surface)
         share = f"mean (mode {mode + 1}: {100.0 * model.shares[mode]:.1f} %)"
         caption = f"{amount:+g} SD".replace("-", "−") if amount else share
-        image = render([surface(model.at(mode, amount), colours)], frame, width)
+        image = draw(Scene((shaded(model.at(mode, amount), colours),)), frame, width)
         panels.append(Panel(image, caption))
     return panels

@@ -5,13 +5,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from homolog.arrays import FloatArray
+from homolog.arrays import Array, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.pictures.colours import LIGHT, Theme, correspondence_colours
 from homolog_app.pictures.layout import Panel, arrange
-from homolog_app.pictures.render import render
-from homolog_app.pictures.solids import balls, surface
-from homolog_app.pictures.views import View, frame_around, three_quarter_view
+from homolog_app.rendering.colours import LIGHT, Theme, colours_by_place
+from homolog_app.rendering.draw import draw
+from homolog_app.rendering.hollows import shaded
+from homolog_app.rendering.scene import Balls, Scene
+from homolog_app.rendering.views import View, frame_around, three_quarter_view
 
 __all__ = ["ball_radius", "draw_particles", "draw_subjects"]
 
@@ -31,7 +32,7 @@ def draw_particles(
     *,
     title: str = "",
     views: Sequence[View] = (),
-    colours: FloatArray | None = None,
+    colours: Array | None = None,
     theme: Theme = LIGHT,
     width: int = 700,
 ) -> Figure:
@@ -47,22 +48,22 @@ def draw_particles(
         Heading.
     views : sequence of View
         A panel each; a three-quarter view and the opposite one if none are given.
-    colours : (N, 3) array, optional
-        Red, green, blue of each particle in [0, 1]; by place on this shape if not given.
+    colours : (N, 3) uint8 array, optional
+        Red, green, blue of each particle; by place on this shape if not given.
     theme : Theme
         Background, text and surface colours.
     width : int
         Pixels of a panel's width.
     """
-    colours = correspondence_colours(particles) if colours is None else colours
+    colours = colours_by_place(particles) if colours is None else colours
     radius = ball_radius(mesh, particles)
-    solids = [surface(mesh, np.array(theme.surface)), balls(particles, radius, colours)]
+    scene = Scene((shaded(mesh, np.array(theme.surface)),), Balls(particles, radius, colours))
     front = three_quarter_view(particles)
     frames = [
         frame_around([mesh.vertices, particles], view, border=radius)
         for view in (views or (front, front.opposite))
     ]
-    panels = [Panel(render(solids, frame, width), frame.view.name) for frame in frames]
+    panels = [Panel(draw(scene, frame, width), frame.view.name) for frame in frames]
     return arrange([panels], title=title, theme=theme)
 
 
@@ -97,21 +98,19 @@ def draw_subjects(
         Pixels of a panel's width.
     """
     mean = particles.mean(axis=0)
-    colours = correspondence_colours(mean)
+    colours = colours_by_place(mean)
     view = view or three_quarter_view(mean, particles.var(axis=0).sum(axis=1))
     radius = max(ball_radius(mesh, mean) for mesh in meshes)
     frame = frame_around([mesh.vertices for mesh in meshes], view, border=radius)
-    pixels = radius * width / frame.width
     size = columns * rows
     pages = -(-len(meshes) // size)
     for page in range(pages):
         panels = [
             Panel(
-                render(
-                    [
-                        surface(meshes[k], np.array(theme.surface)),
-                        balls(particles[k], radius, colours, pixels=pixels),
-                    ],
+                draw(
+                    Scene(
+                        (shaded(meshes[k], np.array(theme.surface)),), Balls(particles[k], radius, colours)
+                    ),
                     frame,
                     width,
                 ),

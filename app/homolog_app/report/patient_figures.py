@@ -12,13 +12,14 @@ from homolog.arrays import BoolArray, FloatArray
 from homolog.geometry import inverse_matrices
 from homolog.patient import PatientComparison, Percentile, Reference
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.pictures.colours import LIGHT, diverging_colours
 from homolog_app.pictures.displacement import common_limit
 from homolog_app.pictures.layout import Panel, arrange
-from homolog_app.pictures.render import Renderer
-from homolog_app.pictures.solids import Solid, hollows, surface
-from homolog_app.pictures.views import VIEWS, View, frame_around, three_quarter_view
 from homolog_app.pictures.visible import view_of_region
+from homolog_app.rendering.colours import LIGHT, diverging_colours
+from homolog_app.rendering.draw import draw
+from homolog_app.rendering.hollows import hollows
+from homolog_app.rendering.scene import Scene, Surface, surface
+from homolog_app.rendering.views import VIEWS, View, frame_around, three_quarter_view
 
 __all__ = ["MapPictures", "draw_bars", "draw_percentiles", "map_pictures"]
 
@@ -144,11 +145,10 @@ def _shaded(differences: FloatArray, limit: float, beyond: BoolArray) -> FloatAr
     return result
 
 
-def _row(solid: Solid, own: TriangleMesh, views: Sequence[View], width: int) -> tuple[Panel, ...]:
-    renderer = Renderer([solid])
+def _row(solid: Surface, own: TriangleMesh, views: Sequence[View], width: int) -> tuple[Panel, ...]:
     widest = max(frame_around([own.vertices], view).width for view in views)
     panels = []
     for view in views:
         frame = frame_around([own.vertices], view, width=widest)
-        panels.append(Panel(renderer.draw(frame, width), view.name))
+        panels.append(Panel(draw(Scene((solid,)), frame, width), view.name))
     return tuple(panels)

@@ -5,7 +5,6 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
@@ -14,8 +13,8 @@ from homolog import __version__
 from homolog.files.atomic import atomic_write
 from homolog.patient import PatientComparison, Reference
 from homolog_app.fonts import complete_texts
-from homolog_app.pictures.colours import LIGHT
 from homolog_app.pictures.layout import Panel, draw_displacement_bar
+from homolog_app.rendering.colours import LIGHT
 from homolog_app.report.patient_figures import MapPictures, draw_bars
 from homolog_app.report.patient_words import (
     METHOD,
@@ -90,7 +89,7 @@ class _Sheet:
             place = self.figure.add_axes(
                 (left / _WIDE, 1.0 - (top + high) / _HIGH, (width - 0.06) / _WIDE, high / _HIGH)
             )
-            place.imshow(np.clip(panel.image, 0.0, 1.0), interpolation="antialiased", aspect="auto")
+            place.imshow(panel.image, interpolation="antialiased", aspect="auto")
             place.axis("off")
             self.figure.text(
                 (left + width / 2.0) / _WIDE, 1.0 - (self.y + tall + 0.03) / _HIGH, panel.caption,

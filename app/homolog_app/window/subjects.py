@@ -10,8 +10,8 @@ from homolog.arrays import Array, FloatArray
 from homolog.cohort import Subject
 from homolog.settings import GroomSettings
 from homolog.surfaces.mirroring import mirrors
+from homolog_app.rendering.colours import colours_by_place
 from homolog_app.window.loaded import Loaded
-from homolog_app.window.scene.colours import colours_by_place
 from homolog_app.window.scene.content import Content
 
 if TYPE_CHECKING:

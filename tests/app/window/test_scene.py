@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from homolog_app.letters import direction_letters, edge_letters
-from homolog_app.window.scene.colours import colours_by_place
+from homolog_app.rendering.colours import colours_by_place
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.kept import KEPT, read_shown, write_shown
 from homolog_app.window.scene.offscreen import drawn

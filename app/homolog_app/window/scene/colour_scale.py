@@ -79,7 +79,7 @@ def displacement_scale(
     from_middle : bool
         Whether blue is away from the middle of the shape.
     """
-    from homolog_app.pictures.colours import diverging_table
+    from homolog_app.rendering.colours import diverging_table
 
     table = np.rint(255.0 * diverging_table()).astype(np.uint8)
     words = ("to the middle", "from the middle") if from_middle else ("into the tissue", "out of the tissue")

@@ -1,33 +1,34 @@
 """Colours: the paper's blue-yellow map, stable colours by correspondence, light and dark themes."""
 
+import colorsys
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
 import numpy as np
 
-from homolog.arrays import FloatArray, frozen
+from homolog.arrays import Array, FloatArray, frozen
 
-__all__ = ["DARK", "LIGHT", "Theme", "correspondence_colours", "diverging_colours", "diverging_table"]
+__all__ = ["DARK", "LIGHT", "Theme", "colours_by_place", "diverging_colours", "diverging_table"]
 
 
 @dataclass(frozen=True, slots=True)
 class Theme:
-    """Colours of everything but the data; red, green, blue in [0, 1]."""
+    """Colours of everything but the data; red, green, blue in [0, 1], of a cut 0 ... 255."""
 
     background: tuple[float, float, float]
     text: tuple[float, float, float]
     surface: tuple[float, float, float]
-    cut: tuple[float, float, float]
+    cut: tuple[int, int, int]
 
 
 LIGHT = Theme(
-    background=(1.0, 1.0, 1.0), text=(0.10, 0.10, 0.12), surface=(0.83, 0.82, 0.80), cut=(0.71, 0.42, 0.36)
+    background=(1.0, 1.0, 1.0), text=(0.10, 0.10, 0.12), surface=(0.85, 0.83, 0.78), cut=(181, 106, 92)
 )
 """Dark text on white, for print."""
 
 DARK = Theme(
-    background=(0.09, 0.10, 0.11), text=(0.91, 0.91, 0.92), surface=(0.72, 0.72, 0.73), cut=(0.65, 0.35, 0.30)
+    background=(0.09, 0.10, 0.11), text=(0.91, 0.91, 0.92), surface=(0.80, 0.78, 0.71), cut=(166, 90, 77)
 )
 """Light text on near black, for slides and the dark window."""
 
@@ -57,19 +58,25 @@ def diverging_colours(values: FloatArray, limit: float) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
-def correspondence_colours(particles: FloatArray) -> FloatArray:
-    """Return a colour for each particle that shows its place on the mean shape, shape (N, 3).
+def colours_by_place(mean: FloatArray) -> Array:
+    """Return one colour for each particle, (N, 3) uint8, from its place on the mean shape.
 
-    The same particle has the same colour on every shape, and neighbours look alike: a particle that
-    strays stands out.
+    The angle about the shape's shortest axis gives the hue, the height along that axis the lightness, so that
+    neighbours look alike and places far apart differ.
 
     Parameters
     ----------
-    particles : (N, 3) array
-        Mean particles [mm].
+    mean : (N, 3) array
+        Mean of the corresponding particles [mm].
     """
-    centred = particles - particles.mean(axis=0)
+    centred = np.asarray(mean, dtype=np.float64) - np.mean(mean, axis=0)
+    if len(centred) < 3:
+        return frozen(np.full((len(centred), 3), (60, 140, 220)), np.uint8)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)
-    axes *= np.sign(axes[range(3), np.abs(axes).argmax(axis=1)])[:, None]
-    place = (centred @ axes.T).argsort(axis=0).argsort(axis=0)
-    return np.asarray(0.15 + 0.85 * (place + 1.0) / len(particles))
+    axes *= np.where(axes[np.arange(3), np.abs(axes).argmax(axis=1)] < 0, -1.0, 1.0)[:, None]
+    along = centred @ axes.T
+    along /= np.maximum(np.abs(along).max(axis=0), 1e-12)
+    hue = np.arctan2(along[:, 1], along[:, 0]) / (2 * np.pi) % 1.0
+    lightness = 0.45 + 0.13 * along[:, 2]
+    rgb = [colorsys.hls_to_rgb(h, level, 0.75) for h, level in zip(hue, lightness, strict=True)]
+    return frozen(np.rint(255 * np.array(rgb)), np.uint8)

@@ -3,6 +3,7 @@
 import warp as wp
 
 import homolog.device  # noqa: F401 - starts Warp
+from homolog_app.rendering.scene import AMBIENT, DIFFUSE, LIGHTS
 
 wp.set_module_options({"enable_backward": False})
 
@@ -12,6 +13,10 @@ SAMPLES = wp.constant(4)  # rays of an edge's pixel, on a rotated grid: all in d
 FAR = wp.constant(1.0e6)
 FLAT = wp.constant(1.0e-6)  # sine of the angle between a ray and a plane that it does not meet
 CREASE = wp.constant(0.95)  # cosine between the normals of neighbouring pixels
+(KEY, KEY_STRENGTH), (FILL, FILL_STRENGTH) = (
+    (wp.constant(wp.normalize(wp.vec3(*place))), wp.constant(strength)) for place, strength in LIGHTS
+)
+AMBIENT_PART, DIFFUSE_PART = wp.constant(AMBIENT), wp.constant(DIFFUSE)
 JUMP = wp.constant(2.0)  # depth between neighbouring pixels beyond the slope's, in pixels
 
 
@@ -55,11 +60,14 @@ def corner_mix(values: wp.array(dtype=wp.vec3), indices: wp.vec3i, u: float, v: 
 
 @wp.func
 def shade(colour: wp.vec3, normal: wp.vec3, right: wp.vec3, up: wp.vec3, back: wp.vec3) -> wp.vec3:
-    """Light from the viewer, from above left and a little from everywhere; a soft highlight."""
-    key = wp.normalize(0.6 * up - 0.5 * right + 0.7 * back)
-    light = 0.50 + 0.34 * wp.max(wp.dot(normal, back), 0.0) + 0.22 * wp.max(wp.dot(normal, key), 0.0)
-    gloss = 0.08 * wp.pow(wp.max(wp.dot(normal, wp.normalize(key + back)), 0.0), 30.0)
-    lit = light * colour + wp.vec3(gloss, gloss, gloss)
+    """Light a colour as VTK does; inner sides of surfaces are lit, too."""
+    facing = wp.vec3(wp.dot(normal, right), wp.dot(normal, up), wp.dot(normal, back))
+    if facing[2] < 0.0:
+        facing = -facing
+    light = KEY_STRENGTH * wp.max(wp.dot(facing, KEY), 0.0) + FILL_STRENGTH * wp.max(
+        wp.dot(facing, FILL), 0.0
+    )
+    lit = (AMBIENT_PART + DIFFUSE_PART * light) * colour
     return wp.vec3(wp.min(lit[0], 1.0), wp.min(lit[1], 1.0), wp.min(lit[2], 1.0))
 
 
@@ -82,7 +90,7 @@ def cap_at(scene: Scene, start: wp.vec3, ahead: wp.vec3) -> Sight:
     seen = Sight()
     seen.opacity = 1.0
     seen.normal = -scene.plane
-    seen.colour = shade(scene.cap, seen.normal, scene.right, scene.up, -ahead)
+    seen.colour = scene.cap
     seen.depth = (scene.offset - wp.dot(scene.plane, start)) / wp.dot(scene.plane, ahead)
     return seen
 

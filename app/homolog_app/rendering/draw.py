@@ -1,0 +1,124 @@
+"""What draws scenes on this machine: VTK where there is OpenGL, rays elsewhere. Chosen once in a process."""
+
+import atexit
+import os
+import threading
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from homolog.errors import InputError
+from homolog.workers import worker_processes
+from homolog_app.rendering.scene import Scene
+from homolog_app.rendering.views import Frame
+
+__all__ = ["RENDERER", "draw", "renderer_name"]
+
+RENDERER = "HOMOLOG_RENDERER"
+"""Environment variable that chooses: ``opengl`` or ``rays``."""
+
+_WANTED = ("", "opengl", "rays")
+
+
+class _Drawer(Protocol):
+    name: str
+
+    def draw(self, scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]: ...
+
+
+def draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
+    """Draw a scene in parallel projection.
+
+    Parameters
+    ----------
+    scene : Scene
+    frame : Frame
+        The part of the world to show.
+    width : int
+        Pixels along the frame's width; pixels are square.
+
+    Returns
+    -------
+    image : (height, width, 4) uint8 array
+        Red, green, blue, opacity, the first row on top; empty pixels are transparent.
+    """
+    return _CHOICE.draw(scene, frame, width)
+
+
+def renderer_name() -> str:
+    """Return what draws here, for people."""
+    return _CHOICE.name
+
+
+class _Choice:
+    """Begins when something is drawn first; other threads wait."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._drawer: _Drawer | None = None
+
+    @property
+    def name(self) -> str:
+        with self._lock:
+            return self._chosen().name
+
+    def draw(self, scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
+        with self._lock:
+            try:
+                return self._chosen().draw(scene, frame, width)
+            except BrokenProcessPool:  # a driver that ended its process
+                self._drawer = _rays()
+                return self._drawer.draw(scene, frame, width)
+
+    def _chosen(self) -> _Drawer:
+        if self._drawer is None:
+            wanted = os.environ.get(RENDERER, "")
+            if wanted not in _WANTED:
+                raise InputError(f"{RENDERER}={wanted}: use {' or '.join(filter(None, _WANTED))}")
+            self._drawer = _rays() if wanted == "rays" else self._opengl(wanted == "opengl")
+        return self._drawer
+
+    def _opengl(self, needed: bool) -> _Drawer:
+        try:
+            return _OpenGLProcess()
+        except (BrokenProcessPool, RuntimeError, ImportError) as error:
+            if needed:
+                raise InputError(f"{RENDERER}=opengl: this machine has no OpenGL that works") from error
+            return _rays()
+
+
+class _OpenGLProcess:
+    """VTK in a process of its own: it ends its process where it finds no OpenGL, and has one thread only."""
+
+    def __init__(self) -> None:
+        stack = ExitStack()
+        atexit.register(stack.close)
+        self._executor = stack.enter_context(worker_processes(1))
+        self.name = f"OpenGL ({self._executor.submit(_begin).result()})"
+
+    def draw(self, scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
+        return self._executor.submit(_draw, scene, frame, width).result()
+
+
+def _begin() -> str:
+    from homolog_app.rendering import opengl
+
+    return opengl.begin()
+
+
+def _draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
+    from homolog_app.rendering import opengl
+
+    return opengl.draw(scene, frame, width)
+
+
+def _rays() -> _Drawer:
+    from homolog_app.rendering.rays import RayCaster
+
+    return RayCaster()
+
+
+_CHOICE = _Choice()

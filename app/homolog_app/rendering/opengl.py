@@ -1,0 +1,93 @@
+"""Scenes drawn off screen by pyvista, with whatever OpenGL this machine has, in a process of its own.
+
+VTK ends its process where it finds no OpenGL, and is not meant for several threads.
+"""
+
+import os
+import sys
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import NDArray
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
+
+from homolog_app.rendering.actors import SceneActors, add_lights
+from homolog_app.rendering.scene import Balls, Scene
+from homolog_app.rendering.views import VIEWS, Frame
+
+__all__ = ["SMOOTH", "begin", "draw"]
+
+SMOOTH = 8
+"""Samples a pixel for smooth edges."""
+
+_NO_DISPLAY = "VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow"
+
+
+def begin() -> str:
+    """Begin in a new process: return what draws, such as ``"llvmpipe"``, or end the process without OpenGL.
+
+    Raises
+    ------
+    RuntimeError
+        If a picture comes out empty.
+    """
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stderr__.fileno() if sys.__stderr__ else 2)
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        os.environ.setdefault(*_NO_DISPLAY)
+    ball = Balls(np.zeros((1, 3)), 1.0, np.array([255, 0, 0], np.uint8))
+    seen = draw(Scene((), ball), Frame(VIEWS["anterior"], (0.0, 0.0, 0.0), 2.0, 2.0, 2.0), 9)
+    if not seen[4, 4, 0] > 100:
+        raise RuntimeError("nothing was drawn")
+    facts = dict(
+        line.split(":", 1) for line in _plotter().ren_win.ReportCapabilities().splitlines() if ":" in line
+    )
+    return str(facts.get("OpenGL renderer string", "OpenGL")).split("(")[0].strip()
+
+
+def draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
+    """Draw a scene: see `homolog_app.rendering.draw.draw`."""
+    plotter = _plotter()
+    height = max(round(frame.height * width / frame.width), 1)
+    plotter.window_size = [width, height]
+    _actors().show(scene)
+    _, up, back = frame.view.axes
+    reach = frame.depth + frame.width + frame.height
+    camera = plotter.camera
+    camera.SetFocalPoint(*frame.centre)
+    camera.SetPosition(*(np.array(frame.centre) + reach * back))
+    camera.SetViewUp(*up)
+    camera.SetParallelScale(height * frame.width / width / 2.0)
+    camera.SetClippingRange(0.01 * reach, 2.0 * reach)
+    window: Any = plotter.ren_win
+    window.Render()
+    held = vtkUnsignedCharArray()
+    window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, held)
+    return straight(vtk_to_numpy(held).reshape(height, width, 4)[::-1])
+
+
+def straight(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return pixels drawn on clear black with colours of their own, as if their edges were opaque."""
+    edge = (pixels[..., 3] > 0) & (pixels[..., 3] < 255)
+    result = np.array(pixels)
+    result[edge, :3] = np.minimum(np.rint(pixels[edge, :3] * (255.0 / pixels[edge, 3:])), 255.0)
+    return result
+
+
+@cache
+def _plotter() -> pv.Plotter:
+    plotter = pv.Plotter(off_screen=True, lighting="none", window_size=[8, 8])
+    plotter.ren_win.SetMultiSamples(SMOOTH)
+    plotter.ren_win.SetAlphaBitPlanes(True)
+    plotter.enable_parallel_projection()
+    plotter.renderer.SetBackground(0.0, 0.0, 0.0)
+    plotter.renderer.SetBackgroundAlpha(0.0)
+    add_lights(plotter.renderer)
+    return plotter
+
+
+@cache
+def _actors() -> SceneActors:
+    return SceneActors(_plotter().renderer)
