@@ -30,7 +30,12 @@ def checked_particles(particles: ArrayLike, names: Sequence[str] | None = None) 
     InputError
         If the array has another shape, fewer than two subjects, or values that are not finite.
     """
-    array = np.asarray(particles, dtype=np.float64)
+    try:
+        array = np.asarray(particles, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"particles need the same number of points (x, y, z) for each subject: {error}"
+        ) from error
     if array.ndim != 3 or array.shape[2] != 3 or array.shape[1] == 0:
         raise InputError(f"particles need an array of shape (subjects, particles, 3), not {array.shape}")
     if len(array) < 2:

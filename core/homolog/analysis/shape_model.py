@@ -128,8 +128,18 @@ class ShapeModel:
         -------
         (..., K) array
             Coordinates in the modes [mm].
+
+        Raises
+        ------
+        InputError
+            If the number of particles is not that of the model.
         """
-        apart = np.asarray(particles, dtype=np.float64) - self.mean
+        positions = np.asarray(particles, dtype=np.float64)
+        if positions.shape[-2:] != self.mean.shape:
+            raise InputError(
+                f"particles need the model's shape (..., {len(self.mean)}, 3), not {positions.shape}"
+            )
+        apart = positions - self.mean
         scores: FloatArray = np.einsum("...ni,kni->...k", apart, self.components)
         return scores
 
@@ -145,8 +155,13 @@ class ShapeModel:
         -------
         (..., N, 3) array
             Positions [mm].
+
+        Raises
+        ------
+        InputError
+            If there are more scores than modes.
         """
-        known = np.asarray(scores, dtype=np.float64)
+        known = self._of_modes(scores, "scores")
         shape: FloatArray = self.mean + np.tensordot(known, self.components[: known.shape[-1]], axes=1)
         return shape
 
@@ -162,9 +177,24 @@ class ShapeModel:
         -------
         (..., N, 3) array
             Positions [mm].
+
+        Raises
+        ------
+        InputError
+            If there are more multiples than modes.
         """
-        multiples = np.asarray(deviations, dtype=np.float64)
+        multiples = self._of_modes(deviations, "deviations")
         return self.inverse_transform(multiples * self.standard_deviations[: multiples.shape[-1]])
+
+    def _of_modes(self, values: ArrayLike, what: str) -> FloatArray:
+        """Return numbers for the first modes as an array (..., k)."""
+        numbers = np.asarray(values, dtype=np.float64)
+        if numbers.ndim == 0 or numbers.shape[-1] > len(self.components):
+            raise InputError(
+                f"{what} need the shape (..., k) with k at most {len(self.components)}, the number of modes, "
+                f"not {numbers.shape}"
+            )
+        return numbers
 
     def sample(self, count: int, seed: int | None = None) -> FloatArray:
         """Draw shapes whose scores are independent and normally distributed.

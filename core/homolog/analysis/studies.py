@@ -92,21 +92,29 @@ def compare_groups(
     groups: Sequence[str],
     order: Sequence[str],
     *,
+    pairs: Sequence[tuple[str, str]] | None = None,
     covariates: FloatArray | None = None,
     options: Options = DEFAULT,
     names: Sequence[str] | None = None,
     tick: Tick = no_tick,
 ) -> tuple[Comparison, tuple[Comparison, ...]]:
-    """Test for any difference between three or more groups, then compare each two of them.
+    """Test for any difference between three or more groups, then compare pairs of them.
 
-    Parameters are those of `compare_two_groups`, with the groups in `order`.
+    Parameters
+    ----------
+    particles, groups, covariates, options, names, tick
+        As in `compare_two_groups`.
+    order : sequence of str
+        The groups.
+    pairs : sequence of (str, str), optional
+        The pairs that are compared; by default each two groups.
 
     Returns
     -------
     Comparison
         Multivariate analysis of variance in the modes; effects are differences from the first group.
     tuple of Comparison
-        Each two groups; their adjusted p-values and `p_fwe` are corrected over these (Holm).
+        The pairs; their adjusted p-values and `p_fwe` are corrected over these (Holm).
     """
     shapes = checked_particles(particles, names)
     labels = np.asarray(groups)
@@ -115,7 +123,7 @@ def compare_groups(
     own = None if covariates is None else covariates[subjects]
     design = group_design(list(labels[subjects]), order, own)
     counts = {item: int(np.count_nonzero(labels == item)) for item in order}
-    pairs = list(combinations(order, 2))
+    pairs = list(combinations(order, 2)) if pairs is None else pairs
     share = 1.0 / (len(pairs) + 1)
     title = ", ".join(order)
     members = {item: labels[subjects] == item for item in order}

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, overload
 
 import numpy as np
 
@@ -14,9 +14,48 @@ from homolog.analysis.studies import compare_groups as compare_several
 from homolog.analysis.studies import compare_two_groups
 from homolog.arrays import Array, ArrayLike, FloatArray
 from homolog.errors import InputError
-from homolog.progress import Tick, no_tick
+from homolog.progress import Tick, no_tick, part_of
 
 __all__ = ["compare_groups"]
+
+_Alignment = Literal["rigid", "similarity", "as-it-lies"]
+_Covariates = Mapping[str, Sequence[str | float] | Array]
+
+
+@overload
+def compare_groups(
+    particles: ArrayLike,
+    groups: Sequence[str | None],
+    between: Sequence[str] | None = None,
+    *,
+    pairs: Sequence[tuple[str, str]] | None = None,
+    covariates: _Covariates | None = None,
+    alignment: _Alignment = "rigid",
+    modes: int | None = None,
+    permutations: int = 10_000,
+    null_repeats: int = 0,
+    seed: int = 0,
+    names: Sequence[str] | None = None,
+    callback: Callable[[float, str], object] | None = None,
+) -> Comparison: ...
+
+
+@overload
+def compare_groups(
+    particles: ArrayLike,
+    groups: Sequence[str | None],
+    between: Sequence[str] | None = None,
+    *,
+    pairs: Sequence[tuple[str, str]] | None = None,
+    covariates: _Covariates | None = None,
+    alignment: tuple[_Alignment, ...] | list[_Alignment],
+    modes: int | None = None,
+    permutations: int = 10_000,
+    null_repeats: int = 0,
+    seed: int = 0,
+    names: Sequence[str] | None = None,
+    callback: Callable[[float, str], object] | None = None,
+) -> tuple[Comparison, ...]: ...
 
 
 def compare_groups(
@@ -24,15 +63,16 @@ def compare_groups(
     groups: Sequence[str | None],
     between: Sequence[str] | None = None,
     *,
-    covariates: Mapping[str, Sequence[str | float] | Array] | None = None,
-    alignment: Literal["rigid", "similarity", "as-it-lies"] = "rigid",
+    pairs: Sequence[tuple[str, str]] | None = None,
+    covariates: _Covariates | None = None,
+    alignment: _Alignment | Sequence[_Alignment] = "rigid",
     modes: int | None = None,
     permutations: int = 10_000,
     null_repeats: int = 0,
     seed: int = 0,
     names: Sequence[str] | None = None,
     callback: Callable[[float, str], object] | None = None,
-) -> Comparison:
+) -> Comparison | tuple[Comparison, ...]:
     """Test whether the shapes of two or more groups differ, how, and where.
 
     Parameters
@@ -43,12 +83,17 @@ def compare_groups(
         Group of each of the M subjects.
     between : sequence of str, optional
         The groups that are compared, two or more; differences are those from the first. By default all, in
-        the order in which they appear. Subjects of other groups, or of none, are left out.
+        the order in which they appear. Subjects of other groups, or of none, are excluded.
+    pairs : sequence of (str, str), optional
+        Of three or more groups the pairs that are compared, such as each with the controls; differences are
+        the second minus the first. By default each two groups.
     covariates : mapping of str to sequence, optional
         What is adjusted for: M numbers or words for each covariate, such as ``{"age": ages}``.
-    alignment : {"rigid", "similarity", "as-it-lies"}
+    alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
         How shapes are aligned before they are compared: rigidly (size and shape are compared: form), by
-        similarities (shape alone), or not at all.
+        similarities (shape alone), or not at all. Several are several questions, whose p values are
+        corrected for their number (Bonferroni): ``("rigid", "similarity")`` asks for form and shape as
+        ``homolog analyze`` does.
     modes : int, optional
         Modes in which the whole shape is tested; by parallel analysis if not given.
     permutations : int
@@ -64,20 +109,15 @@ def compare_groups(
 
     Returns
     -------
-    Comparison
-        Of two groups; of more, the test for any difference between them, with each two of them in its
-        `pairs`.
+    Comparison, or tuple of Comparison
+        Of two groups; of more, the test for any difference between them, with the pairs of groups, corrected
+        for their number (Holm), in its `pairs`. One for each alignment if several are given.
 
     Raises
     ------
     InputError
-        If a group is too small, a value is missing, subjects are there twice, or covariates can't be told
-        from the group.
-
-    Notes
-    -----
-    ``homolog analyze`` and the window ask this question twice, of form and of shape, and correct p values for
-    both (Bonferroni). Here each call is a question of its own.
+        If a group is too small, a value is missing, subjects are there twice, covariates can't be told
+        from the group, or an argument has no such value.
 
     References
     ----------
@@ -98,6 +138,8 @@ def compare_groups(
     >>> comparison.title, int(np.argmin(comparison.p_fwe))
     ('bump - plain', 7)
     """
+    alignments = (alignment,) if isinstance(alignment, str) else tuple(alignment)
+    _check(alignments, permutations)
     labels = np.array(["" if group is None or is_missing(group) else str(group) for group in groups])
     shapes = checked_particles(particles, names)
     if len(labels) != len(shapes):
@@ -105,30 +147,54 @@ def compare_groups(
     order = tuple(between) if between is not None else tuple(dict.fromkeys(labels[labels != ""].tolist()))
     chosen = np.flatnonzero(np.isin(labels, order))
     called = None if names is None else [names[index] for index in chosen.tolist()]
-    options = Options(
-        alignment=Alignment(alignment),
-        modes=modes,
-        permutations=permutations,
-        null_repeats=null_repeats,
-        seed=seed,
-    )
+    if pairs is not None:
+        _check_pairs(pairs, order)
     columns = _columns(covariates, chosen.tolist(), len(shapes), called)
     own, here, tick = labels[chosen].tolist(), shapes[chosen], _tick(callback)
-    pairs: tuple[Comparison, ...] = ()
-    if len(order) == 2:
-        two = (order[0], order[1])
-        overall = compare_two_groups(
-            here, own, two, covariates=columns, options=options, names=called, tick=tick
+    answers = []
+    for index, name in enumerate(alignments):
+        options = Options(
+            alignment=Alignment(name),
+            modes=modes,
+            permutations=permutations,
+            null_repeats=null_repeats,
+            answers=len(alignments),
+            seed=seed,
         )
-    else:
-        overall, pairs = compare_several(
-            here, own, order, covariates=columns, options=options, names=called, tick=tick
-        )
+        part = part_of(tick, index / len(alignments), (index + 1) / len(alignments))
+        if len(order) == 2:
+            overall = compare_two_groups(
+                here, own, (order[0], order[1]), covariates=columns, options=options, names=called, tick=part
+            )
+            each: tuple[Comparison, ...] = ()
+        else:
+            overall, each = compare_several(
+                here, own, order, pairs=pairs, covariates=columns, options=options, names=called, tick=part
+            )
+        each = tuple(replace(pair, subjects=chosen[pair.subjects]) for pair in each)
+        answers.append(replace(overall, subjects=chosen[overall.subjects], pairs=each))
+    return answers[0] if isinstance(alignment, str) else tuple(answers)
 
-    def of_all(comparison: Comparison) -> Comparison:
-        return replace(comparison, subjects=chosen[comparison.subjects])
 
-    return replace(of_all(overall), pairs=tuple(map(of_all, pairs)))
+def _check(alignments: Sequence[str], permutations: int) -> None:
+    known = [item.value for item in Alignment]
+    for alignment in alignments:
+        if alignment not in known:
+            raise InputError(f"alignment={alignment!r}: choose one or several of {', '.join(known)}")
+    if not alignments or len(set(alignments)) < len(alignments):
+        raise InputError(f"alignment={tuple(alignments)}: give one or more, each once")
+    if permutations < 1:
+        raise InputError(f"permutations={permutations}: a permutation test needs at least one")
+
+
+def _check_pairs(pairs: Sequence[tuple[str, str]], order: Sequence[str]) -> None:
+    if len(order) < 3:
+        raise InputError("pairs are chosen among three or more groups; give two groups by `between`")
+    if not pairs or len({frozenset(pair) for pair in pairs}) < len(pairs):
+        raise InputError("pairs: give one or more, each once")
+    for pair in pairs:
+        if len(set(pair)) != 2 or not set(pair) <= set(order):
+            raise InputError(f"pairs: {tuple(pair)} are not two of the groups {', '.join(order)}")
 
 
 def _columns(

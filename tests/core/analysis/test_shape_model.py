@@ -71,6 +71,17 @@ def test_particles_that_no_model_can_be_fitted_to_are_refused_by_name(particles,
         ShapeModel.fit(particles, names=["Ann", "Ben", "Cleo", "Dan"])
 
 
+def test_scores_and_particles_that_are_not_of_the_model_are_refused(ellipsoids):
+    model = ShapeModel.fit(ellipsoids())
+    more = np.zeros(len(model.components) + 1)
+    for call in (model.instance, model.inverse_transform):
+        for wrong in (more, 1.0):
+            with pytest.raises(InputError, match=f"k at most {len(model.components)}"):
+                call(wrong)
+    with pytest.raises(InputError, match=rf"\(..., {len(model.mean)}, 3\), not \(5, 3\)"):
+        model.transform(np.zeros((5, 3)))
+
+
 def test_a_saved_model_is_read_as_it_was(ellipsoids, tmp_path):
     model = ShapeModel.fit(ellipsoids())
     model.save(tmp_path / "model.npz")

@@ -51,6 +51,25 @@ def test_several_groups_are_tested_together_and_each_two_of_them(shapes):
     assert found.pairs[2].subjects.tolist() == list(range(6, 18))
 
 
+def test_form_and_shape_are_asked_in_one_call_and_corrected_for_both(shapes):
+    form, shape = hl.compare_groups(shapes, GROUPS, ("a", "c"), alignment=("rigid", "similarity"), **QUICK)
+    for found, alignment in ((form, "rigid"), (shape, "similarity")):
+        alone = hl.compare_groups(shapes, GROUPS, ("a", "c"), alignment=alignment, **QUICK)
+        assert found.p_adjusted == min(2.0 * alone.p_adjusted, 1.0)
+        np.testing.assert_array_equal(found.p_fwe, np.minimum(2.0 * alone.p_fwe, 1.0))
+        np.testing.assert_array_equal(found.pointwise.effect, alone.pointwise.effect)
+
+
+def test_chosen_pairs_are_corrected_for_their_number_only(shapes):
+    chosen = [("a", "b"), ("a", "c")]
+    found = hl.compare_groups(shapes, GROUPS, pairs=chosen, **QUICK)
+    assert [pair.title for pair in found.pairs] == ["b - a", "c - a"]
+    alone = [hl.compare_groups(shapes, GROUPS, pair, **QUICK).p_adjusted for pair in chosen]
+    small, large = sorted(alone)
+    adjusted = sorted(pair.p_adjusted for pair in found.pairs)
+    assert adjusted == pytest.approx([min(2.0 * small, 1.0), max(min(2.0 * small, 1.0), large)])
+
+
 @pytest.mark.parametrize(
     ("arguments", "fault"),
     [
@@ -58,6 +77,12 @@ def test_several_groups_are_tested_together_and_each_two_of_them(shapes):
         ({"between": ("a", "z")}, "'z' has 0 of the two or more"),
         ({"between": ("a",)}, "two or more different groups"),
         ({"covariates": {"age": [1.0]}}, "'age': 1 values for 18"),
+        ({"alignment": "rotated"}, "'rotated': choose one or several of as-it-lies, rigid, similarity"),
+        ({"alignment": ("rigid", "rigid")}, "each once"),
+        ({"pairs": [("a", "z")]}, "'z'.* are not two of the groups a, b, c"),
+        ({"pairs": [("a", "b"), ("b", "a")]}, "each once"),
+        ({"between": ("a", "b"), "pairs": [("a", "b")]}, "among three or more groups"),
+        ({"permutations": 0}, "needs at least one"),
         (
             {"covariates": {"age": 18 * [np.nan]}, "names": list("ABCDEFGHIJKLMNOPQR")},
             "no value for B, C",
@@ -66,4 +91,4 @@ def test_several_groups_are_tested_together_and_each_two_of_them(shapes):
 )
 def test_what_can_not_be_compared_is_refused(shapes, arguments, fault):
     with pytest.raises(hl.InputError, match=fault):
-        hl.compare_groups(shapes, arguments.pop("groups", GROUPS), **arguments, **QUICK)
+        hl.compare_groups(shapes, arguments.pop("groups", GROUPS), **(QUICK | arguments))
