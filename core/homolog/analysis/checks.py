@@ -1,5 +1,6 @@
 """Checks of what statistics are computed from: clear messages instead of NaN."""
 
+import hashlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -65,13 +66,12 @@ def refuse_duplicates(particles: FloatArray, names: Sequence[str] | None = None)
     if names is not None and len(set(names)) < len(names):
         twice = next(name for name in names if list(names).count(name) > 1)
         raise InputError(f"{twice}: the name is there more than once; give each subject its own name")
-    _, first, member = np.unique(
-        particles.reshape(len(particles), -1), axis=0, return_index=True, return_inverse=True
-    )
-    for item, original in enumerate(first[member]):
-        if item != original:
+    originals: dict[bytes, int] = {}
+    for item, shape in enumerate(particles):
+        digest = hashlib.blake2b((shape + 0.0).tobytes()).digest()  # -0.0 is 0.0
+        if (original := originals.setdefault(digest, item)) != item:
             raise InputError(
-                f"{_name(names, item)}: has exactly the particles of {_name(names, int(original))}; "
+                f"{_name(names, item)}: has exactly the particles of {_name(names, original)}; "
                 "exclude one of them"
             )
 

@@ -7,7 +7,7 @@ from scipy import stats
 
 from homolog.analysis.effects import CONFIDENCE, Effect
 from homolog.analysis.permutation import permutation_p_value
-from homolog.analysis.shape_model import principal_components
+from homolog.analysis.shape_model import leading_scores, principal_components
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
@@ -15,6 +15,9 @@ from homolog.threads import on_one_thread
 
 __all__ = ["Discriminant", "discriminant", "shrunk_covariance"]
 
+_MANY = 300
+"""Subjects from which cross-validation is done in the leading modes of all, and `_FURTHER` after them."""
+_FURTHER = 24
 _MOST_FOLDS = 10
 _REPEATS_OF_P = 2
 """Repeats of the cross-validation in each permutation, and for the observed accuracy that is compared."""
@@ -143,9 +146,9 @@ def discriminant(
     extra = np.zeros((len(second), 0)) if covariates is None else covariates
     rows = particles.reshape(len(particles), -1)
     rows = rows - rows.mean(axis=0)
-    rows = _without_covariates(second, extra, np.arange(len(rows))) @ rows
-    scores, basis, _ = principal_components(rows - rows.mean(axis=0))
-    scores, basis = scores[:, :modes], basis[:modes]
+    rows = _without_covariates(rows, second, extra, np.arange(len(rows)))
+    rows = rows - rows.mean(axis=0)
+    scores, basis = _leading(rows, modes)
     direction, gap, middle, shrinkage = _fit(scores, second)
     generator = np.random.default_rng(seed)
     drawn = np.empty((bootstraps, len(basis)))
@@ -155,9 +158,11 @@ def discriminant(
         way, length, _, _ = _fit(scores[again], second[again])
         drawn[index] = way * length
     folds = min(_MOST_FOLDS, smallest)
-    gram = rows @ rows.T
+    # Of many subjects the leading modes without one fold hardly leave those of all.
+    reduced, _ = leading_scores(rows, len(rows) if len(rows) <= _MANY else modes + _FURTHER)
     rounds = [
-        _round(gram, second, extra, modes, folds, generator, part_of(tick, 0.5, 0.6)) for _ in range(repeats)
+        _round(reduced, second, extra, modes, folds, generator, part_of(tick, 0.5, 0.6))
+        for _ in range(repeats)
     ]
     measured = np.array([_rates(places, second) for places in rounds])
     accuracy, auc = (float(item) for item in measured.mean(axis=0))
@@ -166,7 +171,9 @@ def discriminant(
         tick(0.6 + 0.4 * entry / permutations, "permutations of the discriminant")
         order = generator.permutation(len(second))
         rates = [
-            _rates(_round(gram, second[order], extra[order], modes, folds, generator, no_tick), second[order])
+            _rates(
+                _round(reduced, second[order], extra[order], modes, folds, generator, no_tick), second[order]
+            )
             for _ in range(_REPEATS_OF_P)
         ]
         null_rates[entry] = np.mean(rates, axis=0)
@@ -237,18 +244,32 @@ def _resampled(second: BoolArray, generator: np.random.Generator) -> IntArray:
     return np.concatenate(parts)
 
 
-def _without_covariates(second: BoolArray, covariates: FloatArray, train: IntArray) -> FloatArray:
-    """Return the matrix (M, M) that takes out of all rows what covariates do to the training subjects."""
-    operator = np.eye(len(second))
-    if covariates.shape[1]:
-        columns = np.column_stack([covariates, np.ones(len(second)), second])
-        effect = np.linalg.pinv(columns[train])[: covariates.shape[1]]
-        operator[:, train] -= covariates @ effect
-    return operator
+def _leading(rows: FloatArray, modes: int) -> tuple[FloatArray, FloatArray]:
+    """Return the scores (M, k) and unit modes (k, P) of centred rows, signed as those of a shape model."""
+    if len(rows) <= _MANY:
+        scores, basis, _ = principal_components(rows)
+        return scores[:, :modes], basis[:modes]
+    scores, squares = leading_scores(rows, modes)
+    basis = (scores / np.sqrt(np.where(squares > 0.0, squares, 1.0))).T @ rows
+    basis /= np.maximum(np.linalg.norm(basis, axis=1, keepdims=True), np.finfo(float).tiny)
+    signs = np.sign(np.take_along_axis(basis, np.abs(basis).argmax(axis=1, keepdims=True), axis=1))
+    return scores * signs[:, 0], basis * signs
+
+
+def _without_covariates(
+    rows: FloatArray, second: BoolArray, covariates: FloatArray, train: IntArray
+) -> FloatArray:
+    """Return the rows (M, P) without what covariates do to the training subjects."""
+    if not covariates.shape[1]:
+        return rows
+    columns = np.column_stack([covariates, np.ones(len(second)), second])
+    effect = np.linalg.pinv(columns[train])[: covariates.shape[1]]
+    rest: FloatArray = rows - covariates @ (effect @ rows[train])
+    return rest
 
 
 def _round(
-    gram: FloatArray,
+    rows: FloatArray,
     second: BoolArray,
     covariates: FloatArray,
     modes: int,
@@ -256,16 +277,13 @@ def _round(
     generator: np.random.Generator,
     tick: Tick,
 ) -> FloatArray:
-    """Return each subject's place when it is left out; all is done in inner products of the subjects."""
+    """Return each subject's place when it is left out."""
     tick(0.0, "cross-validation of the discriminant")
     places = np.empty(len(second))
     fold_of = _stratified(second, folds, generator)
     for fold in range(folds):
         train, test = np.flatnonzero(fold_of != fold), np.flatnonzero(fold_of == fold)
-        allowed = gram
-        if covariates.shape[1]:
-            operator = _without_covariates(second, covariates, train)
-            allowed = operator @ gram @ operator.T
+        allowed = _without_covariates(rows, second, covariates, train)
         places[test] = _predicted(allowed, second, train, test, modes)
     return places
 
@@ -273,14 +291,16 @@ def _round(
 def _rates(places: FloatArray, second: BoolArray) -> tuple[float, float]:
     """Return balanced accuracy and area under the curve of cross-validated places."""
     own_side = (places > 0.0) == second
-    above = _placements(places[second], places[~second])
+    above = _shares_below(places[second], places[~second])
     return float((own_side[second].mean() + own_side[~second].mean()) / 2.0), float(above.mean())
 
 
-def _placements(high: FloatArray, low: FloatArray) -> FloatArray:
-    """Return whether each of `high` lies above each of `low`; 0.5 where they are equal, shape (h, l)."""
-    above: FloatArray = (high[:, None] > low) + 0.5 * (high[:, None] == low)
-    return above
+def _shares_below(values: FloatArray, others: FloatArray) -> FloatArray:
+    """Return the share of the others below each value, equal ones counted half."""
+    ordered = np.sort(others)
+    below = np.searchsorted(ordered, values, "left") + np.searchsorted(ordered, values, "right")
+    shares: FloatArray = below / (2.0 * len(ordered))
+    return shares
 
 
 def _accuracy_bounds(right: FloatArray, second: BoolArray, accuracy: float) -> tuple[float, float]:
@@ -298,9 +318,10 @@ def _accuracy_bounds(right: FloatArray, second: BoolArray, accuracy: float) -> t
 
 def _auc_bounds(places: FloatArray, second: BoolArray, auc: float) -> tuple[float, float]:
     """Return the interval of DeLong on the logit scale; without errors that of one half of an error."""
-    above = _placements(places[second], places[~second])
-    high, low = above.shape
-    variance = above.mean(axis=1).var(ddof=1) / high + above.mean(axis=0).var(ddof=1) / low
+    of_high, of_low = places[second], places[~second]
+    high, low = len(of_high), len(of_low)
+    variance = _shares_below(of_high, of_low).var(ddof=1) / high
+    variance += _shares_below(of_low, of_high).var(ddof=1) / low
     tail = (1.0 - CONFIDENCE) / 2.0
     if variance == 0.0 or not 0.0 < auc < 1.0:
         # All pairs stand alike, and DeLong's variance is zero: the exact binomial bound of the smaller group.
@@ -313,17 +334,16 @@ def _auc_bounds(places: FloatArray, second: BoolArray, auc: float) -> tuple[floa
 
 
 def _predicted(
-    gram: FloatArray, second: BoolArray, train: IntArray, test: IntArray, modes: int
+    rows: FloatArray, second: BoolArray, train: IntArray, test: IntArray, modes: int
 ) -> FloatArray:
     """Return how far along the training subjects' discriminant the others lie, in distances of its groups."""
-    centred = gram - gram[train].mean(axis=0)
-    centred = centred - centred[:, train].mean(axis=1, keepdims=True)
-    squares, vectors = np.linalg.eigh(centred[np.ix_(train, train)])
+    mean = rows[train].mean(axis=0)
+    known = rows[train] - mean
+    squares, vectors = np.linalg.eigh(known.T @ known)
     squares, vectors = squares[::-1][:modes], vectors[:, ::-1][:, :modes]
-    kept = squares > 1e-9 * squares[0]
-    axes = vectors[:, kept] / np.sqrt(squares[kept])
-    direction, gap, middle, _ = _fit(centred[np.ix_(train, train)] @ axes, second[train])
-    places: FloatArray = (centred[np.ix_(test, train)] @ axes @ direction - middle) / (gap or 1.0)
+    axes = vectors[:, squares > 1e-9 * squares[0]]
+    direction, gap, middle, _ = _fit(known @ axes, second[train])
+    places: FloatArray = ((rows[test] - mean) @ axes @ direction - middle) / (gap or 1.0)
     return places
 
 

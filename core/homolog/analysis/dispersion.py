@@ -10,6 +10,7 @@ import numpy as np
 
 from homolog.analysis.design import Design, Exchange
 from homolog.analysis.permutation import draw_permutations, permutation_count, permutation_p_value
+from homolog.analysis.shape_model import leading_scores
 from homolog.analysis.studentized import observed_design
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.threads import on_one_thread
@@ -90,8 +91,7 @@ def dispersion_test(
     if design.exchange is Exchange.SIGNS or modes == 0:
         return None
     rows = design.residuals(particles.reshape(len(particles), -1))
-    squares, vectors = np.linalg.eigh(rows @ rows.T)
-    scores = vectors[:, ::-1][:, :modes] * np.sqrt(np.clip(squares[::-1][:modes], 0.0, None))
+    scores, _ = leading_scores(rows, modes)
     rest = scores - design.tested @ (design.tested.T @ scores)
     columns = np.hstack([design.nuisance, design.tested])
     leverage_left = np.maximum(1.0 - np.square(columns).sum(axis=1), 1e-6)

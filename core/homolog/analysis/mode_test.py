@@ -24,6 +24,7 @@ from homolog.analysis.permutation import (
     permutation_count,
     permutation_p_value,
 )
+from homolog.analysis.shape_model import leading_scores
 from homolog.analysis.studentized import (
     WelchStatistic,
     equalize_groups,
@@ -40,6 +41,9 @@ __all__ = ["ModeStatistic", "ModeTest", "mode_test"]
 
 _CHUNK = 500
 _CHUNK_VALUES = 4_000_000
+_MANY = 300
+"""Subjects from which shapes are reduced to the leading modes and `_FURTHER` after them."""
+_FURTHER = 24
 _MIN_DOF_PER_MODE = 3
 """Degrees of freedom of the error for each mode below which a test is said to have low power."""
 
@@ -124,16 +128,22 @@ class ModeStatistic:
         *,
         scaled: bool = True,
     ) -> None:
-        self._gram = residuals @ residuals.T
         self._design = design
+        self._many = len(residuals) > _MANY
+        rows = leading_scores(residuals, n_modes + _FURTHER)[0] if self._many else residuals
+        self._rows = rows
+        self._gram = rows.T @ rows if self._many else rows @ rows.T
         self._n_modes = n_modes
         self._dof = len(residuals) - design.nuisance.shape[1]
         self._threshold = None if threshold is None else threshold * self._dof
-        self._frame, _ = self._decomposed(self._gram)
+        self._frame = _unit_columns(rows) if self._many else self._decomposed(self._gram)[0]
         self._welch: WelchStatistic | None = None
         groups = equalize_groups(residuals, design, scaled=scaled)
         if groups is not None and n_modes:
-            frame, _ = self._decomposed(groups.values @ groups.values.T)
+            if self._many:
+                frame = _unit_columns(leading_scores(groups.values, n_modes)[0])
+            else:
+                frame, _ = self._decomposed(groups.values @ groups.values.T)
             coordinates = frame.T[:n_modes, :, None]
             self._welch = WelchStatistic(coordinates, np.array([float(n_modes)]), groups, design)
 
@@ -156,14 +166,21 @@ class ModeStatistic:
             return self._frame[:, : self._n_modes], np.full(len(permuted.tested), self._n_modes)
         covariates = permuted.covariates
         across = np.swapaxes(covariates, 1, 2)
-        gram = self._gram - covariates @ (across @ self._gram)
-        gram = gram - (gram @ covariates) @ across
-        frames, squares = self._decomposed(gram)
-        modes = np.full(len(gram), self._n_modes)
+        if self._many:
+            along = across @ self._rows
+            vectors, squares = self._decomposed(self._gram - np.swapaxes(along, 1, 2) @ along)
+        else:
+            gram = self._gram - covariates @ (across @ self._gram)
+            gram = gram - (gram @ covariates) @ across
+            vectors, squares = self._decomposed(gram)
+        modes = np.full(len(vectors), self._n_modes)
         if self._threshold is not None:
-            above = squares[:, : len(self._threshold)] > self._threshold
+            threshold = self._threshold[: squares.shape[1]]
+            above = squares[:, : len(threshold)] > threshold
             modes = np.where(above.all(axis=1), above.shape[1], above.argmin(axis=1))
-        frames = frames[:, :, : max(int(modes.max()), 1)]
+        frames = vectors[:, :, : max(int(modes.max()), 1)]
+        if self._many:
+            frames = _unit_columns(self._rows @ frames - covariates @ (along @ frames))
         return frames * (np.arange(frames.shape[2]) < modes[:, None, None]), modes
 
     def log_p(self, permuted: PermutedDesigns) -> FloatArray:
@@ -282,6 +299,13 @@ def mode_test(
         parallel=parallel,
         warnings=_warnings(n_modes, design),
     )
+
+
+def _unit_columns(columns: FloatArray) -> FloatArray:
+    """Return columns (..., M, K) of length 1; zeros stay zeros."""
+    lengths = np.linalg.norm(columns, axis=-2, keepdims=True)
+    unit: FloatArray = columns / np.where(lengths > 0.0, lengths, 1.0)
+    return unit
 
 
 def _wilks(projected: FloatArray) -> FloatArray:

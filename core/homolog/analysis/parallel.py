@@ -12,6 +12,10 @@ from homolog.threads import on_one_thread
 __all__ = ["Null", "ParallelAnalysis", "parallel_analysis"]
 
 
+_MOST = 400
+"""Rows of the smaller Gram matrix of null data at most; larger null data are drawn in part."""
+
+
 class Null(StrEnum):
     """How null data are made."""
 
@@ -72,6 +76,12 @@ def parallel_analysis(
 ) -> ParallelAnalysis:
     """Count the modes whose variance exceeds that of the same mode in uncorrelated data.
 
+    The spectrum of large data without correlation depends only on the variances of the coordinates and on the
+    number of coordinates for each subject (Marchenko and Pastur 1967). Of large cohorts each null data set
+    therefore takes a random part of the subjects and the same part of the coordinates; its eigenvalues are
+    interpolated. The largest then scatter more than those of whole data: the threshold is some tenths of a
+    percent higher.
+
     Parameters
     ----------
     data : (M, N, 3) or (M, P) array
@@ -104,8 +114,12 @@ def parallel_analysis(
     restored = (subjects - 1) / dof if nuisance.shape[1] else 1.0
     generator = np.random.default_rng(seed)
     null_eigenvalues = np.empty((repeats, modes))
+    part = _Part.of(rows, nuisance)
     for repeat in range(repeats):
         tick(repeat / repeats, "parallel analysis")
+        if part is not None:
+            null_eigenvalues[repeat] = restored * part.eigenvalues(null, generator, modes)
+            continue
         null_rows = _without(_null_rows(rows, null, generator), nuisance)
         null_eigenvalues[repeat] = _spectrum(null_rows)[:modes] * (restored / dof)
     eigenvalues = _spectrum(rows)[:modes] / dof
@@ -114,6 +128,46 @@ def parallel_analysis(
     n_retained = modes if above.all() else int(above.argmin())
     null_mean = null_eigenvalues.mean(axis=0)
     return ParallelAnalysis(eigenvalues, threshold, null_mean, n_retained, null, percentile, repeats)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """Draws null data of a part of the subjects and of the coordinates.
+
+    Attributes
+    ----------
+    rows : (M, P) array
+        Coordinates in the order of their variance.
+    nuisance : (M, q) array
+    factor : float
+        How many times fewer subjects and coordinates are drawn.
+    """
+
+    rows: FloatArray
+    nuisance: FloatArray
+    factor: float
+
+    @classmethod
+    def of(cls, rows: FloatArray, nuisance: FloatArray) -> "_Part | None":
+        """Return None if the data are small enough to be drawn whole."""
+        factor = min(rows.shape) / _MOST
+        if factor <= 1.0:
+            return None
+        order = np.argsort(np.square(rows).sum(axis=0), kind="stable")
+        return cls(rows[:, order], nuisance, factor)
+
+    def eigenvalues(self, null: Null, generator: np.random.Generator, modes: int) -> FloatArray:
+        """Return the eigenvalues of a null data set, (modes,)."""
+        subjects, width = (round(size / self.factor) for size in self.rows.shape)
+        chosen = np.sort(generator.choice(len(self.rows), subjects, replace=False))
+        places = (np.arange(width) + generator.random(width)) * (self.rows.shape[1] / width)
+        some = self.rows[np.ix_(chosen, np.minimum(places.astype(np.int64), self.rows.shape[1] - 1))]
+        nuisance = np.linalg.qr(self.nuisance[chosen])[0]
+        squares = _spectrum(_without(_null_rows(some, null, generator), nuisance))
+        values = squares[: subjects - nuisance.shape[1]] / (subjects - nuisance.shape[1])
+        at = (np.arange(len(values)) + 0.5) * self.factor - 0.5
+        interpolated: FloatArray = np.interp(np.arange(modes), at, values)
+        return interpolated
 
 
 def _null_rows(rows: FloatArray, null: Null, generator: np.random.Generator) -> FloatArray:

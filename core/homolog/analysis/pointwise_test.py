@@ -8,7 +8,9 @@ Hotelling's T² (Wilks' lambda for several columns) and its parametric p are rep
 """
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from scipy import stats
@@ -26,6 +28,7 @@ from homolog.analysis.permutation import (
 from homolog.analysis.studentized import WelchStatistic, equalize_groups, null_weights, observed_design
 from homolog.analysis.wilks import wilks_p
 from homolog.arrays import BoolArray, FloatArray, frozen
+from homolog.device import cores
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
 from homolog.threads import on_one_thread
@@ -33,6 +36,8 @@ from homolog.threads import on_one_thread
 __all__ = ["PointwiseStatistic", "PointwiseTest", "pointwise_test"]
 
 _CHUNK_VALUES = 200_000
+_MANY = 300
+"""Subjects from which several chunks of permutations are computed at once."""
 _MIN_VARIANCE_FRACTION = 1e-12
 """Directions at a particle with less than this fraction of the largest variance hold no variation."""
 
@@ -224,12 +229,15 @@ def pointwise_test(
     largest, beyond = np.empty(count), np.zeros(len(observed), np.int64)
     limit, done = subtract_rounding(observed), 0
     chunk = max(1, _CHUNK_VALUES // (statistic.particles * (1 + design.tested.shape[1])))
-    for some in draw_permutations(design, permutations, chunk=chunk, seed=seed):
-        tick(done / max(count, 1), "permutations of the pointwise tests")
-        drawn = statistic.studentized(some)
-        largest[done : done + len(drawn)] = drawn.max(axis=1)
-        beyond += np.count_nonzero(drawn >= limit, axis=0)
-        done += len(drawn)
+    draws = draw_permutations(design, permutations, chunk=chunk, seed=seed)
+    workers = cores() if len(shapes) >= _MANY else 1
+    with ThreadPoolExecutor(workers) as pool:
+        while some := list(islice(draws, workers)):
+            tick(done / max(count, 1), "permutations of the pointwise tests")
+            for drawn in pool.map(statistic.studentized, some):
+                largest[done : done + len(drawn)] = drawn.max(axis=1)
+                beyond += np.count_nonzero(drawn >= limit, axis=0)
+                done += len(drawn)
     value = statistic.statistic()
     p = np.where(value > 0.0, (beyond + 1.0) / (count + 1.0), 1.0)
     return PointwiseTest(

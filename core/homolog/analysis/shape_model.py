@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy import linalg
+from scipy.sparse.linalg import eigsh
 
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.procrustes import align, rms_radii
@@ -14,10 +15,12 @@ from homolog.arrays import ArrayLike, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 
-__all__ = ["ShapeModel", "principal_components"]
+__all__ = ["ShapeModel", "leading_scores", "principal_components"]
 
 NEGLIGIBLE = 1e-9
 """Modes with less than this part of the first one's variance are rounding of the Gram matrix."""
+_FEW = 8
+"""A Gram matrix with more than so many rows for each mode asked for is decomposed by Lanczos' method."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -293,10 +296,42 @@ def principal_components(
     count, width = centred.shape
     dual = count <= width
     gram = centred @ centred.T if dual else centred.T @ centred
-    squares, vectors = linalg.eigh(gram)
+    squares, vectors = linalg.eigh(gram, overwrite_a=True)
     kept = squares > NEGLIGIBLE * max(squares[-1], np.finfo(float).tiny)
     squares, vectors = squares[kept][::-1], vectors[:, kept][:, ::-1]
     modes = (vectors / np.sqrt(squares)).T @ centred if dual else vectors.T
     largest = np.take_along_axis(modes, np.abs(modes).argmax(axis=1, keepdims=True), axis=1)
     modes = modes * np.sign(largest)
     return centred @ modes.T, modes, squares / (count - 1 if divisor is None else divisor)
+
+
+def leading_scores(rows: FloatArray, modes: int) -> tuple[FloatArray, FloatArray]:
+    """Return the scores in the first modes only, which many subjects do not make slow.
+
+    Parameters
+    ----------
+    rows : (M, P) array
+        One row for each subject; not centred here.
+    modes : int
+        Modes at most.
+
+    Returns
+    -------
+    scores : (M, K) array
+        Orthogonal columns, the longest first; signs are arbitrary.
+    squares : (K,) array
+        Their squared lengths.
+    """
+    count, width = rows.shape
+    dual = count <= width
+    gram = rows @ rows.T if dual else rows.T @ rows
+    modes = min(modes, len(gram))
+    if len(gram) > _FEW * modes:
+        start = np.random.default_rng(0).standard_normal(len(gram))
+        squares, vectors = eigsh(gram, modes, which="LA", v0=start)
+        order = np.argsort(squares)[::-1]
+    else:
+        squares, vectors = linalg.eigh(gram, overwrite_a=True)
+        order = np.arange(len(gram))[::-1][:modes]
+    squares, vectors = np.clip(squares[order], 0.0, None), vectors[:, order]
+    return (vectors * np.sqrt(squares) if dual else rows @ vectors), squares

@@ -121,12 +121,11 @@ class WelchStatistic:
         memberships = _memberships(permuted, self._design)
         if memberships is None:
             raise ValueError("the design is not one of groups alone")
-        draws, groups, subjects = memberships.shape
-        flat = memberships.reshape(draws * groups, subjects)
+        groups = memberships.shape[1]
         counts = memberships.sum(axis=2)[:, :, None]
         free = np.maximum(counts - 1.0, 1.0)
-        squares = (flat @ self._squares).reshape(draws, groups, -1)
-        means = np.stack([(flat @ axis).reshape(draws, groups, -1) for axis in self._coordinates]) / counts
+        squares = _group_sums(memberships, self._squares)
+        means = np.stack([_group_sums(memberships, axis) for axis in self._coordinates]) / counts
         within = np.maximum(squares - counts * np.square(means).sum(axis=0), _MIN_RESIDUAL_FRACTION * squares)
         within = np.maximum(within * np.square(self._dispersions), _MIN_SQUARES)
         if permuted.signs is not None and self._mean_spread:
@@ -157,6 +156,15 @@ class WelchStatistic:
         """Return random means, (c, 1, N), whose covariance over the surface is that of the data."""
         drawn: FloatArray = (self._mean_spread / np.sqrt(signs.shape[1]) * signs @ axis)[:, None]
         return drawn
+
+
+def _group_sums(memberships: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the sums (c, K, N) of values (M, N) over the members (c, K, M) of each group."""
+    draws, groups, subjects = memberships.shape
+    others = memberships[:, 1:].reshape(draws * (groups - 1), subjects) @ values
+    others = others.reshape(draws, groups - 1, -1)
+    first = values.sum(axis=0) - others.sum(axis=1)
+    return np.concatenate([first[:, None], others], axis=1)
 
 
 def _memberships(permuted: PermutedDesigns, design: Design) -> FloatArray | None:

@@ -172,3 +172,20 @@ def test_the_test_stops_where_it_is_cancelled(correlated):
 
     with pytest.raises(Cancelled):
         mode_test(correlated(), group_design(["a", "b"] * 12, ["a", "b"]), tick=cancel)
+
+
+@pytest.mark.parametrize("adjusted", [False, True])
+def test_many_subjects_give_the_p_values_that_whole_inner_products_give(
+    correlated, covariates, monkeypatch, adjusted
+):
+    shapes = correlated(subjects=60)
+    columns = covariate_columns(covariates(60)) if adjusted else None
+    design = group_design(["a"] * 25 + ["b"] * 35, ["a", "b"], columns)
+    shapes = shapes + 0.6 * (np.arange(60) >= 25)[:, None, None] * shapes[3]
+    whole = mode_test(shapes, design, permutations=400, seed=3)
+    monkeypatch.setattr("homolog.analysis.mode_test._MANY", 10)
+    reduced = mode_test(shapes, design, permutations=400, seed=3)
+    assert reduced.modes == whole.modes > 0
+    assert reduced.wilks == pytest.approx(whole.wilks, rel=1e-6)
+    assert reduced.studentized == pytest.approx(whole.studentized, rel=1e-6)
+    assert reduced.p_permutation == pytest.approx(whole.p_permutation, abs=0.01)

@@ -70,3 +70,17 @@ def test_parallel_analysis_stops_where_it_is_cancelled(ellipsoids):
 
     with pytest.raises(Cancelled):
         parallel_analysis(ellipsoids(), repeats=20, tick=cancel)
+
+
+@pytest.mark.parametrize("subjects", [120, 300])
+def test_null_data_of_a_part_have_the_spectrum_of_whole_null_data(monkeypatch, subjects):
+    generator = np.random.default_rng(8)
+    modes = generator.choice([-1.0, 1.0], size=(3, 60, 3)) * [[[1.0]], [[0.7]], [[0.5]]]
+    shapes = np.tensordot(generator.normal(size=(subjects, 3)), modes, axes=1)
+    shapes += generator.normal(size=shapes.shape)
+    whole = parallel_analysis(shapes, repeats=100)
+    monkeypatch.setattr("homolog.analysis.parallel._MOST", 60)
+    part = parallel_analysis(shapes, repeats=100)
+    np.testing.assert_allclose(part.null_mean[:60], whole.null_mean[:60], rtol=0.1)
+    np.testing.assert_allclose(part.threshold[:20], whole.threshold[:20], rtol=0.15)
+    assert part.n_retained == whole.n_retained == 3
