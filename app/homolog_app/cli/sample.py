@@ -30,6 +30,9 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     parser.add_argument("--subjects", type=int, default=20, help="number of subjects (default 20)")
     parser.add_argument("--out", type=Path, required=True, help="output folder")
     parser.add_argument("--seed", type=int, default=5, help="random seed (default 5)")
+    parser.add_argument(
+        "--scans", action="store_true", help="also write NAME_image.nrrd, the grey values behind label maps"
+    )
     add_progress_option(parser)
 
 
@@ -45,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         return beans.run(arguments)
     with show_progress(arguments.progress) as progress:
         study = make_study(arguments.kind, arguments.subjects, seed)
-        write_study(out, study, seed, progress.tick)
+        write_study(out, study, seed, progress.tick, scans=arguments.scans)
     groups = list(dict.fromkeys(subject.columns["group"] for subject in study.subjects))
     counts = [sum(subject.columns["group"] == group for subject in study.subjects) for group in groups]
     described = ", ".join(f"{count} {group}" for group, count in zip(groups, counts, strict=True))

@@ -1,6 +1,6 @@
 """The first step: who is studied."""
 
-from PySide6.QtCore import QItemSelectionModel, QModelIndex, QSize, QSortFilterProxyModel, Qt
+from PySide6.QtCore import QItemSelectionModel, QModelIndex, QPoint, QSize, QSortFilterProxyModel, Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QHBoxLayout, QHeaderView, QLabel, QLineEdit, QTableView, QWidget
 
@@ -105,6 +105,15 @@ class CohortPanel(Panel):
             head.resizeSection(column, width)
         head.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         return table
+
+    def subject_at(self, place: QPoint) -> str:
+        """Return the subject whose row is at a place of the screen; nothing if there is none."""
+        view = self.table.viewport()
+        at = view.mapFromGlobal(place)
+        row = self.table.indexAt(at)
+        if not view.rect().contains(at) or not row.isValid():
+            return ""
+        return self.model.member(self.rows.mapToSource(row).row()).name
 
     def _count(self) -> None:
         members = self._session.study.members

@@ -106,7 +106,7 @@ class MainWindow(QMainWindow):
                 patient=self.inspector.explore.page_of(PatientPage).comparison is not None,
                 layouts=views.layouts if views else (), model=views is not None and views.shows_model,
                 coloured=views is not None and views.is_coloured,
-                slices=self.commands["view.slice"].isChecked(),
+                slices=views is not None and views.hides_views,
                 preliminary=self.inspector.explore.fitted.preliminary is not None,
             )
         )  # fmt: skip
@@ -145,6 +145,8 @@ class MainWindow(QMainWindow):
         """Open or add what was dropped."""
         event.acceptProposedAction()
         paths = dropped_paths(event.mimeData())
+        if self.views is not None and self.views.scans.offer(paths, event.position().toPoint()):
+            return
         if self.step != "explore" or not self.exploring.take_files(paths):
             self.library.take(paths)
 

@@ -1,22 +1,24 @@
 """The middle of the window: the views, what to do while there is nothing to see, and the strips around."""
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QLabel, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QLabel, QSplitter, QStackedWidget, QVBoxLayout, QWidget
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.clip_bar import ClipBar
 from homolog_app.window.icons import pixmap
 from homolog_app.window.scene.scene import Scene
-from homolog_app.window.slice_view import SliceView
+from homolog_app.window.slices.view import SliceView
 from homolog_app.window.theme import Theme
 from homolog_app.window.view_bar import ViewBar, ViewFooter
 from homolog_app.window.widgets import GRID, label
 
 __all__ = ["Stage"]
 
+_NARROWEST = 160
+
 
 class Stage(QWidget):
-    """Holds the scene and the slices; one of them, or a hint, is seen."""
+    """Holds the scene and the slices; one of them, both, or a hint, are seen."""
 
     def __init__(self, theme: Theme, actions: Actions) -> None:
         super().__init__()
@@ -32,7 +34,12 @@ class Stage(QWidget):
         self._text.setAlignment(Qt.AlignmentFlag.AlignHCenter)
         self._text.setFixedWidth(420)
         self._pages = QStackedWidget()
-        for page in (self._empty(), self.scene, self.slices):
+        self._split = QSplitter()
+        self._split.setChildrenCollapsible(False)
+        self.scene.setMinimumWidth(_NARROWEST)
+        for one in (self.scene, self.slices):
+            self._split.addWidget(one)
+        for page in (self._empty(), self._split):
             self._pages.addWidget(page)
         self._column = QVBoxLayout(self)
         self._column.setContentsMargins(0, 0, 0, 0)
@@ -52,11 +59,16 @@ class Stage(QWidget):
 
     def show_views(self) -> None:
         """Show the 3-D views."""
-        self._pages.setCurrentWidget(self.scene)
+        self.slices.hide()
+        self.scene.show()
+        self._pages.setCurrentWidget(self._split)
 
     def show_slices(self) -> None:
-        """Show the slices."""
-        self._pages.setCurrentWidget(self.slices)
+        """Show the slices, alone or beside the views."""
+        self.slices.show()
+        self._split.setSizes([1, 1])
+        self.scene.setVisible(self.slices.beside.isChecked())
+        self._pages.setCurrentWidget(self._split)
 
     def place_card(self, card: QWidget) -> None:
         """Put a card between the views and the strip below them."""

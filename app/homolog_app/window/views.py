@@ -5,9 +5,12 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
 from PySide6.QtCore import QObject, QPoint, Qt, Slot
 from PySide6.QtWidgets import QApplication
 
+from homolog.arrays import FloatArray
+from homolog.geometry import inverse_matrices, transform_points
 from homolog_app.window.availability import LAYOUTS
 from homolog_app.window.explore.chosen import ColouredView, Snapshot, SubjectsView
 from homolog_app.window.loaded import Loaded
@@ -17,6 +20,7 @@ from homolog_app.window.scene.cameras import VIEWS
 from homolog_app.window.scene.colour_scale import ColourScale
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.picking import Pick
+from homolog_app.window.slices.scans import Scans, sliced_subject
 from homolog_app.window.subjects import Groomed, subject_contents
 from homolog_app.window.view_menu import view_menu
 
@@ -51,6 +55,10 @@ class Views(QObject):
             signal.connect(self._display)
         for page in self._explore.pages:
             page.place_wanted.connect(stage.scene.go_to)
+            page.place_wanted.connect(self._point_slices)
+        self.scans = Scans(window)
+        stage.slices.scan_wanted.connect(self.scans.choose)
+        stage.slices.beside.toggled.connect(self._switch_slices)
         stage.scene.picker.picked.connect(self._hand_over_pick)
         stage.scene.picker.menu_wanted.connect(self._open_menu, Qt.ConnectionType.QueuedConnection)
         self._session.selection_changed.connect(self._follow_selection)
@@ -128,7 +136,7 @@ class Views(QObject):
     def layouts(self) -> tuple[int, ...]:
         """Numbers of views that can be chosen now."""
         page = self._page
-        if self.shows_slices:
+        if self.hides_views:
             return ()
         return LAYOUTS if page is None else page.layouts or LAYOUTS
 
@@ -164,6 +172,11 @@ class Views(QObject):
     def shows_slices(self) -> bool:
         """Whether slices of a file are seen in place of the views."""
         return self._window.commands["view.slice"].isChecked()
+
+    @property
+    def hides_views(self) -> bool:
+        """Whether slices have taken the place of the views, rather than lie beside them."""
+        return self.shows_slices and not self.stage.slices.beside.isChecked()
 
     @property
     def pages(self) -> tuple[int, int]:
@@ -272,6 +285,8 @@ class Views(QObject):
             self.stage.footer.setVisible(not own)
         self.stage.scene.display(shown)
         self._explore.fitted.draw_ms = self.stage.scene.draw_ms
+        if self.shows_slices:
+            self._show_slices()
         self._tell_layout()
 
     def _tell_layout(self) -> None:
@@ -297,6 +312,16 @@ class Views(QObject):
         """Let the open page of Explore answer a click."""
         if self._page is not None:
             self._page.take_pick(pick)
+        self._point_slices(pick.name, pick.place)
+
+    @Slot(str, object, object)
+    def _point_slices(self, name: str, place: FloatArray, _: object = None) -> None:
+        """Put the crosshair of the slices to a place that was clicked or is looked at in the views."""
+        shown = next((one for one in self.stage.scene.shown if one.name == name), None)
+        patient = self._page.sliced() if self._page is not None else None
+        if shown is not None:
+            local = transform_points(inverse_matrices(shown.alignment), np.asarray(place)[None])[0]
+            self.stage.slices.go_to(patient.name if patient else name, local)
 
     def play_or_stop(self) -> None:
         """Play the run from its first moment or what the open page of Explore plays, or hold."""
@@ -314,6 +339,7 @@ class Views(QObject):
         """Stop the timers and let go of the graphics."""
         self.run.close()
         self._explore.page.stop()
+        self.stage.slices.close_slices()
         self.stage.scene.close_scene()
 
     @Slot(bool)
@@ -332,7 +358,7 @@ class Views(QObject):
     def _switch(self, name: str) -> None:
         """Show or hide surfaces or particles; where slices are seen, leave them for what is asked for."""
         command, slices = self._window.commands[f"view.{name}"], self._window.commands["view.slice"]
-        if self.shows_slices:
+        if self.hides_views:
             command.setChecked(True)
             slices.setChecked(False)
             self._switch_slices()
@@ -342,22 +368,21 @@ class Views(QObject):
     def _cut(self) -> None:
         """Cut the shapes open as the strip says, or leave them whole."""
         bar, cut = self.stage.clip, self._window.commands["view.clip"].isChecked()
-        bar.setVisible(cut and not self.shows_slices)
+        bar.setVisible(cut and not self.hides_views)
         self.stage.scene.cut(bar.clip if cut else None)
 
     def _switch_slices(self) -> None:
         self._cut()
-        self.stage.bar.opacity.setEnabled(not self.shows_slices)
+        self.stage.bar.opacity.setEnabled(not self.hides_views)
         self.refresh()
         self._tell_page()
 
     def _show_slices(self) -> None:
         if not self._session.study.included:
             return
+        patient = self._page.sliced() if self._page is not None else None
         name = self._session.study.included[self._sliced].name
-        survey, groomed = self._session.surveys.get(name), self._session.groomed.get(name)
-        voxels = survey.voxels if survey else None
-        self.stage.slices.show_subject(name, voxels, groomed.subject.field if groomed else None)
+        self.stage.slices.show_subject(patient or sliced_subject(self._session, name))
 
     @Slot()
     def _tell_page(self) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from homolog.arrays import FloatArray
+from homolog.arrays import Array, FloatArray
 from homolog.cohort import Cohort, read_cohort
 from homolog.errors import InputError
 from homolog.files.atomic import atomic_write
@@ -31,6 +31,8 @@ KINDS: dict[str, Callable[[int, int], SampleStudy]] = {
 _FEWEST, _MOST = 4, 500
 _NOISE = 0.35  # voxels: standard deviation of the segmentations' borders
 _MARGIN = 4  # voxels
+_SCAN_MARGIN, _SCAN_VOXEL = 10, 1.25  # voxels; edge, in voxels of the label map
+_TISSUE, _SURROUNDING, _SCAN_NOISE = 110.0, -20.0, 18.0  # HU
 _CAP = 0.999  # cosine of the angle between a face of the cut and the cut's plane
 
 
@@ -69,7 +71,9 @@ def make_study(kind: str, subjects: int, seed: int) -> SampleStudy:
     return SampleStudy(study.kind, tuple(placed), study.reference, study.affected, study.voxel)
 
 
-def write_study(folder: Path, study: SampleStudy, seed: int, tick: Tick = no_tick) -> Cohort:
+def write_study(
+    folder: Path, study: SampleStudy, seed: int, tick: Tick = no_tick, *, scans: bool = False
+) -> Cohort:
     """Write a study: a file for each subject, ``cohort.csv``, and ``truth/``.
 
     ``truth/`` has every subject's exact surface with corresponding vertices (PLY), the parameters they were
@@ -86,6 +90,9 @@ def write_study(folder: Path, study: SampleStudy, seed: int, tick: Tick = no_tic
         Of the noise of segmentation.
     tick : Tick
         Called after each subject.
+    scans : bool
+        Whether to write ``NAME_image.nrrd``, too: grey values with noise (in HU, like CT), in which the label
+        maps might have been drawn. Surfaces get none.
 
     Raises
     ------
@@ -102,6 +109,9 @@ def write_study(folder: Path, study: SampleStudy, seed: int, tick: Tick = no_tic
         else:
             noise = Waves(np.random.default_rng([seed, 5, number]), 1.8 * study.voxel, _NOISE, 1)
             _write_labels(path, subject.mesh, study.voxel, noise)
+            if scans:
+                grain = np.random.default_rng([seed, 6, number])
+                _write_scan(folder / f"{subject.name}_image.nrrd", subject.mesh, study.voxel, grain)
         write_mesh(truth / f"{subject.name}.ply", subject.mesh)
     first = study.subjects[0]
     columns = list(first.columns)
@@ -123,14 +133,31 @@ def write_study(folder: Path, study: SampleStudy, seed: int, tick: Tick = no_tic
 
 def _write_labels(path: Path, mesh: TriangleMesh, voxel: float, noise: Waves) -> None:
     """Write the voxels inside a surface; where the noise moves it, a border is ragged."""
-    import SimpleITK
-
     low = mesh.vertices.min(axis=0) - _MARGIN * voxel
     shape = np.ceil((mesh.vertices.max(axis=0) - low) / voxel).astype(int) + _MARGIN
     level = mesh_level(mesh, low, voxel, (int(shape[0]), int(shape[1]), int(shape[2])))
     border = np.argwhere(np.abs(level) < 2.0)
     level[tuple(border.T)] += noise(low + voxel * border)[:, 0]
-    image = SimpleITK.GetImageFromArray((level < 0.0).T.astype(np.uint8))
+    _write_image(path, (level < 0.0).astype(np.uint8), low, voxel)
+
+
+def _write_scan(path: Path, mesh: TriangleMesh, voxel: float, random: np.random.Generator) -> None:
+    """Write grey values as a scanner sees the surface: another grid, blurred, with noise, in soft tissue."""
+    size = voxel * _SCAN_VOXEL
+    low = mesh.vertices.min(axis=0) - _SCAN_MARGIN * size
+    shape = np.ceil((mesh.vertices.max(axis=0) - low) / size).astype(int) + _SCAN_MARGIN
+    level = mesh_level(mesh, low, size, (int(shape[0]), int(shape[1]), int(shape[2])))
+    places = low + size * np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 3)
+    around = _SURROUNDING + Waves(random, 15.0 * size, 30.0, 1)(places)[:, 0].reshape(shape)
+    inside = 1.0 / (1.0 + np.exp(np.clip(2.0 * level, -30.0, 30.0)))
+    grey = around + (_TISSUE - around) * inside + random.normal(scale=_SCAN_NOISE, size=shape)
+    _write_image(path, np.round(grey).astype(np.int16), low, size)
+
+
+def _write_image(path: Path, values: Array, low: FloatArray, voxel: float) -> None:
+    import SimpleITK
+
+    image = SimpleITK.GetImageFromArray(values.T)
     image.SetOrigin(low.tolist())
     image.SetSpacing([voxel] * 3)
     with atomic_write(path) as part:

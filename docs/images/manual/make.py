@@ -68,7 +68,6 @@ def main() -> None:
         until(lambda: not work.is_busy)
         keep("groom")
         order["view.slice"].trigger()
-        window.views.stage.slices.axis.setCurrentIndex(2)
         keep("slices")
         order["view.slice"].trigger()
         window.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=256))

@@ -138,21 +138,6 @@ class TestViews:
 
 
 @pytest.mark.window
-def test_the_contour_in_a_slice_runs_along_the_border_of_the_voxels(groomed):
-    from homolog_app.window.slice_view import contour_in_slice
-
-    session = groomed.desk.session
-    voxels, field = session.surveys["a"].voxels, session.groomed["a"].subject.field
-    for axis in range(3):
-        index = voxels.mask.shape[axis] // 2
-        (line,) = contour_in_slice(voxels, field, axis, index)
-        mask = np.take(voxels.mask, index, axis=axis)
-        inside = np.argwhere(mask)
-        np.testing.assert_allclose(line.min(axis=0), inside.min(axis=0) - 0.5, atol=0.8)
-        np.testing.assert_allclose(line.max(axis=0), inside.max(axis=0) + 0.5, atol=0.8)
-
-
-@pytest.mark.window
 def test_slices_go_from_subject_to_subject_and_switch_off_what_they_do_not_show(groomed):
     commands, footer = groomed.commands, groomed.views.stage.footer
     groomed.desk.session.select(["a"])

@@ -16,6 +16,7 @@ from homolog_app.window.widgets import Panel
 
 if TYPE_CHECKING:
     from homolog_app.window.scene.picking import Pick
+    from homolog_app.window.slices.planes import Sliced
 
 __all__ = ["ExplorePage"]
 
@@ -104,6 +105,14 @@ class ExplorePage(Panel):
     def can_be_drawn_again(self) -> bool:
         """Whether what is shown follows from the project and `chosen`."""
         return True
+
+    def sliced(self) -> "Sliced | None":
+        """Return what slices show while the page is open; None for the selected subject's."""
+        return None
+
+    def take_scan(self, name: str, path: Path) -> bool:
+        """Take a scan of what `sliced` names; return whether it does."""
+        return False
 
     def take_files(self, paths: Sequence[Path]) -> bool:
         """Do something with files that were dropped while the page is open; return whether it did."""

@@ -1,6 +1,7 @@
 """One patient against the controls: how unusual the shape is, and where."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +20,6 @@ from PySide6.QtWidgets import (
     QTableView,
 )
 
-from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog_app.window.actions import Actions
@@ -29,9 +29,11 @@ from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.patient_views import (
     EXPECTED,
     MEAN,
+    Compared,
     Z,
+    compared,
     patient_scene,
-    patient_surface,
+    patient_slices,
     place_of,
 )
 from homolog_app.window.explore.percentile_bars import PercentileBars
@@ -41,6 +43,7 @@ from homolog_app.window.widgets import ActionButton, choice, label, rule
 
 if TYPE_CHECKING:
     from homolog.patient import PatientComparison, Reference
+    from homolog_app.window.slices.planes import Sliced
 
 __all__ = ["PatientPage"]
 
@@ -65,7 +68,7 @@ class PatientPage(ExplorePage):
         super().__init__(desk, actions, fitted)
         self.reference: Reference | None = None
         self.comparison: PatientComparison | None = None
-        self._seen_from: Sequence[FloatArray] = ()
+        self._compared: Compared | None = None
         self.group = choice("Controls")
         self.adjust = QLineEdit()
         self.adjust.setPlaceholderText("adjust for columns, such as age sex")
@@ -168,6 +171,21 @@ class PatientPage(ExplorePage):
             self.way.value() / 100.0, self.only_beyond.isChecked(),
         )  # fmt: skip
 
+    def sliced(self) -> "Sliced | None":
+        """Return the patient's scan or voxels, with the map as a contour."""
+        compared = self._compared
+        if compared is None or self.reference is None:
+            return None
+        return patient_slices(compared, self.reference)
+
+    def take_scan(self, name: str, path: Path) -> bool:
+        """Take the patient's scan."""
+        if self._compared is None or name != self._compared.comparison.name:
+            return False
+        self._compared = replace(self._compared, image=path)
+        self.shown_changed.emit()
+        return True
+
     def take_files(self, paths: Sequence[Path]) -> bool:
         """Compare a file that was dropped while the page is open."""
         if self.reference is None or len(paths) != 1:
@@ -219,9 +237,9 @@ class PatientPage(ExplorePage):
         values = {name: field.text() for name, field in self.fields.items()}
         self.desk.work.compute(
             "patient",
-            partial(_compared, reference, path, values),
+            partial(compared, reference, path, values),
             "comparing the patient",
-            lambda found: self._take(*found),
+            self._take,
         )
 
     def write(self, folder: Path) -> None:
@@ -239,8 +257,9 @@ class PatientPage(ExplorePage):
 
         self.desk.work.compute("report", write, "writing the report", lambda _: None)
 
-    def _take(self, comparison: "PatientComparison | None", seen_from: Sequence[FloatArray] = ()) -> None:
-        self.comparison, self._seen_from = comparison, seen_from
+    def _take(self, compared: Compared | None) -> None:
+        self._compared = compared
+        comparison = self.comparison = compared.comparison if compared else None
         reference = self.reference
         there = comparison is not None and reference is not None
         self.verdict.setText(_verdict(comparison, reference))
@@ -286,9 +305,10 @@ class PatientPage(ExplorePage):
 
     def _go_to(self, row: QModelIndex) -> None:
         """Look at a region."""
-        if self.comparison is not None:
-            place = place_of(self.comparison, self.comparison.regions[row.row()].centre)
-            self.place_wanted.emit(self.comparison.name, place, self._seen_from[row.row()])
+        if self._compared is not None:
+            comparison = self._compared.comparison
+            place = place_of(comparison, comparison.regions[row.row()].centre)
+            self.place_wanted.emit(comparison.name, place, self._compared.seen_from[row.row()])
 
 
 def _verdict(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
@@ -305,20 +325,3 @@ def _about(reference: "Reference | None") -> str:
     from homolog_app.report.patient_words import reference_words
 
     return "\n".join(reference_words(reference))
-
-
-def _compared(
-    reference: "Reference", path: Path, values: dict[str, str], tick: Tick
-) -> "tuple[PatientComparison, list[FloatArray]]":
-    """Return the comparison, and from where each region is seen: other walls may hide it."""
-    from homolog.patient import compare_patient
-    from homolog_app.pictures.visible import view_of_region
-    from homolog_app.report.patient import patients_of
-
-    subjects = patients_of([path])
-    if len(subjects) != 1:
-        raise InputError(f"{path}: contains {len(subjects)} subjects; choose one file")
-    comparison = compare_patient(reference, subjects[0], values, tick=tick)
-    shape = patient_surface(comparison)
-    views = [view_of_region(shape, region.vertices, region.centre) for region in comparison.regions]
-    return comparison, [view.axes[2] for view in views]

@@ -1,21 +1,27 @@
 """What the views show of a patient: mean, patient, and maps of the difference."""
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray
+from homolog.errors import InputError
 from homolog.geometry import inverse_matrices, transform_points
+from homolog.progress import Tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.window.explore.model_content import region_border
 from homolog_app.window.scene.colour_scale import ColourScale, displacement_scale
 from homolog_app.window.scene.content import Content, Shown
 
 if TYPE_CHECKING:
+    from homolog.grooming.images import Segmentation
     from homolog.patient import PatientComparison, Reference
+    from homolog_app.window.slices.planes import Sliced
 
-__all__ = ["EXPECTED", "MEAN", "Z", "patient_scene", "patient_surface", "place_of"]
+__all__ = ["EXPECTED", "MEAN", "Compared", "Z", "compared", "patient_scene", "patient_slices", "place_of"]
 
 EXPECTED, MEAN, Z = "expected", "mean", "z"
 """Maps: difference from the expected shape, from the mean [mm], and the former in standard deviations."""
@@ -82,6 +88,58 @@ def place_of(comparison: "PatientComparison", vertex: int) -> FloatArray:
     """Return the place of a vertex on the patient, in the coordinates that are shown."""
     place: FloatArray = patient_surface(comparison).vertices[vertex]
     return place
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compared:
+    """A patient that was compared, with what the page shows of its file.
+
+    Attributes
+    ----------
+    comparison : PatientComparison
+    seen_from : sequence of (3,) arrays
+        From where each region is seen: other walls may hide it.
+    image : Path or None
+        The scan behind the segmentation.
+    voxels : Segmentation or None
+        None for surfaces.
+    """
+
+    comparison: "PatientComparison"
+    seen_from: Sequence[FloatArray]
+    image: Path | None
+    voxels: "Segmentation | None"
+
+
+def compared(reference: "Reference", path: Path, values: Mapping[str, str], tick: Tick) -> Compared:
+    """Compare a patient's file with a reference; raises InputError if it can't be compared."""
+    from homolog.patient import compare_patient
+    from homolog_app.pictures.visible import view_of_region
+    from homolog_app.report.patient import patients_of
+    from homolog_app.window.survey import survey_subject
+
+    subjects = patients_of([path])
+    if len(subjects) != 1:
+        raise InputError(f"{path}: contains {len(subjects)} subjects; choose one file")
+    comparison = compare_patient(reference, subjects[0], values, tick=tick)
+    shape = patient_surface(comparison)
+    views = [view_of_region(shape, region.vertices, region.centre) for region in comparison.regions]
+    groom = reference.provenance.groom
+    survey = survey_subject(subjects[0], groom.label, groom.segment)
+    return Compared(comparison, [view.axes[2] for view in views], subjects[0].image, survey.voxels)
+
+
+def patient_slices(compared: Compared, reference: "Reference") -> "Sliced":
+    """Return what slices show of a patient: scan, segmentation, and the map of z as a contour."""
+    from homolog_app.window.slices.planes import Outline, Sliced
+
+    comparison = compared.comparison
+    scale, z = _scale(comparison, reference, Z)
+    surface = patient_surface(comparison)
+    local = transform_points(inverse_matrices(comparison.placement), surface.vertices)
+    note = f"Contour: z, blue outward, yellow inward, ends ± {scale.high:.1f}, limit ± {reference.limit:.1f}"
+    outline = Outline("Map", TriangleMesh(local, surface.faces), scale.colours(z), note)
+    return Sliced(comparison.name, compared.image, compared.voxels, [outline])
 
 
 def _scale(

@@ -1,0 +1,1 @@
+"""A subject's voxels in three linked planes, with contours over them."""

@@ -1,0 +1,255 @@
+"""One plane: the slice, contours and the crosshair; tells what the mouse and the keys ask for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from PySide6.QtCore import QLineF, QPointF, QRectF, Qt, Signal
+from PySide6.QtGui import (
+    QColor,
+    QImage,
+    QKeyEvent,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QPolygonF,
+    QResizeEvent,
+    QWheelEvent,
+)
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from homolog.arrays import Array, FloatArray
+from homolog_app.window.theme import Theme
+
+__all__ = ["MARGIN", "Drawn", "Line", "SliceCanvas"]
+
+MARGIN = 28
+"""Pixels around the slice, for letters."""
+_EDGE = 4.0
+_NOTCH = 120.0
+_ZOOM = 1.25
+_KEYS = {
+    Qt.Key.Key_Left: (-1.0, 0.0),
+    Qt.Key.Key_Right: (1.0, 0.0),
+    Qt.Key.Key_Up: (0.0, -1.0),
+    Qt.Key.Key_Down: (0.0, 1.0),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Line:
+    """A contour in voxels of the picture: polygons (K, 2), or segments (S, 2, 2) with colours (S, 3)."""
+
+    polygons: Sequence[FloatArray] = ()
+    segments: FloatArray | None = None
+    colours: Array | None = None
+    colour: str = ""
+    width: float = 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """All that a plane shows.
+
+    Attributes
+    ----------
+    title, words : str
+        In the upper corners.
+    image : QImage
+    is_smooth : bool
+        Whether voxels are interpolated on the screen.
+    spacing : tuple of float
+        Size of a voxel to the right and down [mm].
+    scale : float
+        Pixels per mm.
+    centre, cross : tuple of float
+        What is in the middle of the widget, and where the crosshair is, in voxels of the picture.
+    lines : sequence of Line
+    letters : tuple of str
+        At the left, right, bottom and top.
+    """
+
+    title: str
+    words: str
+    image: QImage
+    is_smooth: bool
+    spacing: tuple[float, float]
+    scale: float
+    centre: tuple[float, float]
+    cross: tuple[float, float]
+    lines: Sequence[Line]
+    letters: tuple[str, str, str, str]
+
+
+class SliceCanvas(QWidget):
+    """Draws a plane. Places are told in voxels to the right and down from the picture's corner."""
+
+    pointed = Signal(float, float)
+    stepped = Signal(int)
+    zoomed = Signal(float)
+    panned = Signal(float, float)
+    windowed = Signal(float, float)
+    enlarged = Signal()
+    resized = Signal()
+
+    def __init__(self, theme: Theme, title: str) -> None:
+        super().__init__()
+        self._theme = theme
+        self._drawn: Drawn | None = None
+        self._last: QPointF | None = None
+        self.setAccessibleName(f"{title} slice")
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setMinimumSize(120, 120)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        theme.changed.connect(self.update)
+
+    def show_plane(self, drawn: Drawn | None) -> None:
+        """Draw something else."""
+        self._drawn = drawn
+        self.update()
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        """Go through the slices; with Ctrl, zoom."""
+        notches = event.angleDelta().y() / _NOTCH
+        if event.modifiers() & Qt.KeyboardModifier.ControlModifier:
+            self.zoomed.emit(_ZOOM**notches)
+        elif notches:
+            self.stepped.emit(1 if notches > 0 else -1)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Move the crosshair by a voxel, and so the other planes; zoom with + and -."""
+        way = _KEYS.get(Qt.Key(event.key()))
+        if way is not None and self._drawn is not None:
+            self.pointed.emit(self._drawn.cross[0] + way[0], self._drawn.cross[1] + way[1])
+        elif event.key() in (Qt.Key.Key_Plus, Qt.Key.Key_Minus):
+            self.zoomed.emit(_ZOOM if event.key() == Qt.Key.Key_Plus else 1.0 / _ZOOM)
+        else:
+            super().keyPressEvent(event)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        """Begin to drag; the left button moves the crosshair at once."""
+        self._last = event.position()
+        if event.button() == Qt.MouseButton.LeftButton and not self._pans(event):
+            self._point(event.position())
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        """Drag the crosshair; with the right button the grey values, with the middle one the picture."""
+        if self._last is None:
+            return
+        moved, self._last = event.position() - self._last, event.position()
+        if self._pans(event):
+            self._pan(moved)
+        elif event.buttons() & Qt.MouseButton.LeftButton:
+            self._point(event.position())
+        elif event.buttons() & Qt.MouseButton.RightButton:
+            self.windowed.emit(moved.x() / self.width(), moved.y() / self.height())
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        """End the drag."""
+        self._last = None
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        """Show this plane alone, or all three again."""
+        self.enlarged.emit()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Let the scale be chosen anew."""
+        super().resizeEvent(event)
+        self.resized.emit()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw the slice, the contours, the crosshair and the letters."""
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.fillRect(self.rect(), QColor(self._theme.colours.scene))
+        if self._drawn is not None:
+            self._paint(painter, self._drawn)
+        if self.hasFocus():
+            painter.setPen(QPen(QColor(self._theme.colours.accent), 1))
+            painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
+        painter.end()
+
+    def _pans(self, event: QMouseEvent) -> bool:
+        middle = event.buttons() & Qt.MouseButton.MiddleButton
+        return bool(middle or event.modifiers() & Qt.KeyboardModifier.ShiftModifier)
+
+    def _pan(self, moved: QPointF) -> None:
+        if self._drawn is not None:
+            across, down = self._pixels(self._drawn)
+            self.panned.emit(-moved.x() / across, -moved.y() / down)
+
+    def _point(self, at: QPointF) -> None:
+        drawn = self._drawn
+        if drawn is not None:
+            across, down = self._pixels(drawn)
+            x = drawn.centre[0] + (at.x() - 0.5 * self.width()) / across
+            y = drawn.centre[1] + (at.y() - 0.5 * self.height()) / down
+            self.pointed.emit(x, y)
+
+    @staticmethod
+    def _pixels(drawn: Drawn) -> tuple[float, float]:
+        """Return how large a voxel is on the screen."""
+        return drawn.spacing[0] * drawn.scale, drawn.spacing[1] * drawn.scale
+
+    def _paint(self, painter: QPainter, drawn: Drawn) -> None:
+        across, down = self._pixels(drawn)
+        corner = np.array(
+            [0.5 * self.width() - drawn.centre[0] * across, 0.5 * self.height() - drawn.centre[1] * down]
+        )
+        size = np.array([across, down])
+        left, top = corner.tolist()
+        box = QRectF(left, top, drawn.image.width() * across, drawn.image.height() * down)
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, drawn.is_smooth)
+        painter.drawImage(box, drawn.image)
+        for line in drawn.lines:
+            self._paint_line(painter, line, corner, size)
+        x, y = (corner + np.array(drawn.cross) * size).tolist()
+        painter.setPen(QPen(QColor(self._theme.colours.mark if not drawn.is_smooth else "#ffffff"), 1))
+        gap = 8.0
+        painter.drawLines(
+            [
+                QLineF(box.left(), y, x - gap, y), QLineF(x + gap, y, box.right(), y),
+                QLineF(x, box.top(), x, y - gap), QLineF(x, y + gap, x, box.bottom()),
+            ]
+        )  # fmt: skip
+        self._paint_texts(painter, drawn)
+
+    @staticmethod
+    def _paint_line(painter: QPainter, line: Line, corner: FloatArray, size: FloatArray) -> None:
+        painter.setPen(QPen(QColor(line.colour or "#ffffff"), line.width))
+        for polygon in line.polygons:
+            points = corner + polygon * size
+            painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in points.tolist()]))
+        if line.segments is None:
+            return
+        ends = (corner + line.segments * size).reshape(-1, 4).tolist()
+        if line.colours is None:
+            painter.drawLines([QLineF(*four) for four in ends])
+            return
+        for four, tint in zip(ends, line.colours.tolist(), strict=True):
+            painter.setPen(QPen(QColor(*tint), line.width, c=Qt.PenCapStyle.RoundCap))
+            painter.drawLine(QLineF(*four))
+
+    def _paint_texts(self, painter: QPainter, drawn: Drawn) -> None:
+        """Write title, slice and letters on patches of the background: scans are black or white there."""
+        wide, high = float(self.width()), float(self.height())
+        colours = self._theme.colours
+        left, right, bottom, top = drawn.letters
+        texts = (
+            (left, colours.accent, 0.0, 0.5), (right, colours.accent, 1.0, 0.5),
+            (bottom, colours.accent, 0.5, 1.0), (top, colours.accent, 0.5, 0.0),
+            (drawn.title, colours.text, 0.0, 0.0), (drawn.words, colours.dim, 1.0, 0.0),
+        )  # fmt: skip
+        metrics = painter.fontMetrics()
+        used = metrics.horizontalAdvance(f"{drawn.title}{top}{drawn.words}") + 10.0 * _EDGE
+        patch = QColor(colours.scene)
+        patch.setAlpha(200)
+        for text, colour, x, y in texts:
+            if text and (used <= wide or text != drawn.words):
+                width, height = metrics.horizontalAdvance(text) + 8.0, metrics.height() + 2.0
+                room = (wide - width - 2.0 * _EDGE, high - height - 2.0 * _EDGE)
+                area = QRectF(_EDGE + x * room[0], _EDGE + y * room[1], width, height)
+                painter.fillRect(area, patch)
+                painter.setPen(QColor(colour))
+                painter.drawText(area, Qt.AlignmentFlag.AlignCenter, text)

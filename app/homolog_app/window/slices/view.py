@@ -1,0 +1,356 @@
+"""A subject's scan or segmentation in three linked planes, so that grooming and maps can be trusted."""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from PySide6.QtCore import Signal
+from PySide6.QtGui import QColor, QIcon, QImage, QPixmap
+from PySide6.QtWidgets import QCheckBox, QGridLayout, QVBoxLayout, QWidget
+
+from homolog.arrays import Array, FloatArray
+from homolog.geometry import transform_points
+from homolog_app.window.scheme import rgb
+from homolog_app.window.slices.canvas import MARGIN, Drawn, Line, SliceCanvas
+from homolog_app.window.slices.planes import Grid, Plane, Sliced, mask_contour, planes_of, section_of
+from homolog_app.window.slices.reader import ScanReader
+from homolog_app.window.slices.windowing import AUTOMATIC, PRESETS, GreyWindow
+from homolog_app.window.theme import Theme
+from homolog_app.window.widgets import GRID, button, choice, label
+
+__all__ = ["SliceView"]
+
+_NARROWEST = 176
+_TITLES = ("Axial", "Coronal", "Sagittal")
+_STRUCTURE, _WHOLE = "Structure", "Whole scan"
+_ROOM = 1.3
+"""How much more than the structure is seen around it."""
+_SEGMENTATION = "#ffb000"
+_GROOMED = "#00c2ff"
+_LPS = (("R", "L"), ("A", "P"), ("I", "S"))
+_NO_SLICES = "A surface has no slices; give its scan."
+_NO_SUBJECT = "Choose a subject in the table."
+
+
+class SliceView(QWidget):
+    """Three planes and, in the fourth corner, what is shown and how."""
+
+    scan_wanted = Signal(str)
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self._theme = theme
+        self._sliced = Sliced("")
+        self._grid: Grid | None = None
+        self._planes: tuple[Plane, ...] = ()
+        self._corners: list[FloatArray] = []
+        self._place = self._centre = np.zeros(3)
+        self._aim = "", self._place
+        self._structure = np.empty((0, 3))
+        self._zoom = 1.0
+        self._alone: SliceCanvas | None = None
+        self._window = PRESETS["CT soft tissue"]
+        self.reader = ScanReader(self)
+        self.canvases = tuple(SliceCanvas(theme, title) for title in _TITLES)
+        self.title = label("", "SectionTitle", wrap=True)
+        self.about = label("", "Hint", wrap=True)
+        self.problem = label("", "Problem", wrap=True)
+        self.readout = label("", "Hint", wrap=True)
+        self.window_box = choice("Grey values", {name: name for name in (AUTOMATIC, *PRESETS)})
+        self.window_box.setToolTip("Window of grey values; drag with the right button to change it")
+        self.field = choice("Field of view", {name: name for name in (_STRUCTURE, _WHOLE)})
+        self.field.setToolTip("Ctrl and the wheel zoom; the middle button moves the picture")
+        self.segmentation, self.contours = QCheckBox("Segmentation"), QCheckBox("Groomed surface")
+        self.beside = QCheckBox("Show 3-D views")
+        self.choose = button("Choose scan…")
+        self._lay_out()
+        self._connect()
+
+    def _lay_out(self) -> None:
+        info = QWidget()
+        column = QVBoxLayout(info)
+        column.setContentsMargins(2 * GRID, GRID, 2 * GRID, GRID)
+        column.setSpacing(GRID // 2)
+        for one in (self.title, self.about, self.problem):
+            column.addWidget(one)
+        how: tuple[QWidget, ...] = (self.window_box, self.field, self.readout)
+        for widget in (*how, self.segmentation, self.contours, self.beside, self.choose):
+            column.addWidget(widget)
+        column.addStretch()
+        info.setMinimumWidth(_NARROWEST)
+        self._info = info
+        self._tiles = QGridLayout(self)
+        self._tiles.setContentsMargins(0, 0, 0, 0)
+        self._tiles.setSpacing(2)
+        self._arrange()
+
+    def _arrange(self) -> None:
+        """Lay out three planes and what is said of them, or one plane that takes their places."""
+        axial, coronal, sagittal = self.canvases
+        for widget in (*self.canvases, self._info):
+            self._tiles.removeWidget(widget)
+        if self._alone is None:
+            for number, widget in enumerate((axial, sagittal, coronal, self._info)):
+                self._tiles.addWidget(widget, number // 2, number % 2)
+        else:
+            self._tiles.addWidget(self._alone, 0, 0, 2, 1)
+            self._tiles.addWidget(self._info, 0, 1, 2, 1)
+        for part in range(2):
+            self._tiles.setRowStretch(part, 1)
+        self._tiles.setColumnStretch(0, 1)
+        self._tiles.setColumnStretch(1, int(self._alone is None))
+        for canvas in self.canvases:
+            canvas.setVisible(self._alone in (None, canvas))
+
+    def _connect(self) -> None:
+        for number, canvas in enumerate(self.canvases):
+            canvas.pointed.connect(self._with_plane(number, self._point))
+            canvas.stepped.connect(self._with_plane(number, self._step))
+            canvas.panned.connect(self._with_plane(number, self._pan))
+            canvas.zoomed.connect(self._zoom_by)
+            canvas.windowed.connect(self._drag_window)
+            canvas.enlarged.connect(partial(self._enlarge, canvas))
+            canvas.resized.connect(self._draw)
+        self.reader.changed.connect(self._take_scan)
+        self.window_box.activated.connect(self._choose_window)
+        self.field.activated.connect(self._fit)
+        for box, colour in ((self.segmentation, _SEGMENTATION), (self.contours, _GROOMED)):
+            patch = QPixmap(12, 12)
+            patch.fill(QColor(colour))
+            box.setIcon(QIcon(patch))
+            box.setChecked(True)
+            box.toggled.connect(self._draw)
+        self.choose.clicked.connect(lambda: self.scan_wanted.emit(self._sliced.name))
+
+    def show_subject(self, sliced: Sliced) -> None:
+        """Show a subject, its scan as soon as it is read."""
+        before, self._sliced = self._sliced, sliced
+        self.reader.want(sliced)
+        same = before.name == sliced.name and before.voxels is sliced.voxels
+        self._take_grid(keep=same and self._grid is not None)
+
+    def go_to(self, name: str, place: FloatArray) -> None:
+        """Put the crosshair to a place of a subject, LPS [mm], also if it is shown only later."""
+        self._aim = name, np.array(place, np.float64)
+        if name == self._sliced.name:
+            self._place = self._aim[1]
+            self._draw()
+
+    @property
+    def place(self) -> FloatArray:
+        """Where the crosshair is, LPS [mm], (3,)."""
+        return self._place
+
+    @property
+    def name(self) -> str:
+        """Whose slices are shown."""
+        return self._sliced.name
+
+    def close_slices(self) -> None:
+        """End the thread that reads scans."""
+        self.reader.close()
+
+    def _take_scan(self) -> None:
+        read = self.reader.read
+        if read is not None:
+            self.window_box.setCurrentText(read.preset)
+            self._choose_window()
+        self._take_grid(keep=False)
+
+    def _take_grid(self, *, keep: bool) -> None:
+        """Take the grid of the scan, else that of the segmentation; the crosshair begins in its middle."""
+        read, voxels = self.reader.read, self._sliced.voxels
+        self._grid = Grid.of_scan(read.scan) if read else Grid.of_mask(voxels) if voxels else None
+        grid = self._grid
+        self._planes = planes_of(grid) if grid else ()
+        self._corners = [grid.indices(one.mesh.vertices) for one in self._sliced.outlines] if grid else []
+        self._structure = grid.box_of(self._sliced.points) if grid else self._structure
+        if keep:
+            self._draw()
+            return
+        self._fit()
+        self._place = self._aim[1] if self._aim[0] == self._sliced.name else self._centre
+        self._draw()
+
+    def _fit(self) -> None:
+        """Show the structure or everything."""
+        self._zoom = 1.0
+        if self._grid is not None:
+            middle = self._box(self._grid).mean(axis=0, keepdims=True)
+            self._centre = transform_points(self._grid.matrix, middle)[0]
+        self._draw()
+
+    def _box(self, grid: Grid) -> FloatArray:
+        """Return the indices between which the field of view lies, (2, 3)."""
+        whole = np.stack([np.full(3, -0.5), np.array(grid.shape) - 0.5])
+        if self.field.currentText() == _WHOLE:
+            return whole
+        middle, half = self._structure.mean(axis=0), 0.5 * (self._structure[1] - self._structure[0])
+        return np.stack([middle - _ROOM * half, middle + _ROOM * half])
+
+    def _scale(self, grid: Grid) -> float:
+        """Return pixels per mm, the same in all planes, so that the field of view fits into each."""
+        extent = (self._box(grid)[1] - self._box(grid)[0]) * grid.spacing
+        shown = [
+            (plane, canvas)
+            for plane, canvas in zip(self._planes, self.canvases, strict=True)
+            if not canvas.isHidden()
+        ]
+        sizes = [
+            min(
+                (canvas.width() - 2 * MARGIN) / extent[plane.across],
+                (canvas.height() - 2 * MARGIN) / extent[plane.down],
+            )
+            for plane, canvas in shown
+        ]
+        return float(max(min(sizes), 1e-3)) * self._zoom
+
+    def _with_plane(self, number: int, act: Callable[..., None]) -> Callable[..., None]:
+        def call(*values: float) -> None:
+            if self._grid is not None:
+                act(self._grid, self._planes[number], *values)
+
+        return call
+
+    def _point(self, grid: Grid, plane: Plane, across: float, down: float) -> None:
+        index = plane.moved(self._index(grid), (across, down), grid.shape)
+        self._set_index(grid, index)
+
+    def _step(self, grid: Grid, plane: Plane, by: float) -> None:
+        index = np.round(self._index(grid))
+        index[plane.axis] += by
+        self._set_index(grid, index)
+
+    def _pan(self, grid: Grid, plane: Plane, across: float, down: float) -> None:
+        middle = grid.indices(self._centre[None])[0]
+        x, y = plane.places(middle, grid.shape).tolist()
+        moved = plane.moved(middle, (x + across, y + down), grid.shape)
+        self._centre = transform_points(grid.matrix, moved[None])[0]
+        self._draw()
+
+    def _zoom_by(self, factor: float) -> None:
+        self._zoom = float(np.clip(self._zoom * factor, 0.2, 40.0))
+        self._centre = self._place + (self._centre - self._place) / factor
+        self._draw()
+
+    def _index(self, grid: Grid) -> FloatArray:
+        index: FloatArray = grid.indices(self._place[None])[0]
+        return np.clip(index, 0.0, np.array(grid.shape) - 1.0)
+
+    def _set_index(self, grid: Grid, index: FloatArray) -> None:
+        inside = np.clip(index, 0.0, np.array(grid.shape) - 1.0)
+        self.go_to(self._sliced.name, transform_points(grid.matrix, inside[None])[0])
+
+    def _drag_window(self, right: float, down: float) -> None:
+        if self.reader.read is not None:
+            self._window = self._window.dragged(right, down)
+            self.window_box.setCurrentIndex(-1)
+            self._draw()
+
+    def _choose_window(self) -> None:
+        name, read = self.window_box.currentText(), self.reader.read
+        if name in PRESETS:
+            self._window = PRESETS[name]
+        elif read is not None:
+            self._window = GreyWindow.between(*read.automatic)
+        self._draw()
+
+    def _enlarge(self, canvas: SliceCanvas) -> None:
+        self._alone = None if self._alone is canvas else canvas
+        self._arrange()
+        self._draw()
+
+    def _draw(self) -> None:
+        """Draw all planes and say what is shown."""
+        grid = self._grid
+        if grid is None:
+            for canvas in self.canvases:
+                canvas.show_plane(None)
+        else:
+            scale = self._scale(grid)
+            for plane, canvas in zip(self._planes, self.canvases, strict=True):
+                if not canvas.isHidden():
+                    canvas.show_plane(self._drawn(grid, plane, scale))
+        self._say(grid)
+
+    def _drawn(self, grid: Grid, plane: Plane, scale: float) -> Drawn:
+        index, middle = self._index(grid), grid.indices(self._centre[None])[0]
+        at = round(float(index[plane.axis]))
+        read, voxels = self.reader.read, self._sliced.voxels
+        lines = []
+        if read is None:
+            assert voxels is not None
+            picture = _coloured(plane.picture(np.take(voxels.mask, at, axis=plane.axis)), self._theme)
+        else:
+            picture = _grey(plane.picture(self._window.shades(read.scan.plane(plane.axis, at))))
+            if voxels is not None and self.segmentation.isChecked():
+                border = mask_contour(voxels, grid, plane.axis, at)
+                polygons = [plane.places(line, grid.shape) for line in border]
+                lines.append(Line(polygons, colour=_SEGMENTATION, width=1.5))
+        if self.contours.isChecked():
+            for one, corners in zip(self._sliced.outlines, self._corners, strict=True):
+                cut = section_of(corners, one.mesh.faces, one.colours, plane.axis, at)
+                segments = plane.places(cut.segments, grid.shape)
+                lines.append(Line((), segments, cut.colours, _GROOMED, 2.0 if one.colours is None else 4.0))
+        x, y = plane.places(index, grid.shape).tolist()
+        right, low = plane.places(middle, grid.shape).tolist()
+        return Drawn(
+            plane.title, f"{at + 1} of {grid.shape[plane.axis]} · {grid.spacing[plane.axis]:.3g} mm",
+            picture, read is not None,
+            (float(grid.spacing[plane.across]), float(grid.spacing[plane.down])), scale,
+            (right, low), (x, y), lines, plane.letters,
+        )  # fmt: skip
+
+    def _say(self, grid: Grid | None) -> None:
+        sliced, read = self._sliced, self.reader.read
+        self.title.setText(sliced.name)
+        if read is not None:
+            words = "\n".join((f"Scan: {read.scan.path.name}", *read.notes))
+        elif self.reader.is_busy:
+            words = f"Reading {sliced.image.name if sliced.image else 'the scan'}…"
+        elif sliced.image is not None and self.reader.problem:
+            words = ""
+        elif grid is None:
+            words = _NO_SLICES if sliced.name else _NO_SUBJECT
+        else:
+            words = "No scan: the voxels of the segmentation are shown."
+        self.about.setText(words)
+        self.about.setVisible(bool(words))
+        self.problem.setText(self.reader.problem)
+        self.problem.setVisible(bool(self.reader.problem))
+        notes = [one.note for one in sliced.outlines if one.note and grid is not None]
+        self.readout.setText("\n".join(part for part in (self._readout(grid), *notes) if part))
+        for widget in (self.window_box, self.segmentation):
+            widget.setVisible(read is not None)
+        self.segmentation.setVisible(read is not None and sliced.voxels is not None)
+        for widget in (self.field, self.contours):
+            widget.setVisible(grid is not None)
+        self.contours.setEnabled(bool(sliced.outlines))
+        self.contours.setText(" and ".join(one.title for one in sliced.outlines) or "Groomed surface")
+        self.choose.setEnabled(bool(sliced.name))
+
+    def _readout(self, grid: Grid | None) -> str:
+        """Return the place of the crosshair, and the grey value there."""
+        if grid is None:
+            return ""
+        place = " ".join(
+            f"{ends[int(value >= 0.0)]} {abs(value):.1f}"
+            for ends, value in zip(_LPS, self._place.tolist(), strict=True)
+        )
+        read = self.reader.read
+        if read is None:
+            return f"{place} mm"
+        i, j, k = np.round(self._index(grid)).astype(int).tolist()
+        value = float(read.scan.values[i, j, k]) * read.scan.slope + read.scan.intercept
+        return f"{place} mm: {value:.4g}\nWidth {self._window.width:.4g}, level {self._window.level:.4g}"
+
+
+def _grey(shades: Array) -> QImage:
+    high, wide = shades.shape
+    return QImage(np.ascontiguousarray(shades).tobytes(), wide, high, wide, QImage.Format.Format_Grayscale8)
+
+
+def _coloured(mask: Array, theme: Theme) -> QImage:
+    rgba = np.zeros((*mask.shape, 4), dtype=np.uint8)
+    rgba[mask] = (*(round(255 * part) for part in rgb(theme.colours.bone)), 255)
+    return QImage(rgba.tobytes(), mask.shape[1], mask.shape[0], QImage.Format.Format_RGBA8888)
