@@ -1,57 +1,110 @@
-"""A scene as VTK draws it; what has only moved is moved in place."""
+"""A scene as VTK draws it, in the window and off screen; what has only moved is moved in place."""
 
-from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pyvista as pv
 from vtkmodules.util.numpy_support import numpy_to_vtk
 from vtkmodules.vtkCommonDataModel import vtkPlane
-from vtkmodules.vtkFiltersCore import vtkCutter
+from vtkmodules.vtkFiltersCore import vtkCutter, vtkGlyph3D
 from vtkmodules.vtkFiltersGeneral import vtkContourTriangulator
 from vtkmodules.vtkRenderingCore import vtkActor, vtkGlyph3DMapper, vtkPolyDataMapper
+from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLPointGaussianMapper
 
-from homolog.arrays import Array
-from homolog_app.rendering.scene import AMBIENT, DIFFUSE, LIGHTS, Balls, Scene, Surface
+from homolog.arrays import Array, FloatArray
+from homolog_app.rendering.scene import (
+    AMBIENT,
+    DIFFUSE,
+    LIGHTS,
+    Arrows,
+    Balls,
+    Colour,
+    Scene,
+    Surface,
+)  # fmt: skip
 
-__all__ = ["SceneActors", "add_lights"]
+__all__ = ["QuickBalls", "RoundBalls", "SceneActors"]
+
+_BALL = """//VTK::Color::Impl
+float r2 = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
+if (r2 > 1.0) { discard; }
+float shade = 0.35 + 0.65 * sqrt(1.0 - r2);
+vec2 off = offsetVCVSOutput.xy - vec2(-0.35, 0.4);
+float shine = max(0.0, 1.0 - 6.0 * dot(off, off));
+ambientColor = ambientColor * shade + vec3(0.25 * shine);
+diffuseColor *= shade;
+"""
+_IN_FRONT = -66000.0
+"""Units of depth, of which there are 65536 from the eye to the horizon."""
+_FAINT = 0.35
 
 Vtk = Any  # VTK is untyped
 
 
-def add_lights(renderer: Vtk) -> None:
-    """Give a renderer the lights of all pictures."""
-    for place, strength in LIGHTS:
-        renderer.AddLight(pv.Light(position=place, intensity=strength, light_type="camera light"))
-
-
 class SceneActors:
-    """Draws one scene after another in a renderer of VTK."""
+    """Draws one scene after another in a renderer of VTK.
 
-    def __init__(self, renderer: Vtk) -> None:
+    Parameters
+    ----------
+    renderer : vtkRenderer
+        Gets the lights of all pictures.
+    balls : QuickBalls or RoundBalls
+    """
+
+    def __init__(self, renderer: Vtk, balls: "_Balls") -> None:
         self._renderer = renderer
         self._plane = vtkPlane()
-        self._surfaces: list[SurfaceActor] = []
-        self._balls = _BallActor()
-        renderer.AddActor(self._balls.actor)
+        self._surfaces: list[_SurfaceActor] = []
+        self._balls, self._arrows, self._lines = balls, _ArrowActor(), _LineActor()
+        self._marks = [actor for mark in (self._arrows, self._lines) for actor in (mark.actor, mark.hidden)]
+        self._scene: Scene | None = None
+        for actor in (balls.actor, *self._marks):
+            renderer.AddActor(actor)
+        for place, strength in LIGHTS:
+            renderer.AddLight(pv.Light(position=place, intensity=strength, light_type="camera light"))
+
+    @property
+    def clickable(self) -> list[Vtk]:
+        """Actors of surfaces and of their caps, shown or not: caps hide what is behind them."""
+        return [actor for surface in self._surfaces for actor in (surface.actor, surface.cap)]
+
+    def is_cap(self, actor: Vtk) -> bool:
+        """Whether an actor is the surface of a cut."""
+        return any(actor is surface.cap for surface in self._surfaces)
 
     def show(self, scene: Scene) -> None:
         """Draw this scene from now on."""
+        self._scene, before = scene, self._scene
         while len(self._surfaces) < len(scene.surfaces):
-            self._surfaces.append(SurfaceActor(self._plane))
+            self._surfaces.append(_SurfaceActor(self._plane))
             for actor in (self._surfaces[-1].actor, self._surfaces[-1].cap):
                 self._renderer.AddActor(actor)
+        cut = scene.cut is not None
         if scene.cut is not None:
             self._plane.SetNormal(*scene.cut[0])
             self._plane.SetOrigin(*scene.cut[1])
-        shown: Sequence[Surface | None] = (*scene.surfaces, *[None] * len(self._surfaces))
-        for actor, surface in zip(self._surfaces, shown, strict=False):
-            actor.show(surface)
-            actor.cut(scene.cut is not None, scene.cap)
-        self._balls.show(scene.balls, self._plane if scene.cut is not None else None)
+        hidden = [None] * (len(self._surfaces) - len(scene.surfaces))
+        for surface_actor, surface in zip(self._surfaces, (*scene.surfaces, *hidden), strict=True):
+            surface_actor.show(surface)
+            surface_actor.cut(cut, scene.cap)
+        if before is None or before.balls is not scene.balls or before.cut is not scene.cut:
+            self._balls.show(scene.balls_left)
+        if before is None or before.arrows is not scene.arrows:
+            self._arrows.show(scene.arrows)
+        if before is None or before.lines is not scene.lines:
+            self._lines.show(scene.lines)
+        for mark in (self._arrows, self._lines):
+            mark.hidden.SetVisibility(scene.through and mark.actor.GetVisibility())
+        for actor in self._marks:
+            actor.GetProperty().SetColor(*_parts(scene.marks))
+            _clip(actor.GetMapper(), self._plane if cut else None)
+
+    def lift(self, way: FloatArray) -> None:
+        """Draw the balls elsewhere by a way (3,) [mm], such as off the surface towards the eye."""
+        self._balls.actor.SetPosition(*way)
 
 
-class SurfaceActor:
+class _SurfaceActor:
     """A surface and the cap that fills its outline where it is cut: solid parts look solid."""
 
     def __init__(self, plane: Vtk) -> None:
@@ -69,61 +122,132 @@ class SurfaceActor:
         self.cap.GetMapper().SetInputConnection(filled.GetOutputPort())
 
     def show(self, surface: Surface | None) -> None:
-        """Draw a surface, or none."""
-        before, self._shown = self._shown, surface
+        """Draw a surface, or hide the last one."""
         self.actor.SetVisibility(surface is not None)
-        if surface is None:
+        if surface is None or surface is self._shown:
             return
+        before, self._shown = self._shown, surface
         if before is None or not np.array_equal(before.faces, surface.faces):
             self._data = pv.PolyData.from_regular_faces(_floats(surface.vertices), surface.faces)
             self.actor.GetMapper().SetInputData(self._data)
+            self._cutter.SetInputData(self._data)
+            before = None
         elif surface.vertices is not before.vertices:
             self._data.points = _floats(surface.vertices)
-        places = self._data.GetPointData()
-        places.SetNormals(numpy_to_vtk(_floats(surface.normals), deep=True))
-        coloured = surface.colours.ndim > 1
-        places.SetScalars(
-            numpy_to_vtk(np.ascontiguousarray(surface.colours), deep=True) if coloured else None
-        )
-        self.actor.GetMapper().SetScalarVisibility(coloured)
-        if not coloured:
-            self.actor.GetProperty().SetColor(*(surface.colours / 255.0))
+        if before is None or surface.normals is not before.normals:
+            self._data.GetPointData().SetNormals(_held(_floats(surface.normals)))
+        if before is None or surface.colours is not before.colours:
+            self._paint(surface.colours)
+        for actor in (self.actor, self.cap):
+            actor.GetProperty().SetOpacity(surface.opacity)
         self._data.Modified()
 
-    def cut(self, cut: bool, colour: tuple[int, int, int]) -> None:
+    def cut(self, cut: bool, colour: Colour) -> None:
         """Cut it at the plane, or leave it whole."""
         _clip(self.actor.GetMapper(), self._plane if cut else None)
-        seen = cut and self._shown is not None
-        self.cap.SetVisibility(seen)
-        if seen:
-            self._cutter.SetInputData(self._data)
-            self.cap.GetProperty().SetColor(*(part / 255.0 for part in colour))
+        self.cap.SetVisibility(cut and self.actor.GetVisibility())
+        self.cap.GetProperty().SetColor(*_parts(colour))
+
+    def _paint(self, colours: Array) -> None:
+        coloured = colours.ndim > 1
+        self._data.GetPointData().SetScalars(_held(_bytes(colours)) if coloured else None)
+        self.actor.GetMapper().SetScalarVisibility(coloured)
+        if not coloured:
+            self.actor.GetProperty().SetColor(*_parts(colours))
 
 
-class _BallActor:
-    """Balls of one size."""
+class _Balls(Protocol):
+    actor: Vtk
+
+    def show(self, balls: Balls | None) -> None: ...
+
+
+class RoundBalls:
+    """Balls made of triangles, smooth at their edges."""
+
+    def __init__(self) -> None:
+        mapper = vtkGlyph3DMapper()
+        mapper.SetSourceData(pv.Sphere(radius=1.0, theta_resolution=16, phi_resolution=12))
+        mapper.ScalingOn()
+        mapper.SetScaleModeToNoDataScaling()
+        self.actor = _actor(mapper)
+        self.actor.GetProperty().SetAmbient(AMBIENT)
+        self.actor.GetProperty().SetDiffuse(DIFFUSE)
+
+    def show(self, balls: Balls | None) -> None:
+        """Draw balls, or none."""
+        _show_balls(self.actor, balls)
+
+
+class QuickBalls:
+    """Balls painted as one square each: quick where they move and are many."""
+
+    def __init__(self) -> None:
+        mapper = vtkOpenGLPointGaussianMapper()
+        mapper.EmissiveOff()
+        mapper.SetSplatShaderCode(_BALL)
+        self.actor = _actor(mapper)
+        self.actor.GetProperty().SetAmbient(1.0)
+        self.actor.GetProperty().SetDiffuse(0.0)
+
+    def show(self, balls: Balls | None) -> None:
+        """Draw balls, or none."""
+        _show_balls(self.actor, balls)
+
+
+class _ArrowActor:
+    """Many arrows of one colour."""
 
     def __init__(self) -> None:
         self._data = pv.PolyData()
-        self.actor = _actor(vtkGlyph3DMapper())
-        self.actor.GetProperty().SetAmbient(AMBIENT)
-        self.actor.GetProperty().SetDiffuse(DIFFUSE)
-        self._mapper = self.actor.GetMapper()
-        self._mapper.SetSourceData(pv.Sphere(radius=1.0, theta_resolution=16, phi_resolution=12))
-        self._mapper.ScalingOn()
-        self._mapper.SetScaleModeToNoDataScaling()
+        glyphs = vtkGlyph3D()
+        glyphs.SetSourceData(
+            pv.Arrow(
+                tip_resolution=10, shaft_resolution=6, shaft_radius=0.028, tip_radius=0.095, tip_length=0.3
+            )
+        )
+        glyphs.SetInputData(self._data)
+        glyphs.SetVectorModeToUseVector()
+        glyphs.SetScaleModeToScaleByVector()
+        self.actor, self.hidden = _plain_actor(), _hidden_actor()
+        for actor in (self.actor, self.hidden):
+            actor.GetMapper().SetInputConnection(glyphs.GetOutputPort())
 
-    def show(self, balls: Balls | None, plane: Vtk | None) -> None:
-        """Draw balls, or none."""
-        self.actor.SetVisibility(balls is not None)
-        if balls is None:
-            return
-        self._data = pv.PolyData(_floats(balls.centres))
-        colours = np.broadcast_to(balls.colours, (len(balls.centres), 3))
-        self._data.GetPointData().SetScalars(_bytes(colours))
-        self._mapper.SetInputData(self._data)
-        self._mapper.SetScaleFactor(balls.radius)
-        _clip(self._mapper, plane)
+    def show(self, arrows: Arrows | None) -> None:
+        """Show arrows, or none."""
+        self.actor.SetVisibility(arrows is not None and len(arrows.points) > 0)
+        if arrows is not None:
+            self._data.copy_structure(pv.PolyData(_floats(arrows.points)))
+            self._data.GetPointData().SetVectors(_held(_floats(arrows.vectors)))
+            self._data.Modified()
+
+
+class _LineActor:
+    """Line segments of one colour."""
+
+    def __init__(self) -> None:
+        self._data = pv.PolyData()
+        self.actor, self.hidden = _plain_actor(), _hidden_actor()
+        for actor in (self.actor, self.hidden):
+            actor.GetMapper().SetInputData(self._data)
+            actor.GetProperty().SetLineWidth(2.0)
+            actor.GetProperty().LightingOff()
+
+    def show(self, lines: FloatArray | None) -> None:
+        """Show segments (S, 2, 3), or none."""
+        self.actor.SetVisibility(lines is not None and len(lines) > 0)
+        if lines is not None and len(lines):
+            self._data.copy_structure(pv.line_segments_from_points(_floats(np.reshape(lines, (-1, 3)))))
+
+
+def _show_balls(actor: Vtk, balls: Balls | None) -> None:
+    actor.SetVisibility(balls is not None and len(balls.centres) > 0)
+    if balls is None or not len(balls.centres):
+        return
+    data = pv.PolyData(_floats(balls.centres))
+    data.GetPointData().SetScalars(_held(_bytes(np.broadcast_to(balls.colours, balls.centres.shape))))
+    actor.GetMapper().SetInputData(data)
+    actor.GetMapper().SetScaleFactor(balls.radius)
 
 
 def _actor(mapper: Vtk | None = None) -> Vtk:
@@ -135,15 +259,44 @@ def _actor(mapper: Vtk | None = None) -> Vtk:
     return actor
 
 
+def _plain_actor() -> Vtk:
+    actor = _actor()
+    actor.GetMapper().ScalarVisibilityOff()
+    return actor
+
+
+def _hidden_actor() -> Vtk:
+    """Return an actor that is drawn in front of everything, but faintly."""
+    actor = _plain_actor()
+    mapper = actor.GetMapper()
+    mapper.SetResolveCoincidentTopologyToPolygonOffset()
+    mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0.0, _IN_FRONT)
+    mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(0.0, _IN_FRONT)
+    actor.GetProperty().SetOpacity(_FAINT)
+    return actor
+
+
 def _clip(mapper: Vtk, plane: Vtk | None) -> None:
-    mapper.RemoveAllClippingPlanes()
-    if plane is not None:
+    planes = mapper.GetClippingPlanes()
+    if (plane is not None) is (planes is not None and planes.GetNumberOfItems() > 0):
+        return
+    if plane is None:
+        mapper.RemoveAllClippingPlanes()
+    else:
         mapper.AddClippingPlane(plane)
+
+
+def _parts(colour: Colour | Array) -> list[float]:
+    return [part / 255.0 for part in colour]
 
 
 def _floats(values: Array) -> Array:
     return np.ascontiguousarray(values, dtype=np.float32)
 
 
-def _bytes(colours: Array) -> Vtk:
-    return numpy_to_vtk(np.ascontiguousarray(colours, np.uint8), deep=True)
+def _bytes(colours: Array) -> Array:
+    return np.ascontiguousarray(colours, np.uint8)
+
+
+def _held(values: Array) -> Vtk:
+    return numpy_to_vtk(values, deep=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 
-from homolog_app.rendering.actors import SceneActors, add_lights
+from homolog_app.rendering.actors import RoundBalls, SceneActors
 from homolog_app.rendering.scene import Balls, Scene
 from homolog_app.rendering.views import VIEWS, Frame
 
@@ -84,10 +84,9 @@ def _plotter() -> pv.Plotter:
     plotter.enable_parallel_projection()
     plotter.renderer.SetBackground(0.0, 0.0, 0.0)
     plotter.renderer.SetBackgroundAlpha(0.0)
-    add_lights(plotter.renderer)
     return plotter
 
 
 @cache
 def _actors() -> SceneActors:
-    return SceneActors(_plotter().renderer)
+    return SceneActors(_plotter().renderer, RoundBalls())

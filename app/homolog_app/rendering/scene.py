@@ -8,7 +8,13 @@ from homolog.arrays import Array, FloatArray, IntArray, frozen
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.clipping import Cut
 
-__all__ = ["AMBIENT", "CAP", "DIFFUSE", "LIGHTS", "Balls", "Scene", "Surface", "bytes_of", "surface"]
+__all__ = [
+    "AMBIENT", "CAP", "DIFFUSE", "LIGHTS", "Arrows", "Balls", "Colour", "Scene", "Surface", "bytes_of",
+    "surface",
+]  # fmt: skip
+
+Colour = tuple[int, int, int]
+"""Red, green, blue in 0 ... 255."""
 
 LIGHTS = (((-0.3, 0.5, 1.0), 0.9), ((0.8, -0.9, 0.5), 0.35))
 """Direction (right, up, towards the viewer) and strength of each light. The second one lights dark places."""
@@ -16,7 +22,7 @@ LIGHTS = (((-0.3, 0.5, 1.0), 0.9), ((0.8, -0.9, 0.5), 0.35))
 AMBIENT, DIFFUSE = 0.4, 0.6
 """Parts of the light. Colours that mean numbers shall neither drown in shade nor in shine."""
 
-CAP = (181, 106, 92)
+CAP: Colour = (181, 106, 92)
 """Colour of cut surfaces."""
 
 
@@ -32,12 +38,15 @@ class Surface:
         Vertex indices.
     colours : (3,) or (V, 3) uint8 array
         Red, green, blue.
+    opacity : float
+        In [0, 1]; rays draw every surface as opaque.
     """
 
     vertices: FloatArray
     normals: FloatArray
     faces: IntArray
     colours: Array
+    opacity: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,23 +69,59 @@ class Balls:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
-    """Everything in a picture.
+class Arrows:
+    """Arrows, in the coordinates that are shown.
 
     Attributes
     ----------
-    surfaces : tuple of Surface
+    points, vectors : (A, 3) arrays
+        Where each begins, and its way to the tip [mm].
+    """
+
+    points: FloatArray
+    vectors: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """Everything in a picture but its texts. Rays draw surfaces and balls.
+
+    Attributes
+    ----------
+    surfaces : tuple of Surface or None
+        None holds the place of one that is hidden for now.
     balls : Balls or None
+    arrows : Arrows or None
+    lines : (S, 2, 3) array or None
+        Line segments [mm], such as the border of a region.
+    marks : tuple of 3 int
+        Colour of arrows and lines.
+    through : bool
+        Whether arrows and lines that lie behind a surface are seen faintly through it.
     cut : (normal, origin) or None
         A plane: only what its unit normal (3,) points to is drawn. The origin (3,) is one of its points [mm].
     cap : tuple of 3 int
-        Colour of the surfaces of the cut, 0 ... 255.
+        Colour of the surfaces of the cut.
     """
 
-    surfaces: tuple[Surface, ...]
+    surfaces: tuple[Surface | None, ...]
     balls: Balls | None = None
+    arrows: Arrows | None = None
+    lines: FloatArray | None = None
+    marks: Colour = (0, 0, 0)
+    through: bool = False
     cut: Cut | None = None
-    cap: tuple[int, int, int] = CAP
+    cap: Colour = CAP
+
+    @property
+    def balls_left(self) -> Balls | None:
+        """The balls that the cut leaves: none is cut in two."""
+        if self.balls is None or self.cut is None:
+            return self.balls
+        normal, origin = self.cut
+        centres, colours = self.balls.centres, self.balls.colours
+        left = (centres - origin) @ normal > -self.balls.radius
+        return Balls(centres[left], self.balls.radius, colours[left] if colours.ndim > 1 else colours)
 
 
 def surface(mesh: TriangleMesh, colours: FloatArray, light: FloatArray | None = None) -> Surface:

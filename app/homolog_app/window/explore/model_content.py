@@ -7,8 +7,9 @@ import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.rendering.scene import Arrows
 from homolog_app.window.scene.colour_scale import ColourScale
-from homolog_app.window.scene.content import Arrows, Content
+from homolog_app.window.scene.content import Content
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.model_shape import ModelShape

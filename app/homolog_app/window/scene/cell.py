@@ -1,51 +1,25 @@
 """One view of the grid: a subject's surfaces, its particles, a caption and the anatomical letters."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkPoints
-from vtkmodules.vtkCommonDataModel import vtkPolyData
-from vtkmodules.vtkRenderingCore import vtkActor, vtkLight
-from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLPointGaussianMapper
 
 from homolog.arrays import Array, FloatArray
-from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.mirroring import mirrors
-from homolog_app.clipping import Box, Clip, around
+from homolog.geometry import transform_points
+from homolog.surfaces.mirroring import mirrors, scale_of
+from homolog_app.clipping import Box, Clip, Cut, around
+from homolog_app.rendering.actors import QuickBalls, SceneActors
+from homolog_app.rendering.scene import Balls, Colour, Scene, Surface
 from homolog_app.window.scene.content import Content
-from homolog_app.window.scene.cutting import Cutter
 from homolog_app.window.scene.scale_bar import ScaleBar
-from homolog_app.window.scene.surface import (
-    PLAIN,
-    ArrowActor,
-    LineActor,
-    light_surface,
-    move_surface,
-    paint_surface,
-    surface_actor,
-    surface_data,
-)
 from homolog_app.window.scene.words import Words
-from homolog_app.window.scheme import Colours, rgb
+from homolog_app.window.scheme import LIGHT, Colours, rgb
 
 __all__ = ["Cell"]
 
-_BALL = """//VTK::Color::Impl
-float r2 = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
-if (r2 > 1.0) { discard; }
-float shade = 0.35 + 0.65 * sqrt(1.0 - r2);
-vec2 off = offsetVCVSOutput.xy - vec2(-0.35, 0.4);
-float shine = max(0.0, 1.0 - 6.0 * dot(off, off));
-ambientColor = ambientColor * shade + vec3(0.25 * shine);
-diffuseColor *= shade;
-"""
 _MARGIN, _SPARSE = 1.22, 5
-_LIGHTS = (
-    ((-0.3, 0.5, 1.0), 0.9),
-    ((0.8, -0.9, 0.5), 0.35),
-)  # the second lights what would be too dark
-_COLOURED = (0.4, 0.6, 0.0)  # colours that mean numbers shall neither drown in shade nor in shine
+_SURFACES = ("raw", "groomed", "coarse")
 
 
 class Cell:
@@ -54,26 +28,16 @@ class Cell:
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
         self.renderer = renderer
         self.content: Content | None = None
-        self._surfaces = {name: surface_actor() for name in ("raw", "groomed")}
-        self._meshes: dict[str, Any] = {}
-        self._arrows, self._lines = ArrowActor(), LineActor()
-        self._balls = vtkActor()
-        self._ball_mapper = vtkOpenGLPointGaussianMapper()
-        self._ball_data = vtkPolyData()
-        self._radius = 1.0
-        self._make_balls()
-        self._marks = [one for mark in (self._arrows, self._lines) for one in (mark.actor, mark.hidden)]
-        self._cutter = Cutter(tuple(self._surfaces.values()), self._marks)
-        self._points: tuple[FloatArray, Array] | None = None
-        for actor in (*self._surfaces.values(), *self._marks, self._balls, *self._cutter.caps):
-            renderer.AddActor(actor)
+        self._actors = SceneActors(renderer, QuickBalls())
+        self._placed: dict[str, FloatArray] = {}
+        self._boxes: dict[str, Box] = {}
+        self._surfaces: dict[str, Surface] = {}
+        self._shown: dict[str, float] = {}
+        self._balls: Balls | None = None
+        self._cut: Cut | None = None
+        self._colours = LIGHT
+        self._plain: dict[str, Array] = {}
         self._words, self._bar = Words(renderer), ScaleBar(renderer)
-        for place, strength in _LIGHTS:
-            light = vtkLight()
-            light.SetLightTypeToCameraLight()
-            light.SetPosition(*place)
-            light.SetIntensity(strength)
-            renderer.AddLight(light)
 
     def place(self, viewport: tuple[float, float, float, float] | None) -> None:
         """Give the view a part of the window, or none."""
@@ -86,79 +50,85 @@ class Cell:
         if content is self.content:
             return
         before, self.content = self.content, content
-        self._meshes = self._take_meshes(content, before) if content is not None else {}
-        if content is not None and content.groomed is not None:
-            paint_surface(self._meshes["groomed"], content.colours)
-        through = content is not None and content.through
-        self._arrows.show(content.arrows if content is not None else None, through)
-        self._lines.show(content.lines if content is not None else None, through)
+        for name in _SURFACES:
+            mesh = getattr(content, name, None)
+            if mesh is None or content is None:
+                for kept in (self._placed, self._boxes, self._surfaces):
+                    kept.pop(name, None)
+            elif (
+                before is None
+                or mesh is not getattr(before, name)
+                or before.alignment is not content.alignment
+            ):
+                self._placed[name] = transform_points(content.alignment, mesh.vertices)
+                self._boxes[name] = _box(self._placed[name])
+                self._surfaces.pop(name, None)
         if before is None or content is None or before.name != content.name:
-            self.show_particles(None, None, 1.0)
-
-    def _take_meshes(self, content: Content, before: Content | None) -> dict[str, Any]:
-        taken = {}
-        turned = before is not None and bool(mirrors(before.alignment) != mirrors(content.alignment))
-        for name in ("raw", "groomed", "coarse"):
-            mesh: TriangleMesh | None = getattr(content, name)
-            earlier: TriangleMesh | None = getattr(before, name, None)
-            normals = content.normals if name == "groomed" else None
-            if mesh is None:
-                continue
-            if before is None or earlier is None or not _same_faces(earlier, mesh) or turned:
-                taken[name] = surface_data(mesh, content.alignment, normals)
-                continue
-            taken[name] = self._meshes[name]
-            if earlier is not mesh or before.alignment is not content.alignment:
-                move_surface(taken[name], mesh, content.alignment, normals)
-        return taken
+            self._balls = None
+        self._update()
 
     def show(self, raw: bool, groomed: bool, quick: bool, opacity: float) -> None:
         """Switch the surfaces; the raw one is drawn as a shell where both are shown.
 
         Quick drawing takes the light surface, but where colours belong to the vertices of the full one.
         """
-        both = raw and groomed and "groomed" in self._meshes
+        both = raw and groomed and "groomed" in self._placed
         coloured = self.content is not None and self.content.colours is not None
-        light = quick and not coloured and "coarse" in self._meshes
-        for name, wanted in (("raw", raw), ("groomed", groomed)):
-            source = "coarse" if name == "groomed" and light else name
-            actor = self._surfaces[name]
-            actor.SetVisibility(wanted and source in self._meshes)
-            mapper = actor.GetMapper()
-            if actor.GetVisibility() and mapper.GetInput() is not self._meshes[source]:
-                mapper.SetInputData(self._meshes[source])
-            mapper.SetScalarVisibility(name == "groomed" and coloured)
-            light_surface(actor, _COLOURED if coloured and name == "groomed" else PLAIN)
-            actor.GetProperty().SetOpacity(0.35 * opacity if name == "raw" and both else opacity)
-        self._cutter.cap()
+        light = quick and not coloured and "coarse" in self._placed
+        self._shown = {"raw": 0.35 * opacity if both else opacity} if raw else {}
+        self._shown |= {"coarse" if light else "groomed": opacity} if groomed else {}
+        self._update()
 
     def cut(self, clip: Clip | None, box: Box) -> None:
         """Before each drawing: cut the shapes open, as the camera sees them now, or leave them whole."""
-        if self._cutter.move(None if clip is None else clip.cut(box, self._axes[2])):
-            self._cutter.cap()
-            self._place_balls()
+        cut = None if clip is None else clip.cut(box, self._axes[2])
+        if cut is None or self._cut is None:
+            changed = cut is not self._cut
+        else:
+            changed = not all(np.array_equal(one, other) for one, other in zip(cut, self._cut, strict=True))
+        if changed:
+            self._cut = cut
+            self._update()
 
     def show_particles(self, points: FloatArray | None, colours: Array | None, radius: float) -> None:
         """Move the particles, or hide them."""
-        self._points = (
-            None if points is None or colours is None else (np.asarray(points), np.asarray(colours))
-        )
-        self._radius = radius
-        self._place_balls()
+        none = points is None or colours is None
+        self._balls = None if none else Balls(np.asarray(points), radius, np.asarray(colours))
+        self._update()
 
-    def _place_balls(self) -> None:
-        """Give VTK the particles that the cutting plane leaves."""
-        self._balls.SetVisibility(self._points is not None)
-        if self._points is None:
-            return
-        kept = self._cutter.keeps(self._points[0], self._radius)
-        points, colours = (part[kept] for part in self._points)
-        held = vtkPoints()
-        held.SetData(numpy_to_vtk(np.ascontiguousarray(points, dtype=np.float32), deep=True))
-        self._ball_data.SetPoints(held)
-        self._ball_data.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(colours), deep=True))
-        self._ball_data.Modified()
-        self._ball_mapper.SetScaleFactor(self._radius)
+    def _update(self) -> None:
+        """Draw all this from now on."""
+        content = self.content
+        self._actors.show(
+            Scene(
+                tuple(self._surface(name) for name in _SURFACES),
+                self._balls,
+                arrows=content.arrows if content is not None else None,
+                lines=content.lines if content is not None else None,
+                marks=_bytes(self._colours.mark),
+                through=content is not None and content.through,
+                cut=self._cut,
+                cap=_bytes(self._colours.cut),
+            )
+        )
+
+    def _surface(self, name: str) -> Surface | None:
+        """Return a surface that is shown; the same one as long as nothing of it changes."""
+        content = self.content
+        if content is None or name not in self._placed or name not in self._shown:
+            return None
+        colours = content.colours if name == "groomed" else None
+        colours = self._plain[name] if colours is None else colours
+        opacity, before = self._shown[name], self._surfaces.get(name)
+        if before is None:
+            mesh, linear = getattr(content, name), content.alignment[:3, :3]
+            own = content.normals if name == "groomed" else None
+            normals = (mesh.vertex_normals if own is None else own) @ linear.T / scale_of(content.alignment)
+            faces = mesh.faces[:, ::-1] if mirrors(content.alignment) else mesh.faces
+            self._surfaces[name] = Surface(self._placed[name], normals, faces, colours, opacity)
+        elif before.colours is not colours or before.opacity != opacity:
+            self._surfaces[name] = replace(before, colours=colours, opacity=opacity)
+        return self._surfaces[name]
 
     def show_words(self, size: int, *, small: bool, letters: bool, bar: bool) -> None:
         """Write the subject's name and note, the letters and a scale bar, so many pixels high."""
@@ -168,20 +138,19 @@ class Cell:
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
+        self._colours = colours
+        bone = np.array(_bytes(colours.bone), np.uint8)
+        self._plain = {"groomed": bone, "coarse": bone, "raw": np.array(_bytes(colours.raw), np.uint8)}
         self.renderer.SetBackground(*rgb(colours.scene))
-        self._surfaces["groomed"].GetProperty().SetColor(*rgb(colours.bone))
-        self._surfaces["raw"].GetProperty().SetColor(*rgb(colours.raw))
-        for actor in self._marks:
-            actor.GetProperty().SetColor(*rgb(colours.mark))
-        self._cutter.paint(rgb(colours.cut))
         self._words.paint(colours)
         self._bar.paint(rgb(colours.text))
+        self._update()
 
     def face_camera(self, bounds: tuple[float, ...]) -> None:
         """Before each drawing: depth range, letters, and particles lifted off the surface towards the eye."""
         self.renderer.ResetCameraClippingRange(bounds)
         right, up, ahead = self._axes
-        self._balls.SetPosition(*(-self._radius * ahead))
+        self._actors.lift(-(self._balls.radius if self._balls is not None else 0.0) * ahead)
         self._bar.face()
         if self.content is not None:
             self._words.face(self.content.patient_axes, right, up)
@@ -198,8 +167,7 @@ class Cell:
     @property
     def points(self) -> FloatArray:
         """Some vertices of the surfaces [mm], (n, 3), whether shown or not."""
-        parts = [vtk_to_numpy(mesh.GetPoints().GetData())[::_SPARSE] for mesh in self._meshes.values()]
-        return np.concatenate([np.empty((0, 3)), *parts])
+        return np.concatenate([np.empty((0, 3)), *(placed[::_SPARSE] for placed in self._placed.values())])
 
     def fit(self, points: FloatArray, shape: float) -> None:
         """Let points (n, 3) fill the view as it is seen now; `shape` is the view's width by its height."""
@@ -220,34 +188,26 @@ class Cell:
             camera.SetParallelScale(_MARGIN * needed)
 
     @property
-    def surface_actors(self) -> tuple[Any, ...]:
+    def surface_actors(self) -> list[Any]:
         """What of the surfaces can be clicked, shown or not: caps hide what is behind them."""
-        return (*self._surfaces.values(), *self._cutter.caps)
+        return self._actors.clickable
 
     def is_cap(self, actor: Any) -> bool:  # noqa: ANN401 - VTK is untyped
         """Whether an actor of VTK is the surface of the cut."""
-        return actor in self._cutter.caps
+        return self._actors.is_cap(actor)
 
     @property
     def bounds(self) -> Box | None:
         """Extent of the surfaces [mm], of the input's only where it is shown; None if there are none."""
-        raw = self._surfaces["raw"].GetVisibility() or len(self._meshes) == 1
-        boxes = [mesh.GetBounds() for name, mesh in self._meshes.items() if raw or name != "raw"]
-        if not boxes:
-            return None
-        return around(boxes)
-
-    def _make_balls(self) -> None:
-        verts = self._ball_mapper
-        verts.SetInputData(self._ball_data)
-        verts.EmissiveOff()
-        verts.SetSplatShaderCode(_BALL)
-        verts.SetColorModeToDirectScalars()
-        self._balls.SetMapper(verts)
-        self._balls.GetProperty().SetAmbient(1.0)
-        self._balls.GetProperty().SetDiffuse(0.0)
+        raw = "raw" in self._shown or len(self._boxes) == 1
+        return around([box for name, box in self._boxes.items() if raw or name != "raw"])
 
 
-def _same_faces(one: TriangleMesh, other: TriangleMesh) -> bool:
-    alike = one.faces.shape == other.faces.shape and one.vertices.shape == other.vertices.shape
-    return alike and np.may_share_memory(one.faces, other.faces)
+def _box(points: FloatArray) -> Box:
+    low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    return low[0], high[0], low[1], high[1], low[2], high[2]
+
+
+def _bytes(colour: str) -> Colour:
+    red, green, blue = (round(255 * part) for part in rgb(colour))
+    return red, green, blue

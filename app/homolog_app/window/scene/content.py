@@ -7,23 +7,10 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.rendering.scene import Arrows
 from homolog_app.window.scene.colour_scale import ColourScale
 
-__all__ = ["Arrows", "Content", "Shown"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Arrows:
-    """Arrows, in the coordinates that are shown.
-
-    Attributes
-    ----------
-    points, vectors : (A, 3) arrays
-        Where each begins, and its way to the tip [mm].
-    """
-
-    points: FloatArray
-    vectors: FloatArray
+__all__ = ["Content", "Shown"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

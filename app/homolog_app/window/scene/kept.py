@@ -11,9 +11,10 @@ from homolog.arrays import Array
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.rendering.scene import Arrows
 from homolog_app.window.scene.canvas import Canvas
 from homolog_app.window.scene.colour_scale import ColourScale
-from homolog_app.window.scene.content import Arrows, Content, Shown
+from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.grid import MOST
 
 __all__ = ["KEPT", "read_shown", "write_shown"]
