@@ -22,7 +22,20 @@ def no_tick(fraction: float, message: str) -> None:
 
 
 def part_of(tick: Tick, start: float, stop: float) -> Tick:
-    """Map the fractions of a piece of work onto [start, stop] of a larger one."""
+    """Map the fractions of a piece of work onto [start, stop] of a larger one.
+
+    Parameters
+    ----------
+    tick : Tick
+        Of the whole.
+    start, stop : float
+        Where the piece begins and ends in it, in [0, 1].
+
+    Returns
+    -------
+    Tick
+        For the piece.
+    """
 
     def inner(fraction: float, message: str) -> None:
         tick(start + (stop - start) * fraction, message)

@@ -101,7 +101,23 @@ def farthest_points(points: FloatArray, most: int) -> IntArray:
 def spline_weights(centres: FloatArray, targets: FloatArray, smoothing: float | FloatArray) -> FloatArray:
     """Return weights of the kernel (N rows) and of the affine part (4 rows) for each column of the targets.
 
-    Raises NumericalError if two centres coincide or all lie in one plane.
+    Parameters
+    ----------
+    centres : (N, 3) array
+        Points that the spline passes through [mm].
+    targets : (N, c) array
+        Values of the spline at the centres, one column for each coordinate.
+    smoothing : float or (N,) array
+        As for `thin_plate_operator` [mm].
+
+    Returns
+    -------
+    (N + 4, c) array
+
+    Raises
+    ------
+    NumericalError
+        If two centres coincide or all lie in one plane.
     """
     count = len(centres)
     system = np.zeros((count + 4, count + 4))
@@ -122,7 +138,23 @@ def spline_weights(centres: FloatArray, targets: FloatArray, smoothing: float | 
 def evaluate_spline(
     centres: FloatArray, points: FloatArray, weights: FloatArray, tick: Tick = no_tick
 ) -> FloatArray:
-    """Return a spline that `spline_weights` solved at the points: (V, 3) to (V, columns)."""
+    """Evaluate a spline at points.
+
+    Parameters
+    ----------
+    centres : (N, 3) array
+        Those of `spline_weights` [mm].
+    points : (V, 3) array
+        Where the spline is evaluated [mm].
+    weights : (N + 4, c) array
+        What `spline_weights` returned.
+    tick : Tick
+        Progress and cancelling.
+
+    Returns
+    -------
+    (V, c) array
+    """
     middle = centres.mean(axis=0)
     parts = []
     for start in range(0, len(points), _CHUNK):

@@ -88,6 +88,19 @@ def draw_beans(shapes: int = 10, seed: int = 5, geometry: BeanGeometry = WIDE) -
 
     The same seed gives the same cohort with every numpy. Ten draws rarely have the nominal moments:
     publish the seed, and see `draw_moments`.
+
+    Parameters
+    ----------
+    shapes : int
+        Number of beans.
+    seed : int
+        Same seed, same beans.
+    geometry : BeanGeometry
+        Range of the parameters.
+
+    Returns
+    -------
+    list of Bean
     """
     random = np.random.default_rng(seed)
     reach = geometry.body[1] / 3.0

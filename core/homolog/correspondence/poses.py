@@ -31,7 +31,21 @@ def scales_of(matrices: FloatArray) -> FloatArray:
 
 
 def rescale(matrices: FloatArray, scales: FloatArray, centres: FloatArray) -> FloatArray:
-    """Return similarities (M, 4, 4), each scaled about a point (M, 3) to the given scale."""
+    """Return similarities with other scales.
+
+    Parameters
+    ----------
+    matrices : (M, 4, 4) array
+        Similarities.
+    scales : (M,) array
+        Their new scales.
+    centres : (M, 3) array
+        Points that stay where the similarities map them.
+
+    Returns
+    -------
+    (M, 4, 4) array
+    """
     growth = (scales / scales_of(matrices))[:, None]
     result = matrices.copy()
     result[:, :3, :3] *= growth[:, None]

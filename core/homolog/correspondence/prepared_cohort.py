@@ -154,7 +154,21 @@ def prepare_cohort(
 
 
 def landmarks_on_device(shapes: Sequence[Shape], cohort: PreparedCohort, count: int) -> FloatArray | None:
-    """Return the shapes' landmarks in the optimizer's coordinates, (M, L, 3); None if there are none.
+    """Return the shapes' landmarks.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        Of the cohort.
+    cohort : PreparedCohort
+        The same on the device.
+    count : int
+        Number of initial particles.
+
+    Returns
+    -------
+    (M, L, 3) array or None
+        In the optimizer's coordinates; None if there are no landmarks.
 
     Raises
     ------

@@ -88,7 +88,17 @@ class RunRecorder:
         self._next_frame = 0.0
 
     def emit_frame(self, stage: Stage, engine: Engine, *, ends_stage: bool = False) -> None:
-        """Emit a frame if one is due, or a stage ends, and energies have been recorded."""
+        """Emit a frame if one is due, or a stage ends, and energies have been recorded.
+
+        Parameters
+        ----------
+        stage : Stage
+            The present stage.
+        engine : Engine
+            Whose particles are shown.
+        ends_stage : bool
+            Whether the stage ends here: a frame is then always emitted.
+        """
         now = time.monotonic()
         if self.observe is None or not self.rows or (now < self._next_frame and not ends_stage):
             return
@@ -109,7 +119,17 @@ class RunRecorder:
     def save(
         self, engine: Engine, left: int, done: int, repaired: IntArray, particles: Particles | None = None
     ) -> None:
-        """Emit a checkpoint of the engine's particles, or of those given."""
+        """Emit a checkpoint of the engine's particles, or of those given.
+
+        Parameters
+        ----------
+        engine : Engine
+            Whose state is stored.
+        left, done, repaired
+            As in `Checkpoint`.
+        particles : Particles, optional
+            Stored in place of the engine's.
+        """
         self._next_checkpoint = time.monotonic() + CHECKPOINT_INTERVAL_S
         if self.on_checkpoint is None:
             return

@@ -107,7 +107,23 @@ def normalize_size(shapes: Sequence[Shape]) -> list[Shape]:
 def field_array(
     shapes: Sequence[Shape], to_optimizer: Sequence[Similarity], device: str, tick: Tick = no_tick
 ) -> DeviceArray:
-    """Copy the distance fields to the device as cubic B-spline coefficients."""
+    """Copy the distance fields to the device as cubic B-spline coefficients.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        Whose fields are copied.
+    to_optimizer : sequence of Similarity
+        From their coordinates to the optimizer's.
+    device : str
+        Warp device.
+    tick : Tick
+        Progress and cancelling.
+
+    Returns
+    -------
+    array of fields on the device
+    """
     references = []
     for index, (shape, similarity) in enumerate(zip(shapes, to_optimizer, strict=True)):
         tick(index / len(shapes), f"distance field of {shape.name}")
@@ -129,6 +145,17 @@ def opening_array(
 
     Angles are multiplied by the weight and by their standard deviation over a surface [rad], since angles
     that hardly vary contain little information. Nothing is computed if the weight is 0.
+
+    Parameters
+    ----------
+    shapes, to_optimizer, device, tick
+        As in `field_array`.
+    weight : float
+        Of opening angles relative to normals.
+
+    Returns
+    -------
+    array of fields on the device
     """
     if weight == 0.0:
         return _pack([FieldData() for _ in shapes], device)  # kernels skip fields of scale 0
@@ -175,6 +202,23 @@ def build_surface_set(
     """Bring meshes and tables of all shapes to the device.
 
     Tables stay empty for straight distances, and for shapes on which no particle is `free_shapes`.
+
+    Parameters
+    ----------
+    meshes : sequence of TriangleMesh
+        One for each shape.
+    tables : sequence of GeodesicTable or None
+        Of the meshes; None for straight distances.
+    to_optimizer : sequence of Similarity
+        From the meshes' coordinates to the optimizer's.
+    device : str
+        Warp device.
+    free_shapes : (M,) bool array, optional
+        Shapes with free particles; all if not given.
+
+    Returns
+    -------
+    SurfaceSet
     """
     transformed_meshes = [
         TriangleMesh(f.apply(m.vertices), m.faces) for m, f in zip(meshes, to_optimizer, strict=True)
@@ -240,7 +284,20 @@ def face_neighbours(faces: IntArray) -> IntArray:
 
 
 def nearest_faces(mesh: TriangleMesh, points: FloatArray, normals: FloatArray) -> IntArray:
-    """Return for each point a nearby face whose normal agrees, as the start of a walk; shape (n,)."""
+    """Return for each point a nearby face whose normal agrees, as the start of a walk.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The surface.
+    points, normals : (n, 3) arrays
+        Points near the surface, and their outward unit normals.
+
+    Returns
+    -------
+    (n,) int array
+        Indices of faces.
+    """
     corners = mesh.vertices[mesh.faces]
     face_normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     face_normals /= np.maximum(np.linalg.norm(face_normals, axis=1, keepdims=True), 1e-30)

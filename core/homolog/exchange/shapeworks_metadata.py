@@ -17,7 +17,17 @@ _FILE = "shapeworks.json"
 
 
 def save_source_metadata(project: ProjectFolder, source: ShapeWorksProject, domain: str) -> None:
-    """Write a ShapeWorks project's rows and settings into a Homolog project; raises as `write_text` does."""
+    """Write a ShapeWorks project's rows and settings into a Homolog project; raises as `write_text` does.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+        Where it is stored.
+    source : ShapeWorksProject
+        What was imported.
+    domain : str
+        The anatomy that was imported.
+    """
     rows = [moved_paths(row, source.path.parent, project.folder) for row in source.rows]
     content = {"file": source.path.name, "domain": domain, "data": rows, "others": source.others}
     write_text(project.folder / _FILE, json.dumps(content, indent=1) + "\n")
@@ -48,7 +58,19 @@ def load_source_metadata(project: ProjectFolder) -> tuple[ShapeWorksProject, str
 
 
 def moved_paths(row: Row, old: Path, new: Path) -> Row:
-    """Return a row whose paths start at another folder."""
+    """Return a row whose paths start at another folder.
+
+    Parameters
+    ----------
+    row : dict
+        A subject's row of a ShapeWorks project.
+    old, new : Path
+        The folder that relative paths start at, before and after.
+
+    Returns
+    -------
+    dict
+    """
     return {
         key: _moved(value, old, new) if value and key.startswith(PATH_PREFIXES) else value
         for key, value in row.items()

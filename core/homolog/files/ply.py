@@ -42,7 +42,19 @@ def read_ply(content: bytes) -> Polygons:
 
 
 def write_ply(path: Path, mesh: TriangleMesh, point_data: Mapping[str, Array], comment: str) -> None:
-    """Write a binary PLY with doubles and one float property per column of values."""
+    """Write a binary PLY with doubles and one float property per column of values.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    mesh : TriangleMesh
+        What is written.
+    point_data : mapping of str to array
+        Values (V,) or (V, c) at the vertices.
+    comment : str
+        A line of the header; none if empty.
+    """
     columns: dict[str, FloatArray] = {}
     for name, values in point_data.items():
         table = np.asarray(values, dtype=np.float64).reshape(len(mesh.vertices), -1)

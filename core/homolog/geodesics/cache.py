@@ -23,7 +23,21 @@ _INDEX = ("row", "start", "slot")
 
 
 def table_path(folder: Path, plan: TablePlan, task: Task) -> Path:
-    """Return where the table of a task is kept."""
+    """Return where the table of a task is kept.
+
+    Parameters
+    ----------
+    folder : Path
+        The cache.
+    plan : TablePlan
+        Which the task is part of.
+    task : Task
+        One mesh.
+
+    Returns
+    -------
+    Path
+    """
     digest = hashlib.sha256()
     for part in (task.mesh.vertices, task.mesh.faces):
         digest.update(part.tobytes())

@@ -41,7 +41,22 @@ class Registration:
 
 
 def align(groomed: Sequence[GroomedSubject], settings: GroomSettings, tick: Tick = no_tick) -> FloatArray:
-    """Return a similarity per subject from its local to world coordinates, (M, 4, 4); see `register`."""
+    """Return a similarity for each subject; see `register`.
+
+    Parameters
+    ----------
+    groomed : sequence of GroomedSubject
+        The cohort.
+    settings : GroomSettings
+        How it is aligned.
+    tick : Tick
+        Progress and cancelling.
+
+    Returns
+    -------
+    (M, 4, 4) array
+        From local to world coordinates [mm].
+    """
     return register(groomed, settings, tick).alignments
 
 

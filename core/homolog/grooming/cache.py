@@ -42,7 +42,21 @@ def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) ->
 
 
 def is_outdated(folder: Path, name: str, key: str) -> bool:
-    """Return whether the cache holds what was made of other content of a subject's file."""
+    """Return whether the cache holds what was made of other content of a subject's file.
+
+    Parameters
+    ----------
+    folder : Path
+        The cache.
+    name : str
+        The subject's.
+    key : str
+        What `content_key` returned.
+
+    Returns
+    -------
+    bool
+    """
     try:
         stored = str(read_arrays(_file(folder, name, "npz"))["key"])
     except (InputError, KeyError):
@@ -52,7 +66,21 @@ def is_outdated(folder: Path, name: str, key: str) -> bool:
 
 
 def load_groomed(folder: Path, name: str, key: str) -> GroomedSubject | None:
-    """Return a subject from the cache; None if it is not there, of other content, or damaged."""
+    """Return a subject from the cache; None if it is not there, of other content, or damaged.
+
+    Parameters
+    ----------
+    folder : Path
+        The cache.
+    name : str
+        The subject's.
+    key : str
+        What `content_key` returned.
+
+    Returns
+    -------
+    GroomedSubject or None
+    """
     try:
         stored = read_arrays(_file(folder, name, "npz"))
         if str(stored["key"]) != key:
@@ -96,6 +124,15 @@ def _mesh(stored: Mapping[str, Array], prefix: str) -> TriangleMesh:
 
 def save_groomed(folder: Path, groomed: GroomedSubject, key: str) -> None:
     """Write a subject to the cache and its surface, an ``.npz`` and a ``.vtp`` named after it.
+
+    Parameters
+    ----------
+    folder : Path
+        The cache.
+    groomed : GroomedSubject
+        What is stored.
+    key : str
+        What `content_key` returned.
 
     Raises
     ------

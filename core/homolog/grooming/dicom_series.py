@@ -55,6 +55,15 @@ def read_series(folder: Path, files: Sequence[Path]) -> Volume:
 def series_voxels(folder: Path, files: Sequence[Path], tick: Tick) -> tuple[Array, FloatArray, float, float]:
     """Read the slices of one series into one array, (I, J, K), of the files' type.
 
+    Parameters
+    ----------
+    folder : Path
+        Where the files are.
+    files : sequence of Path
+        The slices, in any order.
+    tick : Tick
+        Progress and cancelling.
+
     Returns
     -------
     values : array

@@ -111,7 +111,28 @@ def masks_of(subject: Subject) -> dict[str, Path]:
 
 
 def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segment: str | None) -> Path:
-    """Return the file of a structure; raises InputError if there is none, or several may be meant."""
+    """Return the file of a structure.
+
+    Parameters
+    ----------
+    subject : Subject
+        Whose folder has one mask for each structure.
+    masks : mapping of str to Path
+        Files by structure.
+    label : int, optional
+        Number of the structure.
+    segment : str, optional
+        Its name.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If there is none, or several may be meant.
+    """
     listed = ", ".join(list(masks)[:_LISTED]) + (" …" if len(masks) > _LISTED else "")
     if segment is None and len(masks) == 1:
         return next(iter(masks.values()))

@@ -180,7 +180,21 @@ def check_source(source: Source, settings: GroomSettings, what: object) -> Sourc
 
 
 def groom(name: str, source: Source, settings: GroomSettings) -> GroomedSubject:
-    """Do what `groom_subject` does after reading; `name` is the subject's."""
+    """Groom a subject that has been read; see `groom_subject`.
+
+    Parameters
+    ----------
+    name : str
+        The subject's.
+    source : Source
+        What `read_source` returned.
+    settings : GroomSettings
+        How it is groomed.
+
+    Returns
+    -------
+    GroomedSubject
+    """
     try:
         return _groomed(name, source, settings)
     except (InputError, NumericalError) as error:

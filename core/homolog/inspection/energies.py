@@ -44,7 +44,21 @@ class ParticleEnergies:
 def particle_energies(
     located: LocatedParticles, consensus: Neighbourhood, settings: OptimizeSettings
 ) -> ParticleEnergies:
-    """Return what each particle adds to the energies of a result."""
+    """Return what each particle adds to the energies of a result.
+
+    Parameters
+    ----------
+    located : LocatedParticles
+        Particles of the result, with their normals.
+    consensus : Neighbourhood
+        That of all subjects.
+    settings : OptimizeSettings
+        Those of the run.
+
+    Returns
+    -------
+    ParticleEnergies
+    """
     scale = scale_of(located.alignments)
     areas = np.array([mesh.area for mesh in located.meshes]) * scale**2
     unit = 0.01 * float(np.sqrt(areas.mean()))  # the optimizer's length

@@ -17,9 +17,23 @@ _GUIDES = 60
 
 
 def carried_places(located: LocatedParticles, consensus: Neighbourhood, subject: int) -> FloatArray:
-    """Return where each vertex of a subject's mesh lies on the consensus shape, (V, 3) [mm].
+    """Return where each vertex of a subject's mesh lies on the consensus shape.
 
     A thin-plate spline through the particles takes the subject to the consensus.
+
+    Parameters
+    ----------
+    located : LocatedParticles
+        Particles of the result, with the meshes.
+    consensus : Neighbourhood
+        That of all subjects.
+    subject : int
+        Index of the subject.
+
+    Returns
+    -------
+    (V, 3) array
+        Positions [mm].
     """
     matrix, mesh = located.alignments[subject], located.meshes[subject]
     few = _GUIDES if len(consensus.shape) > _MOST else None

@@ -36,7 +36,24 @@ _LEAST_MISSING = 0.005
 
 
 def check_unit(name: str, mesh: TriangleMesh, model: SurfaceModel, columns: FloatArray) -> None:
-    """Raise InputError if a surface is far larger or smaller than the reference."""
+    """Check that a surface is of about the size of the reference: its unit may be another.
+
+    Parameters
+    ----------
+    name : str
+        The patient's, for messages.
+    mesh : TriangleMesh
+        The patient's surface.
+    model : SurfaceModel
+        That of the reference.
+    columns : (c,) array
+        The patient's covariates.
+
+    Raises
+    ------
+    InputError
+        If the surface is far larger or smaller than the reference.
+    """
     usual = float(rms_radius(model.expected(columns)[: model.vertices]))
     ratio = float(rms_radius(mesh.vertices)) / usual
     if 1.0 / _OTHER_SIZE < ratio < _OTHER_SIZE:

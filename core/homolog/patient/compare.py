@@ -176,7 +176,21 @@ def compare_groomed(
     force: bool = False,
     tick: Tick = no_tick,
 ) -> PatientComparison:
-    """Compare a groomed patient with the reference; see `compare_patient`."""
+    """Compare a groomed patient with the reference; see `compare_patient`.
+
+    Parameters
+    ----------
+    reference : Reference
+        The population.
+    groomed : GroomedSubject
+        The patient.
+    covariates, side, force, tick
+        As in `compare_patient`.
+
+    Returns
+    -------
+    PatientComparison
+    """
     values = dict(covariates or {})
     columns, remarks = reference.coding.columns(values)
     model = reference.model

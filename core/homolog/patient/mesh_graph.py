@@ -15,7 +15,21 @@ def edges_of(faces: IntArray) -> IntArray:
 
 
 def ring_mean(values: FloatArray, faces: IntArray, rounds: int) -> FloatArray:
-    """Return values (..., V) averaged, so many times, with those of the neighbouring vertices."""
+    """Return values averaged with those of the neighbouring vertices, several times.
+
+    Parameters
+    ----------
+    values : (..., V) array
+        At the vertices.
+    faces : (F, 3) int array
+        Of the mesh.
+    rounds : int
+        How often values are averaged.
+
+    Returns
+    -------
+    (..., V) array
+    """
     first, second = edges_of(faces).T
     count = values.shape[-1]
     own = np.arange(count)
@@ -45,10 +59,23 @@ def median_of_ring(values: FloatArray, faces: IntArray) -> FloatArray:
 
 
 def without_spikes(values: FloatArray, faces: IntArray, most: float) -> FloatArray:
-    """Return values (V,) where those that are farther than `most` from their ring's median are that median.
+    """Replace values that are far from the median of their ring by that median.
 
     Where a line along a normal grazes the surface it may meet another part of it: a single vertex then stands
     out as no surface with such edges can.
+
+    Parameters
+    ----------
+    values : (V,) array
+        At the vertices.
+    faces : (F, 3) int array
+        Of the mesh.
+    most : float
+        Largest distance of a value from the median of its ring.
+
+    Returns
+    -------
+    (V,) array
     """
     usual = median_of_ring(values, faces)
     result: FloatArray = np.where(np.abs(values - usual) > most, usual, values)

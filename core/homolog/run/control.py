@@ -46,7 +46,17 @@ class Control:
         return self._status
 
     def enter(self, phase: Phase, message: str, until: Phase | None = None) -> None:
-        """Begin a phase, or several that are ticked as one, up to and with `until`."""
+        """Begin a phase, or several that are ticked as one, up to and with `until`.
+
+        Parameters
+        ----------
+        phase : Phase
+            The first one.
+        message : str
+            What is done, for people.
+        until : Phase, optional
+            The last one; `phase` itself if not given.
+        """
         phases = list(Phase)
         start = sum(_SHARES[item] for item in phases[: phases.index(phase)])
         stop = sum(_SHARES[item] for item in phases[: phases.index(until or phase) + 1])

@@ -29,7 +29,21 @@ def surface_hash(shape: Shape) -> str:
 
 
 def run_fingerprint(settings: OptimizeSettings, shapes: Sequence[Shape], tick: Tick = no_tick) -> str:
-    """Return a hash of the settings and of the shapes in their order; the device is not in it."""
+    """Return a hash of the settings and of the shapes in their order, whatever the device.
+
+    Parameters
+    ----------
+    settings : OptimizeSettings
+        Of the run.
+    shapes : sequence of Shape
+        In their order.
+    tick : Tick
+        Progress and cancelling.
+
+    Returns
+    -------
+    str
+    """
     contents = []
     for index, shape in enumerate(shapes):
         tick(index / len(shapes), f"surface of {shape.name}")

@@ -50,6 +50,17 @@ def with_landmarks(shapes: Sequence[Shape], cohort: Cohort) -> list[Shape]:
 def check_landmarks(path: Path, name: str, points: FloatArray, mesh: TriangleMesh) -> None:
     """Refuse landmarks (n, 3) of another frame or subject: most lie far from the subject's surface.
 
+    Parameters
+    ----------
+    path : Path
+        File of the landmarks, for messages.
+    name : str
+        The subject's.
+    points : (n, 3) array
+        The landmarks [mm].
+    mesh : TriangleMesh
+        The subject's surface [mm].
+
     Raises
     ------
     InputError

@@ -100,7 +100,21 @@ def _agreed_move(here: FloatArray, there: FloatArray) -> FloatArray:
 
 
 def adds_particles(record: ResultRecord, cohort: Cohort, settings: RunSettings) -> bool:
-    """Return whether a result is what a run would make, but for having fewer particles."""
+    """Return whether a result is what a run would make, but for having fewer particles.
+
+    Parameters
+    ----------
+    record : ResultRecord
+        The result.
+    cohort : Cohort
+        Subjects of the new run.
+    settings : RunSettings
+        Its settings.
+
+    Returns
+    -------
+    bool
+    """
     particles = settings.optimize.particles
     same = settings.optimize.model_copy(update={"particles": record.particles}), settings.groom
     return (

@@ -58,7 +58,17 @@ def surface_of_model(
 
 
 def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
-    """Write a shape model's tables; `new` is what `ProjectFolder.replacing_result` gave."""
+    """Write the tables of a shape model.
+
+    Parameters
+    ----------
+    new : ProjectFolder
+        What `ProjectFolder.replacing_result` gave.
+    cohort : Cohort
+        The subjects.
+    model : ShapeModel
+        Their model.
+    """
     modes = [f"mode_{number}" for number in range(1, len(model.explained_variance) + 1)]
     write_table(
         new.model / "scores.csv",
@@ -90,7 +100,19 @@ def write_model(new: ProjectFolder, cohort: Cohort, model: ShapeModel) -> None:
 
 
 def write_surfaces(new: ProjectFolder, model: ShapeModel, surface: MeanSurface, tick: Tick) -> None:
-    """Write the mean surface, and how it moves along the modes that matter; `new` as for `write_model`."""
+    """Write the mean surface, and how it moves along the modes that matter.
+
+    Parameters
+    ----------
+    new : ProjectFolder
+        What `ProjectFolder.replacing_result` gave.
+    model : ShapeModel
+        Whose modes are written.
+    surface : MeanSurface
+        The mean, which follows the particles.
+    tick : Tick
+        Progress and cancelling.
+    """
     _write_surface(mean_file(new), TriangleMesh(surface.vertices, surface.faces))
     if surface.smoothed:
         write_smoothing(new, surface.smoothing)

@@ -11,7 +11,19 @@ __all__ = ["cylinder", "ellipsoid", "rod", "surface_of", "united"]
 
 
 def ellipsoid(points: FloatArray, centre: tuple[float, ...], axes: tuple[float, ...]) -> FloatArray:
-    """Return about the distance to an ellipsoid, negative inside."""
+    """Return about the distance to an ellipsoid, negative inside.
+
+    Parameters
+    ----------
+    points : (..., 3) array
+        Where it is evaluated [mm].
+    centre, axes : tuple of 3 float
+        Centre and half axes [mm].
+
+    Returns
+    -------
+    (...) array [mm]
+    """
     inside = (points - np.array(centre)) / np.array(axes)
     length = np.linalg.norm(inside, axis=-1)
     slope = np.linalg.norm(inside / np.array(axes), axis=-1)
@@ -21,7 +33,21 @@ def ellipsoid(points: FloatArray, centre: tuple[float, ...], axes: tuple[float, 
 def rod(
     points: FloatArray, start: tuple[float, ...], end: tuple[float, ...], radii: tuple[float, float]
 ) -> FloatArray:
-    """Return about the distance to a rod with round ends whose radius changes from start to end."""
+    """Return about the distance to a rod with round ends whose radius changes from start to end.
+
+    Parameters
+    ----------
+    points : (..., 3) array
+        Where it is evaluated [mm].
+    start, end : tuple of 3 float
+        Ends of the axis [mm].
+    radii : (float, float)
+        Radius at the start and at the end [mm].
+
+    Returns
+    -------
+    (...) array [mm]
+    """
     a, b = np.array(start), np.array(end)
     along = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
     axis = a + along[..., None] * (b - a)
@@ -29,7 +55,21 @@ def rod(
 
 
 def cylinder(points: FloatArray, axes: tuple[float, float], half_height: float) -> FloatArray:
-    """Return about the distance to an upright elliptic cylinder around the origin."""
+    """Return about the distance to an upright elliptic cylinder around the origin.
+
+    Parameters
+    ----------
+    points : (..., 3) array
+        Where it is evaluated [mm].
+    axes : (float, float)
+        Half axes [mm].
+    half_height : float
+        Half of the height [mm].
+
+    Returns
+    -------
+    (...) array [mm]
+    """
     across = np.array(axes)
     scaled = points[..., :2] / across
     length = np.linalg.norm(scaled, axis=-1)

@@ -100,7 +100,23 @@ def bump(points: FloatArray, centre: FloatArray, width: float) -> FloatArray:
 
 
 def turned(points: FloatArray, centre: FloatArray, axis: int, angle: FloatArray | float) -> FloatArray:
-    """Return points turned about a coordinate axis through a place, each by its own angle [rad]."""
+    """Return points rotated about a coordinate axis through a point.
+
+    Parameters
+    ----------
+    points : (N, 3) array
+        Positions [mm].
+    centre : (3,) array
+        A point on the axis [mm].
+    axis : int
+        0, 1 or 2.
+    angle : (N,) array or float
+        Angle of each point [rad].
+
+    Returns
+    -------
+    (N, 3) array [mm]
+    """
     from scipy.spatial.transform import Rotation
 
     vectors = np.zeros((len(points), 3))

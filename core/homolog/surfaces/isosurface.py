@@ -84,9 +84,22 @@ def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool =
 
 
 def coarse_isosurface(field: DistanceField, mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
-    """Return a mesh of the zero level with `n_vertices` vertices or some more, made from a finer one.
+    """Return a coarse mesh of the zero level, made from a finer one.
 
     It has the finer one's topology, and is that mesh itself where fewer triangles can't carry the shape.
+
+    Parameters
+    ----------
+    field : DistanceField
+        Whose zero level is meshed.
+    mesh : TriangleMesh
+        A finer mesh of it.
+    n_vertices : int
+        Number of vertices; some more are possible.
+
+    Returns
+    -------
+    TriangleMesh
     """
     return _meshed(field, mesh, n_vertices, _edge_for(mesh.area, n_vertices))
 

@@ -24,21 +24,20 @@ def luminance(colours):
 
 
 def contrast_in(pixels):
-    """Return the contrast of text (height, width) of 0xRRGGBB with its ground, the most common colour."""
+    """Return the contrast of text (height, width) of 0xffRRGGBB with its ground, the most common colour."""
     colours, counts = np.unique(pixels, return_counts=True)
     ground, inks = luminance(colours[counts.argmax()]), luminance(colours[counts >= 12])
     return ((np.maximum(inks, ground) + 0.05) / (np.minimum(inks, ground) + 0.05)).max()
 
 
 def picture_of(root):
-    """Return how a widget looks, enlarged, (height, width) of 0xRRGGBB."""
+    """Return how a widget looks, enlarged, and its pixels (height, width) of 0xffRRGGBB in that image."""
     from PySide6.QtGui import QImage
 
     image = QImage(root.size() * ENLARGED, QImage.Format.Format_RGB32)
     image.setDevicePixelRatio(ENLARGED)
     root.render(image)
-    rows = np.frombuffer(image.constBits(), np.uint32).reshape(image.height(), image.width())
-    return rows & 0xFFFFFF
+    return image, np.frombuffer(image.constBits(), np.uint32).reshape(image.height(), image.width())
 
 
 def texts_of(one):
@@ -130,19 +129,26 @@ class Walk:
 
     def look(self, where, root):
         """Look at what is visible in a widget, in both schemes; the second stays: changes take long."""
+        self.look_once(where, root)
+        self.change_scheme()
+        self.look_once(where, root)
+
+    def change_scheme(self):
+        """Show the other scheme."""
+        self.theme.choose("light" if self.theme.is_dark else "dark")
+
+    def look_once(self, where, root):
+        """Look at what is visible in a widget, in the scheme that is shown."""
         from PySide6.QtWidgets import QWidget
 
         shown = [one for one in [root, *root.findChildren(QWidget)] if one.isVisible()]
         self.seen |= {kind for one in shown for kind in type(one).__mro__}
         for one in controls_in(root):
             self.faults |= {f"{where}: {type(one).__name__} {fault}" for fault in faults_of(one)}
-        for changes in (True, False):
-            picture = picture_of(root)
-            for one in shown:
-                if one.isEnabled():
-                    self.measure(where, root, picture, one)
-            if changes:
-                self.theme.choose("light" if self.theme.is_dark else "dark")
+        _image, picture = picture_of(root)
+        for one in shown:
+            if one.isEnabled():
+                self.measure(where, root, picture, one)
 
     def measure(self, where, root, picture, one):
         """Measure the contrast of the texts that a widget shows."""
@@ -232,7 +238,7 @@ def look(walk, window, qapp):
     """Return a function that looks at a part of the window with everything unfolded and nothing scrolled."""
     from PySide6.QtWidgets import QPushButton
 
-    def look_at(where, root):
+    def look_at(where, root, once=False):
         for one in root.findChildren(QPushButton):
             if one.isCheckable() and "▸" in one.text():
                 one.click()
@@ -240,28 +246,48 @@ def look(walk, window, qapp):
         for _ in range(3):
             qapp.processEvents()
         assert root.isVisible(), where
-        walk.look(where, root)
+        (walk.look_once if once else walk.look)(where, root)
 
     return look_at
 
 
 @pytest.fixture
-def order(look, walk, window, qapp):
-    """Return a function that orders a command and looks at the dialog that comes of it."""
+def look_through(look, walk):
+    """Return a function that looks through places in one scheme, then in the other.
+
+    Places are functions that show one and yield a name and a widget; what comes after the yield leaves it.
+    """
+
+    def through(places):
+        for changes in (True, False):
+            for name, root in places():
+                look(name, root, once=True)
+            if changes:
+                walk.change_scheme()
+
+    return through
+
+
+@pytest.fixture
+def order(look_through, window, qapp):
+    """Return a function that orders commands and looks at the dialogs that come of them, all at once."""
     from PySide6.QtWidgets import QDialog
 
-    def ordered(name):
-        window.commands[name].trigger()
-        qapp.processEvents()
-        for dialog in [one for one in window.findChildren(QDialog) if one.isVisible()]:
-            look(dialog.windowTitle(), dialog)
+    def ordered(*names):
+        for name in names:
+            if window.commands[name].isEnabled():
+                window.commands[name].trigger()
+                qapp.processEvents()
+        dialogs = [one for one in window.findChildren(QDialog) if one.isVisible()]
+        look_through(lambda: [(dialog.windowTitle(), dialog) for dialog in dialogs])
+        for dialog in dialogs:
             dialog.close()
 
     return ordered
 
 
 def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read(
-    window, walk, look, order, bean_project, tmp_path, wait, quick
+    window, walk, look, look_through, order, bean_project, tmp_path, wait, quick
 ):
     from PySide6.QtWidgets import QWidget
 
@@ -289,37 +315,46 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     wait(lambda: session.result is not None and window.step == "explore")
     rest()
     walk.seen |= {kind for one in [scene, *scene.findChildren(QWidget)] for kind in type(one).__mro__}
-    for step in ("cohort", "groom", "correspond", "explore"):
-        commands[f"view.{step}"].trigger()
-        look(step, panels)
-    window.docks.show_or_hide_log()
-    commands["help.tour"].trigger()
-    commands["view.clip"].trigger()
-    look("around the views", window)
-    commands["view.clip"].trigger()
-    window.docks.show_or_hide_log()
-    for slices in (True, False):
+
+    def steps():
+        for step in ("cohort", "groom", "correspond", "explore"):
+            commands[f"view.{step}"].trigger()
+            yield step, panels
+
+    def around():
+        window.docks.show_or_hide_log()
+        commands["help.tour"].trigger()
+        commands["view.clip"].trigger()
+        yield "around the views", window
+        commands["view.clip"].trigger()
+        window.docks.show_or_hide_log()
         commands["view.slice"].trigger()
-        if slices:
-            look("slices", window.views.stage.slices)
-    commands["view.explore"].trigger()
-    look("energies", window.docks.curves)
-    for page in panels.explore.pages:
-        panels.explore.open_page(page)
-        if page is not panels.explore.pages[0]:
-            wait(lambda: panels.explore.fitted.shape is not None)
-        rest()
-        look(page.title, page)
-        if page.plots is not None:
-            look(f"plots of {page.title}", page.plots)
-        if isinstance(page, MeasurePage):
-            page.charts.setCurrentWidget(page.charts.boxes)
-            look("measures by group", page.charts.boxes)
-            enlarged = EnlargedPlot(page.charts.volume)
-            enlarged.show()
-            look("a plot enlarged", enlarged)
-            enlarged.close()
+        yield "slices", window.views.stage.slices
+        commands["view.slice"].trigger()
+        commands["view.explore"].trigger()
+        yield "energies", window.docks.curves
+
+    def pages():
+        for page in panels.explore.pages:
+            panels.explore.open_page(page)
+            if page is not panels.explore.pages[0]:
+                wait(lambda: panels.explore.fitted.shape is not None)
+            rest()
+            yield page.title, page
+            if page.plots is not None:
+                yield f"plots of {page.title}", page.plots
+            if isinstance(page, MeasurePage):
+                page.charts.setCurrentWidget(page.charts.boxes)
+                yield "measures by group", page.charts.boxes
+                enlarged = EnlargedPlot(page.charts.volume)
+                enlarged.show()
+                yield "a plot enlarged", enlarged
+                enlarged.close()
+
+    for places in (steps, around, pages):
+        look_through(places)
     page = panels.explore.page_of(GroupsPage)
+    panels.explore.open_page(page)
     page.form.alignment.setCurrentIndex(page.form.alignment.findData(None))  # form and shape: several results
     for question in ("group", "size (as a number)"):
         page.form.column.setCurrentText(question)
@@ -328,9 +363,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         rest()
         look(question, page)
 
-    for one in COMMANDS:
-        if (one.title.endswith("…") or one.menu == "Help") and commands[one.id].isEnabled():
-            order(one.id)
+    order(*(one.id for one in COMMANDS if one.title.endswith("…") or one.menu == "Help"))
     window.helping.show_error("run", InputError("a.nrrd: is empty; choose another file"))
     order("view.corner")
     ask(window, "Leave?", "Something is not saved.", ("Save", "Cancel"))
@@ -339,7 +372,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     desk.edit_settings("optimize", "particles", quick(200))
     look("more particles", panels)
     commands["run.more"].trigger()
-    wait(lambda: work.run_job is None or work.run_job.frame is not None)
+    wait(lambda: work.run_job is not None and work.run_job.frame is not None)
     commands["run.pause"].trigger()
     wait(lambda: work.run_job.status.paused)
     look("a run", panels)

@@ -31,18 +31,48 @@ class Coupling(ABC):
     def solve(
         self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, logs: DeviceArray
     ) -> None:
-        """Form and invert the regularized duals for this iteration's parameters."""
+        """Form and invert the regularized duals for this iteration's parameters.
+
+        Parameters
+        ----------
+        stage : array of StepParameters
+            Of the stage's iterations.
+        iteration : (1,) array
+            The present one.
+        centred : (M n,) array of vec3
+            Aligned positions minus their mean over the shapes.
+        logs : (M n,) array of vec3
+            Logarithms of the normals at their mean, with the opening angles.
+        """
 
     @abstractmethod
     def directions(
         self, centred: DeviceArray, logs: DeviceArray, ensemble: DeviceArray, normals: DeviceArray
     ) -> None:
-        """Write the gradients of H(Z) by positions and of H(V) by Logs."""
+        """Write the gradients of H(Z) by positions and of H(V) by Logs.
+
+        Parameters
+        ----------
+        centred, logs : (M n,) arrays of vec3
+            As in `solve`, which is called before.
+        ensemble, normals : (M n,) arrays of vec3
+            Where the gradients are written.
+        """
 
     def damp(
         self, stage: DeviceArray, iteration: DeviceArray, steps: DeviceArray, damped: DeviceArray
     ) -> None:
-        """Apply the implicit part of the step."""
+        """Apply the implicit part of the step.
+
+        Parameters
+        ----------
+        stage, iteration : arrays
+            As in `solve`.
+        steps : (M n,) array of vec3
+            Explicit steps of the particles in the aligned frame.
+        damped : (M n,) array of vec3
+            Where the damped steps are written.
+        """
         if not self.any_fixed:
             self._damp_free(steps, damped)
             return

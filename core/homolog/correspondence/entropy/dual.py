@@ -78,7 +78,7 @@ def solve_duals(
         C of positions [squared optimizer lengths] and of normals [rad²].
     regularization, normals_regularization : float
         a and b, in the same units.
-    pull : float
+    step_weight : float
         p, the step's tau times the ensemble's weight.
 
     Notes

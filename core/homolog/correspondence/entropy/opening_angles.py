@@ -60,6 +60,21 @@ def opening_grid(field: DistanceField, size: float) -> tuple[Float32Array, Float
 
 
 def openings_at(points: FloatArray, values: Float32Array, grid: FloatArray) -> FloatArray:
-    """Return the opening angles [rad] of `opening_grid` at points (n, 3) of the field's coordinates."""
+    """Interpolate opening angles at points.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        In the field's coordinates [mm].
+    values : (I, J, K) array
+        Angles that `opening_grid` returned [rad].
+    grid : (4, 4) array
+        Their affine.
+
+    Returns
+    -------
+    (n,) array
+        Angles [rad].
+    """
     nodes = np.linalg.solve(grid[:3, :3], (points - grid[:3, 3]).T)
     return np.asarray(ndimage.map_coordinates(values, nodes, np.float64, order=1, mode="nearest"))

@@ -78,7 +78,15 @@ class Sampling:
         )
 
     def compute_forces(self, positions: DeviceArray, normals: DeviceArray, closest: DeviceArray) -> None:
-        """Compute widths, energies and forces."""
+        """Compute widths, energies and forces.
+
+        Parameters
+        ----------
+        positions, normals : (M n,) arrays of vec3
+            Of the particles.
+        closest : (M n,) array
+            Closest points on the meshes, from which geodesic distances are looked up.
+        """
         lists = [self.neighbours, self.counts]
         made = [self.masses, self.pairs, self.forces]
         geometry = [self.surface_set.surfaces, positions, normals, closest]

@@ -204,7 +204,20 @@ def medoid(
 
 
 def snap_to_mesh(points: FloatArray, normals: FloatArray, mesh: TriangleMesh) -> FloatArray:
-    """Return points on a mesh close to the given ones, where the normals agree, (n, 3)."""
+    """Return points on a mesh close to the given ones, where the normals agree.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) arrays
+        Points near the mesh, and the outward unit normals that are expected there.
+    mesh : TriangleMesh
+        In the same coordinates.
+
+    Returns
+    -------
+    (n, 3) array
+        Points on the mesh.
+    """
     normals_of_mesh = mesh.vertex_normals
     nearest: IntArray = np.asarray(
         cKDTree(features(mesh.vertices, normals_of_mesh)).query(features(points, normals))[1]

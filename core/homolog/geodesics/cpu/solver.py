@@ -129,7 +129,23 @@ def _prepare(task: Task, delaunay: Triangulation, clusters: Clusters, element: i
 
 
 def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> GeodesicTable:
-    """Return the table of one of a plan's meshes; bit-identical for any number of threads."""
+    """Return the table of one of a plan's meshes; bit-identical for any number of threads.
+
+    Parameters
+    ----------
+    plan : TablePlan
+        Of all meshes.
+    which : int
+        Index of the mesh.
+    threads : int
+        Number of threads.
+    tick : Tick
+        Progress and cancelling.
+
+    Returns
+    -------
+    GeodesicTable
+    """
     task = plan.tasks[which]
 
     def report(done: float) -> None:

@@ -57,7 +57,21 @@ class Fans:
 
 
 def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: str) -> Fans:
-    """Return the fans of checked meshes (see `homolog.surfaces.topology.check_mesh`)."""
+    """Return the fans of checked meshes (see `homolog.surfaces.topology.check_mesh`).
+
+    Parameters
+    ----------
+    meshes : sequence of TriangleMesh
+        Checked meshes, side by side in the arrays.
+    delaunay : Triangulation
+        Their intrinsic Delaunay triangulation.
+    device : str
+        Warp device.
+
+    Returns
+    -------
+    Fans
+    """
     first = delaunay.first
     centred = np.concatenate([mesh.vertices - mesh.vertices.mean(axis=0) for mesh in meshes])
     face_first = np.repeat(first[:-1], [len(mesh.faces) for mesh in meshes])
