@@ -312,15 +312,6 @@ class Extent:
 def check_size(path: Path, shape: Sequence[int], voxel_bytes: float) -> None:
     """Refuse, by what the header says, what is no volume or too large for this machine.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for messages.
-    shape : sequence of int
-        Voxels along each axis.
-    voxel_bytes : float
-        Memory for each voxel.
-
     Raises
     ------
     InputError
