@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 
 from homolog_app import fonts
 from homolog_app.pictures import write_picture
-from homolog_app.plots import plot_discriminant
+from homolog_app.plots import draw_discriminant, new_figure
+from homolog_app.scheme import LIGHT
 
 HAN = "王"
 
@@ -42,7 +43,8 @@ def test_a_sign_that_no_font_has_is_a_box(nothing_installed):
 def test_names_that_no_font_has_or_that_look_like_formulas_are_written_without_a_warning(
     nothing_installed, tmp_path
 ):
-    figure = plot_discriminant(np.arange(4.0), np.array([0, 0, 1, 1]), (HAN, r"b$\foo$"))
+    figure, names = new_figure(4.0, 2.0, LIGHT), (HAN, r"b$\foo$")
+    draw_discriminant(figure.subplots(), np.arange(4.0), np.arange(4) > 1, names, names, LIGHT)
     figure.text(0.5, 0.5, f"{HAN} $\\frac$")
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -1,16 +1,32 @@
-import io
-
 import numpy as np
 import pytest
 
-from homolog_app.plots import plot_discriminant, plot_energies, plot_quality, plot_scores, plot_scree
-from homolog_app.rendering.colours import DARK, LIGHT
+from homolog_app import scheme
+from homolog_app.pictures.layout import write_picture
+from homolog_app.plots import (
+    discriminant_points,
+    draw_boxes,
+    draw_discriminant,
+    draw_energies,
+    draw_measure,
+    draw_place,
+    draw_quality,
+    draw_scores,
+    draw_scree,
+    draw_slope,
+    draw_subjects,
+    group_order,
+    group_style,
+    new_figure,
+)
+from homolog_app.rendering.colours import DARK, LIGHT, page_colours
+
+COLOURS = scheme.LIGHT
+LABELS = ("mode 1, SD", "mode 2, SD")
 
 
-def _svg(figure):
-    text = io.StringIO()
-    figure.savefig(text, format="svg")
-    return text.getvalue()
+def _axes(width=4.6, height=3.0, colours=COLOURS):
+    return new_figure(width, height, colours).subplots()
 
 
 def _inside(figure):
@@ -21,58 +37,112 @@ def _inside(figure):
     return drawn.x0 >= 0.0 and drawn.y0 >= 0.0 and drawn.x1 <= width and drawn.y1 <= height
 
 
-def _figures(theme):
+def _figures(colours):
     generator = np.random.default_rng(0)
+    numbers, groups = generator.normal(size=(9, 4)), ["NOR", "HCM", "a group with quite a long name"] * 3
     eigenvalues = np.sort(generator.random(30))[::-1]
-    return {
-        "scree": plot_scree(eigenvalues, np.full(30, 0.5), 12, 95.0, theme=theme),
-        "scores": plot_scores(
-            generator.normal(size=(9, 3)), np.array([0.5, 0.3, 0.2]), ["NOR", "HCM", "DCM"] * 3, theme=theme
-        ),
-        "discriminant": plot_discriminant(
-            generator.normal(size=9), np.arange(9) < 4, ("a long group name", "b"), theme=theme
-        ),
-        "energies": plot_energies(
-            np.arange(50.0), {"sampling": generator.normal(size=50), "ensemble": np.arange(50.0)}, theme=theme
-        ),
-        "quality": plot_quality(
-            np.linspace(0.4, 1.0, 8), np.linspace(2.0, 1.0, 7), ([1, 4, 8], np.ones(3)), theme=theme
-        ),
-    }
+    row = {"colours": colours}
+    drawn = {
+        name: new_figure(4.0, 3.0, colours)
+        for name in ("scree", "scores", "discriminant", "slope", "boxes", "measure")
+    } | {name: new_figure(7.2, 2.5, colours) for name in ("energies", "quality")}
+    draw_scree(drawn["scree"].subplots(), eigenvalues, np.full(30, 0.5), 12, 95.0, **row)
+    draw_scores(drawn["scores"].subplots(), numbers[:, :2], groups, LABELS, **row, ellipses=True)
+    second = np.arange(9) < 4
+    draw_discriminant(
+        drawn["discriminant"].subplots(), numbers[:, 0], second, ("a long group name", "b"),
+        ["b", "a long group name"], **row,
+    )  # fmt: skip
+    draw_slope(drawn["slope"].subplots(), numbers[:, 0], numbers[:, 1], groups, "age", 0.1, **row)
+    parts = [numbers[:3, 0], numbers[3:, 0]]
+    draw_boxes(drawn["boxes"].subplots(), parts, ("a", "b"), [("1 ± 2", "1")] * 2, "Volume", "ml", **row)
+    draw_measure(drawn["measure"].subplots(), np.arange(9.0), numbers[:, 0], "Volume", "mode 1 (SD)", **row)
+    draw_energies(drawn["energies"].subplots(1, 3), numbers, **row)
+    draw_quality(
+        drawn["quality"].subplots(1, 3), np.linspace(0.4, 1.0, 8), np.linspace(2.0, 1.0, 7),
+        ([1, 4, 8], np.ones(3)), **row,
+    )  # fmt: skip
+    return drawn
 
 
 @pytest.mark.parametrize("theme", [LIGHT, DARK])
-def test_every_plot_fits_its_page_and_is_vector_graphics(theme):
-    for name, figure in _figures(theme).items():
+def test_every_plot_fits_its_page_and_is_vector_graphics_with_texts(theme, tmp_path):
+    for name, figure in _figures(page_colours(theme)).items():
         assert _inside(figure), name
-        svg = _svg(figure)
+        write_picture(figure, tmp_path / "plot.svg")
+        svg = (tmp_path / "plot.svg").read_text("utf-8")
         assert "<path" in svg, name
+        assert "<text" in svg, name
         assert "<image" not in svg, name
 
 
+@pytest.mark.parametrize("theme", [LIGHT, DARK])
+def test_plots_of_reports_have_the_ground_of_the_pictures_beside_them(theme):
+    figure = new_figure(2.0, 2.0, page_colours(theme))
+    assert figure.get_facecolor()[:3] == pytest.approx(theme.background, abs=0.003)
+
+
 def test_the_scree_plot_draws_shares_and_marks_the_modes_above_chance():
-    figure = plot_scree(np.array([6.0, 3.0, 1.0]), np.array([4.0, 2.0, 2.0]), 2, 95.0)
-    axes = figure.axes[0]
+    axes = _axes()
+    draw_scree(axes, np.array([6.0, 3.0, 1.0]), np.array([4.0, 2.0, 2.0]), 2, 95.0, COLOURS)
     assert [bar.get_height() for bar in axes.patches] == pytest.approx([60.0, 30.0, 10.0])
-    assert (
-        axes.patches[0].get_facecolor() == axes.patches[1].get_facecolor() != axes.patches[2].get_facecolor()
-    )
+    first, second, third = (bar.get_facecolor() for bar in axes.patches)
+    assert first == second != third
     assert axes.lines[0].get_ydata() == pytest.approx([40.0, 20.0, 20.0])
-    assert axes.get_title() == "2 modes above chance"
+    assert axes.get_title(loc="left") == "2 modes above chance"
 
 
 def test_the_score_plot_shows_each_group_once_with_its_size():
-    scores = np.arange(10.0).reshape(5, 2)
-    figure = plot_scores(scores, np.array([0.7, 0.3]), ["a", "b", "a", "a", "b"])
-    axes = figure.axes[0]
-    assert [get_text.get_text() for get_text in axes.get_legend().get_texts()] == ["a (3)", "b (2)"]
+    scores, axes = np.arange(10.0).reshape(5, 2), _axes()
+    draw_scores(axes, scores, ["a", "b", "a", "a", "b"], LABELS, COLOURS)
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["a (3)", "b (2)"]
     np.testing.assert_array_equal(axes.collections[0].get_offsets(), scores[[0, 2, 3]])
-    assert axes.get_xlabel() == "mode 1 (70 %), score (mm)"
+    assert axes.get_xlabel() == LABELS[0]
+
+
+def test_an_ellipse_holds_95_percent_of_a_normal_group():
+    points, axes = np.random.default_rng(1).normal(size=(4000, 2)) @ [[2.0, 1.0], [0.0, 0.5]], _axes()
+    draw_scores(axes, points, ["a"] * len(points), LABELS, COLOURS, ellipses=True)
+    (ellipse,) = axes.patches
+    inside = ellipse.get_path().contains_points(ellipse.get_patch_transform().inverted().transform(points))
+    assert inside.mean() == pytest.approx(0.95, abs=0.01)
+
+
+def test_groups_differ_in_colour_and_marker_and_keep_them_beside_subjects_without_a_group():
+    assert group_order(["b", "", "a", "b"]) == ["a", "b", ""]
+    styles = [group_style(index, COLOURS) for index in range(14)]
+    assert len(set(styles)) == 14
+    assert len({colour for colour, _ in styles[:7]}) == len({marker for _, marker in styles[:7]}) == 7
 
 
 def test_the_discriminant_plot_keeps_the_groups_apart():
-    scores = np.array([-2.0, -1.0, 1.0, 2.0])
-    axes = plot_discriminant(scores, np.array([False, False, True, True]), ("n", "h")).axes[0]
+    places, second, axes = np.array([-2.0, -1.0, 1.0, 2.0]), np.array([False, False, True, True]), _axes()
+    draw_discriminant(axes, places, second, ("n", "h"), ["h", "n"], COLOURS)
     np.testing.assert_array_equal(axes.collections[0].get_offsets()[:, 0], [-2.0, -1.0])
     np.testing.assert_array_equal(axes.collections[1].get_offsets()[:, 0], [1.0, 2.0])
-    assert [get_yticklabel.get_text() for get_yticklabel in axes.get_yticklabels()] == ["n", "h"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["n (2)", "h (2)"]
+    heights = discriminant_points(places, second)[:, 1]
+    assert heights[:2].min() > 0.5 > heights[2:].max()
+
+
+def test_names_do_not_cover_each_other_and_those_of_selected_subjects_are_always_there():
+    axes, points = _axes(), np.array([[0.0, 0.0], [0.01, 0.0], [2.0, 2.0], [0.02, 0.0]])
+    axes.set(xlim=(-3.0, 3.0), ylim=(-3.0, 3.0))
+    draw_subjects(axes, points, ["a", "b", "c", "d"], ["b"], COLOURS)
+    assert [text.get_text() for text in axes.texts] == ["b", "c"]
+
+
+@pytest.mark.parametrize("y", [5.0, None])
+def test_the_place_of_the_shape_that_is_shown_moves_no_limit(y):
+    axes = _axes()
+    draw_measure(axes, np.arange(3.0), np.arange(3.0), "Volume", "mode 1 (SD)", COLOURS)
+    before = axes.get_xlim(), axes.get_ylim()
+    assert draw_place(axes, 50.0, y, COLOURS).get_xdata()[0] == 50.0
+    assert (axes.get_xlim(), axes.get_ylim()) == before
+
+
+def test_a_part_of_the_objective_that_does_not_count_says_so():
+    figure, rows = new_figure(7.0, 2.0, COLOURS), np.ones((5, 4))
+    rows[:, 0], rows[:, 3] = np.arange(5), 0.0
+    draw_energies(figure.subplots(1, 3), rows, COLOURS)
+    assert [bool(axes.texts) for axes in figure.axes] == [False, False, True]

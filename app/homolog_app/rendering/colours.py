@@ -1,15 +1,19 @@
 """Colours: the paper's blue-yellow map, stable colours by correspondence, light and dark themes."""
 
 import colorsys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 
 import numpy as np
 
 from homolog.arrays import Array, FloatArray, frozen
+from homolog_app import scheme
+from homolog_app.scheme import Colours
 
-__all__ = ["DARK", "LIGHT", "Theme", "colours_by_place", "diverging_colours", "diverging_table"]
+__all__ = [
+    "DARK", "LIGHT", "Theme", "colours_by_place", "diverging_colours", "diverging_table", "page_colours",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +35,14 @@ DARK = Theme(
     background=(0.09, 0.10, 0.11), text=(0.91, 0.91, 0.92), surface=(0.80, 0.78, 0.71), cut=(166, 90, 77)
 )
 """Light text on near black, for slides and the dark window."""
+
+
+def page_colours(theme: Theme) -> Colours:
+    """Return the colours of plots that stand beside pictures of a theme."""
+    ground, text = (
+        f"#{''.join(f'{round(255 * part):02x}' for part in it)}" for it in (theme.background, theme.text)
+    )
+    return replace(scheme.DARK if theme is DARK else scheme.LIGHT, surface=ground, text=text)
 
 
 @cache

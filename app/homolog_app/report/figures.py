@@ -18,7 +18,16 @@ from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.progress import Tick
 from homolog_app.pictures import LIGHT, VIEWS, ModeSurfaces, Theme, draw_differences, draw_modes
-from homolog_app.plots import plot_discriminant, plot_energies, plot_quality, plot_scores, plot_scree
+from homolog_app.plots import (
+    draw_discriminant,
+    draw_energies,
+    draw_quality,
+    draw_scores,
+    draw_scree,
+    group_order,
+    new_figure,
+)
+from homolog_app.rendering.colours import page_colours
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.study import Study
 from homolog_app.report.surface_maps import SurfaceCarrier
@@ -78,7 +87,7 @@ def model_figures(
             f"{_DRAWS} drawn shapes to the nearest real one (mean particle distances).",
         )
     energies = _energies(project)
-    if len(energies["iteration"]) > 1:
+    if len(energies) > 1:
         yield ReportFigure(
             "energies", energies_figure(project), "The objective's parts along the optimization."
         )
@@ -115,8 +124,12 @@ def scores_figure(
     theme: Theme = LIGHT,
 ) -> Figure:
     """Draw the subjects in the plane of two modes, each with its label's colour and marker."""
-    scores = _per_particle(model.scores, model.mean)
-    return plot_scores(scores, model.explained_variance_ratio, labels, modes=modes, theme=theme)
+    scores, colours = _per_particle(model.scores, model.mean), page_colours(theme)
+    shares = 100.0 * model.explained_variance_ratio
+    names = [f"mode {mode + 1} ({shares[mode]:.0f} %), score (mm)" for mode in modes]
+    figure = new_figure(4.2, 3.6, colours)
+    draw_scores(figure.subplots(), scores[:, list(modes)], labels, (names[0], names[1]), colours)
+    return figure
 
 
 def quality_figure(result: Result, model: ShapeModel, theme: Theme = LIGHT) -> Figure:
@@ -125,7 +138,10 @@ def quality_figure(result: Result, model: ShapeModel, theme: Theme = LIGHT) -> F
     at = [k for k, _, _, drawn in rows if drawn is not None]
     measured = np.array([drawn for _, _, _, drawn in rows if drawn is not None])
     left_out = np.array([item for _, _, item, _ in rows if item is not None])
-    return plot_quality(compactness(model), left_out, (at, measured), theme=theme)
+    colours = page_colours(theme)
+    figure = new_figure(7.2, 2.5, colours)
+    draw_quality(figure.subplots(1, 3), compactness(model), left_out, (at, measured), colours)
+    return figure
 
 
 def quality_rows(result: Result, model: ShapeModel) -> list[tuple[int, float, float | None, float | None]]:
@@ -146,8 +162,9 @@ def quality_rows(result: Result, model: ShapeModel) -> list[tuple[int, float, fl
 
 def energies_figure(project: ProjectFolder, theme: Theme = LIGHT) -> Figure:
     """Draw the objective's parts along the run."""
-    energies = _energies(project)
-    return plot_energies(energies.pop("iteration"), energies, theme=theme)
+    figure = new_figure(7.2, 2.2, colours := page_colours(theme))
+    draw_energies(figure.subplots(1, 3), _energies(project), colours)
+    return figure
 
 
 def discriminant_figure(study: Study, comparison: Comparison, theme: Theme = LIGHT) -> Figure:
@@ -155,8 +172,11 @@ def discriminant_figure(study: Study, comparison: Comparison, theme: Theme = LIG
     assert comparison.discriminant is not None
     first, second = comparison.counts
     members = np.array([study.labels[subject] for subject in comparison.subjects]) == second
-    places = _per_particle(comparison.discriminant.scores, comparison.mean)
-    return plot_discriminant(places, members, (first, second), theme=theme)
+    places, colours = _per_particle(comparison.discriminant.scores, comparison.mean), page_colours(theme)
+    figure = new_figure(4.6, 1.9, colours)
+    order = group_order(study.labels)
+    draw_discriminant(figure.subplots(), places, members, (first, second), order, colours)
+    return figure
 
 
 def map_figure(comparison: Comparison, carrier: SurfaceCarrier, theme: Theme = LIGHT) -> Figure:
@@ -195,8 +215,10 @@ def _map_caption(study: Study, comparison: Comparison) -> str:
 
 def scree_figure(parallel: ParallelAnalysis, theme: Theme = LIGHT) -> Figure:
     """Draw the eigenvalues with the line that chance reaches."""
+    figure = new_figure(4.6, 3.0, colours := page_colours(theme))
     eigenvalues, threshold = parallel.eigenvalues, parallel.threshold
-    return plot_scree(eigenvalues, threshold, parallel.n_retained, parallel.percentile, theme=theme)
+    draw_scree(figure.subplots(), eigenvalues, threshold, parallel.n_retained, parallel.percentile, colours)
+    return figure
 
 
 def _scree_caption(parallel: ParallelAnalysis) -> str:
@@ -206,12 +228,13 @@ def _scree_caption(parallel: ParallelAnalysis) -> str:
     )
 
 
-def _energies(project: ProjectFolder) -> dict[str, FloatArray]:
+def _energies(project: ProjectFolder) -> FloatArray:
+    """Return iteration and the three parts of the objective, (T, 4)."""
     path = project.folder / "energies.csv"
     names = ("iteration", "sampling", "ensemble", "normals")
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))
-        return {name: np.array([float(row[name]) for row in rows]) for name in names}
+        return np.array([[float(row[name]) for name in names] for row in rows])
     except (OSError, ValueError, KeyError, TypeError, csv.Error) as error:
         raise InputError(f"{path}: can't be read: {error}; run again") from error

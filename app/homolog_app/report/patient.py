@@ -29,7 +29,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page
-from homolog_app.report.patient_figures import draw_percentiles, map_pictures
+from homolog_app.report.patient_figures import map_pictures, percentiles_figure
 from homolog_app.report.patient_pages import write_pdf
 from homolog_app.report.patient_words import (
     METHOD,
@@ -286,10 +286,10 @@ def patient_page(comparison: PatientComparison, reference: Reference, maps: obje
         page.paragraph("None.")
     page.heading("Among the controls")
     text = (
-        "Marks: controls fitted as patients; band: their middle 90 %; diamond: this subject, orange where "
+        "Marks: controls fitted as patients; band: their middle 90 %; diamond: this subject, red where "
         "p is 0.05 or less; dashed: limit."
     )
-    page.figures([ReportFigure("percentiles", draw_percentiles(comparison, reference), text)])
+    page.figures([ReportFigure("percentiles", percentiles_figure(comparison, reference), text)])
     page.table(
         ("", "value", "percentile of controls (95 % interval)", "p"), measure_rows(comparison, reference)
     )

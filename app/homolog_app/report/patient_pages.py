@@ -14,8 +14,9 @@ from homolog.files.atomic import atomic_write
 from homolog.patient import PatientComparison, Reference
 from homolog_app.fonts import complete_texts
 from homolog_app.pictures.layout import Panel, draw_displacement_bar
-from homolog_app.rendering.colours import LIGHT
-from homolog_app.report.patient_figures import MapPictures, draw_bars
+from homolog_app.plots import draw_percentiles
+from homolog_app.rendering.colours import LIGHT, page_colours
+from homolog_app.report.patient_figures import MapPictures
 from homolog_app.report.patient_words import (
     METHOD,
     NOTICE,
@@ -111,14 +112,11 @@ class _Sheet:
         """Add the patient among the controls."""
         places = []
         for _ in range(4):
-            left, width, high = _EDGE + 1.75, _WIDE - 2.0 * _EDGE - 2.75, 0.22
-            places.append(
-                self.figure.add_axes(
-                    (left / _WIDE, 1.0 - (self.y + high) / _HIGH, width / _WIDE, high / _HIGH)
-                )
-            )
-            self.y += high + 0.2
-        draw_bars(places, comparison, reference)
+            width, high = _WIDE - 2.0 * _EDGE, 0.16
+            bottom = 1.0 - (self.y + 0.16 + high) / _HIGH  # below the title
+            places.append(self.figure.add_axes((_EDGE / _WIDE, bottom, width / _WIDE, high / _HIGH)))
+            self.y += high + 0.34
+        draw_percentiles(places, comparison, reference, page_colours(LIGHT))
 
 
 def write_pdf(path: Path, comparison: PatientComparison, reference: Reference, maps: MapPictures) -> None:
@@ -161,7 +159,7 @@ def _first(comparison: PatientComparison, reference: Reference, maps: MapPicture
     sheet.heading("Among the controls")
     sheet.bars(comparison, reference)
     sheet.text(
-        "Marks: controls fitted as patients; blue band: their middle 90 %; diamond: this subject, orange "
+        "Marks: controls fitted as patients; band: their middle 90 %; diamond: this subject, red "
         "where p is 0.05 or less; dashed: limit.",
         7.5,
     )

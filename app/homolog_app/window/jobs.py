@@ -51,6 +51,7 @@ def prepare(tick: Tick) -> Devices:
     import warp
 
     import homolog.run  # noqa: F401 - brings all that a run computes with
+    import homolog_app.plots  # noqa: F401 - the first plot appears at once
     from homolog.device import choose_device, describe_device
 
     automatic = choose_device("auto")

@@ -3,9 +3,7 @@
 import math
 from collections.abc import Sequence
 
-__all__ = ["duration", "millilitres", "parse_number", "short", "signed", "tick_words", "ticks"]
-
-_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+__all__ = ["duration", "millilitres", "parse_number", "short", "signed", "tick_words"]
 
 
 def parse_number(text: str) -> float:
@@ -50,12 +48,3 @@ def tick_words(values: Sequence[float]) -> list[str]:
         digits for digits in range(10) if digits == 9 or abs(round(step, digits) - step) < 1e-3 * step
     )
     return [f"{value + 0.0:.{digits}f}".replace("-", "−") for value in values]
-
-
-def ticks(low: float, high: float, about: int = 5) -> list[float]:
-    """Return so many round values, or a few more or less, from low to high; 0 is one of them if between."""
-    rough = max((high - low) / about, 1e-300)
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * power for factor in _STEPS if factor * power >= 0.999 * rough)
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [number * step for number in range(first, last + 1)]

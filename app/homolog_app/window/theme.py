@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject, Qt, Signal, Slot
 from PySide6.QtGui import QColor, QGuiApplication, QPalette
 from PySide6.QtWidgets import QApplication
 
-from homolog_app.window.scheme import DARK, LIGHT, Colours
+from homolog_app.scheme import DARK, LIGHT, Colours
 
 __all__ = ["Theme"]
 

@@ -232,6 +232,19 @@ def groomed(beans, wait, groomed_cache):
 
 
 @pytest.fixture
+def pixel(wait):
+    """Return the function that says where a point of the data is on the canvas of a plot."""
+    from PySide6.QtCore import QPoint
+
+    def place(canvas, x, y):
+        canvas.grab()  # it is drawn when it is seen
+        at, up = canvas.figure.axes[0].transData.transform((x, y)) / canvas.device_pixel_ratio
+        return QPoint(round(at), round(canvas.height() - up))
+
+    return place
+
+
+@pytest.fixture
 def close(qapp):
     """Return a function that closes a window and handles what that leaves to do."""
     return lambda window: shut(window, qapp)

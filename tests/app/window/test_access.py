@@ -344,9 +344,9 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
             if page.plots is not None:
                 yield f"plots of {page.title}", page.plots
             if isinstance(page, MeasurePage):
-                page.charts.setCurrentWidget(page.charts.boxes)
-                yield "measures by group", page.charts.boxes
-                enlarged = EnlargedPlot(page.charts.volume)
+                page.charts.setCurrentIndex(1)
+                yield "measures by group", page.charts
+                enlarged = EnlargedPlot(page.charts.each[1])
                 enlarged.show()
                 yield "a plot enlarged", enlarged
                 enlarged.close()

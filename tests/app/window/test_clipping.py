@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from homolog_app.clipping import Clip
+from homolog_app.scheme import LIGHT, rgb
 from homolog_app.window.explore.chosen import Snapshot, SubjectsView
 from homolog_app.window.scene.canvas import CameraState
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.offscreen import drawn
-from homolog_app.window.scheme import LIGHT, rgb
 
 pytestmark = pytest.mark.window
 

@@ -89,14 +89,16 @@ def test_energies_of_one_iteration_are_no_curve(window):
     from homolog_app.window.curves import EnergyCurves
 
     curves = EnergyCurves(window.desk.theme)
+    curves.resize(900, 200)
 
     def picture(rows):
         curves.show_rows(rows)
-        curves.resize(900, 200)
+        curves.show()
         return curves.grab().toImage()
 
     assert picture([[5, 1, 1, 1], [5, 2, 2, 2]]) == picture([])
     assert picture([[0, 1, 1, 1], [1, 2, 2, 2]]) != picture([])
+    curves.close()
 
 
 def test_whatever_may_be_impossible_has_a_reason():

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.window
 @pytest.fixture
 def page(explore, finished, wait):
     page = explore(finished, "measure")
-    wait(lambda: page.table.rowCount() == 4 and not page.charts.volume.is_empty)
+    wait(lambda: page.table.rowCount() == 4 and not page.charts.each[1].is_empty)
     return page
 
 
@@ -61,20 +61,14 @@ def test_clicks_on_the_shape_set_the_two_particles_in_turn(page):
 
 
 def test_curves_along_a_mode_are_those_of_the_shapes_that_are_shown(page, window):
-    shape, charts = page.fitted.shape, page.charts
+    shape, (distance, volume, area, _) = page.fitted.shape, page.charts.each
     page.place.setValue(150)
     (shown,) = window.views.stage.scene.shown
     at = 1.5
-    assert np.interp(at, charts.volume._x, charts.volume._y) == pytest.approx(
-        shown.groomed.volume / 1000.0, rel=1e-3
-    )
-    assert np.interp(at, charts.area._x, charts.area._y) == pytest.approx(
-        shown.groomed.area / 100.0, rel=1e-3
-    )
+    assert np.interp(at, volume._x, volume._y) == pytest.approx(shown.groomed.volume / 1000.0, rel=1e-3)
+    assert np.interp(at, area._x, area._y) == pytest.approx(shown.groomed.area / 100.0, rel=1e-3)
     first, second = shape.model.instance(np.array([at]))[list(page.pair)]
-    assert np.interp(at, charts.distance._x, charts.distance._y) == pytest.approx(
-        np.linalg.norm(second - first), rel=1e-3
-    )
+    assert np.interp(at, distance._x, distance._y) == pytest.approx(np.linalg.norm(second - first), rel=1e-3)
     np.testing.assert_allclose(shown.lines[0], [first, second])
 
 
@@ -129,18 +123,18 @@ def test_a_map_shows_the_thickness_of_a_subject_and_its_distance_from_the_mean(p
 
 def test_measures_are_compared_by_group(page, window):
     session = window.desk.session
-    assert page.charts.boxes.volume.is_empty
+    _, volume, _, _ = page.charts.boxes
+    assert volume.is_empty
     for names, group in ((["a", "b"], "large"), (["c", "d"], "small")):
         session.select(names)
         session.set_group(group)
     page.kind.setCurrentIndex(1)
     page.kind.activated.emit(1)
-    boxes = page.charts.boxes
-    assert boxes.isVisible()
+    assert volume.isVisible()
     volumes = {row[0]: row[3] for row in cells(page)}
-    assert boxes.volume.found.groups == ("large", "small")
-    assert boxes.volume.found.means[0] == pytest.approx((volumes["a"] + volumes["b"]) / 2.0)
-    assert "n = 2" in boxes.volume.toolTip()
+    assert volume.found.groups == ("large", "small")
+    assert volume.found.means[0] == pytest.approx((volumes["a"] + volumes["b"]) / 2.0)
+    assert "n = 2" in volume.toolTip()
     window.grab()
 
 

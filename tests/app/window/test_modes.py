@@ -79,13 +79,6 @@ def test_the_cross_goes_back_to_the_mean_with_another_model(page, window):
     assert page.charts.scatter.mark == (0.0, 0.0)
 
 
-def test_words_of_ticks_do_not_overlap():
-    from homolog_app.window.explore.plot import apart
-
-    assert apart([0, 30, 60], [20, 20, 20]) == {0, 1, 2}
-    assert apart([0, 10, 20, 30], [20, 20, 20, 20]) == {0, 3}
-
-
 def test_sliders_combine_and_mean_shape_puts_them_back(page, scene, window):
     model = page.fitted.shape
     page.sliders.show_value(0, 1.0)
@@ -178,25 +171,25 @@ def test_leaving_the_page_stops_playing_and_shows_the_subjects_again(page, windo
     assert not scene.bar.isVisible()
 
 
-def test_a_click_in_the_scatter_selects_the_subject_everywhere(page, window, qapp):
+def test_a_click_in_the_scatter_selects_the_subject_everywhere(page, window, pixel):
     from PySide6.QtCore import Qt
     from PySide6.QtTest import QTest
 
     scatter, model = page.charts.scatter, page.fitted.shape
     scores = model.model.scores / model.model.standard_deviations
-    at = scatter.place(scores[6, 0], scores[6, 1]).toPoint()
-    QTest.mouseClick(scatter, Qt.MouseButton.LeftButton, pos=at)
+    at = pixel(scatter.canvas, scores[6, 0], scores[6, 1])
+    QTest.mouseClick(scatter.canvas, Qt.MouseButton.LeftButton, pos=at)
     assert window.desk.session.selection == (model.result.names[6],)
     QTest.keyClick(scatter, Qt.Key.Key_Right)
     assert window.desk.session.selection == (model.result.names[7],)
 
 
-def test_a_drag_in_the_scatter_morphs_the_shape(page, qapp):
+def test_a_drag_in_the_scatter_morphs_the_shape(page, qapp, pixel):
     from PySide6.QtCore import QPoint, Qt
     from PySide6.QtTest import QTest
 
-    scatter = page.charts.scatter
-    start, end = scatter.place(0.0, 0.0).toPoint(), scatter.place(1.5, -1.0).toPoint()
+    scatter = page.charts.scatter.canvas
+    start, end = pixel(scatter, 0.0, 0.0), pixel(scatter, 1.5, -1.0)
     QTest.mousePress(scatter, Qt.MouseButton.LeftButton, pos=start)
     QTest.mouseMove(scatter, start + QPoint(9, 3))
     QTest.mouseMove(scatter, end)
@@ -205,17 +198,16 @@ def test_a_drag_in_the_scatter_morphs_the_shape(page, qapp):
     np.testing.assert_allclose(page.sliders.values[:2], (1.5, -1.0), atol=0.1)
 
 
-def test_groups_in_the_scatter_differ_in_shape_and_colour(page):
-    from PySide6.QtCore import QPointF
-
-    from homolog_app.window.explore.plot import MARKERS, group_colour, marker
-
-    theme = page.desk.theme
-    assert page.charts.scatter._order == ["slim", "wide"]
-    assert len({group_colour(index, theme).name() for index in range(7)}) == 7
-    paths = [marker(index, QPointF(0, 0), 5.0) for index in range(len(MARKERS))]
-    assert len({(round(one.boundingRect().width(), 2), one.elementCount(), one.contains(QPointF(3.4, 3.4)))
-                for one in paths}) >= 5  # fmt: skip
+def test_what_moves_in_the_scatter_is_drawn_over_subjects_that_stay(page, qapp, monkeypatch):
+    scatter = page.charts.scatter
+    scatter.canvas.grab()
+    monkeypatch.setattr(scatter, "draw", lambda figure: pytest.fail("the subjects were drawn anew"))
+    before = scatter.canvas.grab().toImage()
+    page.sliders.show_value(0, 2.0)
+    away = scatter.canvas.grab().toImage()
+    page.sliders.show_value(0, 0.0)
+    assert away != before
+    assert scatter.canvas.grab().toImage() == before
 
 
 def test_another_run_stands_beside_with_modes_that_go_the_same_way(page, scene, bean_project, wait):

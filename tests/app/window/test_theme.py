@@ -2,8 +2,7 @@
 
 import pytest
 
-from homolog_app.window.explore.plot import _ON_DARK, _ON_LIGHT
-from homolog_app.window.scheme import DARK, LIGHT, rgb
+from homolog_app.scheme import DARK, LIGHT, rgb
 
 TEXT, GRAPHICS = 4.5, 3.0  # WCAG 2.2, level AA
 
@@ -28,9 +27,9 @@ def test_texts_stand_out_from_every_ground(colours, ink, ground):
     assert contrast(getattr(colours, ink), getattr(colours, ground)) >= TEXT
 
 
-@pytest.mark.parametrize(("colours", "groups"), [(LIGHT, _ON_LIGHT), (DARK, _ON_DARK)], ids=["light", "dark"])
-def test_markers_of_groups_stand_out_from_the_plot_and_text_from_buttons(colours, groups):
-    assert min(contrast(one, colours.surface) for one in groups) >= GRAPHICS
+@pytest.mark.parametrize("colours", [LIGHT, DARK], ids=["light", "dark"])
+def test_markers_of_groups_stand_out_from_the_plot_and_text_from_buttons(colours):
+    assert min(contrast(colour, colours.surface) for colour in colours.groups) >= GRAPHICS
     assert contrast(colours.on_accent, colours.accent) >= TEXT
 
 

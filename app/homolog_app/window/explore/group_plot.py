@@ -1,21 +1,22 @@
 """The subjects of two groups along their discriminant, or along the change that a number brings."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtGui import QPainter
 
-from homolog.arrays import FloatArray
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.quantities import short, signed
 from homolog_app.window.theme import Theme
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from homolog_app.window.explore.group_answer import GroupAnswer
 
 __all__ = ["GroupPlot"]
-
-_WAVE = 2.4  # radians from subject to subject, so that neighbours don't hide each other
 
 
 class GroupPlot(ScatterPlot):
@@ -27,70 +28,62 @@ class GroupPlot(ScatterPlot):
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme)
         self.setAccessibleName("Subjects along the discriminant")
-        self.hint = "The position of each subject between the groups appears here after the comparison."
-        self.y_ticks: list[float] | None = []
-        self.unit = "mm"
+        self.hint.setText(
+            "The position of each subject between the groups appears here after the comparison."
+        )
         del self.options[ELLIPSES]  # the height means nothing
         self.ends = (0.0, 1.0)
-        self._line: tuple[float, float] | None = None
+        self._answer: GroupAnswer | None = None
 
     def show_answer(self, answer: "GroupAnswer | None") -> None:
         """Show the places of an answer's subjects, or none."""
         if answer is None or answer.places is None:
+            self._answer = None
             self.show_scores(np.empty((0, 2)), (), (), ("", ""))
             return
-        if answer.values is not None:
-            self._show_slope(answer, answer.places, answer.values)
+        self._answer = answer
+        names = [answer.shape.result.names[subject] for subject in answer.pair.subjects]
+        if answer.values is None:
+            from homolog_app.plots import discriminant_points
+
+            groups: Sequence[str] = [answer.study.labels[subject] for subject in answer.pair.subjects]
+            second = np.array([group == answer.second for group in groups], dtype=bool)
+            points = discriminant_points(answer.places, second)
+            self.ends = float(answer.places[~second].mean()), float(answer.places[second].mean())
+            self.title, label = "Subjects along the discriminant", "position along the discriminant (mm)"
+        else:
+            groups, points = answer.groups, np.column_stack([answer.values, answer.places])
+            self.ends = float(answer.values.min()), float(answer.values.max())
+            label = answer.study.request.column
+            self.title = f"Subjects by {label}"
+        self.show_scores(points, names, groups, (label, ""))
+
+    def draw_data(self, axes: "Axes") -> None:
+        """Draw the groups, or the line of the regression among the subjects."""
+        from homolog_app.plots import draw_discriminant, draw_slope, group_order
+
+        answer, colours = self._answer, self.theme.colours
+        assert answer is not None
+        assert answer.places is not None
+        if answer.values is None:
+            second = np.array([group == answer.second for group in self.groups], dtype=bool)
+            order = group_order(answer.study.labels)
+            draw_discriminant(axes, answer.places, second, (answer.first, answer.second), order, colours)
             return
-        pair, names = answer.pair, answer.shape.result.names
-        groups = [answer.study.labels[subject] for subject in pair.subjects]
-        rows = [(1.0 if group == answer.first else 0.0) for group in groups]
-        heights = np.array(rows) + 0.3 * np.sin(_WAVE * np.arange(len(rows)))
-        self.show_scores(
-            np.column_stack([answer.places, heights]), [names[subject] for subject in pair.subjects], groups,
-            ("position along the discriminant, RMS over the particles (mm)", ""),
-        )  # fmt: skip
-        reach = 1.1 * float(np.abs(answer.places).max())
-        self.x_range, self.y_range = (-reach, reach), (-0.7, 1.7)
-        self._line, self.y_ticks = None, []
-        first = np.array(groups) == answer.first
-        self.ends = float(answer.places[first].mean()), float(answer.places[~first].mean())
-        self.title = "Subjects along the discriminant"
-        self.update()
+        slope = float(np.linalg.norm(answer.pair.pointwise.effect[0])) / np.sqrt(len(answer.pair.mean))
+        column = answer.study.request.column
+        draw_slope(axes, answer.values, answer.places, self.groups, column, slope, colours)
 
-    def _show_slope(self, answer: "GroupAnswer", places: FloatArray, values: FloatArray) -> None:
-        """Show the number across, and how far each subject lies along its effect upwards."""
-        column, names = answer.study.request.column, answer.shape.result.names
-        subjects = [names[subject] for subject in answer.pair.subjects]
-        self.show_scores(
-            np.column_stack([values, places]), subjects, answer.groups, (column, "along the effect (mm)")
-        )
-        self.ends = float(values.min()), float(values.max())
-        rim = 0.06 * (self.ends[1] - self.ends[0])
-        reach = 1.15 * float(np.abs(places).max())
-        self.x_range, self.y_range = (self.ends[0] - rim, self.ends[1] + rim), (-reach, reach)
-        length = float(np.linalg.norm(answer.pair.pointwise.effect[0])) / np.sqrt(len(answer.pair.mean))
-        self._line, self.y_ticks = (float(values.mean()), length), None
-        self.title = f"Subjects by {column}"
-        self.update()
+    def draw_moving(self, figure: "Figure") -> "Sequence[Artist]":
+        """Draw a line where the shape that is shown lies."""
+        from homolog_app.plots import draw_place
 
-    def paint_ground(self, painter: QPainter) -> None:
-        """Paint the border between the groups, or the line of the regression."""
-        if self._line is None:
-            painter.drawLine(self.place(0.0, self.y_range[0]), self.place(0.0, self.y_range[1]))
-            return
-        middle, slope = self._line
-        low, high = (self.place(x, slope * (x - middle)) for x in self.ends)
-        painter.drawLine(low, high)
-
-    def paint_cursor(self, painter: QPainter) -> None:
-        """Paint a line where the shape that is shown lies."""
-        x, _ = self.mark
-        painter.drawLine(self.place(x, self.y_range[0]), self.place(x, self.y_range[1]))
+        return [draw_place(figure.axes[0], self.mark[0], None, self.theme.colours)]
 
     def words_of(self, name: str) -> str:
         """Return a subject's place in words."""
-        if self._line is None:
-            return super().words_of(name)
-        x, y = self.point_of(name)
-        return f"{name}: {self.x_label} {short(x)}, {signed(y)} mm along the effect"
+        index = self.names.index(name)
+        x, y = self.points[index].tolist()
+        if self._answer is None or self._answer.values is None:
+            return f"{self.title_of(index)}: {signed(x)} mm"
+        return f"{name}: {self.labels[0]} {short(x)}, {signed(y)} mm along the effect"

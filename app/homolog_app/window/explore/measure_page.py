@@ -290,7 +290,7 @@ class MeasurePage(ExplorePage):
         groups = [group or "" for group in result.groups]
         rows = zip(result.names, groups, *(column.tolist() for column in columns), strict=True)
         self.table.show_rows(list(rows))
-        self.charts.boxes.show_measures(columns, groups)
+        self.charts.show_measures(columns, groups)
 
     def _select(self, row: QModelIndex, _: QModelIndex) -> None:
         name = self._rows.index(row.row(), 0).data()

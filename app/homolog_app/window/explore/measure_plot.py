@@ -1,19 +1,27 @@
-"""Measures along the range of a mode."""
+"""Measures: curves along the range of a mode, and box plots by group."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QMouseEvent, QPainter, QPen, QPolygonF
+from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QWidget
 
+from homolog.analysis.group_measures import GroupMeasure, compare_measure
 from homolog.arrays import FloatArray
-from homolog_app.window.explore.group_boxes import GroupBoxes
-from homolog_app.window.explore.plot import Plot, group_colour
+from homolog_app.window.explore.plot import Plot
 from homolog_app.window.quantities import short
 from homolog_app.window.theme import Theme
 
-__all__ = ["MeasurePlot", "MeasurePlots"]
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.backend_bases import MouseEvent
+    from matplotlib.figure import Figure
 
-_ROOM = 0.08
+__all__ = ["BoxPlot", "MeasurePlot", "MeasurePlots"]
+
+_MEASURES = (("Distance", "mm"), ("Volume", "ml"), ("Area", "cm²"), ("Wall", "mm"))
+_WIDTH = 150
 
 
 class MeasurePlot(Plot):
@@ -23,7 +31,8 @@ class MeasurePlot(Plot):
 
     def __init__(self, theme: Theme, name: str, unit: str) -> None:
         super().__init__(theme, name, "")
-        self._name, self._unit = name, unit
+        self.setMinimumWidth(_WIDTH)
+        self._unit, self._label = unit, ""
         self._x: FloatArray = np.empty(0)
         self._y: FloatArray = np.empty(0)
         self._at = 0.0
@@ -35,39 +44,86 @@ class MeasurePlot(Plot):
 
     def show_curve(self, x: FloatArray, y: FloatArray, label: str) -> None:
         """Show a measure at some standard deviations."""
-        self._x, self._y, self.x_label = x, y, label
+        self._x, self._y, self._label = x, y, label
         if len(x):
-            low, high = float(y.min()), float(y.max())
-            room = _ROOM * (high - low) or 0.05 * abs(high) or 1.0
-            self.x_range, self.y_range = (float(x[0]), float(x[-1])), (low - room, high + room)
-            self.setAccessibleDescription(
-                f"from {short(float(y[0]))} to {short(float(y[-1]))} {self._unit} over {label}"
-            )
-        self.show_place(self._at)
+            ends = f"from {short(float(y[0]))} to {short(float(y[-1]))}"
+            self.setAccessibleDescription(f"{ends} {self._unit} over {label}")
+        self.redraw()
 
     def show_place(self, at: float) -> None:
         """Mark the shape that is shown [SD]."""
         self._at = at
-        if len(self._x):
-            value = float(np.interp(at, self._x, self._y))
-            self.title = f"{self._name}: {short(value)} {self._unit}"
-        self.update()
+        self.follow()
 
-    def paint_data(self, painter: QPainter) -> None:
-        """Paint the curve and the place."""
-        painter.setPen(QPen(group_colour(0, self.theme), 2))
-        line = [self.place(x, y) for x, y in zip(self._x, self._y, strict=True)]
-        painter.drawPolyline(QPolygonF(line))
-        at = self.place(self._at, float(np.interp(self._at, self._x, self._y)))
-        painter.setPen(Qt.PenStyle.NoPen)
-        painter.setBrush(group_colour(1, self.theme))
-        painter.drawEllipse(at, 5, 5)
+    def draw(self, figure: "Figure") -> None:
+        """Draw the curve."""
+        from homolog_app.plots import draw_measure
 
-    def mousePressEvent(self, event: QMouseEvent) -> None:
+        draw_measure(figure.subplots(), self._x, self._y, self.title, self._label, self.theme.colours)
+
+    def draw_moving(self, figure: "Figure") -> "Sequence[Artist]":
+        """Draw the place, and the measure there."""
+        from homolog_app.plots import draw_value
+
+        value = float(np.interp(self._at, self._x, self._y))
+        text = f"{short(value)} {self._unit}"
+        return draw_value(figure.axes[0], self._at, value, text, self.theme.colours)
+
+    def press(self, event: "MouseEvent") -> None:
         """Go to the place that is clicked."""
-        if len(self._x):
-            at = self.value(event.position())[0]
-            self.chosen.emit(float(np.clip(at, self._x[0], self._x[-1])))
+        if len(self._x) and event.xdata is not None:
+            self.chosen.emit(float(np.clip(event.xdata, self._x[0], self._x[-1])))
+
+
+class BoxPlot(Plot):
+    """Quartiles, range and mean of a measure in each group, and every subject."""
+
+    def __init__(self, theme: Theme, name: str, unit: str) -> None:
+        super().__init__(theme, name, "Give subjects groups in Cohort to see this measure by group.")
+        self.setMinimumWidth(_WIDTH)
+        self._name, self._unit = name, unit
+        self._parts: list[FloatArray] = []
+        self.found: GroupMeasure | None = None
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there are no groups."""
+        return self.found is None or not self.found.groups
+
+    def show_measure(self, values: FloatArray, groups: Sequence[str]) -> None:
+        """Show a measure of subjects (M,), with the group of each."""
+        self.found = found = compare_measure(values, groups)
+        labels = np.array(groups, dtype=object)
+        self._parts = [values[(labels == name) & np.isfinite(values)] for name in found.groups]
+        test = "no test" if found.p is None else "p < 0.001" if found.p < 0.001 else f"p = {found.p:.2g}"
+        self.title = f"{self._name}: {test}"
+        rows = zip(found.groups, found.means, found.deviations, found.counts, strict=True)
+        each = [
+            f"{name}: {short(mean)} ± {short(deviation)} {self._unit} (n = {count})"
+            if np.isfinite(deviation)
+            else f"{name}: {short(mean)} {self._unit} (n = 1)"
+            for name, mean, deviation, count in rows
+        ]
+        self.setAccessibleDescription("; ".join([*each, test]))
+        self.setToolTip(
+            "\n".join(["Mean ± SD", *each, f"{test} (Welch, not corrected for several measures)"])
+        )
+        self.redraw()
+
+    def draw(self, figure: "Figure") -> None:
+        """Draw a box for each group, with its name and mean below."""
+        from homolog_app.plots import draw_boxes
+
+        found = self.found
+        assert found is not None
+        means = []
+        for mean, deviation in zip(found.means, found.deviations, strict=True):
+            digits = int(np.clip(-np.floor(np.log10(deviation)), 0, 3)) if deviation > 0.0 else 1
+            spread = f"\u2009±\u2009{deviation:.{digits}f}" if np.isfinite(deviation) else ""
+            means.append((f"{mean:.{digits}f}{spread}", short(mean)))
+        draw_boxes(
+            figure.subplots(), self._parts, found.groups, means, self.title, self._unit, self.theme.colours
+        )
 
 
 class MeasurePlots(QStackedWidget):
@@ -75,18 +131,18 @@ class MeasurePlots(QStackedWidget):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self.boxes = GroupBoxes(theme)
-        self.distance = MeasurePlot(theme, "Distance", "mm")
-        self.volume = MeasurePlot(theme, "Volume", "ml")
-        self.area = MeasurePlot(theme, "Area", "cm²")
-        self.wall = MeasurePlot(theme, "Wall", "mm")
-        self.each = (self.distance, self.volume, self.area, self.wall)
-        curves = QWidget()
-        row = QHBoxLayout(curves)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(0)
-        for plot in self.each:
-            plot.setMinimumWidth(150)
-            row.addWidget(plot)
-        self.addWidget(curves)
-        self.addWidget(self.boxes)
+        self.each = tuple(MeasurePlot(theme, *measure) for measure in _MEASURES)
+        self.boxes = tuple(BoxPlot(theme, *measure) for measure in _MEASURES)
+        for plots in (self.each, self.boxes):
+            page = QWidget()
+            row = QHBoxLayout(page)
+            row.setContentsMargins(0, 0, 0, 0)
+            row.setSpacing(0)
+            for plot in plots:
+                row.addWidget(plot)
+            self.addWidget(page)
+
+    def show_measures(self, columns: Sequence[FloatArray], groups: Sequence[str]) -> None:
+        """Show the columns (M,) of the table by group."""
+        for plot, values in zip(self.boxes, columns, strict=True):
+            plot.show_measure(values, groups)

@@ -4,96 +4,73 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtCore import QEvent, QPointF, QRectF, Qt, Signal
-from PySide6.QtGui import QColor, QFontMetrics, QKeyEvent, QMouseEvent, QPainter, QPen, QPolygonF
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QToolTip
 
+from homolog.analysis.parallel import ParallelAnalysis
 from homolog.arrays import FloatArray
-from homolog_app.window.explore.plot import Plot, group_colour, marker
+from homolog_app.window.explore.plot import Plot
 from homolog_app.window.quantities import signed
 from homolog_app.window.theme import Theme
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.backend_bases import LocationEvent, MouseEvent
+    from matplotlib.figure import Figure
+
     from homolog_app.window.explore.model_shape import ModelShape
+    from homolog_app.window.explore.plot_canvas import PlotCanvas
 
-__all__ = ["ScatterPlot", "ScreePlot"]
+__all__ = ["ELLIPSES", "ScatterPlot", "ScreePlot"]
 
-_MOST_BARS, _DENSE = 16, 10
-_VEIL = 180
-_NEAR_PX = 10.0
-_NAME_PX = 180
-_KEY_PX = 28
-_WIDE_PX = 240
-_DRAG_PX = 4.0
+_NEAR_PX, _DRAG_PX = 10.0, 4.0
 _REACH = 3.0
-_QUANTILE = 5.991464547107979  # 95 % of the chi-squared distribution with two degrees of freedom
-_LEAST = 3
 NAMES, ELLIPSES = "Names of all subjects", "95 % ellipses of the groups"
 
 
 class ScreePlot(Plot):
-    """Variance of each mode as a bar, and the line that chance reaches (parallel analysis)."""
+    """Variance of each mode as a bar, and the line that chance reaches. A click chooses a mode."""
 
     mode_chosen = Signal(int)
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "Variance of the modes", "The variance of each mode appears here.")
-        self._shares: FloatArray = np.empty(0)
-        self._chance: FloatArray = np.empty(0)
-        self._n_retained = 0
-        self.y_label, self.x_label = "share of variance (%)", "mode"
+        self._parallel: ParallelAnalysis | None = None
 
     @property
     def is_empty(self) -> bool:
         """Whether there is no model yet."""
-        return not len(self._shares)
+        return self._parallel is None
 
     def show_model(self, shape: "ModelShape | None") -> None:
         """Show the eigenvalues of a model."""
-        self._shares = self._chance = np.empty(0)
-        if shape is not None:
-            parallel = shape.parallel
-            percent = 100.0 / parallel.eigenvalues.sum()
-            self._shares = (parallel.eigenvalues * percent)[:_MOST_BARS]
-            self._chance = (parallel.threshold * percent)[:_MOST_BARS]
-            self._n_retained = parallel.n_retained
-            shown = len(self._shares)
-            self.x_range, self.x_ticks = (0.4, shown + 0.6), range(1, shown + 1, 1 + (shown > _DENSE))
-            self.y_range = (0.0, 1.08 * float(max(self._shares.max(), self._chance.max())))
-            self.title = f"{self._n_retained} mode{'s' * (self._n_retained != 1)} above chance"
-            self.setAccessibleDescription(
-                f"{self.title}; " + ", ".join(f"mode {n + 1}: {s:.1f} %" for n, s in enumerate(self._shares))
-            )
-        self.update()
+        self._parallel = parallel = shape.parallel if shape is not None else None
+        if parallel is not None:
+            shares = 100.0 * parallel.eigenvalues / parallel.eigenvalues.sum()
+            each = ", ".join(f"mode {mode}: {share:.1f} %" for mode, share in enumerate(shares[:16], start=1))
+            noun = "mode" if parallel.n_retained == 1 else "modes"
+            self.setAccessibleDescription(f"{parallel.n_retained} {noun} above chance; {each}")
+        self.redraw()
 
-    def paint_data(self, painter: QPainter) -> None:
-        """Paint bars, filled above chance and hatched below, and the line of chance."""
-        ink, faint = group_colour(0, self.theme), QColor(self.theme.colours.dim)
-        for index, share in enumerate(self._shares):
-            corner, base = self.place(index + 0.68, share), self.place(index + 1.32, 0.0)
-            painter.setPen(QPen(ink if index < self._n_retained else faint, 1))
-            style = Qt.BrushStyle.SolidPattern if index < self._n_retained else Qt.BrushStyle.BDiagPattern
-            painter.setBrush(ink if index < self._n_retained else faint)
-            brush = painter.brush()
-            brush.setStyle(style)
-            painter.setBrush(brush)
-            painter.drawRect(QRectF(corner, base))
-        line = QPolygonF([self.place(index + 1, share) for index, share in enumerate(self._chance)])
-        painter.setPen(QPen(group_colour(1, self.theme), 2, Qt.PenStyle.DashLine))
-        painter.setBrush(Qt.BrushStyle.NoBrush)
-        painter.drawPolyline(line)
-        frame = self.frame
-        wide = frame.width() > _WIDE_PX
-        words, start = ("chance (95th percentile)", 190) if wide else ("chance", 80)
-        painter.drawLine(QPointF(frame.right() - start, 34), QPointF(frame.right() - start + 24, 34))
-        painter.setPen(QColor(self.theme.colours.text))
-        painter.drawText(QPointF(frame.right() - start + 30, 38), words)
+    def draw(self, figure: "Figure") -> None:
+        """Draw the bars and the line of chance."""
+        from homolog_app.plots import draw_scree
 
-    def mousePressEvent(self, event: QMouseEvent) -> None:
+        parallel = self._parallel
+        assert parallel is not None
+        axes, colours = figure.subplots(), self.theme.colours
+        draw_scree(
+            axes, parallel.eigenvalues, parallel.threshold, parallel.n_retained, parallel.percentile, colours
+        )
+
+    def press(self, event: "MouseEvent") -> None:
         """Choose the mode whose bar is clicked."""
-        mode = round(self.value(event.position())[0]) - 1
-        if 0 <= mode < len(self._shares):
-            self.mode_chosen.emit(mode)
+        if self._parallel is not None and event.xdata is not None:
+            mode = round(event.xdata) - 1
+            if 0 <= mode < len(self._parallel.eigenvalues):
+                self.mode_chosen.emit(mode)
 
 
 class ScatterPlot(Plot):
@@ -110,170 +87,105 @@ class ScatterPlot(Plot):
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "Subjects in two modes", "The scores of the subjects appear here.")
-        self.title = "Subjects"
-        self.unit = "SD"
-        self._points: FloatArray = np.empty((0, 2))
-        self._names: Sequence[str] = ()
-        self._groups: Sequence[str] = ()
-        self._order: list[str] = []
-        self._selected: Sequence[str] = ()
+        self.points: FloatArray = np.empty((0, 2))
+        self.names: Sequence[str] = ()
+        self.groups: Sequence[str] = ()
+        self.labels = ("", "")
         self.mark = (0.0, 0.0)
-        self._pressed: QPointF | None = None
-        self._dragged = False
+        self._selected: Sequence[str] = ()
+        self._pressed: tuple[float, float] | None = None
+        self._is_dragged = False
         self.options = {NAMES: False, ELLIPSES: False}
-        self.setMouseTracking(True)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self.setToolTip("")
 
     @property
     def is_empty(self) -> bool:
         """Whether there are no scores yet."""
-        return not len(self._points)
+        return not len(self.points)
 
     def show_scores(
         self, points: FloatArray, names: Sequence[str], groups: Sequence[str], labels: tuple[str, str]
     ) -> None:
         """Show scores (M, 2) [SD] of subjects, with their groups and what stands at the axes."""
-        self._points, self._names, self._groups = points, names, groups
-        self._order = sorted(set(groups))
-        self.x_label, self.y_label = labels
-        reach = 1.1 * max(_REACH, float(np.abs(points).max(initial=0.0)))
-        self.x_range = self.y_range = (-reach, reach)
-        self.setAccessibleDescription(f"{labels[0]} and {labels[1]} of {len(names)} subjects")
-        self.update()
+        self.points, self.names, self.groups, self.labels = points, names, groups, labels
+        self.setAccessibleDescription(f"{' and '.join(filter(None, labels))} of {len(names)} subjects")
+        self.redraw()
 
     def show_selection(self, names: Sequence[str]) -> None:
         """Mark selected subjects."""
         self._selected = names
-        self.update()
+        self.redraw()
 
     def show_cursor(self, x: float, y: float) -> None:
         """Mark where the shape that is shown lies [SD]."""
         self.mark = (x, y)
-        self.update()
+        self.follow()
 
-    def paint_data(self, painter: QPainter) -> None:
-        """Paint the axes through zero, the subjects, the legend and the shape's place."""
-        colours = self.theme.colours
-        painter.setPen(QPen(QColor(colours.line), 1))
-        self.paint_ground(painter)
-        if self.options.get(ELLIPSES):
-            self._paint_ellipses(painter)
-        for (x, y), group in zip(self._points, self._groups, strict=True):
-            index, at = self._order.index(group), self.place(x, y)
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(group_colour(index, self.theme))
-            painter.drawPath(marker(index, at, 4.5))
-        self._paint_selection(painter)
-        self._paint_legend(painter)
-        painter.setPen(QPen(QColor(colours.accent), 2))
-        self.paint_cursor(painter)
+    def draw(self, figure: "Figure") -> None:
+        """Draw the subjects, and the names of those that are selected."""
+        from homolog_app.plots import draw_subjects
 
-    def paint_ground(self, painter: QPainter) -> None:
-        """Paint the axes through zero."""
-        painter.drawLine(self.place(self.x_range[0], 0.0), self.place(self.x_range[1], 0.0))
-        painter.drawLine(self.place(0.0, self.y_range[0]), self.place(0.0, self.y_range[1]))
+        axes = figure.subplots()
+        self.draw_data(axes)
+        named = [name in self._selected or self.options[NAMES] for name in self.names]
+        names = [name for name, shown in zip(self.names, named, strict=True) if shown]
+        draw_subjects(axes, self.points[named], names, self._selected, self.theme.colours)
 
-    def paint_cursor(self, painter: QPainter) -> None:
-        """Paint a cross where the shape that is shown lies."""
-        at = self.place(*self.mark)
-        for way in (QPointF(9, 0), QPointF(0, 9)):
-            painter.drawLine(at - way, at + way)
+    def draw_data(self, axes: "Axes") -> None:
+        """Draw the subjects by group."""
+        from homolog_app.plots import draw_scores
 
-    def _paint_ellipses(self, painter: QPainter) -> None:
-        """Paint where 95 % of a normal distribution with each group's mean and covariance lie."""
-        turn = np.linspace(0.0, 2.0 * np.pi, 73)
-        circle = np.stack([np.cos(turn), np.sin(turn)])
-        labels = np.array(self._groups, dtype=object)
-        for index, group in enumerate(self._order):
-            part = np.asarray(self._points[labels == group], np.float64)
-            if len(part) < _LEAST:
-                continue
-            values, axes = np.linalg.eigh(np.cov(part.T))
-            line = part.mean(axis=0)[:, None] + axes @ (
-                np.sqrt(_QUANTILE * values.clip(0.0))[:, None] * circle
-            )
-            painter.setPen(QPen(group_colour(index, self.theme), 1.5))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.drawPolyline(QPolygonF([self.place(x, y) for x, y in line.T]))
-        painter.setPen(QPen(QColor(self.theme.colours.line), 1))
+        ellipses = self.options[ELLIPSES]
+        draw_scores(axes, self.points, self.groups, self.labels, self.theme.colours, ellipses=ellipses)
+        reach = 1.1 * max(_REACH, float(np.abs(self.points).max()))
+        axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
 
-    def _paint_selection(self, painter: QPainter) -> None:
-        colours, metrics = self.theme.colours, painter.fontMetrics()
-        for (x, y), name in zip(self._points, self._names, strict=True):
-            if name in self._selected or self.options[NAMES]:
-                at = self.place(x, y)
-                told = metrics.elidedText(name, Qt.TextElideMode.ElideMiddle, _NAME_PX)
-                words = QRectF(at.x() + 12, at.y() - 20, metrics.horizontalAdvance(told) + 4, 16)
-                words.moveLeft(min(words.left(), self.area.right() - words.width()))
-                behind = QColor(colours.surface)
-                behind.setAlpha(_VEIL)
-                painter.fillRect(words, behind)
-                painter.setPen(QPen(QColor(colours.text), 2))
-                painter.setBrush(Qt.BrushStyle.NoBrush)
-                if name in self._selected:
-                    painter.drawEllipse(at, 9, 9)
-                painter.drawText(words, Qt.AlignmentFlag.AlignCenter, told)
+    def draw_moving(self, figure: "Figure") -> "Sequence[Artist]":
+        """Draw where the shape that is shown lies."""
+        from homolog_app.plots import draw_place
 
-    def legend_width(self, metrics: QFontMetrics) -> float:
-        """Return what the groups' names take."""
-        words = self._legend(metrics)
-        return sum(metrics.horizontalAdvance(one) + _KEY_PX for one in words) + (_KEY_PX if words else 0)
+        return [draw_place(figure.axes[0], *self.mark, self.theme.colours)]
 
-    def _legend(self, metrics: QFontMetrics) -> list[str]:
-        """Return what is written for each group, shortened where there is no room for all."""
-        if self._order == [""]:
-            return []
-        room = self.frame.width() / max(1, len(self._order))
-        least = max(round(room) - 2 * _KEY_PX, _KEY_PX)
-        told = [
-            metrics.elidedText(one or "no group", Qt.TextElideMode.ElideMiddle, least) for one in self._order
-        ]
-        counts = [list(self._groups).count(one) for one in self._order]
-        return [f"{name} ({count})" for name, count in zip(told, counts, strict=True)]
+    def listen(self, canvas: "PlotCanvas") -> None:
+        """Answer clicks, drags and the pointer over a subject."""
+        super().listen(canvas)
+        canvas.mpl_connect("motion_notify_event", self._hover_or_drag)
+        canvas.mpl_connect("button_release_event", self._release)
+        canvas.mpl_connect("figure_leave_event", lambda _: QToolTip.hideText())
 
-    def _paint_legend(self, painter: QPainter) -> None:
-        metrics, x = painter.fontMetrics(), self.frame.right()
-        for index, words in reversed(list(enumerate(self._legend(metrics)))):
-            x -= metrics.horizontalAdvance(words)
-            painter.setPen(QColor(self.theme.colours.text))
-            painter.drawText(QPointF(x, 18), words)
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(group_colour(index, self.theme))
-            painter.drawPath(marker(index, QPointF(x - 9, 14), 4.5))
-            x -= _KEY_PX
-
-    def _nearest(self, at: QPointF) -> str | None:
-        if self.is_empty:
-            return None
-        places = [self.place(x, y) for x, y in self._points]
-        gaps = [np.hypot(one.x() - at.x(), one.y() - at.y()) for one in places]
-        found = int(np.argmin(gaps))
-        return self._names[found] if gaps[found] <= _NEAR_PX else None
-
-    def mousePressEvent(self, event: QMouseEvent) -> None:
+    def press(self, event: "MouseEvent") -> None:
         """Begin a click or a drag."""
-        if event.button() == Qt.MouseButton.LeftButton:
-            self._pressed, self._dragged = event.position(), False
+        self._pressed, self._is_dragged = (event.x, event.y), False
 
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        """Name the subject under the pointer, or morph the shape."""
-        if self._pressed is None:
-            name = self._nearest(event.position())
-            QToolTip.showText(event.globalPosition().toPoint(), self.words_of(name) if name else "", self)
+    def _hover_or_drag(self, event: "MouseEvent") -> None:
+        if self.is_empty:
             return
-        way = event.position() - self._pressed
-        if self._dragged or np.hypot(way.x(), way.y()) > _DRAG_PX:
-            self._dragged = True
-            self.morphed.emit(*self.value(event.position()))
+        if self._pressed is None:
+            name = self._nearest(event)
+            QToolTip.showText(event.guiEvent.globalPosition().toPoint(), self.words_of(name) if name else "")
+            return
+        way = np.hypot(event.x - self._pressed[0], event.y - self._pressed[1])
+        if self._is_dragged or way > _DRAG_PX * event.canvas.device_pixel_ratio:
+            self._is_dragged = True
+            axes = event.canvas.figure.axes[0]
+            self.morphed.emit(*axes.transData.inverted().transform((event.x, event.y)).tolist())
 
-    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+    def _release(self, event: "MouseEvent") -> None:
         """Select the subject that was clicked."""
-        name = self._nearest(event.position())
-        if self._pressed is not None and not self._dragged and name is not None:
-            adds = bool(event.modifiers() & Qt.KeyboardModifier.ControlModifier)
+        name = self._nearest(event)
+        if self._pressed is not None and not self._is_dragged and name is not None:
+            adds = "ctrl" in event.modifiers
             (self.subject_toggled if adds else self.subject_chosen).emit(name)
         self._pressed = None
+
+    def _nearest(self, event: "LocationEvent") -> str | None:
+        if self.is_empty:
+            return None
+        places = event.canvas.figure.axes[0].transData.transform(self.points)
+        gaps = np.hypot(*(places - [event.x, event.y]).T)
+        nearest = int(gaps.argmin())
+        near = gaps[nearest] <= _NEAR_PX * event.canvas.device_pixel_ratio
+        return self.names[nearest] if near else None
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Go to the next or previous subject."""
@@ -281,21 +193,17 @@ class ScatterPlot(Plot):
         if not step or self.is_empty:
             super().keyPressEvent(event)
             return
-        chosen = [self._names.index(name) for name in self._selected if name in self._names]
-        following = (chosen[0] + step) % len(self._names) if chosen else 0
-        self.subject_chosen.emit(self._names[following])
-
-    def leaveEvent(self, event: QEvent) -> None:
-        """Take the name away."""
-        QToolTip.hideText()
-
-    def point_of(self, name: str) -> tuple[float, float]:
-        """Return where a subject lies."""
-        x, y = self._points[self._names.index(name)]
-        return float(x), float(y)
+        chosen = [self.names.index(name) for name in self._selected if name in self.names]
+        following = (chosen[0] + step) % len(self.names) if chosen else 0
+        self.subject_chosen.emit(self.names[following])
 
     def words_of(self, name: str) -> str:
         """Return a subject's place in words."""
-        (x, y), group = self.point_of(name), self._groups[self._names.index(name)]
-        place = signed(x) if self.y_ticks == [] else f"{signed(x)}, {signed(y)}"
-        return f"{name}{f' ({group})' if group else ''}: {place} {self.unit}"
+        index = self.names.index(name)
+        x, y = self.points[index].tolist()
+        return f"{self.title_of(index)}: {signed(x)}, {signed(y)} SD"
+
+    def title_of(self, index: int) -> str:
+        """Return a subject's name and group."""
+        group = self.groups[index]
+        return f"{self.names[index]} ({group})" if group else self.names[index]

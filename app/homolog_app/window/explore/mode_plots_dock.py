@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from homolog.arrays import FloatArray
@@ -25,6 +25,7 @@ class ModePlots(QWidget):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self.setObjectName("Curves")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
         self.scree, self.scatter = ScreePlot(theme), ScatterPlot(theme)
         self.across, self.along = QComboBox(), QComboBox()
         axes = QVBoxLayout()

@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QEvent, QObject, QRect, QRectF, QSize, Qt
-from PySide6.QtGui import QImage, QPainter, QPaintEvent
-from PySide6.QtSvg import QSvgGenerator
-from PySide6.QtWidgets import QApplication, QDialog, QFileDialog, QMenu, QMessageBox, QVBoxLayout, QWidget
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QImage
+from PySide6.QtWidgets import QApplication, QDialog, QFileDialog, QMenu, QMessageBox, QVBoxLayout
 
 from homolog.errors import InputError
 from homolog.files.names import file_stems
@@ -20,14 +19,20 @@ _SCALE = 2
 _ENLARGED = QSize(960, 640)
 
 
-def plot_picture(plot: "Plot", scale: int = _SCALE) -> QImage:
-    """Return a plot as a picture, so many times as large as on the screen."""
-    image = QImage(plot.size() * scale, QImage.Format.Format_ARGB32)
-    image.setDevicePixelRatio(scale)
-    painter = QPainter(image)
-    plot.paint_on(painter, QRectF(plot.rect()))
-    painter.end()
-    return image
+def plot_picture(plot: "Plot") -> QImage:
+    """Return a plot as a picture, twice as large as on the screen."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from homolog_app.plots import DPI
+    from homolog_app.window.explore.plot_canvas import figure_of
+
+    figure = figure_of(plot)
+    figure.set_dpi(_SCALE * DPI)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()  # type: ignore[no-untyped-call]
+    width, height = canvas.get_width_height()
+    pixels = bytes(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+    return QImage(pixels, width, height, QImage.Format.Format_RGBA8888).copy()
 
 
 def save_plot(plot: "Plot", path: Path) -> None:
@@ -38,23 +43,12 @@ def save_plot(plot: "Plot", path: Path) -> None:
     InputError
         If the file can't be written.
     """
-    if path.suffix.lower() != ".svg":
-        written = plot_picture(plot).save(str(path))
-    else:
-        drawing = QSvgGenerator()
-        drawing.setFileName(str(path))
-        drawing.setSize(plot.size())
-        drawing.setViewBox(QRect(plot.rect()))
-        drawing.setTitle(plot.title)
-        painter = QPainter()
-        written = painter.begin(drawing)
-        if written:
-            plot.paint_on(painter, QRectF(plot.rect()))
-            painter.end()
-    if not written:
-        raise InputError(
-            f"{path}: can't be written; choose another folder, or a name that ends in .svg or .png"
-        )
+    from homolog_app.pictures import write_picture
+    from homolog_app.window.explore.plot_canvas import figure_of
+
+    if path.suffix.lower() not in (".svg", ".png"):
+        raise InputError(f"{path}: can't be written; choose a name that ends in .svg or .png")
+    write_picture(figure_of(plot), path)
 
 
 def plot_menu(plot: "Plot") -> QMenu:
@@ -85,9 +79,11 @@ def _ask_and_save(plot: "Plot") -> None:
 
 
 class EnlargedPlot(QDialog):
-    """A plot in its own window; it follows the plot in the dock."""
+    """A plot in its own window; it follows the plot in the dock, and the mouse does the same in both."""
 
     def __init__(self, plot: "Plot") -> None:
+        from homolog_app.window.explore.plot_canvas import PlotCanvas
+
         super().__init__(plot.window())
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle(plot.title)
@@ -95,28 +91,5 @@ class EnlargedPlot(QDialog):
         self.resize(_ENLARGED)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
-        self.mirror = _Mirror(plot)
-        layout.addWidget(self.mirror)
-
-
-class _Mirror(QWidget):
-    """Paints a plot at its own size, whenever the plot is painted."""
-
-    def __init__(self, plot: "Plot") -> None:
-        super().__init__()
-        self._plot = plot
-        self.setAccessibleName(plot.accessibleName())
-        self.setAccessibleDescription(plot.accessibleDescription())
-        plot.installEventFilter(self)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Follow the plot."""
-        if event.type() == QEvent.Type.Paint:
-            self.update()
-        return False
-
-    def paintEvent(self, event: QPaintEvent) -> None:
-        """Paint the plot."""
-        painter = QPainter(self)
-        self._plot.paint_on(painter, QRectF(self.rect()))
-        painter.end()
+        self.canvas = PlotCanvas(plot)
+        layout.addWidget(self.canvas)

@@ -11,10 +11,10 @@ from homolog.surfaces.mirroring import mirrors, scale_of
 from homolog_app.clipping import Box, Clip, Cut, around
 from homolog_app.rendering.actors import QuickBalls, SceneActors
 from homolog_app.rendering.scene import Balls, Colour, Scene, Surface
+from homolog_app.scheme import LIGHT, Colours, rgb
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.scale_bar import ScaleBar
 from homolog_app.window.scene.words import Words
-from homolog_app.window.scheme import LIGHT, Colours, rgb
 
 __all__ = ["Cell"]
 

@@ -9,10 +9,10 @@ from vtkmodules.vtkRenderingCore import vtkRenderer
 from homolog.arrays import Array, FloatArray
 from homolog_app.clipping import Box, Clip, around
 from homolog_app.rendering.colours import colours_by_place
+from homolog_app.scheme import Colours, rgb
 from homolog_app.window.scene.cameras import Cameras
 from homolog_app.window.scene.cell import Cell
 from homolog_app.window.scene.content import Content, Shown
-from homolog_app.window.scheme import Colours, rgb
 
 __all__ = ["MOST", "Grid"]
 

@@ -12,11 +12,11 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
 
+from homolog_app.scheme import DARK, LIGHT
 from homolog_app.window.scene.canvas import Canvas
 from homolog_app.window.scene.colour_scale_picture import scale_picture
 from homolog_app.window.scene.content import Shown
 from homolog_app.window.scene.grid import MOST, Grid
-from homolog_app.window.scheme import DARK, LIGHT
 
 __all__ = ["SMOOTH", "drawn"]
 

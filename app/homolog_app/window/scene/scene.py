@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from homolog.arrays import Array, FloatArray
 from homolog_app.clipping import Clip
+from homolog_app.scheme import DARK, LIGHT, Colours
 from homolog_app.window.scene.canvas import CameraState, Canvas
 from homolog_app.window.scene.colour_bar import ColourBar
 from homolog_app.window.scene.content import Content, Shown
@@ -17,7 +18,6 @@ from homolog_app.window.scene.grid import MOST, Grid
 from homolog_app.window.scene.interactor import Interactor
 from homolog_app.window.scene.offscreen import drawn
 from homolog_app.window.scene.picking import Picker, aim
-from homolog_app.window.scheme import DARK, LIGHT, Colours
 
 __all__ = ["Scene"]
 

@@ -8,7 +8,7 @@ from vtkmodules.vtkRenderingFreeType import vtkTextRendererStringToImage  # noqa
 from homolog.arrays import FloatArray
 from homolog_app.fonts import font_file, written
 from homolog_app.letters import edge_letters
-from homolog_app.window.scheme import Colours, rgb
+from homolog_app.scheme import Colours, rgb
 
 __all__ = ["Words"]
 

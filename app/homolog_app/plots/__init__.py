@@ -1,0 +1,30 @@
+"""Plots of numbers, drawn on axes of matplotlib: the same for the window, reports and exports.
+
+A function named `draw_` takes axes, data and the scheme's colours. It needs no display.
+"""
+
+from homolog_app.plots.groups import (
+    discriminant_points,
+    draw_boxes,
+    draw_discriminant,
+    draw_measure,
+    draw_percentiles,
+    draw_slope,
+    draw_value,
+    percentile_rows,
+)
+from homolog_app.plots.model import (
+    draw_energies,
+    draw_place,
+    draw_quality,
+    draw_scores,
+    draw_scree,
+    draw_subjects,
+)
+from homolog_app.plots.style import DPI, group_order, group_style, new_figure
+
+__all__ = [
+    "DPI", "discriminant_points", "draw_boxes", "draw_discriminant", "draw_energies", "draw_measure",
+    "draw_percentiles", "draw_place", "draw_quality", "draw_scores", "draw_scree", "draw_slope",
+    "draw_subjects", "draw_value", "group_order", "group_style", "new_figure", "percentile_rows",
+]  # fmt: skip

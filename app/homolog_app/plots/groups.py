@@ -1,0 +1,206 @@
+"""Plots of groups, numbers and measures, and of a patient among controls."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from homolog.arrays import BoolArray, FloatArray
+from homolog_app.fonts import legible
+from homolog_app.plots.model import draw_scores
+from homolog_app.plots.style import FONT_PT, LINE_PT, TICK_PT, dress, group_style, letters, shortened
+from homolog_app.scheme import Colours
+
+if TYPE_CHECKING:
+    from homolog.patient import PatientComparison, Percentile, Reference
+
+__all__ = [
+    "discriminant_points", "draw_boxes", "draw_discriminant", "draw_measure", "draw_percentiles",
+    "draw_slope", "draw_value", "percentile_rows",
+]  # fmt: skip
+
+_WAVE = 2.4  # radians from subject to subject, so that neighbours don't hide each other
+_BOX = 0.28
+_UNUSUAL = 0.05
+
+
+def discriminant_points(places: FloatArray, second: BoolArray) -> FloatArray:
+    """Return where `draw_discriminant` draws the subjects (M, 2): the first group above the second."""
+    return np.column_stack([places, ~second + 0.3 * np.sin(_WAVE * np.arange(len(places)))])
+
+
+def draw_discriminant(
+    axes: Axes, places: FloatArray, second: BoolArray, names: tuple[str, str], order: Sequence[str],
+    colours: Colours,
+) -> None:  # fmt: skip
+    """Draw the subjects of two groups along their discriminant, with a bar at each group's mean.
+
+    Parameters
+    ----------
+    axes : Axes
+    places : (M,) array
+        Places along the discriminant [mm].
+    second : (M,) bool array
+        Members of the second group.
+    names : (str, str)
+        The two groups.
+    order : sequence of str
+        All groups in the order of their colours.
+    colours : Colours
+    """
+    dress(axes, colours, x_label="position along the discriminant, RMS (mm)")
+    points = discriminant_points(places, second)
+    for height, name, own in ((1.0, names[0], ~second), (0.0, names[1], second)):
+        colour, marker = group_style(list(order).index(name), colours)
+        x, y = points[own].T
+        axes.scatter(x, y, s=26, linewidths=0.0, alpha=0.85, color=colour, marker=marker)
+        axes.plot([places[own].mean()] * 2, [height - 0.4, height + 0.4], color=colour, linewidth=1.6)
+    axes.axvline(0.0, color=colours.dim, linewidth=0.6, linestyle=(0, (4, 3)))
+    most = max(letters(axes, 0.25 * axes.bbox.width), 8)
+    counts = int((~second).sum()), int(second.sum())
+    rows = [f"{shortened(legible(name), most)} ({n})" for name, n in zip(names, counts, strict=True)]
+    axes.set_yticks([1.0, 0.0], rows)  # a tick's text is set anew when drawn
+    reach = 1.1 * float(np.abs(places).max())
+    axes.set(xlim=(-reach, reach), ylim=(-0.7, 1.7))
+
+
+def draw_slope(
+    axes: Axes, values: FloatArray, places: FloatArray, groups: Sequence[str], column: str, slope: float,
+    colours: Colours,
+) -> None:  # fmt: skip
+    """Draw how far subjects lie along the effect of a number, with the line of the regression.
+
+    Parameters
+    ----------
+    axes : Axes
+    values, places : (M,) array
+        The number, and the place along its effect [mm].
+    groups : sequence of str
+        Group of each subject.
+    column : str
+        Name of the number.
+    slope : float
+        Effect of one unit, RMS over the particles [mm].
+    colours : Colours
+    """
+    draw_scores(axes, np.column_stack([values, places]), groups, (column, "along the effect (mm)"), colours)
+    ends = np.array([values.min(), values.max()])
+    axes.plot(ends, slope * (ends - values.mean()), color=colours.dim, linewidth=LINE_PT)
+    rim, reach = 0.06 * float(np.ptp(ends)), 1.15 * float(np.abs(places).max())
+    axes.set(xlim=(ends[0] - rim, ends[1] + rim), ylim=(-reach, reach))
+
+
+def draw_boxes(
+    axes: Axes, parts: Sequence[FloatArray], names: Sequence[str], means: Sequence[tuple[str, str]],
+    title: str, unit: str, colours: Colours,
+) -> None:  # fmt: skip
+    """Draw a measure by group: quartiles, whiskers, the mean as a diamond, and every subject.
+
+    A box goes from the first to the third quartile, with a line at the median. Whiskers go to the last value
+    within 1.5 times the box's height.
+
+    Parameters
+    ----------
+    axes : Axes
+    parts : sequence of (n,) array
+        The measure of each group.
+    names : sequence of str
+        The groups.
+    means : sequence of (str, str)
+        The mean of each group with its standard deviation, and alone for where there is no room for both.
+    title, unit : str
+    colours : Colours
+    """
+    dress(axes, colours, title, "", unit)
+    line = {"linewidth": LINE_PT}
+    drawn = axes.boxplot(
+        list(parts), positions=range(len(parts)), widths=2.0 * _BOX, patch_artist=True, showfliers=False,
+        boxprops=line, medianprops=line, whiskerprops=line, capprops=line, showmeans=True,
+        meanprops={"marker": "D", "mfc": colours.text, "mec": colours.text, "markersize": 4, "zorder": 4},
+    )  # fmt: skip
+    for index, part in enumerate(parts):
+        colour, _ = group_style(index, colours)
+        drawn["boxes"][index].set(edgecolor=colour, facecolor=f"{colour}3c")
+        ends = slice(2 * index, 2 * index + 2)
+        for part_of_box in (drawn["medians"][index], *drawn["whiskers"][ends], *drawn["caps"][ends]):
+            part_of_box.set_color(colour)
+        across = np.linspace(-0.5, 0.5, len(part)) * _BOX if len(part) > 1 else np.zeros(1)
+        axes.plot(index + across, part, ".", color=colour, markersize=5)
+    room = letters(axes, 0.78 * axes.bbox.width / len(parts)) - 1  # the texts beside the frame take some
+    below = [next((text for text in texts if len(text) <= room), texts[-1]) for texts in means]
+    names = [shortened(legible(name), room) for name in names]
+    axes.set_xticks(range(len(parts)), map("\n".join, zip(names, below, strict=True)))
+    axes.set_xlim(-0.6, len(parts) - 0.4)
+
+
+def draw_measure(axes: Axes, x: FloatArray, y: FloatArray, title: str, label: str, colours: Colours) -> None:
+    """Draw a measure (n,) along a mode (n,) in standard deviations."""
+    dress(axes, colours, title, label)
+    axes.plot(x, y, color=colours.groups[0], linewidth=1.5)
+    axes.set_xlim(float(x[0]), float(x[-1]))
+    axes.margins(y=0.08)
+
+
+def draw_value(axes: Axes, x: float, y: float, text: str, colours: Colours) -> Sequence[Artist]:
+    """Draw and return a dot on a curve, and what it stands for at the upper right corner."""
+    dot = Line2D([x], [y], marker="o", markersize=7, color=colours.accent, linestyle="none", zorder=6)
+    axes.add_artist(dot)
+    words = axes.annotate(
+        text, (1.0, 1.0), (0, 6), xycoords="axes fraction", textcoords="offset points", ha="right",
+        fontsize=FONT_PT, color=colours.text,
+    )  # fmt: skip
+    return dot, words
+
+
+def percentile_rows(
+    comparison: "PatientComparison", reference: "Reference"
+) -> list[tuple[str, str, "Percentile", FloatArray, float | None]]:
+    """Return a patient's numbers: name, value in words, place among the controls, these, and the limit."""
+    measures = (
+        ("Distance in the modes", "{:.1f} SD", comparison.mahalanobis, reference.mahalanobis, None),
+        ("Distance outside of them", "{:.2f} mm", comparison.outside, reference.outside, None),
+        ("Size, of the expected", "{:.2f}", comparison.size, reference.size, None),
+        ("Largest |z|", "{:.1f}", comparison.local, reference.maxima, reference.limit),
+    )
+    return [
+        (
+            name,
+            f"{form.format(item.value)}, percentile {item.percent:.0f} ({item.low:.0f} to {item.high:.0f})",
+            item,
+            controls,
+            limit,
+        )
+        for name, form, item, controls, limit in measures
+    ]
+
+
+def draw_percentiles(
+    rows: Sequence[Axes], comparison: "PatientComparison", reference: "Reference", colours: Colours
+) -> None:
+    """Draw a patient's numbers on four axes: controls as marks, their middle 90 %, the patient as a diamond.
+
+    Parameters
+    ----------
+    rows : sequence of Axes
+        Four.
+    comparison : PatientComparison
+    reference : Reference
+    colours : Colours
+    """
+    measures = percentile_rows(comparison, reference)
+    for axes, (name, text, item, controls, limit) in zip(rows, measures, strict=True):
+        dress(axes, colours)
+        low, high = np.quantile(controls, [0.05, 0.95])
+        axes.axvspan(low, high, 0.2, 0.8, color=colours.selected, linewidth=0.0)
+        axes.plot(controls, np.zeros(len(controls)), "|", color=colours.dim, markersize=7, mew=0.8)
+        if limit is not None:
+            axes.axvline(limit, color=colours.danger, linewidth=1.0, linestyle="--")
+        ink = colours.danger if item.p <= _UNUSUAL else colours.accent
+        axes.plot(item.value, 0.0, "D", color=ink, markersize=7, mec=colours.surface)
+        axes.set(ylim=(-1.0, 1.0), yticks=())
+        axes.spines["left"].set_visible(False)
+        axes.set_title(name, loc="left", fontsize=TICK_PT, color=colours.dim, pad=2.0)
+        axes.set_title(text, loc="right", fontsize=TICK_PT, color=colours.text, pad=2.0)

@@ -1,0 +1,228 @@
+"""Plots of a shape model and of the run that made it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
+
+from homolog.arrays import FloatArray
+from homolog_app.plots.style import (
+    FONT_PT,
+    LETTER,
+    LINE_PT,
+    TICK_PT,
+    dress,
+    group_order,
+    group_style,
+    legend_above,
+    letters,
+    points_in,
+    shortened,
+)
+from homolog_app.scheme import Colours
+
+__all__ = ["draw_energies", "draw_place", "draw_quality", "draw_scores", "draw_scree", "draw_subjects"]
+
+_LEGEND_NAME, _SUBJECT_NAME = 24, 28  # letters
+_MOST_BARS = 16
+_QUANTILE = 5.991464547107979  # 95 % of the chi-squared distribution with two degrees of freedom
+_LEAST = 3  # subjects of an ellipse
+_FIRST = 20  # one of so many iterations is among the first
+_MEANINGS = {
+    "Sampling": "evenness on each surface",
+    "Ensemble": "agreement across shapes",
+    "Normals": "agreement of normals",
+}
+
+
+def draw_scree(
+    axes: Axes,
+    eigenvalues: FloatArray,
+    threshold: FloatArray,
+    n_retained: int,
+    percentile: float,
+    colours: Colours,
+) -> None:
+    """Draw the eigenvalues, filled above chance, with the line that chance reaches (parallel analysis).
+
+    Parameters
+    ----------
+    axes : Axes
+    eigenvalues, threshold : (K,) array
+        Eigenvalues of the data, and their percentile under the null [mm²].
+    n_retained : int
+        Number of modes above chance.
+    percentile : float
+        Of the null, in percent.
+    colours : Colours
+    """
+    noun = "mode" if n_retained == 1 else "modes"
+    dress(axes, colours, f"{n_retained} {noun} above chance", "mode", "share of variance (%)")
+    shown = min(len(eigenvalues), _MOST_BARS)
+    share = 100.0 / eigenvalues.sum()
+    bars = axes.bar(np.arange(1, shown + 1), eigenvalues[:shown] * share, width=0.64)
+    for index, bar in enumerate(bars):
+        bar.set_color(colours.groups[0] if index < n_retained else colours.dim)
+        if index >= n_retained:
+            bar.set(facecolor="none", hatch="////", linewidth=0.6)
+    chance = f"chance ({percentile:g}th percentile)"
+    if len(chance) + 6 > letters(axes, axes.bbox.width):
+        chance = "chance"
+    (line,) = axes.plot(np.arange(1, shown + 1), threshold[:shown] * share, linestyle="--", label=chance)
+    line.set(color=colours.groups[1], linewidth=1.5)
+    axes.set(xlim=(0.4, shown + 0.6), ylim=(0.0, None))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.legend(fontsize=TICK_PT, frameon=False, labelcolor=colours.text, loc="upper right")
+
+
+def draw_scores(
+    axes: Axes, points: FloatArray, groups: Sequence[str], labels: tuple[str, str], colours: Colours, *,
+    ellipses: bool = False,
+) -> None:  # fmt: skip
+    """Draw subjects in the plane of two modes, and each group's mean as a large open marker.
+
+    Parameters
+    ----------
+    axes : Axes
+    points : (M, 2) array
+        Scores.
+    groups : sequence of str
+        Group of each subject; empty without one.
+    labels : (str, str)
+        What stands at the axes, with units.
+    colours : Colours
+    ellipses : bool
+        Whether to draw where 95 % of a normal distribution with each group's mean and covariance lie.
+    """
+    is_grouped = any(groups)
+    dress(axes, colours, "" if is_grouped else "Subjects", *labels)
+    for line in (axes.axhline, axes.axvline):
+        line(0.0, color=colours.line, linewidth=0.8, zorder=0)
+    for index, group in enumerate(group_order(groups)):
+        own = points[np.array([item == group for item in groups], dtype=bool)]
+        colour, marker = group_style(index, colours)
+        label = f"{shortened(group or 'no group', _LEGEND_NAME)} ({len(own)})"
+        axes.scatter(
+            own[:, 0], own[:, 1], s=26, linewidths=0.0, alpha=0.85, color=colour, marker=marker, label=label
+        )
+        if is_grouped:  # without groups the mean is the origin
+            at = own.mean(axis=0)
+            axes.plot(*at, marker=marker, markersize=10, mfc="none", mec=colour, mew=1.6, linestyle="none")
+        if ellipses and len(own) >= _LEAST:
+            values, vectors = np.linalg.eigh(np.cov(own.T))
+            across, along = 2.0 * np.sqrt(_QUANTILE * values.clip(0.0))
+            angle = np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0]))
+            axes.add_patch(
+                Ellipse(own.mean(axis=0), across, along, angle=angle, fill=False, ec=colour, lw=LINE_PT)
+            )
+    if is_grouped:
+        legend_above(axes, colours)
+
+
+def draw_subjects(
+    axes: Axes, points: FloatArray, names: Sequence[str], selected: Sequence[str], colours: Colours
+) -> None:
+    """Write names beside subjects' points (n, 2), and put a ring around those that are selected.
+
+    A name that would cover another is left out, unless its subject is selected.
+    """
+    frame = axes.viewLim
+    covered: list[Bbox] = []
+    for index in sorted(range(len(names)), key=lambda index: names[index] not in selected):
+        (x, y), name = points[index], shortened(names[index], _SUBJECT_NAME)
+        is_right, is_high = x > frame.x0 + 0.6 * frame.width, y > frame.y0 + 0.85 * frame.height
+        left, bottom = (points_in(axes, at) for at in axes.transData.transform((x, y)))
+        width = LETTER * FONT_PT * len(name)
+        box = Bbox.from_bounds(left - is_right * (width + 16.0), bottom, width, 1.3 * FONT_PT)
+        is_selected = names[index] in selected
+        if is_selected:
+            axes.plot(x, y, "o", markersize=13, mfc="none", mec=colours.text, mew=1.5)
+        elif box.count_overlaps(covered):
+            continue
+        covered.append(box)
+        axes.annotate(
+            name, (x, y), (-8 if is_right else 8, -5 if is_high else 5), textcoords="offset points",
+            ha="right" if is_right else "left", va="top" if is_high else "bottom",
+            fontsize=FONT_PT if is_selected else TICK_PT, color=colours.text, zorder=5,
+            bbox={"facecolor": colours.surface, "alpha": 0.6, "pad": 0.5, "linewidth": 0.0},
+        )  # fmt: skip
+
+
+def draw_place(axes: Axes, x: float, y: float | None, colours: Colours) -> Line2D:
+    """Draw and return where the shape that is shown lies: a cross, or a line where the height means nothing.
+
+    The axes keep their limits.
+    """
+    if y is None:
+        line = Line2D([x, x], [0.0, 1.0], transform=axes.get_xaxis_transform())
+    else:
+        line = Line2D([x], [y], marker="+", markersize=14, mew=1.8)
+    line.set(color=colours.accent, linewidth=1.5, zorder=6)
+    axes.add_artist(line)
+    return line
+
+
+def draw_energies(places: Sequence[Axes], rows: FloatArray, colours: Colours) -> None:
+    """Draw the three parts of the objective along a run, each on axes of its own.
+
+    Leaps of the first iterations may leave the frame. A part that does not count says so.
+
+    Parameters
+    ----------
+    places : sequence of Axes
+        Three.
+    rows : (T, 4) array
+        Iteration, and the entropies of sampling, ensemble and normals.
+    colours : Colours
+    """
+    for axes, (name, meaning), values in zip(places, _MEANINGS.items(), rows.T[1:], strict=True):
+        dress(axes, colours, x_label="iteration")
+        axes.set_title(f"{name}\n{meaning}", loc="left", fontsize=TICK_PT, color=colours.text)
+        known = np.isfinite(values)
+        if known.sum() < 2 or not np.any(values[known]):
+            axes.set(xticks=(), yticks=())
+            axes.text(
+                0.5, 0.5, "not part of this method", transform=axes.transAxes, ha="center",
+                fontsize=FONT_PT, color=colours.dim,
+            )  # fmt: skip
+            continue
+        axes.plot(rows[known, 0], values[known], color=colours.groups[0], linewidth=LINE_PT)
+        later = values[known][known.sum() // _FIRST :]
+        low, high = float(later.min()), float(later.max())
+        room = 0.05 * (high - low) or abs(high) * 0.05 or 1.0
+        axes.set(xlim=(rows[0, 0], rows[-1, 0]), ylim=(low - room, high + room))
+        axes.ticklabel_format(useOffset=False)
+
+
+def draw_quality(
+    places: Sequence[Axes], compactness: FloatArray, generalization: FloatArray,
+    specificity: tuple[Sequence[int], FloatArray], colours: Colours,
+) -> None:  # fmt: skip
+    """Draw compactness, generalization and specificity against the number of modes.
+
+    Parameters
+    ----------
+    places : sequence of Axes
+        Three.
+    compactness : (K,) array
+        Share of the variance in the first k modes.
+    generalization : (M - 2,) array
+        Distance to left-out shapes [mm].
+    specificity : (sequence of int, array)
+        Numbers of modes, and the distance of drawn shapes to the nearest real one [mm].
+    colours : Colours
+    """
+    curves = (
+        (np.arange(1, len(compactness) + 1), 100.0 * compactness, "compactness (%)"),
+        (np.arange(1, len(generalization) + 1), generalization, "generalization (mm)"),
+        (np.asarray(specificity[0]), specificity[1], "specificity (mm)"),
+    )
+    for index, (axes, (numbers, values, name)) in enumerate(zip(places, curves, strict=True)):
+        dress(axes, colours, x_label="modes", y_label=name)
+        axes.plot(numbers, values, color=colours.groups[index], marker=".", linewidth=LINE_PT)
+        axes.set_ylim(0.0, 104.0 if index == 0 else 1.08 * float(np.max(values)))
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -1,0 +1,86 @@
+"""How plots look: colours and markers of groups, fonts, frames, texts as long as there is room for."""
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from homolog_app.scheme import Colours
+
+__all__ = [
+    "DPI", "FONT_PT", "LETTER", "LINE_PT", "TICK_PT", "dress", "group_order", "group_style", "legend_above",
+    "letters", "new_figure", "points_in", "shortened",
+]  # fmt: skip
+
+DPI = 96
+"""Pixels of an inch on the screen."""
+FONT_PT, TICK_PT, LINE_PT = 9.0, 8.0, 1.2
+LETTER = 0.55
+"""Mean width of a letter, in sizes of the font."""
+
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+
+def new_figure(width: float, height: float, colours: Colours) -> Figure:
+    """Return an empty page of a report, in inches."""
+    figure = Figure(figsize=(width, height), dpi=150, facecolor=colours.surface, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def group_order(groups: Sequence[str]) -> list[str]:
+    """Return the groups in the order of their colours: by name, subjects without a group last."""
+    return sorted(set(groups), key=lambda name: (not name, name))
+
+
+def group_style(index: int, colours: Colours) -> tuple[str, str]:
+    """Return the colour and the marker of a group by its place in `group_order`; no two look alike."""
+    count = len(_MARKERS)
+    return colours.groups[(index + index // count) % count], _MARKERS[index % count]
+
+
+def shortened(text: str, most: int) -> str:
+    """Return a text of at most so many letters; where it is longer, its middle is left out."""
+    if len(text) <= most:
+        return text
+    kept = max(most - 1, 2)
+    return f"{text[: kept - kept // 2]}…{text[len(text) - kept // 2 :]}"
+
+
+def dress(axes: Axes, colours: Colours, title: str = "", x_label: str = "", y_label: str = "") -> None:
+    """Give axes the scheme's colours, and title and labels as long as there is room for."""
+    axes.set_facecolor(colours.surface)
+    axes.tick_params(labelsize=TICK_PT, color=colours.faint, labelcolor=colours.dim, length=3.0)
+    for name, spine in axes.spines.items():
+        spine.set_visible(name in ("left", "bottom"))
+        spine.set_color(colours.faint)
+    across, up = letters(axes, axes.bbox.width), letters(axes, 1.3 * axes.bbox.height)
+    if title:
+        axes.set_title(shortened(title, across), loc="left", fontsize=FONT_PT, color=colours.text)
+    axes.set_xlabel(shortened(x_label, across), fontsize=FONT_PT, color=colours.dim)
+    axes.set_ylabel(shortened(y_label, up), fontsize=FONT_PT, color=colours.dim)
+
+
+def points_in(axes: Axes, pixels: float) -> float:
+    """Return a length on the figure in points."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    return pixels * 72.0 / figure.dpi
+
+
+def letters(axes: Axes, pixels: float) -> int:
+    """Return how many letters of a tick fit into a length."""
+    return int(points_in(axes, pixels) / (LETTER * TICK_PT))
+
+
+def legend_above(axes: Axes, colours: Colours) -> None:
+    """Put the legend above the frame, in as many rows as it takes."""
+    handles, labels = axes.get_legend_handles_labels()
+    room, widths = letters(axes, axes.bbox.width), [len(label) + 4 for label in labels]
+    columns = len(labels) if sum(widths) <= room else room // max(widths)
+    axes.legend(
+        handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=max(columns, 1),
+        fontsize=TICK_PT, frameon=False, labelcolor=colours.text, borderpad=0.2, borderaxespad=0.0,
+        handletextpad=0.2, columnspacing=1.0, handlelength=1.4,
+    )  # fmt: skip

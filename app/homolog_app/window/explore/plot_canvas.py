@@ -1,0 +1,107 @@
+"""Where matplotlib draws plots in the window."""
+
+from typing import TYPE_CHECKING
+
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_qtagg import FigureCanvasQTAgg
+from matplotlib.figure import Figure
+from PySide6.QtGui import QPaintEvent, QResizeEvent, QWheelEvent
+
+from homolog_app.fonts import complete_texts
+from homolog_app.plots import DPI, new_figure
+
+if TYPE_CHECKING:
+    from homolog_app.window.explore.plot import Plot
+
+__all__ = ["PlotCanvas", "figure_of"]
+
+
+class PlotCanvas(FigureCanvasQTAgg):
+    """Shows a plot. What stays is kept as a picture, so that what moves is drawn quickly over it.
+
+    Nothing is drawn that is not seen.
+    """
+
+    def __init__(self, plot: "Plot") -> None:
+        super().__init__(Figure(dpi=DPI, layout="constrained"))  # type: ignore[no-untyped-call]
+        self._plot = plot
+        self._is_new = self._is_due = True
+        self._ground: object | None = None
+        self._moving: list[Artist] = []
+        self.setAccessibleName(plot.accessibleName())
+        plot.redrawn.connect(self.renew)
+        plot.moved.connect(self.move_over)
+        plot.listen(self)
+
+    def renew(self) -> None:
+        """Draw everything anew."""
+        self._is_new = True
+        self.setAccessibleDescription(self._plot.accessibleDescription())
+        self.draw_idle()
+
+    def move_over(self) -> None:
+        """Draw what moves over what stays."""
+        if self._is_due or self._ground is None:
+            self.draw_idle()
+            return
+        self.restore_region(self._ground)  # type: ignore[no-untyped-call]
+        self._draw_moving()
+        self.update()
+
+    def draw_idle(self) -> None:
+        """Draw when the canvas is next painted."""
+        self._is_due = True
+        self.update()
+
+    def draw(self) -> None:
+        """Draw what stays, and over it what moves."""
+        if self._is_new:
+            self._is_new, self._moving = False, []
+            _fill(self.figure, self._plot)
+        super().draw()  # type: ignore[no-untyped-call]
+        self._ground = self.copy_from_bbox(self.figure.bbox)  # type: ignore[no-untyped-call]
+        self._draw_moving()
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw what is due, and paint it."""
+        if self._is_due and self.width() > 0 and self.height() > 0:
+            self._is_due = False
+            self.draw()
+        super().paintEvent(event)  # type: ignore[no-untyped-call]
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Draw anew: the size decides which texts are shortened."""
+        self._is_new = True
+        super().resizeEvent(event)  # type: ignore[no-untyped-call]
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        """Leave the wheel to what the plot stands in."""
+        event.ignore()
+
+    def _draw_moving(self) -> None:
+        for artist in self._moving:
+            artist.remove()
+        self._moving = []
+        if not self._plot.is_empty:
+            self._moving = list(self._plot.draw_moving(self.figure))
+        for artist in self._moving:
+            artist.set_animated(True)
+            self.figure.draw_artist(artist)
+
+
+def figure_of(plot: "Plot") -> Figure:
+    """Return a figure of a plot as large as on the screen, for a file or the clipboard."""
+    figure = new_figure(plot.width() / DPI, plot.height() / DPI, plot.theme.colours)
+    _fill(figure, plot)
+    plot.draw_moving(figure)
+    complete_texts(figure)
+    return figure
+
+
+def _fill(figure: Figure, plot: "Plot") -> None:
+    """Draw a plot on a figure."""
+    figure.clear()
+    figure.set_facecolor(plot.theme.colours.surface)
+    if not plot.is_empty:
+        plot.draw(figure)
+        complete_texts(figure)
