@@ -28,7 +28,7 @@ _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def read_rows(path: Path) -> tuple[list[str], list[tuple[int, Row]]]:
-    """Return a table's column names, and its rows with their lines; empty rows are left out.
+    """Return a table's column names, and its rows with their lines; empty rows are omitted.
 
     The separator is the one that the first line has most of. Values lose the blanks around them. Of an XLSX
     file the first sheet is read, with numbers and dates as texts.

@@ -14,7 +14,7 @@ __all__ = ["worker_processes"]
 
 @contextmanager
 def worker_processes(count: int) -> Iterator[Executor]:
-    """Give an executor of so many processes; when the block is left they end, whatever they are doing."""
+    """Give an executor of several processes; when the block is left they end, whatever they are doing."""
     context = get_context("spawn")  # a fork of a process with threads, Warp or a window is not safe
     others = set(active_children())
     reader, writer = context.Pipe(duplex=False)

@@ -16,7 +16,7 @@ from homolog.errors import InputError
 __all__ = ["Design", "Exchange", "group_design", "paired_design", "regression_design"]
 
 _DEPENDENT = 1e-8
-"""A column with less than this part of its length left beside the others is a combination of them."""
+"""A column is a combination of others if less than this fraction of its length is independent of them."""
 
 
 class Exchange(StrEnum):
@@ -142,7 +142,7 @@ def regression_design(values: FloatArray, covariates: FloatArray | None = None) 
 
 
 def paired_design(pairs: int) -> Design:
-    """Return the design that tests whether the differences of so many pairs have mean zero."""
+    """Return the design that tests whether the differences of pairs have mean zero."""
     if pairs < 2:
         raise InputError(f"a paired comparison needs at least two pairs, not {pairs}")
     ones = np.ones((pairs, 1))

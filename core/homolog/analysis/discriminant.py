@@ -124,7 +124,7 @@ def discriminant(
     bootstraps : int
         Cohorts drawn for the bounds.
     permutations : int
-        Permutations for the p-values of accuracy and AUC; 0 leaves them out. With covariates, rows of
+        Permutations for the p-values of accuracy and AUC; 0 omits them. With covariates, rows of
         labels and covariates are exchanged together.
     seed : int
         Same seed, same result.

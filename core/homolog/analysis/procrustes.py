@@ -1,4 +1,4 @@
-"""Generalized Procrustes alignment: position, rotation and, if wished, size taken out of particles."""
+"""Generalized Procrustes alignment: position, rotation and, optionally, size removed from particles."""
 
 from enum import StrEnum
 
@@ -60,7 +60,7 @@ def align(
     tolerance : float
         Ends when the mean moves by less than this part of its size.
     iterations : int
-        Ends after so many rounds in any case.
+        Largest number of iterations.
 
     Returns
     -------

@@ -291,7 +291,7 @@ def principal_components(
     modes : (K, P) array
         Unit rows; the entry of largest magnitude of each is positive.
     variances : (K,) array
-        In descending order; negligible ones are left out.
+        In descending order; negligible ones are omitted.
     """
     count, width = centred.shape
     dual = count <= width

@@ -63,7 +63,7 @@ _PICTURES = frozenset(
         "nu",
     ]
 )
-"""What pictures are called that lie beside label maps."""
+"""What pictures are called that lie next to label maps."""
 _SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7")
 """Of segments that may overlap, and of label maps."""
 

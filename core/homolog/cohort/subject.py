@@ -26,7 +26,7 @@ MESH_SUFFIXES = (".vtp", ".vtk", ".ply", ".stl", ".obj")
 
 _MARKUPS = ".mrk.json"
 IMAGE_ENDING = "_image"
-"""Ends the name, before the suffix, of the scan beside a subject's file."""
+"""Ends the name, before the suffix, of the scan next to a subject's file."""
 _LONGEST_PATH, _LONGEST_PART = 4000, 255  # characters; bytes between two slashes
 
 
@@ -50,7 +50,7 @@ class Subject:
         the file, where ``<file>`` is its name without suffix.
     image : Path or None
         The grey-value scan that it was segmented in: the manifest's ``image`` column, or ``<file>_image``
-        with the suffix of an image beside the file. It is only shown; it may be missing.
+        with the suffix of an image next to the file. It is only shown; it may be missing.
     """
 
     name: str
@@ -127,14 +127,14 @@ def stem_of(path: Path) -> str:
 
 
 def landmarks_beside(path: Path) -> Path | None:
-    """Return the markups file that lies beside a subject's file under its name, if there is one."""
+    """Return the markups file that lies next to a subject's file under its name, if there is one."""
     stem = path.name[: len(path.name) - len(suffix_of(path))]
     beside = path.parent / (stem + _MARKUPS)  # with_name knows no root
     return beside if beside.is_file() else None
 
 
 def image_beside(path: Path) -> Path | None:
-    """Return the scan that lies beside a subject's file: ``NAME_image.nii.gz``, or a folder of that name."""
+    """Return the scan that lies next to a subject's file: ``NAME_image.nii.gz``, or a folder of that name."""
     stem = stem_of(path) + IMAGE_ENDING
     places = (path.parent / (stem + suffix) for suffix in IMAGE_SUFFIXES)
     folder = path.parent / stem

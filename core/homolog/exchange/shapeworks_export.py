@@ -1,4 +1,4 @@
-"""A Homolog project as a ShapeWorks project: ``NAME.swproj``, its particles and surfaces beside it."""
+"""A Homolog project as a ShapeWorks project: ``NAME.swproj``, its particles and surfaces next to it."""
 
 import json
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ __all__ = ["write_shapeworks"]
 def write_shapeworks(project: ProjectFolder, folder: Path, tick: Tick = no_tick) -> Path:
     """Write a project's result so that ShapeWorks opens it.
 
-    Coordinates are written with all their digits. What an imported ShapeWorks project held beside (settings,
+    Coordinates are written with all their digits. The rest of an imported ShapeWorks project (settings,
     columns, other anatomies) is written again.
 
     Parameters
@@ -115,7 +115,7 @@ def _described(row: Row, subject: ResultSubject) -> Row:
 
 
 def _settings(source: ShapeWorksProject, record: ResultRecord, domain: str) -> dict[str, Any]:
-    """Return the tables beside the rows: those that were imported, with what this result changes."""
+    """Return the tables besides the rows: those that were imported, with what this result changes."""
     tables = tables_of(source)
     tables["groom"] = tables["groom"] or {domain: {}}
     tables["project"] = {"version": "2"} | tables["project"]

@@ -147,7 +147,7 @@ def _from_xlsx(path: Path) -> tuple[list[Row], dict[str, Any]]:
 
 
 def _table(path: Path, lines: Any) -> list[Row]:  # noqa: ANN401 - openpyxl has no types
-    """Return a sheet's rows by the names in its first; blank ones are left out."""
+    """Return a sheet's rows by the names in its first; blank ones are omitted."""
     heads: list[str] = []
     rows: list[Row] = []
     for number, line in enumerate(lines):

@@ -1,4 +1,4 @@
-"""What an imported ShapeWorks project held beside the model, kept in the project for its way back."""
+"""What an imported ShapeWorks project contained besides the model, stored for a later export."""
 
 import json
 import os

@@ -17,7 +17,7 @@ _ENDS = {"_local": "local", "_world": "world"}
 
 
 def model_of_project(source: ShapeWorksProject, domain: str) -> ForeignModel:
-    """Return the model of one anatomy of a ShapeWorks project; excluded subjects are left out.
+    """Return the model of one anatomy of a ShapeWorks project; without the excluded subjects.
 
     Raises
     ------

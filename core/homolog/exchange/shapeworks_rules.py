@@ -44,7 +44,7 @@ def complete_row(row: Row, domains: Sequence[str]) -> Row:
 
 
 def tables_of(source: ShapeWorksProject) -> dict[str, Any]:
-    """Return all that stood beside a project's rows; the tables that ShapeWorks reads hold texts only."""
+    """Return all but a project's rows; the tables that ShapeWorks reads hold texts only."""
     groom, landmarks = source.others.get("groom"), source.others.get("landmarks")
     return source.others | {
         "groom": {

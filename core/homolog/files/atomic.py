@@ -1,4 +1,4 @@
-"""Files appear whole or not at all: written beside their place, flushed, then renamed."""
+"""Files appear whole or not at all: written next to their destination, flushed, then renamed."""
 
 import os
 import shutil

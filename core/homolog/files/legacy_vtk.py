@@ -87,7 +87,7 @@ class _File:
         return count
 
     def values(self, count: int, kind: str) -> Array:
-        """Return so many numbers of a kind."""
+        """Return the next numbers of a kind."""
         if kind not in _KINDS:
             raise ValueError(f"unknown kind {kind[:40]!r}")
         dtype = np.dtype(_KINDS[kind])

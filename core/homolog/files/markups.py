@@ -90,7 +90,7 @@ def write_markups(
 
 
 def read_markups(path: Path) -> Markups:
-    """Read the points of a Slicer file; those that were never placed are left out.
+    """Read the points of a Slicer file; those that were never placed are omitted.
 
     Raises
     ------

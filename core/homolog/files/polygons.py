@@ -83,7 +83,7 @@ class Polygons:
     header: str = ""
 
     def triangles(self) -> IntArray:
-        """Return the triangles, (F, 3); faces of fewer than three corners are left out.
+        """Return the triangles, (F, 3); faces of fewer than three corners are omitted.
 
         Raises
         ------

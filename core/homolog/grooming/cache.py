@@ -23,7 +23,7 @@ from homolog.surfaces.mesh import TriangleMesh
 __all__ = ["content_key", "is_outdated", "load_groomed", "load_report", "save_groomed"]
 
 _VERSION = "5"
-"""To be raised whenever grooming gives other results: older archives are then made anew."""
+"""To be raised whenever grooming gives other results: older archives are then made again."""
 
 
 def content_key(source: Segmentation | TriangleMesh, settings: GroomSettings) -> str:
@@ -155,5 +155,5 @@ def save_groomed(folder: Path, groomed: GroomedSubject, key: str) -> None:
 
 
 def _file(folder: Path, name: str, kind: str) -> Path:
-    """Return a file's path, within the folder whatever the name; who shares one grooms anew each time."""
+    """Return a file's path, within the folder whatever the name; who shares one grooms again each time."""
     return folder / f"{file_stems([name])[0]}.{kind}"

@@ -24,7 +24,7 @@ class Cleaned:
     segmentation : Segmentation
         Cropped to the structure.
     components_dropped, holes_filled : int
-        Smaller pieces left out; enclosed cavities filled.
+        Smaller pieces removed; enclosed cavities filled.
     at_border : bool
         Whether the structure touched the border of its image, where it may be cut off.
     """

@@ -116,12 +116,12 @@ def groom_cohort(
     executor : Executor, optional
         Where subjects are groomed, on workers that see the files; processes of this machine if not given.
     cache : Path, optional
-        Folder with what was groomed earlier; only what changed is made anew and added. A file that is not
+        Folder with what was groomed earlier; only what changed is made again and added. A file that is not
         what it was then gets a note and a line in the log.
     tick : Tick
         Called at least every 0.1 s.
     left_out : list of Problem, optional
-        Subjects that fail are added to it and left out of the result; without it the first one is raised.
+        Subjects that fail are added to it and excluded from the result; without it the first one is raised.
     sources : mapping of str to Segmentation or TriangleMesh, optional
         Shapes in memory, by subject, in place of their files; not for a cache.
     keys : dict, optional

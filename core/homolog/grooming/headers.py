@@ -40,7 +40,7 @@ class Header:
     values : mapping of str to str
         By key in lower case without blanks.
     files : tuple of str
-        Where the voxels are, beside the header; none if they follow it.
+        Where the voxels are, next to the header; none if they follow it.
     length : int
         Bytes before the voxels that follow.
     """
@@ -117,7 +117,7 @@ class Header:
             )
 
     def check(self) -> None:
-        """Refuse what contradicts itself, lies elsewhere than beside the header, or is not there."""
+        """Refuse what contradicts itself, lies elsewhere than next to the header, or is not there."""
         for name in self.files:
             self._check_beside(name)
         (self._check_nrrd if self.is_nrrd else self._check_metaimage)()

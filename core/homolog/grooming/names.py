@@ -1,4 +1,4 @@
-"""Names of structures: tables beside the files, and how what a user writes is matched with them."""
+"""Names of structures: tables next to the files, and how what a user writes is matched with them."""
 
 import difflib
 import json
@@ -112,7 +112,7 @@ def label_table(path: Path, values: Iterable[int], wanted: str | None = None) ->
     Returns
     -------
     LabelTable or None
-        A table beside the file; else the public list that the values follow, if there is one.
+        A table next to the file; else the public list that the values follow, if there is one.
 
     Raises
     ------

@@ -220,7 +220,7 @@ def _check_packing(path: Path) -> None:
 
 
 def _opened(path: Path) -> Any:  # noqa: ANN401 - half of nibabel is untyped
-    """Return an image whose header makes sense; nibabel would mend others."""
+    """Return an image whose header makes sense; nibabel would correct others."""
     with ErrorLevel(_DUBIOUS):  # type: ignore[no-untyped-call]
         return nibabel.load(path, mmap=False)
 

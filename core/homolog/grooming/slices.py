@@ -113,9 +113,9 @@ def _distances(masks: BoolArray, sigma: float) -> Float32Array:
 
 
 def _between(slices: Float32Array, heights: FloatArray) -> Array:
-    """Interpolate along the last axis without overshoot; beyond the ends the last slice goes on.
+    """Interpolate along the last axis without overshoot; beyond the ends the last slice is repeated.
 
-    Slices that lie beside their neighbours (another breath hold) are evened out first.
+    Slices that are shifted against their neighbours (another breath hold) are aligned first.
     """
     last = slices.shape[2] - 1
     if last == 0:

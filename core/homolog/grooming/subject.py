@@ -47,7 +47,7 @@ class GroomReport:
     Attributes
     ----------
     components_dropped : int
-        Separate pieces that were left out; the largest is kept.
+        Separate pieces that were removed; the largest is kept.
     holes_filled : int
         Enclosed cavities of a segmentation that were filled, openings of a mesh that were closed.
     padded : bool

@@ -42,7 +42,7 @@ class Triangles:
     volume : float
         That the mesh encloses [mm³].
     pieces_dropped, holes_filled : int
-        Separate pieces that were left out; openings that were closed.
+        Separate pieces that were removed; openings that were closed.
     surface : TriangleMesh or None
         The repaired mesh; None if nothing had to be repaired.
     notes : tuple of str

@@ -16,7 +16,7 @@ __all__ = ["Extent", "Segment", "Segmentation", "Volume", "check_size"]
 
 
 _MASKS = 2
-"""Bytes that each voxel takes beside its value while the structure is picked."""
+"""Bytes that each voxel takes in addition to its value while the structure is picked."""
 
 _MOST_VALUES = 1000
 """With more different values than this, a file is a picture rather than a label map."""
@@ -138,7 +138,7 @@ class Volume:
         return sorted(contents, key=lambda item: (order.get(item.segment, len(order)), item.segment.value))
 
     def with_names(self, wanted: str | None = None) -> "Volume":
-        """Return the volume with names from a table beside its file, or from a public list.
+        """Return the volume with names from a table next to its file, or from a public list.
 
         It is as it was if the file names its structures itself, or nothing tells how they are called.
 
@@ -150,7 +150,7 @@ class Volume:
         Raises
         ------
         InputError
-            If two tables beside the file contradict each other.
+            If two tables next to the file contradict each other.
         """
         if self.named or len(self.layers) > 1:
             return self
@@ -174,7 +174,7 @@ class Volume:
             Its value; every value above 0 if neither value nor name are given.
         segment : str or None
             Its name, whatever its case, dashes and order of words; goes before the value where something
-            names the structures: the file, a table beside it, or the public list that it follows.
+            names the structures: the file, a table next to it, or the public list that it follows.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Where corresponding particles may not correspond: suspects, and how to mend them."""
+"""Where corresponding particles may not correspond: suspects, and how to repair them."""
 
 from homolog.inspection.energies import ParticleEnergies, particle_energies
 from homolog.inspection.find import assess, inspect

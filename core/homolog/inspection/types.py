@@ -78,7 +78,7 @@ class Inspection:
     consensus: Neighbourhood
 
     def movable(self, suspect: Suspect, rings: int = 2) -> BoolArray:
-        """Return which particles to optimize again so as to mend a suspect, (M, N).
+        """Return which particles to optimize again to repair a suspect, (M, N).
 
         Those of the suspect and so many rings of neighbours around them, on the suspect's subject only.
         """

@@ -51,7 +51,7 @@ def make_reference(
     column : str
         Of the cohort's table, where groups are.
     adjust : sequence of str
-        Covariates to allow for: columns of the table.
+        Covariates to adjust for: columns of the table.
     workers : int, optional
         Processes; one per core by default.
     tick : Tick
@@ -148,7 +148,7 @@ def _cell(result: Result, index: int, name: str, project: ProjectFolder) -> str:
 
 
 def _modes(controls: Controls, columns: FloatArray, tick: Tick) -> tuple[int, int]:
-    """Return how many modes are above chance, and how many are fitted."""
+    """Return how many modes are retained, and how many are fitted."""
     count = len(controls.points)
     aligned = controls.points[:, len(controls.surface.vertices) :]
     nuisance = np.linalg.qr(np.column_stack([np.ones(count), columns]))[0]

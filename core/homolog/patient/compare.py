@@ -31,7 +31,7 @@ _CLEAR = 0.45
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatientComparison:
-    """A patient beside a reference; arrays are read-only.
+    """A patient compared with a reference; arrays are read-only.
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ def compare_patient(
     subject : Subject
         Its file is read.
     covariates : mapping of str to str, optional
-        The patient's values of those that the reference allows for; others are ignored.
+        The patient's values of those that the reference adjusts for; others are ignored.
     side : str
         ``"left"`` or ``"right"``: the patient is mirrored if the reference is of the other one.
     force : bool

@@ -116,9 +116,9 @@ class Reference:
     model : SurfaceModel
         Of all controls.
     modes : int
-        Leading modes above chance (parallel analysis); the others are fitted, but not part of the distance.
+        Retained modes (parallel analysis); the others are fitted, but not part of the distance.
     coding : Coding
-        Of the covariates that are allowed for.
+        Of the covariates that are adjusted for.
     mahalanobis, outside, size, gap : (M,) arrays
         Sorted `Measures` of controls fitted as patients, read-only.
     maxima : (M,) array

@@ -55,7 +55,7 @@ class BatchItem:
     absent : tuple of str
         Subjects whose files do not have the structure.
     left_out : tuple of str
-        A line for each further subject that was left out.
+        A line for each further subject that was excluded.
     remarks : mapping of str to tuple of str
         What is to be said of subjects, by their names: absent, at the border of the image, in pieces.
     was_there : bool

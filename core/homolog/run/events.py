@@ -43,7 +43,7 @@ class RunStatus:
         Seconds left, once that can be told.
     paused : bool
     reason : FinishReason or None
-        None as long as the run goes on; then how it ended.
+        None while the run is in progress; then how it ended.
     """
 
     phase: Phase = Phase.READING

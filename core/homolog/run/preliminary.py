@@ -1,4 +1,4 @@
-"""Particles of a run that goes on, as a result in memory."""
+"""Particles of a run in progress, as a result in memory."""
 
 import numpy as np
 

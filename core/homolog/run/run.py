@@ -110,7 +110,7 @@ class Run:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """One line for each subject left out."""
+        """One line for each excluded subject."""
         return tuple(self._notes)
 
     def cancel(self) -> None:

@@ -135,6 +135,6 @@ def _moves(model: ShapeModel) -> FloatArray:
 
 
 def _write_surface(path: Path, mesh: TriangleMesh) -> None:
-    """Write a surface twice: VTP for this program and Slicer, PLY beside it for everything else."""
+    """Write a surface twice: VTP for this program and Slicer, PLY next to it for everything else."""
     write_mesh(path, mesh)
     write_mesh(path.with_suffix(".ply"), mesh)

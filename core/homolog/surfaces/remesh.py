@@ -20,7 +20,7 @@ __all__ = ["Sizes", "curvature_sizes", "remeshed"]
 Sizes = Callable[[FloatArray], FloatArray]
 """Wished edge length [mm] at points (N, 3), shape (N,)."""
 
-_LONG, _SHORT = 4.0 / 3.0, 4.0 / 5.0  # of the wished edge length
+_LONG, _SHORT = 4.0 / 3.0, 4.0 / 5.0  # of the target edge length
 _SWEEPS = 5
 _COLLAPSES = 8  # rounds of a sweep, at most
 _FEW = 0.003  # of the vertices: a round that would change less is left out
@@ -29,7 +29,7 @@ _SHARPEST = 0.3  # cosine between a face's normal before and after a change
 
 
 def remeshed(mesh: TriangleMesh, field: DistanceField, sizes: float | Sizes) -> TriangleMesh:
-    """Return a mesh of a field's zero level with edges of about the wished length.
+    """Return a mesh of a field's zero level with edges of about the target length.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ class Solid:
     open_length : float
         Length of all other sides of one face only [mm].
     turned, dropped : int
-        Faces that lay otherwise than their neighbours; faces without area, or twice there, left out.
+        Faces that lay otherwise than their neighbours; faces without area, and duplicates, removed.
     welded : int
         Vertices merged with another one.
     """
@@ -76,7 +76,7 @@ class Solid:
 def solid_of(mesh: TriangleMesh) -> Solid:
     """Return the solid that triangles of any kind stand for.
 
-    Vertices that coincide are welded; faces without area and duplicates are left out. Faces that meet two by
+    Vertices that coincide are welded; faces without area and duplicates are removed. Faces that meet two by
     two at their sides make patches, each oriented one way. Openings with a flat rim are closed by caps.
     Closed patches get a positive volume; from others rays are sent to both sides: the side from which more
     of them escape is outside, and where none escapes the patch is an inner wall.
@@ -168,7 +168,7 @@ def clusters(mesh: TriangleMesh) -> IntArray:
 
 
 def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
-    """Merge vertices that all but coincide, and drop faces that lose a corner."""
+    """Merge vertices that nearly coincide, and drop faces that lose a corner."""
     reach = _SAME * float(np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0)))
     pairs = KDTree(vertices).query_pairs(reach, output_type="ndarray")
     if len(pairs):
@@ -179,7 +179,7 @@ def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
 
 
 def _with_area(vertices: FloatArray, faces: IntArray) -> IntArray:
-    """Leave out faces without area, and all but one of those with the same corners."""
+    """Remove faces without area, and duplicates."""
     corners = vertices[faces]
     sides = corners - corners[:, [1, 2, 0]]
     longest = (sides**2).sum(axis=2).max(axis=1, initial=0.0)
