@@ -18,7 +18,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         help="freeze a project's controls as a reference for single patients",
         description="Freeze the model of a finished project's controls in one file, for homolog patient. "
         "Each control is fitted as a patient to the model of the others, so that limits and percentiles "
-        "hold for new subjects. The file contains no control's shape, file or name.",
+        "hold for new subjects. The file contains no control's surface, particles or file.",
     )
     parser.add_argument("project", type=Path, help="project folder")
     parser.add_argument("--group", metavar="VALUE", help="who the controls are (default: all subjects)")
@@ -35,6 +35,12 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         metavar="FILE",
         help="reference to write (.npz); replaced if it exists",
     )
+    parser.add_argument(
+        "--scores",
+        action="store_true",
+        help="keep each control's scores, to tell how near the nearest controls are to a patient",
+    )
+    parser.add_argument("--names", action="store_true", help="likewise, with the controls' names")
     parser.add_argument("--workers", type=int, help="number of processes (default: one per core)")
     add_progress_option(parser)
 
@@ -52,6 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
             group=arguments.group,
             column=arguments.column,
             adjust=arguments.adjust,
+            scores=arguments.scores,
+            names=arguments.names,
             workers=arguments.workers,
             tick=progress.tick,
         )

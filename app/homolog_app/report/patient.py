@@ -36,6 +36,7 @@ from homolog_app.report.patient_words import (
     NOTICE,
     REGION_COLUMNS,
     measure_rows,
+    nearest_words,
     reference_rows,
     region_rows,
     verdict,
@@ -54,7 +55,7 @@ _SUMMARY = (
     "name", "flagged", "regions", "region_area_mm2", "largest_z", "limit", "largest_z_percentile",
     "largest_z_p", "mahalanobis", "mahalanobis_percentile", "mahalanobis_p", "outside_mm",
     "outside_percentile", "outside_p",
-    "size_ratio", "size_percentile", "size_p", "remarks", "error",
+    "size_ratio", "size_percentile", "size_p", "nearest_controls", "remarks", "error",
 )  # fmt: skip
 
 
@@ -293,6 +294,8 @@ def patient_page(comparison: PatientComparison, reference: Reference, maps: obje
     page.table(
         ("", "value", "percentile of controls (95 % interval)", "p"), measure_rows(comparison, reference)
     )
+    if nearest := nearest_words(comparison, reference):
+        page.paragraph(nearest)
     page.heading("Method")
     for text in METHOD:
         page.paragraph(text)
@@ -314,4 +317,7 @@ def _summary(comparison: PatientComparison, reference: Reference) -> list[str | 
     ]
     for item in (comparison.mahalanobis, comparison.outside, comparison.size):
         numbers += [item.value, item.percent, item.p]
-    return [*numbers, "; ".join(comparison.remarks)]
+    nearest = "; ".join(
+        f"{name} {apart:.2f}".strip() for name, apart in reference.nearest(comparison.fit.scores)
+    )
+    return [*numbers, nearest, "; ".join(comparison.remarks)]

@@ -22,6 +22,7 @@ from homolog_app.report.patient_words import (
     NOTICE,
     REGION_COLUMNS,
     measure_rows,
+    nearest_words,
     reference_rows,
     region_rows,
     verdict,
@@ -179,6 +180,8 @@ def _second(comparison: PatientComparison, reference: Reference) -> _Sheet:
     sheet.heading("Numbers")
     header = ("", "value", "percentile of controls (95 % interval)", "p")
     sheet.rows([header, *measure_rows(comparison, reference)], (0.0, 2.3, 3.4, 6.2))
+    if nearest := nearest_words(comparison, reference):
+        sheet.text(nearest)
     if comparison.remarks:
         sheet.heading("Remarks")
         for text in comparison.remarks:

@@ -8,6 +8,7 @@ __all__ = [
     "NOTICE",
     "REGION_COLUMNS",
     "measure_rows",
+    "nearest_words",
     "reference_rows",
     "reference_words",
     "region_rows",
@@ -55,6 +56,8 @@ def reference_words(reference: Reference) -> list[str]:
             f"caution: {about.controls} controls are few; limits are wide and percentiles coarse (20 or "
             "more are better)"
         )
+    if reference.scores is not None:
+        lines.append(f"contains the controls' scores{' and names' if reference.names else ''}")
     return lines
 
 
@@ -70,6 +73,9 @@ def reference_rows(reference: Reference) -> list[tuple[str, str]]:
         ("Adjusted for", ", ".join(reference.coding.names) or "nothing"),
         ("Modes", f"{reference.modes} above chance; {len(reference.model.variances)} fitted"),
         ("Particles", str(about.particles)),
+        ("Scores of controls", "kept, with names" if reference.names else "kept")
+        if reference.scores is not None
+        else ("Scores of controls", "not kept"),
         ("Limit of |z|", f"{reference.limit:.2f} (5 % of healthy subjects anywhere)"),
         ("Structure", structure),
         ("Made", f"{about.made}, Homolog {about.versions.get('homolog', '')}"),
@@ -95,6 +101,15 @@ def verdict(comparison: PatientComparison, reference: Reference) -> str:
         f"{reference.limit:.1f}; p = {comparison.local.p:.2g} against "
         f"{reference.provenance.controls} controls)."
     )
+
+
+def nearest_words(comparison: PatientComparison, reference: Reference) -> str:
+    """Name the controls that are most like the patient; empty if the reference keeps no scores."""
+    nearest = reference.nearest(comparison.fit.scores)
+    if not nearest:
+        return ""
+    listed = ", ".join(f"{name} ({apart:.1f} SD)" if name else f"{apart:.1f} SD" for name, apart in nearest)
+    return f"Nearest controls by Mahalanobis distance in the modes: {listed}."
 
 
 def measure_rows(comparison: PatientComparison, reference: Reference) -> list[tuple[str, str, str, str]]:

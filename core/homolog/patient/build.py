@@ -1,6 +1,7 @@
 """A reference made from a finished project."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -21,7 +22,7 @@ from homolog.patient.surface_model import SurfaceModel
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.fingerprints import versions
 
-__all__ = ["FEWEST", "make_reference", "reference_of"]
+__all__ = ["FEWEST", "make_reference", "reference_of", "scores_of_points"]
 
 FEWEST = 8
 """Controls."""
@@ -37,6 +38,8 @@ def make_reference(
     group: str | None = None,
     column: str = _COLUMN,
     adjust: Sequence[str] = (),
+    scores: bool = False,
+    names: bool = False,
     workers: int | None = None,
     tick: Tick = no_tick,
 ) -> Reference:
@@ -52,6 +55,9 @@ def make_reference(
         Of the cohort's table, where groups are.
     adjust : sequence of str
         Covariates to adjust for: columns of the table.
+    scores, names : bool
+        Whether to keep each control's scores, and its name with them, so that those most like a patient can
+        be told. They are data of single subjects.
     workers : int, optional
         Processes; one per core by default.
     tick : Tick
@@ -83,7 +89,11 @@ def make_reference(
         )
     controls = read_controls(project, result, chosen, part_of(tick, 0.0, 0.15))
     about = _provenance(project, record, result, chosen, group)
-    return reference_of(controls, coding, columns, about, workers=workers, tick=part_of(tick, 0.15, 1.0))
+    reference = reference_of(controls, coding, columns, about, workers=workers, tick=part_of(tick, 0.15, 1.0))
+    if not (scores or names):
+        return reference
+    own = scores_of_points(reference.model, controls.points, columns)[:, : reference.modes]
+    return replace(reference, scores=own, names=controls.names if names else ())
 
 
 def reference_of(
@@ -118,6 +128,14 @@ def reference_of(
     tick(0.95, "limits")
     model = SurfaceModel.fit(controls.points, columns, fitted, controls.surface.faces)
     return _reference(model, modes, coding, left_out, provenance)
+
+
+def scores_of_points(model: SurfaceModel, points: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return the scores (M, K) [mm] of aligned points (M, P, 3) at covariates (M, c)."""
+    rest = points - np.stack([model.expected(item) for item in columns])
+    particles = slice(model.vertices, None)
+    scores: FloatArray = np.einsum("mpi,kpi->mk", rest[:, particles], model.components[:, particles])
+    return scores
 
 
 def _chosen(result: Result, group: str | None, column: str, project: ProjectFolder) -> list[int]:
@@ -166,7 +184,7 @@ def _reference(
     maxima = maxima_left_out(left_out.residuals, model.faces)
     limit = prediction_limit(maxima, LEVEL)
     local = LocalNorm.of(bands_of(left_out.residuals, model.faces), model.faces)
-    values = {
+    values: dict[str, Any] = {
         name: np.array([getattr(item, name) for item in left_out.measures])
         for name in ("mahalanobis", "outside", "size", "gap")
     }

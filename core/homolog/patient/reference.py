@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -106,10 +106,10 @@ class Quality:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """What a patient is compared with; holds no control's shape, name or file.
+    """What a patient is compared with; holds no control's surface or file.
 
     Made by `make_reference` or `Reference.load`. Distributions are sorted each by itself, so that they tell
-    nothing of one control.
+    nothing of one control. Scores and names are kept only if that is asked for.
 
     Attributes
     ----------
@@ -129,6 +129,10 @@ class Reference:
         Of differences from the expected shape at several widths, and from the mean.
     quality : Quality
     provenance : Provenance
+    scores : (M, modes) array or None
+        Of each control in the modes above chance [mm], read-only.
+    names : tuple of str
+        Of the controls in the order of their scores; empty if they are not kept.
     """
 
     model: SurfaceModel
@@ -144,9 +148,13 @@ class Reference:
     total: LocalNorm
     quality: Quality
     provenance: Provenance
+    scores: FloatArray | None = None
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Sort and freeze the distributions."""
+        if self.scores is not None:
+            object.__setattr__(self, "scores", frozen(self.scores, np.float64))
         for name in _DISTRIBUTIONS:
             object.__setattr__(self, name, frozen(np.sort(getattr(self, name)), np.float64))
 
@@ -163,6 +171,33 @@ class Reference:
             digest.update(f"{name}{array.shape}{array.dtype}".encode())
             digest.update(array.tobytes())
         return digest.hexdigest()
+
+    def nearest(self, scores: FloatArray, count: int = 3) -> list[tuple[str, float]]:
+        """Return the controls that are most like a shape, the nearest first.
+
+        Parameters
+        ----------
+        scores : (K,) array
+            Of the shape [mm], such as ``comparison.fit.scores``; modes above chance count.
+        count : int
+            How many, at most.
+
+        Returns
+        -------
+        list of (str, float)
+            Names (empty if the reference does not keep them) and Mahalanobis distances [SD]; empty if the
+            reference keeps no scores.
+        """
+        if self.scores is None:
+            return []
+        apart = (self.scores - scores[: self.modes]) / np.sqrt(self.model.variances[: self.modes])
+        distances = np.linalg.norm(apart, axis=1)
+        order = np.argsort(distances, kind="stable")[:count].tolist()
+        return [(self.names[index] if self.names else "", float(distances[index])) for index in order]
+
+    def anonymous(self) -> "Reference":
+        """Return the reference without the controls' scores and names."""
+        return replace(self, scores=None, names=())
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the reference to one file, whole or not at all.
@@ -186,8 +221,10 @@ class Reference:
             "coding": self.coding.record,
             "quality": {name: getattr(self.quality, name) for name in Quality.__dataclass_fields__},
             "provenance": self.provenance.record,
+            "names": list(self.names),
         }
-        write_arrays(Path(path), {**self._arrays(), "record": np.array(json.dumps(record))})
+        kept = {} if self.scores is None else {"scores": self.scores}
+        write_arrays(Path(path), {**self._arrays(), **kept, "record": np.array(json.dumps(record))})
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "Reference":
@@ -217,6 +254,8 @@ class Reference:
                 total=LocalNorm(stored["total_mean"], stored["total_deviation"]),
                 quality=Quality(**record["quality"]),
                 provenance=Provenance.from_record(record["provenance"]),
+                scores=stored.get("scores"),
+                names=tuple(map(str, record.get("names", ()))),
             )
         except InputError:
             raise
@@ -252,6 +291,15 @@ class Reference:
             and all(item.shape == (vertices,) for item in (self.total.mean, self.total.deviation))
             and all(getattr(self, name).shape == (self.provenance.controls,) for name in _DISTRIBUTIONS)
             and all(np.isfinite(item).all() for item in self._arrays().values())
+            and len(self.names) in (0, self.provenance.controls)
+            and (
+                (self.scores is None and not self.names)
+                or (
+                    self.scores is not None
+                    and self.scores.shape == (self.provenance.controls, self.modes)
+                    and bool(np.isfinite(self.scores).all())
+                )
+            )
         )
         if not fits:
             raise InputError(

@@ -63,7 +63,52 @@ def test_views_show_the_map_and_what_leads_to_it(patient, explored):
         (0, patient.comparison.mean, 0.0),
         (100, patient.comparison.expected, np.abs(patient.comparison.residual)),
     ):
-        patient.way.setValue(way)
+        patient.way.setValue(4 * way)
         (shown,) = scene.shown
         there = shown.groomed.placed(shown.alignment).vertices
         np.testing.assert_allclose(np.linalg.norm(there - goal.vertices, axis=1), apart, atol=1e-5)
+
+
+def test_the_way_leads_mode_by_mode_to_the_patient_and_the_mean_can_lie_over_it(patient, explored):
+    scene = explored.views.stage.scene
+    patient.path.setCurrentIndex(1)
+    patient.path.activated.emit(1)
+    notes = []
+    for value in (0, 100, 399, 400):
+        patient.way.setValue(value)
+        (shown,) = scene.shown
+        notes.append(shown.note)
+    assert notes[0] == "the mean"
+    assert "of mode 1" in notes[1]
+    assert "outside of the modes" in notes[2]
+    assert notes[3] == ""
+    patient.overlaid.setChecked(True)
+    (shown,) = scene.shown
+    mean = shown.raw.placed(shown.alignment).vertices
+    np.testing.assert_allclose(mean, patient.comparison.mean.vertices, atol=1e-6)
+
+
+def test_the_nearest_controls_are_named_and_saved_only_if_that_is_wanted(patient, tmp_path):
+    from homolog.patient import Reference
+
+    assert patient.nearest.text().count(" SD") == 3
+    patient.keep_reference(tmp_path / "anonymous.npz")
+    assert Reference.load(tmp_path / "anonymous.npz").names == ()
+    patient.single.setChecked(True)
+    patient.keep_reference(tmp_path / "named.npz")
+    assert set(Reference.load(tmp_path / "named.npz").names) == {"a", "b", "c", "d"}
+
+
+def test_slices_show_the_map_and_go_to_a_region_that_is_looked_at(patient, explored):
+    explored.commands["view.slice"].trigger()
+    slices = explored.views.stage.slices
+    (outline,) = slices._sliced.outlines
+    assert (slices.name, outline.title) == ("a", "Map")
+    assert len(outline.colours) == len(outline.mesh.vertices)
+    mesh = patient.comparison.mesh.vertices
+    assert np.abs(outline.mesh.vertices.mean(axis=0) - mesh.mean(axis=0)).max() < 1.0
+    place = patient.comparison.expected.vertices[3]
+    patient.place_wanted.emit("a", place, np.array([0.0, 0.0, 1.0]))
+    assert np.linalg.norm(mesh - slices.place, axis=1).min() < 2.0
+    assert patient.take_scan("a", tmp := patient.desk.home / "none.nrrd")
+    assert slices._sliced.image == tmp

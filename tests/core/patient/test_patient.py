@@ -8,6 +8,8 @@ import pytest
 from homolog.errors import InputError
 from homolog.geometry import transform_points
 from homolog.patient import Reference, compare_groomed
+from homolog.patient.build import scores_of_points
+from homolog.patient.surface_model import SurfaceModel
 from homolog.surfaces.mesh import TriangleMesh
 
 from .conftest import build, groomed, moved, shape
@@ -192,3 +194,38 @@ def test_what_the_image_cuts_off_is_named_and_too_much_is_refused(reference, tem
     with pytest.raises(InputError, match="is cut off"):
         compare_groomed(reference, cut(0.45), AGE)
     assert not any("cut off" in words for words in compare_groomed(reference, whole, AGE).remarks)
+
+
+def test_the_nearest_controls_are_told_only_by_a_reference_that_keeps_scores(reference, tmp_path):
+    assert reference.nearest(np.zeros(9)) == []
+    scores = np.random.default_rng(4).normal(size=(24, reference.modes)) * np.sqrt(
+        reference.model.variances[: reference.modes]
+    )
+    kept = replace(reference, scores=scores, names=tuple(f"c{number}" for number in range(24)))
+    kept.save(tmp_path / "kept.npz")
+    again = Reference.load(tmp_path / "kept.npz")
+    nearest = again.nearest(scores[7])
+    assert nearest[0] == ("c7", 0.0)
+    assert len(nearest) == 3
+    assert nearest[1][1] <= nearest[2][1]
+    assert again.fingerprint == reference.fingerprint
+    again.anonymous().save(tmp_path / "anonymous.npz")
+    assert Reference.load(tmp_path / "anonymous.npz").nearest(scores[7]) == []
+
+
+def test_scores_that_do_not_belong_to_the_controls_are_refused(reference, tmp_path):
+    replace(reference, scores=np.zeros((3, reference.modes))).save(tmp_path / "bad.npz")
+    with pytest.raises(InputError, match="do not belong together"):
+        Reference.load(tmp_path / "bad.npz")
+
+
+def test_scores_of_controls_give_their_particles_back(template):
+    directions, faces = template
+    random = np.random.default_rng(5)
+    points = np.stack([shape(directions, random) for _ in range(6)])
+    points = np.concatenate([points, points[:, ::7]], axis=1)
+    columns = random.normal(size=(6, 1))
+    model = SurfaceModel.fit(points, columns, 6, faces)
+    scores = scores_of_points(model, points, columns)
+    again = model.expected(columns[2]) + np.tensordot(scores[2], model.components, axes=1)
+    np.testing.assert_allclose(again[model.vertices :], points[2, model.vertices :], atol=1e-8)

@@ -30,6 +30,7 @@ from homolog_app.window.explore.patient_views import (
     EXPECTED,
     MEAN,
     Compared,
+    PatientLook,
     Z,
     compared,
     patient_scene,
@@ -54,6 +55,8 @@ _MAPS = {
     "Difference from the mean": MEAN,
 }
 _VIEWS = {"Map on the patient": 1, "Mean, patient, expected, map": 4}
+_PATHS = {"Straight from the mean": False, "Mode by mode from the mean": True}
+_STEPS = 400
 _HEADS = ("Region", "Area\n(mm²)", "Mean\n(mm)", "z")
 _RESEARCH = "For research use only; not for diagnosis."
 
@@ -85,7 +88,12 @@ class PatientPage(ExplorePage):
         self.map = choice("Map", _MAPS)
         self.views: QComboBox = choice("Views", _VIEWS)
         self.way = QSlider(Qt.Orientation.Horizontal)
+        self.path = choice("From the mean to the patient", _PATHS)
+        self.overlaid = QCheckBox("Mean over it, transparent")
         self.only_beyond = QCheckBox("Only beyond the limit")
+        self.nearest = label("", "FieldHelp", wrap=True)
+        self.single = QCheckBox("Save with names and scores of controls")
+        self.single.setToolTip("Needed to name the nearest controls; they are data of single subjects")
         self.bars = PercentileBars(desk.theme)
         self.table = SubjectTable(_HEADS, self)
         self.regions = QTableView()
@@ -104,6 +112,7 @@ class PatientPage(ExplorePage):
             self.body.addLayout(row)
             if self.make in widgets:
                 self.body.addWidget(self.adjust)
+        self.body.addWidget(self.single)
         self.body.addWidget(self.about)
         self.body.addWidget(label("Patient", "SectionTitle"))
         self.body.addLayout(self.form)
@@ -112,7 +121,7 @@ class PatientPage(ExplorePage):
         self.verdict.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.body.addWidget(self.verdict)
         self.body.addWidget(self.remarks)
-        for words, box in (("Map", self.map), ("Views", self.views)):
+        for words, box in (("Map", self.map), ("Views", self.views), ("Way", self.path)):
             line = QHBoxLayout()
             name = QLabel(words)
             name.setBuddy(box)
@@ -120,16 +129,18 @@ class PatientPage(ExplorePage):
             line.addWidget(name)
             line.addWidget(box, 1)
             self.body.addLayout(line)
-        self.way.setRange(0, 100)
-        self.way.setValue(100)
+        self.way.setRange(0, _STEPS)
+        self.way.setValue(_STEPS)
         self.way.setAccessibleName("From the mean to the patient")
         ends = QHBoxLayout()
         for part in (label("mean", "FieldHelp"), self.way, label("patient", "FieldHelp")):
             ends.addWidget(part, int(part is self.way))
         self.body.addLayout(ends)
-        self.body.addWidget(self.only_beyond)
+        for check in (self.overlaid, self.only_beyond):
+            self.body.addWidget(check)
         self.body.addWidget(rule())
         self.body.addWidget(self.bars)
+        self.body.addWidget(self.nearest)
         self.regions.setModel(self.table)
         self.regions.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.regions.setShowGrid(False)
@@ -145,10 +156,11 @@ class PatientPage(ExplorePage):
     def _connect(self) -> None:
         self.desk.session.study_changed.connect(self._show_groups)
         self.regions.clicked.connect(self._go_to)
-        for box in (self.map, self.views):
+        for box in (self.map, self.views, self.path):
             box.activated.connect(lambda _: self.shown_changed.emit())
         self.way.valueChanged.connect(lambda _: self.shown_changed.emit())
-        self.only_beyond.toggled.connect(self.shown_changed)
+        for check in (self.only_beyond, self.overlaid):
+            check.toggled.connect(self.shown_changed)
 
     @property
     def layouts(self) -> tuple[int, ...] | None:
@@ -167,9 +179,17 @@ class PatientPage(ExplorePage):
         if self.comparison is None or self.reference is None:
             return Shown(subjects)
         return patient_scene(
-            self.comparison, self.reference, self.map.currentData(), self.views.currentData(),
-            self.way.value() / 100.0, self.only_beyond.isChecked(),
-        )  # fmt: skip
+            self.comparison,
+            self.reference,
+            PatientLook(
+                self.map.currentData(),
+                self.views.currentData(),
+                self.way.value() / _STEPS,
+                self.path.currentData(),
+                self.overlaid.isChecked(),
+                self.only_beyond.isChecked(),
+            ),
+        )
 
     def sliced(self) -> "Sliced | None":
         """Return the patient's scan or voxels, with the map as a contour."""
@@ -202,7 +222,7 @@ class PatientPage(ExplorePage):
         def make(tick: Tick) -> "Reference":
             from homolog.patient import make_reference
 
-            return make_reference(project, group=group, adjust=columns, tick=tick)
+            return make_reference(project, group=group, adjust=columns, names=True, tick=tick)
 
         self.desk.work.compute("reference", make, "fitting controls one by one", self.take_reference)
 
@@ -215,7 +235,8 @@ class PatientPage(ExplorePage):
     def keep_reference(self, path: Path) -> None:
         """Write the reference; raises InputError if it can't be written."""
         if self.reference is not None:
-            self.reference.save(path)
+            kept = self.reference if self.single.isChecked() else self.reference.anonymous()
+            kept.save(path)
 
     def take_reference(self, reference: "Reference") -> None:
         """Compare with this one from now on."""
@@ -266,6 +287,8 @@ class PatientPage(ExplorePage):
         self.remarks.setText("\n".join(comparison.remarks) if comparison else "")
         self.remarks.setVisible(bool(self.remarks.text()))
         self.bars.show_patient(comparison, reference)
+        self.nearest.setText(_nearest(comparison, reference))
+        self.nearest.setVisible(bool(self.nearest.text()))
         rows: list[tuple[str | float, ...]] = []
         for number, region in enumerate(comparison.regions if comparison else (), start=1):
             assert comparison is not None
@@ -276,7 +299,9 @@ class PatientPage(ExplorePage):
             self.verdict,
             self.map,
             self.views,
+            self.path,
             self.way,
+            self.overlaid,
             self.only_beyond,
             self.bars,
             self.regions,
@@ -317,6 +342,14 @@ def _verdict(comparison: "PatientComparison | None", reference: "Reference | Non
     from homolog_app.report.patient_words import verdict
 
     return verdict(comparison, reference)
+
+
+def _nearest(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
+    if comparison is None or reference is None:
+        return ""
+    from homolog_app.report.patient_words import nearest_words
+
+    return nearest_words(comparison, reference)
 
 
 def _about(reference: "Reference | None") -> str:

@@ -21,51 +21,65 @@ if TYPE_CHECKING:
     from homolog.patient import PatientComparison, Reference
     from homolog_app.window.slices.planes import Sliced
 
-__all__ = ["EXPECTED", "MEAN", "Compared", "Z", "compared", "patient_scene", "patient_slices", "place_of"]
+__all__ = [
+    "EXPECTED",
+    "MEAN",
+    "Compared",
+    "PatientLook",
+    "Z",
+    "compared",
+    "patient_scene",
+    "patient_slices",
+    "place_of",
+]  # fmt: skip
 
 EXPECTED, MEAN, Z = "expected", "mean", "z"
 """Maps: difference from the expected shape, from the mean [mm], and the former in standard deviations."""
 
 
-def patient_scene(
-    comparison: "PatientComparison",
-    reference: "Reference",
-    kind: str,
-    count: int,
-    way: float,
-    only_beyond: bool,
-) -> Shown:
-    """Return what the views show.
+@dataclass(frozen=True, slots=True)
+class PatientLook:
+    """How a patient is looked at.
 
-    Parameters
+    Attributes
     ----------
-    comparison : PatientComparison
-    reference : Reference
     kind : str
         Which map.
     count : int
         1 shows the map, 4 the mean, the patient, the expected shape and the map.
     way : float
         Place of the shape with the map: 0 at the mean, 1 at the patient.
+    by_modes : bool
+        Whether the way leads along one mode after the other, rather than straight.
+    overlaid : bool
+        Whether the mean is seen over the patient as a transparent shell.
     only_beyond : bool
         Whether differences within the limit are grey.
     """
+
+    kind: str
+    count: int
+    way: float
+    by_modes: bool
+    overlaid: bool
+    only_beyond: bool
+
+
+def patient_scene(comparison: "PatientComparison", reference: "Reference", look: PatientLook) -> Shown:
+    """Return what the views show."""
+    kind, count, only_beyond = look.kind, look.count, look.only_beyond
     scale, values = _scale(comparison, reference, kind)
     beyond = np.abs(comparison.z) > reference.limit
     faded = ~beyond if only_beyond and kind != MEAN else None
     if faded is not None:
         scale = replace(scale, grey_words="within the limit of 5 % of healthy subjects")
-    start = comparison.mean.vertices
-    there = patient_surface(comparison).vertices
-    shape = TriangleMesh(start + way * (there - start), comparison.mean.faces)
-    note = (
-        ""
-        if way == 1.0
-        else "the mean"
-        if way == 0.0
-        else f"{100.0 * way:.0f} % from the mean to the patient"
-    )
+    steps = _steps(comparison, reference) if look.by_modes else _straight(comparison)
+    note, vertices = _on_the_way(comparison.mean.vertices, steps, look.way)
+    shape = TriangleMesh(vertices, comparison.mean.faces)
     mapped = _content(comparison, comparison.name, note, shape, scale, values, faded, beyond)
+    if look.overlaid:
+        mean = comparison.mean.placed(inverse_matrices(comparison.placement))
+        mapped = replace(mapped, raw=mean, overlaid=True)
     if count == 1:
         return Shown([mapped], 1, scale, {})
     plain = [
@@ -74,6 +88,40 @@ def patient_scene(
         _content(comparison, "Expected", "by the reference, of this patient", comparison.expected),
     ]
     return Shown([*plain, mapped], 2, scale, {})
+
+
+_Step = tuple[str, FloatArray]
+"""What is added on the way from the mean to the patient, and the vertices (V, 3) after it."""
+
+
+def _straight(comparison: "PatientComparison") -> list[_Step]:
+    return [("from the mean to the patient", patient_surface(comparison).vertices)]
+
+
+def _steps(comparison: "PatientComparison", reference: "Reference") -> list[_Step]:
+    """Return the way along each mode above chance, then what further modes and none of them explain."""
+    model, scores = reference.model, comparison.fit.scores
+    moves = model.components[:, : model.vertices]
+    vertices = comparison.mean.vertices
+    steps: list[_Step] = []
+    for mode in range(min(reference.modes, len(scores))):
+        vertices = vertices + scores[mode] * moves[mode]
+        deviations = scores[mode] / np.sqrt(model.variances[mode])
+        steps.append((f"of mode {mode + 1} ({deviations:+.1f} SD)", vertices))
+    if len(scores) > reference.modes:
+        steps.append(("of further modes", comparison.expected.vertices))
+    return [*steps, ("of the difference outside of the modes", patient_surface(comparison).vertices)]
+
+
+def _on_the_way(start: FloatArray, steps: Sequence[_Step], way: float) -> _Step:
+    """Return where a part of the way leads, each step being as long as another."""
+    if way in (0.0, 1.0):
+        return ("the mean", start) if way == 0.0 else ("", steps[-1][1])
+    index = min(int(way * len(steps)), len(steps) - 1)
+    share = way * len(steps) - index
+    title, there = steps[index]
+    before = steps[index - 1][1] if index else start
+    return f"{100.0 * share:.0f} % {title}", before + share * (there - before)
 
 
 def patient_surface(comparison: "PatientComparison") -> TriangleMesh:

@@ -72,6 +72,7 @@ class Cell:
 
         Quick drawing takes the light surface, but where colours belong to the vertices of the full one.
         """
+        raw = raw or (self.content is not None and self.content.overlaid)
         both = raw and groomed and "groomed" in self._placed
         coloured = self.content is not None and self.content.colours is not None
         light = quick and not coloured and "coarse" in self._placed

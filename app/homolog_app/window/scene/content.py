@@ -40,6 +40,8 @@ class Content:
         Line segments [mm] in the coordinates that are shown, such as the border of a region.
     through : bool
         Whether arrows and lines that lie behind the surface are seen faintly through it.
+    overlaid : bool
+        Whether `raw` is seen as a shell over `groomed` whatever the user has switched on.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Content:
     arrows: Arrows | None = None
     lines: FloatArray | None = None
     through: bool = False
+    overlaid: bool = False
 
     @property
     def patient_axes(self) -> FloatArray:

@@ -125,6 +125,8 @@ def _arrays_of(content: Content, shown: Shown) -> _Arrays:
         arrays |= {"arrows.points": content.arrows.points, "arrows.vectors": content.arrows.vectors}
     if content.through:
         arrays["through"] = np.array(True)
+    if content.overlaid:
+        arrays["overlaid"] = np.array(True)
     arrays |= {name: one for name in _EACH if (one := getattr(content, name)) is not None}
     if shown.particles and content.name in shown.particles:
         arrays["particles"] = shown.particles[content.name]
@@ -152,6 +154,7 @@ def _content(name: str, note: str, arrays: _Arrays) -> Content:
         colours=_table(arrays, "colours", points, kind="u1") if "colours" in arrays else None,
         normals=_table(arrays, "normals", points) if "normals" in arrays else None,
         through="through" in arrays,
+        overlaid="overlaid" in arrays,
     )  # fmt: skip
 
 
