@@ -89,7 +89,7 @@ class PatientPage(ExplorePage):
         self.views: QComboBox = choice("Views", _VIEWS)
         self.way = QSlider(Qt.Orientation.Horizontal)
         self.path = choice("From the mean to the patient", _PATHS)
-        self.overlaid = QCheckBox("Mean over it, transparent")
+        self.overlaid = QCheckBox("Transparent over the mean")
         self.only_beyond = QCheckBox("Only beyond the limit")
         self.nearest = label("", "FieldHelp", wrap=True)
         self.single = QCheckBox("Save with names and scores of controls")

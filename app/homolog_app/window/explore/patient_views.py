@@ -52,7 +52,7 @@ class PatientLook:
     by_modes : bool
         Whether the way leads along one mode after the other, rather than straight.
     overlaid : bool
-        Whether the mean is seen over the patient as a transparent shell.
+        Whether the patient is seen transparent over the mean.
     only_beyond : bool
         Whether differences within the limit are grey.
     """

@@ -18,6 +18,8 @@ from homolog_app.window.scene.words import Words
 
 __all__ = ["Cell"]
 
+_OVER = 0.5
+"""Opacity of a surface that is overlaid on another."""
 _MARGIN, _SPARSE = 1.22, 5
 _SURFACES = ("raw", "groomed", "coarse")
 
@@ -72,12 +74,15 @@ class Cell:
 
         Quick drawing takes the light surface, but where colours belong to the vertices of the full one.
         """
-        raw = raw or (self.content is not None and self.content.overlaid)
+        overlaid = self.content is not None and self.content.overlaid
+        raw = raw or overlaid
         both = raw and groomed and "groomed" in self._placed
         coloured = self.content is not None and self.content.colours is not None
         light = quick and not coloured and "coarse" in self._placed
-        self._shown = {"raw": 0.35 * opacity if both else opacity} if raw else {}
-        self._shown |= {"coarse" if light else "groomed": opacity} if groomed else {}
+        self._shown = {"raw": 0.35 * opacity if both and not overlaid else opacity} if raw else {}
+        self._shown |= (
+            {"coarse" if light else "groomed": (_OVER if overlaid else 1.0) * opacity} if groomed else {}
+        )
         self._update()
 
     def cut(self, clip: Clip | None, box: Box) -> None:

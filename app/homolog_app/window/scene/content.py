@@ -41,7 +41,7 @@ class Content:
     through : bool
         Whether arrows and lines that lie behind the surface are seen faintly through it.
     overlaid : bool
-        Whether `raw` is seen as a shell over `groomed` whatever the user has switched on.
+        Whether `groomed` is seen transparent over `raw`, whatever the user has switched on.
     """
 
     name: str

@@ -115,9 +115,10 @@ class SliceView(QWidget):
         self.window_box.activated.connect(self._choose_window)
         self.field.activated.connect(self._fit)
         for box, colour in ((self.segmentation, _SEGMENTATION), (self.contours, _GROOMED)):
-            patch = QPixmap(12, 12)
-            patch.fill(QColor(colour))
-            box.setIcon(QIcon(patch))
+            pixels = QPixmap(12, 12)
+            pixels.fill(QColor(colour))
+            self._patch = QIcon(pixels)
+            box.setIcon(self._patch)
             box.setChecked(True)
             box.toggled.connect(self._draw)
         self.choose.clicked.connect(lambda: self.scan_wanted.emit(self._sliced.name))
@@ -325,6 +326,8 @@ class SliceView(QWidget):
         self.segmentation.setVisible(read is not None and sliced.voxels is not None)
         for widget in (self.field, self.contours):
             widget.setVisible(grid is not None)
+        coloured = any(one.colours is not None for one in sliced.outlines)
+        self.contours.setIcon(QIcon() if coloured else self._patch)
         self.contours.setEnabled(bool(sliced.outlines))
         self.contours.setText(" and ".join(one.title for one in sliced.outlines) or "Groomed surface")
         self.choose.setEnabled(bool(sliced.name))
