@@ -128,8 +128,12 @@ def test_the_discriminant_plot_keeps_the_groups_apart():
 def test_names_do_not_cover_each_other_and_those_of_selected_subjects_are_always_there():
     axes, points = _axes(), np.array([[0.0, 0.0], [0.01, 0.0], [2.0, 2.0], [0.02, 0.0]])
     axes.set(xlim=(-3.0, 3.0), ylim=(-3.0, 3.0))
-    draw_subjects(axes, points, ["a", "b", "c", "d"], ["b"], COLOURS)
+    drawn = draw_subjects(axes, points, ["a", "b", "c", "d"], ["b"], COLOURS)
     assert [text.get_text() for text in axes.texts] == ["b", "c"]
+    for artist in drawn:
+        artist.remove()
+    assert not axes.texts
+    assert not axes.lines
 
 
 @pytest.mark.parametrize("y", [5.0, None])

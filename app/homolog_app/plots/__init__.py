@@ -15,6 +15,8 @@ from homolog_app.plots.groups import (
 )
 from homolog_app.plots.model import (
     draw_energies,
+    draw_energy_curves,
+    draw_energy_frames,
     draw_place,
     draw_quality,
     draw_scores,
@@ -24,7 +26,8 @@ from homolog_app.plots.model import (
 from homolog_app.plots.style import DPI, group_order, group_style, new_figure
 
 __all__ = [
-    "DPI", "discriminant_points", "draw_boxes", "draw_discriminant", "draw_energies", "draw_measure",
-    "draw_percentiles", "draw_place", "draw_quality", "draw_scores", "draw_scree", "draw_slope",
-    "draw_subjects", "draw_value", "group_order", "group_style", "new_figure", "percentile_rows",
+    "DPI", "discriminant_points", "draw_boxes", "draw_discriminant", "draw_energies",
+    "draw_energy_curves", "draw_energy_frames", "draw_measure", "draw_percentiles", "draw_place",
+    "draw_quality", "draw_scores", "draw_scree", "draw_slope", "draw_subjects", "draw_value",
+    "group_order", "group_style", "new_figure", "percentile_rows",
 ]  # fmt: skip

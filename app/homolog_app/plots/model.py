@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
@@ -10,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
 from homolog.arrays import FloatArray
+from homolog_app.fonts import complete_text
 from homolog_app.plots.style import (
     FONT_PT,
     LETTER,
@@ -25,7 +27,10 @@ from homolog_app.plots.style import (
 )
 from homolog_app.scheme import Colours
 
-__all__ = ["draw_energies", "draw_place", "draw_quality", "draw_scores", "draw_scree", "draw_subjects"]
+__all__ = [
+    "draw_energies", "draw_energy_curves", "draw_energy_frames", "draw_place", "draw_quality", "draw_scores",
+    "draw_scree", "draw_subjects",
+]  # fmt: skip
 
 _LEGEND_NAME, _SUBJECT_NAME = 24, 28  # letters
 _MOST_BARS = 16
@@ -125,11 +130,12 @@ def draw_scores(
 
 def draw_subjects(
     axes: Axes, points: FloatArray, names: Sequence[str], selected: Sequence[str], colours: Colours
-) -> None:
+) -> list[Artist]:
     """Write names beside subjects' points (n, 2), and put a ring around those that are selected.
 
-    A name that would cover another is left out, unless its subject is selected.
+    A name that would cover another is left out, unless its subject is selected. The axes keep their limits.
     """
+    drawn: list[Artist] = []
     frame = axes.viewLim
     covered: list[Bbox] = []
     for index in sorted(range(len(names)), key=lambda index: names[index] not in selected):
@@ -140,16 +146,20 @@ def draw_subjects(
         box = Bbox.from_bounds(left - is_right * (width + 16.0), bottom, width, 1.3 * FONT_PT)
         is_selected = names[index] in selected
         if is_selected:
-            axes.plot(x, y, "o", markersize=13, mfc="none", mec=colours.text, mew=1.5)
+            ring = Line2D([x], [y], marker="o", markersize=13, mfc="none", mec=colours.text, mew=1.5)
+            drawn.append(axes.add_artist(ring))
         elif box.count_overlaps(covered):
             continue
         covered.append(box)
-        axes.annotate(
+        text = axes.annotate(
             name, (x, y), (-8 if is_right else 8, -5 if is_high else 5), textcoords="offset points",
             ha="right" if is_right else "left", va="top" if is_high else "bottom",
             fontsize=FONT_PT if is_selected else TICK_PT, color=colours.text, zorder=5,
             bbox={"facecolor": colours.surface, "alpha": 0.6, "pad": 0.5, "linewidth": 0.0},
         )  # fmt: skip
+        complete_text(text)
+        drawn.append(text)
+    return drawn
 
 
 def draw_place(axes: Axes, x: float, y: float | None, colours: Colours) -> Line2D:
@@ -179,23 +189,49 @@ def draw_energies(places: Sequence[Axes], rows: FloatArray, colours: Colours) ->
         Iteration, and the entropies of sampling, ensemble and normals.
     colours : Colours
     """
+    draw_energy_frames(places, rows, colours)
+    draw_energy_curves(places, rows, colours)
+
+
+def draw_energy_frames(
+    places: Sequence[Axes], rows: FloatArray, colours: Colours, ahead: float = 0.0
+) -> None:
+    """Draw all of `draw_energies` but the curves, with room for so large a share of further iterations."""
     for axes, (name, meaning), values in zip(places, _MEANINGS.items(), rows.T[1:], strict=True):
         dress(axes, colours, x_label="iteration")
         axes.set_title(f"{name}\n{meaning}", loc="left", fontsize=TICK_PT, color=colours.text)
-        known = np.isfinite(values)
-        if known.sum() < 2 or not np.any(values[known]):
+        known = values[np.isfinite(values)]
+        first, last = float(rows[0, 0]), float(rows[-1, 0])
+        axes.set_xlim(first, last + ahead * (last - first))
+        if not _counts(values):
             axes.set(xticks=(), yticks=())
             axes.text(
                 0.5, 0.5, "not part of this method", transform=axes.transAxes, ha="center",
                 fontsize=FONT_PT, color=colours.dim,
             )  # fmt: skip
             continue
-        axes.plot(rows[known, 0], values[known], color=colours.groups[0], linewidth=LINE_PT)
-        later = values[known][known.sum() // _FIRST :]
+        later = known[len(known) // _FIRST :]
         low, high = float(later.min()), float(later.max())
-        room = 0.05 * (high - low) or abs(high) * 0.05 or 1.0
-        axes.set(xlim=(rows[0, 0], rows[-1, 0]), ylim=(low - room, high + room))
+        room = (0.05 + ahead) * (high - low) or abs(high) * 0.05 or 1.0
+        axes.set_ylim(low - room, high + room)
         axes.ticklabel_format(useOffset=False)
+
+
+def draw_energy_curves(places: Sequence[Axes], rows: FloatArray, colours: Colours) -> list[Line2D]:
+    """Draw and return the curves of `draw_energies`; the axes keep their limits."""
+    curves = []
+    for axes, values in zip(places, rows.T[1:], strict=True):
+        if _counts(values):
+            curve = Line2D(rows[:, 0], values, color=colours.groups[0], linewidth=LINE_PT)
+            axes.add_artist(curve)
+            curve.set_clip_path(axes.patch)
+            curves.append(curve)
+    return curves
+
+
+def _counts(values: FloatArray) -> bool:
+    known = values[np.isfinite(values)]
+    return len(known) > 1 and bool(np.any(known))
 
 
 def draw_quality(

@@ -116,7 +116,7 @@ class _Sheet:
             width, high = _WIDE - 2.0 * _EDGE, 0.16
             bottom = 1.0 - (self.y + 0.16 + high) / _HIGH  # below the title
             places.append(self.figure.add_axes((_EDGE / _WIDE, bottom, width / _WIDE, high / _HIGH)))
-            self.y += high + 0.34
+            self.y += high + 0.38
         draw_percentiles(places, comparison, reference, page_colours(LIGHT))
 
 

@@ -110,7 +110,7 @@ class RunParticles(QObject):
             self.frame = frame
             self.particles, self.tints = dict(zip(job.names, frame.world, strict=True)), None
             self.moved.emit(True)
-            self._window.docks.curves.show_rows(list(job.recorder.energies))
+            self._window.docks.curves.show_rows(list(job.recorder.energies), is_live=True)
         self._look.setInterval(self._pause(_LOOK_MS))
 
     @Slot()

@@ -3,6 +3,7 @@
 from collections import Counter
 from importlib.resources import files
 
+import numpy as np
 import pytest
 
 from homolog_app.window.commands import COMMANDS, MENUS
@@ -98,6 +99,30 @@ def test_energies_of_one_iteration_are_no_curve(window):
 
     assert picture([[5, 1, 1, 1], [5, 2, 2, 2]]) == picture([])
     assert picture([[0, 1, 1, 1], [1, 2, 2, 2]]) != picture([])
+    curves.close()
+
+
+@pytest.mark.window
+def test_live_energies_are_drawn_in_frames_that_stay_until_they_leave_them(window, monkeypatch):
+    from homolog_app.window.curves import EnergyCurves
+
+    curves = EnergyCurves(window.desk.theme)
+    curves.resize(900, 200)
+    curves.show()
+    draw, drawn = curves.draw, []
+    monkeypatch.setattr(curves, "draw", lambda figure: (drawn.append(0), draw(figure)))
+    rows = np.random.default_rng(0).random((100, 4))
+    rows[:, 0] = np.arange(100)
+    pictures = []
+    for count in (80, 81, 90, 97):
+        curves.show_rows(rows[:count], is_live=True)
+        pictures.append(curves.grab().toImage())
+    assert len(drawn) == 1
+    assert pictures[0] != pictures[1]
+    rows[-1, 2] = 99.0
+    curves.show_rows(rows, is_live=True)
+    curves.grab()
+    assert len(drawn) == 2
     curves.close()
 
 

@@ -12,7 +12,6 @@ from homolog_app.window.theme import Theme
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from homolog_app.window.explore.group_answer import GroupAnswer
 
@@ -74,11 +73,11 @@ class GroupPlot(ScatterPlot):
         column = answer.study.request.column
         draw_slope(axes, answer.values, answer.places, self.groups, column, slope, colours)
 
-    def draw_moving(self, figure: "Figure") -> "Sequence[Artist]":
+    def draw_mark(self, axes: "Axes") -> "Artist":
         """Draw a line where the shape that is shown lies."""
         from homolog_app.plots import draw_place
 
-        return [draw_place(figure.axes[0], self.mark[0], None, self.theme.colours)]
+        return draw_place(axes, self.mark[0], None, self.theme.colours)
 
     def words_of(self, name: str) -> str:
         """Return a subject's place in words."""

@@ -114,7 +114,10 @@ class ScatterPlot(Plot):
     def show_selection(self, names: Sequence[str]) -> None:
         """Mark selected subjects."""
         self._selected = names
-        self.redraw()
+        if self.options[NAMES]:
+            self.redraw()
+        else:
+            self.follow()
 
     def show_cursor(self, x: float, y: float) -> None:
         """Mark where the shape that is shown lies [SD]."""
@@ -122,14 +125,13 @@ class ScatterPlot(Plot):
         self.follow()
 
     def draw(self, figure: "Figure") -> None:
-        """Draw the subjects, and the names of those that are selected."""
+        """Draw the subjects, and the names of all if they are wanted."""
         from homolog_app.plots import draw_subjects
 
         axes = figure.subplots()
         self.draw_data(axes)
-        named = [name in self._selected or self.options[NAMES] for name in self.names]
-        names = [name for name, shown in zip(self.names, named, strict=True) if shown]
-        draw_subjects(axes, self.points[named], names, self._selected, self.theme.colours)
+        if self.options[NAMES]:
+            draw_subjects(axes, self.points, self.names, self._selected, self.theme.colours)
 
     def draw_data(self, axes: "Axes") -> None:
         """Draw the subjects by group."""
@@ -141,10 +143,21 @@ class ScatterPlot(Plot):
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
 
     def draw_moving(self, figure: "Figure") -> "Sequence[Artist]":
-        """Draw where the shape that is shown lies."""
+        """Draw the names of selected subjects, and where the shape that is shown lies."""
+        from homolog_app.plots import draw_subjects
+
+        axes, chosen = figure.axes[0], [name in self._selected for name in self.names]
+        if self.options[NAMES] or not any(chosen):
+            return [self.draw_mark(axes)]
+        names = [name for name in self.names if name in self._selected]
+        named = draw_subjects(axes, self.points[chosen], names, names, self.theme.colours)
+        return [*named, self.draw_mark(axes)]
+
+    def draw_mark(self, axes: "Axes") -> "Artist":
+        """Draw a cross where the shape that is shown lies."""
         from homolog_app.plots import draw_place
 
-        return [draw_place(figure.axes[0], *self.mark, self.theme.colours)]
+        return draw_place(axes, *self.mark, self.theme.colours)
 
     def listen(self, canvas: "PlotCanvas") -> None:
         """Answer clicks, drags and the pointer over a subject."""
