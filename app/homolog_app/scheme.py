@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-__all__ = ["DARK", "LIGHT", "Colours", "rgb"]
+__all__ = ["DARK", "LIGHT", "Colours", "rgb", "rgb_bytes"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,5 +57,11 @@ DARK = Colours(
 
 def rgb(colour: str) -> tuple[float, float, float]:
     """Return the parts of a ``#rrggbb`` in [0, 1]."""
-    red, green, blue = (int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5))
+    red, green, blue = (part / 255.0 for part in rgb_bytes(colour))
+    return red, green, blue
+
+
+def rgb_bytes(colour: str) -> tuple[int, int, int]:
+    """Return the parts of a ``#rrggbb`` in 0 ... 255."""
+    red, green, blue = (int(colour[at : at + 2], 16) for at in (1, 3, 5))
     return red, green, blue

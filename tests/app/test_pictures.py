@@ -128,7 +128,7 @@ def test_modes_tell_their_share_and_the_scale_is_symmetric(model):
     _pixels(figure)
     words = {text.get_text() for text in figure.findobj(lambda item: hasattr(item, "get_text"))}
     assert {"−2 SD", "+2 SD", "mean (mode 1: 80.0 %)", "mean (mode 2: 20.0 %)", "mode 1", "mode 2"} <= words
-    assert {"+2", "+1", "0", "−1", "−2", "expansion\n(outward, mm)", "contraction\n(inward, mm)"} <= words
+    assert {"+2", "+1", "0", "−1", "−2", "out of the tissue\n(mm)", "into the tissue\n(mm)"} <= words
 
 
 def test_the_subjects_come_in_pages_with_their_names(ball):

@@ -160,3 +160,10 @@ def test_a_renderer_that_is_not_known_is_refused(monkeypatch):
     monkeypatch.setenv(RENDERER, "magic")
     with pytest.raises(InputError, match="opengl or rays"):
         _ = _Choice().name
+
+
+def test_what_needs_opengl_is_refused_where_there_is_none(monkeypatch):
+    monkeypatch.setenv(RENDERER, "rays")
+    with pytest.raises(InputError, match="install a graphics driver"):
+        _Choice().with_opengl(len, "abc")
+    assert _opengl().call(len, "abc") == 3

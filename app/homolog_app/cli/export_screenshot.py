@@ -12,7 +12,12 @@ from homolog_app.cli.options import add_options, with_options
 from homolog_app.exports.settings import ScreenshotSettings
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from homolog_app.window.explore.chosen import Snapshot
+    from homolog_app.window.scene.canvas import Canvas
+    from homolog_app.window.scene.content import Shown
 
 __all__ = ["add_parser", "run"]
 
@@ -38,8 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the picture; returns the exit code."""
     settings = with_options(ScreenshotSettings(), arguments)
     from homolog_app.films.encode import write_still
+    from homolog_app.rendering.draw import with_opengl
     from homolog_app.window.scene.kept import KEPT, read_shown
-    from homolog_app.window.scene.offscreen import drawn
     from homolog_app.window.snapshot import shown_again
 
     with exporting(arguments) as tick:
@@ -49,10 +54,16 @@ def run(arguments: argparse.Namespace) -> int:
             wanted = _snapshot(arguments.view)
             shown, canvas = shown_again(ProjectFolder(arguments.project), wanted, tick), wanted.canvas
         tick(0.9, "drawing")
-        pixels = drawn(shown, canvas, settings.scale, transparent=settings.transparent)
+        pixels = with_opengl(_drawn, shown, canvas, settings.scale, settings.transparent)
         write_still(arguments.out, pixels)
     sys.stderr.write(f"{arguments.out}: {pixels.shape[1]} x {pixels.shape[0]} pixels\n")
     return 0
+
+
+def _drawn(shown: "Shown", canvas: "Canvas", scale: int, transparent: bool) -> "NDArray[np.uint8]":
+    from homolog_app.window.scene.offscreen import drawn
+
+    return drawn(shown, canvas, scale, transparent=transparent)
 
 
 def _snapshot(text: str) -> "Snapshot":

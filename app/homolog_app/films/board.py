@@ -14,12 +14,12 @@ from homolog.arrays import Array
 from homolog_app.fonts import complete_text
 from homolog_app.pictures.layout import draw_displacement_bar
 from homolog_app.rendering.colours import Theme
+from homolog_app.rendering.views import round_length
 
 __all__ = ["Board", "Box"]
 
 _DPI = 100.0
 _LEAST_TEXT = 8.0
-_LENGTHS = (1.0, 2.0, 5.0, 10.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +66,7 @@ class Board:
 
     def scale_bar(self, x: float, y: float, most: float, millimetres_a_pixel: float) -> None:
         """Draw a bar of a round length, at most so many pixels long, from (x, y) to the right."""
-        most *= millimetres_a_pixel
-        power = 10.0 ** np.floor(np.log10(most))
-        length = power * max(item for item in _LENGTHS if item * power <= most)
+        length = round_length(most * millimetres_a_pixel)
         pixels = length / millimetres_a_pixel
         thick = max(round(0.15 * self.em), 2)
         bar = Rectangle(

@@ -69,7 +69,7 @@ class PictureSettings(BaseModel):
     ] = 2.0
     colours: Annotated[
         Colouring,
-        Field(description="displacement: blue outward, yellow inward, with a scale; or plain."),
+        Field(description="displacement: blue out of the tissue, yellow into it, with a scale; or plain."),
     ] = Colouring.DISPLACEMENT
     background: Annotated[Background, Field(description="Light for print, dark for slides.")] = (
         Background.LIGHT

@@ -27,7 +27,7 @@ def draw_differences(
     theme: Theme = LIGHT,
     width: int = 520,
 ) -> Figure:
-    """Draw displacement maps: blue is expansion, yellow contraction (the paper's figure 4).
+    """Draw displacement maps: blue is out of the tissue, yellow into it (the paper's figure 4).
 
     Parameters
     ----------

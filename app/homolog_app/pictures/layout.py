@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from homolog.arrays import Array
 from homolog.files.atomic import atomic_write
 from homolog_app.fonts import complete_texts
-from homolog_app.rendering.colours import LIGHT, Theme, diverging_table
+from homolog_app.rendering.colour_scale import displacement_scale
+from homolog_app.rendering.colours import LIGHT, Theme
 
 __all__ = ["Panel", "arrange", "draw_displacement_bar", "write_picture"]
 
@@ -149,7 +150,8 @@ def arrange(
 
 def draw_displacement_bar(place: Axes, limit: float, theme: Theme, font_pt: float = _FONT_PT) -> None:
     """Draw the displacement colours with their scale and what the sides mean."""
-    colours = ScalarMappable(Normalize(-limit, limit), ListedColormap(diverging_table().tolist()))
+    scale = displacement_scale(limit)
+    colours = ScalarMappable(Normalize(scale.low, scale.high), ListedColormap(scale.table / 255.0))
     ticks = np.linspace(-limit, limit, 5)
     bar = place.figure.colorbar(colours, cax=place, ticks=ticks)
     bar.ax.set_yticklabels([f"{tick:+.3g}".replace("-", "−") if tick else "0" for tick in ticks])
@@ -160,8 +162,9 @@ def draw_displacement_bar(place: Axes, limit: float, theme: Theme, font_pt: floa
         "xycoords": "axes fraction", "textcoords": "offset points", "ha": "center",
         "color": theme.text, "fontsize": font_pt,
     }  # fmt: skip
-    place.annotate("expansion\n(outward, mm)", (0.5, 1.0), (0.0, 0.7 * font_pt), va="bottom", **style)
-    place.annotate("contraction\n(inward, mm)", (0.5, 0.0), (0.0, -0.7 * font_pt), va="top", **style)
+    high, low = (f"{end}\n({scale.unit})" for end in (scale.high_words, scale.low_words))
+    place.annotate(high, (0.5, 1.0), (0.0, 0.7 * font_pt), va="bottom", **style)
+    place.annotate(low, (0.5, 0.0), (0.0, -0.7 * font_pt), va="top", **style)
 
 
 def write_picture(figure: Figure, path: Path) -> None:

@@ -27,12 +27,18 @@ class Theme:
 
 
 LIGHT = Theme(
-    background=(1.0, 1.0, 1.0), text=(0.10, 0.10, 0.12), surface=(0.85, 0.83, 0.78), cut=(181, 106, 92)
+    background=(1.0, 1.0, 1.0),
+    text=(0.10, 0.10, 0.12),
+    surface=scheme.rgb(scheme.LIGHT.bone),
+    cut=scheme.rgb_bytes(scheme.LIGHT.cut),
 )
 """Dark text on white, for print."""
 
 DARK = Theme(
-    background=(0.09, 0.10, 0.11), text=(0.91, 0.91, 0.92), surface=(0.80, 0.78, 0.71), cut=(166, 90, 77)
+    background=(0.09, 0.10, 0.11),
+    text=(0.91, 0.91, 0.92),
+    surface=scheme.rgb(scheme.DARK.bone),
+    cut=scheme.rgb_bytes(scheme.DARK.cut),
 )
 """Light text on near black, for slides and the dark window."""
 

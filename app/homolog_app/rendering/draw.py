@@ -3,9 +3,10 @@
 import atexit
 import os
 import threading
+from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +16,13 @@ from homolog.workers import worker_processes
 from homolog_app.rendering.scene import Scene
 from homolog_app.rendering.views import Frame
 
-__all__ = ["RENDERER", "draw", "renderer_name"]
+__all__ = ["RENDERER", "draw", "renderer_name", "with_opengl"]
 
 RENDERER = "HOMOLOG_RENDERER"
 """Environment variable that chooses: ``opengl`` or ``rays``."""
 
+_NO_OPENGL = "no OpenGL was found; install a graphics driver, or Mesa (libegl1 and libgl1-mesa-dri)"
+_T = TypeVar("_T")
 _WANTED = ("", "opengl", "rays")
 
 
@@ -48,6 +51,17 @@ def draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
     return _CHOICE.draw(scene, frame, width)
 
 
+def with_opengl(function: Callable[..., _T], *arguments: object) -> _T:
+    """Return what a function of a module returns in the process that has OpenGL.
+
+    Raises
+    ------
+    InputError
+        If there is no OpenGL.
+    """
+    return _CHOICE.with_opengl(function, *arguments)
+
+
 def renderer_name() -> str:
     """Return what draws here, for people."""
     return _CHOICE.name
@@ -73,6 +87,16 @@ class _Choice:
                 self._drawer = _rays()
                 return self._drawer.draw(scene, frame, width)
 
+    def with_opengl(self, function: Callable[..., _T], *arguments: object) -> _T:
+        try:
+            with self._lock:
+                drawer = self._chosen()
+                if isinstance(drawer, _OpenGLProcess):
+                    return drawer.call(function, *arguments)
+        except BrokenProcessPool as error:
+            raise InputError(_NO_OPENGL) from error
+        raise InputError(_NO_OPENGL)
+
     def _chosen(self) -> _Drawer:
         if self._drawer is None:
             wanted = os.environ.get(RENDERER, "")
@@ -97,10 +121,13 @@ class _OpenGLProcess:
         stack = ExitStack()
         atexit.register(stack.close)
         self._executor = stack.enter_context(worker_processes(1))
-        self.name = f"OpenGL ({self._executor.submit(_begin).result()})"
+        self.name = f"OpenGL ({self.call(_begin)})"
 
     def draw(self, scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
-        return self._executor.submit(_draw, scene, frame, width).result()
+        return self.call(_draw, scene, frame, width)
+
+    def call(self, function: Callable[..., _T], *arguments: object) -> _T:
+        return self._executor.submit(function, *arguments).result()
 
 
 def _begin() -> str:

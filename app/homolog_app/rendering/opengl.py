@@ -18,12 +18,10 @@ from homolog_app.rendering.actors import RoundBalls, SceneActors
 from homolog_app.rendering.scene import Balls, Scene
 from homolog_app.rendering.views import VIEWS, Frame
 
-__all__ = ["SMOOTH", "begin", "draw"]
+__all__ = ["SMOOTH", "begin", "draw", "need_no_display", "pixels_of", "straight"]
 
 SMOOTH = 8
 """Samples a pixel for smooth edges."""
-
-_NO_DISPLAY = "VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow"
 
 
 def begin() -> str:
@@ -35,8 +33,7 @@ def begin() -> str:
         If a picture comes out empty.
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.__stderr__.fileno() if sys.__stderr__ else 2)
-    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        os.environ.setdefault(*_NO_DISPLAY)
+    need_no_display()
     ball = Balls(np.zeros((1, 3)), 1.0, np.array([255, 0, 0], np.uint8))
     seen = draw(Scene((), ball), Frame(VIEWS["anterior"], (0.0, 0.0, 0.0), 2.0, 2.0, 2.0), 9)
     if not seen[4, 4, 0] > 100:
@@ -45,6 +42,12 @@ def begin() -> str:
         line.split(":", 1) for line in _plotter().ren_win.ReportCapabilities().splitlines() if ":" in line
     )
     return str(facts.get("OpenGL renderer string", "OpenGL")).split("(")[0].strip()
+
+
+def need_no_display() -> None:
+    """Let VTK use EGL where there is no display, before its first window."""
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
 
 def draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
@@ -61,17 +64,22 @@ def draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
     camera.SetViewUp(*up)
     camera.SetParallelScale(height * frame.width / width / 2.0)
     camera.SetClippingRange(0.01 * reach, 2.0 * reach)
-    window: Any = plotter.ren_win
-    window.Render()
+    plotter.ren_win.Render()
+    return straight(pixels_of(plotter.ren_win))
+
+
+def pixels_of(window: Any) -> NDArray[np.uint8]:  # noqa: ANN401 - VTK is untyped
+    """Return what a window of VTK has drawn, (height, width, 4), the first row on top."""
+    width, height = window.GetSize()
     held = vtkUnsignedCharArray()
     window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, held)
-    return straight(vtk_to_numpy(held).reshape(height, width, 4)[::-1])
+    return np.array(vtk_to_numpy(held).reshape(height, width, 4)[::-1])
 
 
 def straight(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return pixels drawn on clear black with colours of their own, as if their edges were opaque."""
     edge = (pixels[..., 3] > 0) & (pixels[..., 3] < 255)
-    result = np.array(pixels)
+    result = pixels.copy()
     result[edge, :3] = np.minimum(np.rint(pixels[edge, :3] * (255.0 / pixels[edge, 3:])), 255.0)
     return result
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 
-__all__ = ["VIEWS", "Frame", "View", "frame_around", "three_quarter_view"]
+__all__ = ["VIEWS", "Frame", "View", "frame_around", "round_length", "three_quarter_view"]
 
 _UP = np.array([0.0, 0.0, 1.0])
 _FORWARD = np.array([0.0, -1.0, 0.0])
@@ -126,6 +126,12 @@ def frame_around(
     size += _MARGIN * size[:2].max()
     centre = (low + high) / 2.0 @ view.axes
     return Frame(view, _triple(centre), max(float(size[0]), width), float(size[1]), float(size[2]))
+
+
+def round_length(most: float) -> float:
+    """Return how long a scale bar is: the largest of 1, 2, 5, 10, … that is not more than so much."""
+    power = 10.0 ** np.floor(np.log10(most))
+    return float(power * max(length for length in (1.0, 2.0, 5.0) if length * power <= most * (1.0 + 1e-9)))
 
 
 def _triple(values: FloatArray) -> tuple[float, float, float]:

@@ -76,7 +76,7 @@ def model_figures(
             {"": ModeSurfaces(carrier.mesh, moves, shares)},
             modes=range(shown),
         ),
-        f"The first modes at ±2 standard deviations. Blue is outward of the mean, yellow inward.{mirrored}",
+        f"The first modes at ±2 standard deviations. Blue is out of the tissue, yellow into it.{mirrored}",
     )
     if len(result.world) > 2:
         tick(0.4, "model quality")
@@ -201,8 +201,8 @@ def _map_caption(study: Study, comparison: Comparison) -> str:
         "pairs": "Mean difference",
     }
     caption = (
-        f"{what[study.request.kind]}, {comparison.title}, on the mean shape: blue is expansion (outward), "
-        f"yellow contraction. Second row: only where significant (family-wise p ≤ {LEVEL:g}, corrected for "
+        f"{what[study.request.kind]}, {comparison.title}, on the mean shape: blue is out of the tissue, "
+        f"yellow into it. Second row: only where significant (family-wise p ≤ {LEVEL:g}, corrected for "
         "pairs of groups and answers)."
     )
     if comparison.discriminant is not None:

@@ -11,13 +11,13 @@ from PySide6.QtWidgets import QApplication
 
 from homolog.arrays import FloatArray
 from homolog.geometry import inverse_matrices, transform_points
+from homolog_app.rendering.colour_scale import ColourScale
 from homolog_app.window.availability import LAYOUTS
 from homolog_app.window.explore.chosen import ColouredView, Snapshot, SubjectsView
 from homolog_app.window.loaded import Loaded
 from homolog_app.window.range_dialog import RangeDialog
 from homolog_app.window.run_particles import RunParticles
 from homolog_app.window.scene.cameras import VIEWS
-from homolog_app.window.scene.colour_scale import ColourScale
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.picking import Pick
 from homolog_app.window.slices.scans import Scans, sliced_subject

@@ -8,10 +8,10 @@ import pytest
 
 from homolog_app.letters import direction_letters, edge_letters
 from homolog_app.rendering.colours import colours_by_place
+from homolog_app.rendering.views import round_length
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.kept import KEPT, read_shown, write_shown
 from homolog_app.window.scene.offscreen import drawn
-from homolog_app.window.scene.scale_bar import round_length
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.arrays import Array, FloatArray
+from homolog_app.rendering.colour_scale import displacement_scale
 from homolog_app.report.findings import LEVEL
 from homolog_app.window.explore.chosen import GroupsView
 from homolog_app.window.explore.model_content import Look, arrow_factor, model_content
-from homolog_app.window.scene.colour_scale import displacement_scale
 from homolog_app.window.scene.content import Content, Shown
 
 if TYPE_CHECKING:

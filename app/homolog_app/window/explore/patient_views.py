@@ -12,8 +12,8 @@ from homolog.errors import InputError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.progress import Tick
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.rendering.colour_scale import ColourScale, displacement_scale
 from homolog_app.window.explore.model_content import region_border
-from homolog_app.window.scene.colour_scale import ColourScale, displacement_scale
 from homolog_app.window.scene.content import Content, Shown
 
 if TYPE_CHECKING:

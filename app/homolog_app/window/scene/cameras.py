@@ -5,21 +5,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from homolog_app.rendering.views import VIEWS as ANATOMICAL
+from homolog_app.rendering.views import View
+
 if TYPE_CHECKING:
     from homolog_app.window.scene.cell import Cell
 
 __all__ = ["VIEWS", "Cameras"]
 
-VIEWS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
-    "right": ((-1, 0, 0), (0, 0, 1)),
-    "left": ((1, 0, 0), (0, 0, 1)),
-    "front": ((0, -1, 0), (0, 0, 1)),
-    "back": ((0, 1, 0), (0, 0, 1)),
-    "feet": ((0, 0, -1), (0, -1, 0)),
-    "head": ((0, 0, 1), (0, -1, 0)),
-    "corner": ((-0.45, -1, 0.75), (0, 0, 1)),
+VIEWS = {
+    "right": ANATOMICAL["right"],
+    "left": ANATOMICAL["left"],
+    "front": ANATOMICAL["anterior"],
+    "back": ANATOMICAL["posterior"],
+    "feet": ANATOMICAL["inferior"],
+    "head": ANATOMICAL["superior"],
+    "corner": View((-0.45, -1.0, 0.75), (0.0, 0.0, 1.0)),
 }
-"""Where the eye is (LPS) and what is up."""
+"""From where the window's commands look."""
 
 
 class Cameras:
@@ -56,11 +59,11 @@ class Cameras:
 
     def turn(self, view: str) -> None:
         """Look from one of `VIEWS`."""
-        eye, up = VIEWS[view]
+        look = VIEWS[view]
         for camera in self.each:
             camera.SetFocalPoint(0.0, 0.0, 0.0)
-            camera.SetPosition(*eye)
-            camera.SetViewUp(*up)
+            camera.SetPosition(*look.toward)
+            camera.SetViewUp(*look.up)
 
     def fit(self, count: int, shape: float) -> bool:
         """Show the whole shapes of the first views, as large as the largest allows.

@@ -10,8 +10,8 @@ from homolog.geometry import transform_points
 from homolog.surfaces.mirroring import mirrors, scale_of
 from homolog_app.clipping import Box, Clip, Cut, around
 from homolog_app.rendering.actors import QuickBalls, SceneActors
-from homolog_app.rendering.scene import Balls, Colour, Scene, Surface
-from homolog_app.scheme import LIGHT, Colours, rgb
+from homolog_app.rendering.scene import Balls, Scene, Surface
+from homolog_app.scheme import LIGHT, Colours, rgb, rgb_bytes
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.scale_bar import ScaleBar
 from homolog_app.window.scene.words import Words
@@ -111,10 +111,10 @@ class Cell:
                 self._balls,
                 arrows=content.arrows if content is not None else None,
                 lines=content.lines if content is not None else None,
-                marks=_bytes(self._colours.mark),
+                marks=rgb_bytes(self._colours.mark),
                 through=content is not None and content.through,
                 cut=self._cut,
-                cap=_bytes(self._colours.cut),
+                cap=rgb_bytes(self._colours.cut),
             )
         )
 
@@ -145,8 +145,8 @@ class Cell:
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
         self._colours = colours
-        bone = np.array(_bytes(colours.bone), np.uint8)
-        self._plain = {"groomed": bone, "coarse": bone, "raw": np.array(_bytes(colours.raw), np.uint8)}
+        bone = np.array(rgb_bytes(colours.bone), np.uint8)
+        self._plain = {"groomed": bone, "coarse": bone, "raw": np.array(rgb_bytes(colours.raw), np.uint8)}
         self.renderer.SetBackground(*rgb(colours.scene))
         self._words.paint(colours)
         self._bar.paint(rgb(colours.text))
@@ -212,8 +212,3 @@ class Cell:
 def _box(points: FloatArray) -> Box:
     low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     return low[0], high[0], low[1], high[1], low[2], high[2]
-
-
-def _bytes(colour: str) -> Colour:
-    red, green, blue = (round(255 * part) for part in rgb(colour))
-    return red, green, blue

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from homolog_app.fonts import font_file, written
+from homolog_app.rendering.colour_scale import GREY, ColourScale
 from homolog_app.scheme import Colours
 from homolog_app.window.quantities import tick_words
-from homolog_app.window.scene.colour_scale import GREY, ColourScale
 
 __all__ = ["HEIGHT", "MOST", "SIDE", "scale_picture"]
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.rendering.colour_scale import ColourScale
 from homolog_app.rendering.scene import Arrows
-from homolog_app.window.scene.colour_scale import ColourScale
 
 __all__ = ["Content", "Shown"]
 

@@ -7,7 +7,7 @@ from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QWidget
 from pyvistaqt import QtInteractor
 
-from homolog_app.window.scene.offscreen import SMOOTH
+from homolog_app.rendering.opengl import SMOOTH
 
 __all__ = ["Interactor"]
 

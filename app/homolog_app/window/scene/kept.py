@@ -11,9 +11,9 @@ from homolog.arrays import Array
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.rendering.colour_scale import ColourScale
 from homolog_app.rendering.scene import Arrows
 from homolog_app.window.scene.canvas import Canvas
-from homolog_app.window.scene.colour_scale import ColourScale
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.grid import MOST
 
@@ -39,6 +39,7 @@ class _Scale(BaseModel):
     low_words: str
     high_words: str
     note: str
+    grey_words: str = ""
 
 
 class _Words(BaseModel):

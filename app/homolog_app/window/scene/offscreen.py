@@ -1,29 +1,21 @@
 """The views as a picture of any size, drawn aside: the same on a screen, without one, and from a command."""
 
-import os
-import sys
 from typing import Any
 
 import numpy as np
 import vtkmodules.vtkRenderingFreeType
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 - loads what draws
 from numpy.typing import NDArray
-from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
 
+from homolog_app.rendering.opengl import SMOOTH, need_no_display, pixels_of
 from homolog_app.scheme import DARK, LIGHT
 from homolog_app.window.scene.canvas import Canvas
 from homolog_app.window.scene.colour_scale_picture import scale_picture
 from homolog_app.window.scene.content import Shown
 from homolog_app.window.scene.grid import MOST, Grid
 
-__all__ = ["SMOOTH", "drawn"]
-
-SMOOTH = 8
-"""Samples a pixel for smooth edges."""
-
-_NO_DISPLAY = "VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow"
+__all__ = ["drawn"]
 
 
 def drawn(shown: Shown, canvas: Canvas, scale: int = 1, *, transparent: bool = False) -> NDArray[np.uint8]:
@@ -45,8 +37,7 @@ def drawn(shown: Shown, canvas: Canvas, scale: int = 1, *, transparent: bool = F
     (height, width, 4) uint8 array
         Red, green, blue, opacity; the colour scale, if there is one, at the lower edge.
     """
-    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        os.environ.setdefault(*_NO_DISPLAY)
+    need_no_display()
     colours = DARK if canvas.scheme == "dark" else LIGHT
     ratio = scale * canvas.ratio
     window: Any = vtkRenderWindow()
@@ -66,7 +57,7 @@ def drawn(shown: Shown, canvas: Canvas, scale: int = 1, *, transparent: bool = F
     _look(grid, canvas)
     grid.show_page(canvas.page)
     window.Render()
-    pixels = _pixels(window)
+    pixels = pixels_of(window)
     grid.close()
     window.Finalize()
     if not transparent:
@@ -86,11 +77,3 @@ def _look(grid: Grid, canvas: Canvas) -> None:
         grid.show_page(canvas.page)  # there must be something to look at
         grid.cameras.turn("corner")
         grid.fit(canvas.width, canvas.height)
-
-
-def _pixels(window: Any) -> NDArray[np.uint8]:  # noqa: ANN401 - VTK is untyped
-    width, height = window.GetSize()
-    held = vtkUnsignedCharArray()
-    window.GetRGBACharPixelData(0, 0, width - 1, height - 1, 0, held)
-    flat = vtk_to_numpy(held).reshape(height, width, 4)
-    return np.array(flat[::-1])

@@ -2,25 +2,18 @@
 
 from typing import Any
 
-import numpy as np
 from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D, vtkTextActor
 
 from homolog_app.fonts import font_file
+from homolog_app.rendering.views import round_length
 from homolog_app.window.quantities import short
 
-__all__ = ["ScaleBar", "round_length"]
+__all__ = ["ScaleBar"]
 
 _FONT_FILE = 4  # VTK_FONT_FILE
 _SHARE, _MOST = 0.22, 140
-_LENGTHS = (1.0, 2.0, 5.0)
-
-
-def round_length(most: float) -> float:
-    """Return the largest of 1, 2, 5, 10, … that is not more than so much."""
-    power = 10.0 ** np.floor(np.log10(most))
-    return float(power * max(length for length in _LENGTHS if length * power <= most * (1.0 + 1e-9)))
 
 
 class ScaleBar:

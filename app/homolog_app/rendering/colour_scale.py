@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from homolog.arrays import Array, BoolArray
+from homolog_app.rendering.colours import diverging_table
 
 __all__ = ["GREY", "ColourScale", "displacement_scale", "viridis"]
 
@@ -79,8 +80,6 @@ def displacement_scale(
     from_middle : bool
         Whether blue is away from the middle of the shape.
     """
-    from homolog_app.rendering.colours import diverging_table
-
     table = np.rint(255.0 * diverging_table()).astype(np.uint8)
     words = ("to the middle", "from the middle") if from_middle else ("into the tissue", "out of the tissue")
     return ColourScale(title, "mm", -limit, limit, table, *words, note)
