@@ -119,3 +119,27 @@ def test_another_kind_of_report_is_refused(reference, ellipsoids, tmp_path, caps
     ]
     assert main(arguments) == INPUT_ERROR
     assert ".pdf or .html" in capsys.readouterr().err
+
+
+def test_a_follow_up_writes_maps_of_change_and_says_when_no_error_is_known(
+    reference, ellipsoids, tmp_path, capsys
+):
+    out = tmp_path / "out"
+    files = [str(ellipsoids / f"{name}.nrrd") for name in ("a", "b")]
+    arguments = ["patient", str(reference), *files, "--follow-up", "--out", str(out), "--progress", "none"]
+    assert main(arguments) == OK
+    (row,) = rows(out / "changes.csv")
+    assert (row["time"], row["since"], row["repeats"], row["limit"]) == ("b", "a", "0", "")
+    assert float(row["outward_mm"]) > float(row["inward_mm"])
+    page = (out / "follow_up.html").read_text("utf-8")
+    assert page.count("For research use only") >= 2
+    assert "No measurement error is known" in page
+    assert {"a", "b", "patients.csv", "changes.vtp"} <= {path.name for path in out.iterdir()}
+    assert "without a limit" in capsys.readouterr().out
+
+
+def test_a_follow_up_of_one_file_and_repeats_without_one_are_refused(reference, ellipsoids, tmp_path):
+    arguments = ["patient", str(reference), str(ellipsoids / "a.nrrd"), "--out", str(tmp_path / "out")]
+    assert main([*arguments, "--follow-up"]) == INPUT_ERROR
+    assert main([*arguments, "--repeat", str(ellipsoids / "b.nrrd")]) == INPUT_ERROR
+    assert not (tmp_path / "out").exists()

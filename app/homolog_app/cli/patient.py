@@ -28,6 +28,19 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         help="segmentations, meshes, a folder of them or a cohort.csv",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="a new or empty folder")
+    parser.add_argument(
+        "--follow-up",
+        action="store_true",
+        help="the files are one patient at several times, the first time first: maps of change",
+    )
+    parser.add_argument(
+        "--repeat",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        help="further segmentations of the first time, for the measurement error (three and more are best)",
+    )
     add_patient_options(parser)
     add_progress_option(parser)
 
@@ -71,6 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog.patient.reference import Reference
     from homolog_app.report.patient import PatientRequest, write_patients
 
+    if arguments.repeat and not arguments.follow_up:
+        raise InputError("--repeat: gives the measurement error of a follow-up; add --follow-up")
     reference = Reference.load(arguments.reference)
     request = PatientRequest(
         tuple(arguments.files),
@@ -78,6 +93,8 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.side or "",
         arguments.label,
         arguments.force,
+        arguments.follow_up,
+        tuple(arguments.repeat),
     )
     with show_progress(arguments.progress) as progress, replace_folder(arguments.out) as folder:
         summary = write_patients(folder, reference, request, progress.tick)

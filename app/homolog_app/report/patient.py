@@ -24,10 +24,11 @@ from homolog.files.names import file_stems
 from homolog.files.particles import write_particles
 from homolog.files.tables import write_table
 from homolog.geometry import inverse_matrices
-from homolog.patient import PatientComparison, Reference, compare_patient
+from homolog.patient import PatientComparison, Reference, compare_patient, compare_times
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
 from homolog_app.report.figures import ReportFigure
+from homolog_app.report.follow_up import check_times, write_follow_up
 from homolog_app.report.page import Page
 from homolog_app.report.patient_figures import map_pictures, percentiles_figure
 from homolog_app.report.patient_pages import write_pdf
@@ -75,6 +76,10 @@ class PatientRequest:
         Value or name of the structure, if it is not that of the controls.
     force : bool
         Compare even what looks like another structure or side.
+    follow_up : bool
+        Whether the files are one patient at several times, the first time first.
+    repeats : tuple of Path
+        Further segmentations of the first time, for the measurement error of a follow-up.
     """
 
     files: tuple[Path, ...]
@@ -82,6 +87,8 @@ class PatientRequest:
     side: str = ""
     label: str | None = None
     force: bool = False
+    follow_up: bool = False
+    repeats: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +123,10 @@ def write_patients(
     """
     subjects = patients_of(request.files)
     reference = with_label(reference, request.label)
+    if request.follow_up:
+        check_times(subjects, request.repeats)
+    times: list[PatientComparison] = []
+    whole, tick = tick, part_of(tick, 0.0, 0.7) if request.follow_up else tick
     stems = file_stems([subject.name for subject in subjects])
     rows: list[list[str | float | int | None]] = []
     lines: list[str] = []
@@ -125,19 +136,28 @@ def write_patients(
         try:
             comparison = _compared(reference, subject, request, part_of(here, 0.0, 0.7))
         except (InputError, NumericalError) as error:
-            if len(subjects) == 1:
+            if len(subjects) == 1 or request.follow_up:
                 raise
             problems.append(str(error))
             rows.append([subject.name, *[None] * (len(_SUMMARY) - 2), str(error)])
             continue
         own = folder if len(subjects) == 1 else folder / stem
         write_patient(own, comparison, reference, part_of(here, 0.7, 1.0))
+        times.append(comparison)
         rows.append([*_summary(comparison, reference), None])
         lines.append(f"{subject.name}: {verdict(comparison, reference)}")
         lines += [f"{subject.name}: {remark}" for remark in comparison.remarks]
     if not lines:
         raise InputError("\n".join(problems))
     write_table(folder / "patients.csv", _SUMMARY, rows)
+    if request.follow_up:
+        again = [
+            _compared(reference, item, request, part_of(whole, 0.7, 0.8))
+            for path in request.repeats
+            for item in patients_of([path])
+        ]
+        follow_up = compare_times(times, again, part_of(whole, 0.8, 0.95))
+        lines += write_follow_up(folder, follow_up, reference, part_of(whole, 0.95, 1.0))
     return PatientSummary(tuple(lines), tuple(problems))
 
 

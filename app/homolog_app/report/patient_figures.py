@@ -20,7 +20,7 @@ from homolog_app.rendering.hollows import hollows
 from homolog_app.rendering.scene import Scene, Surface, surface
 from homolog_app.rendering.views import VIEWS, View, frame_around, three_quarter_view
 
-__all__ = ["MapPictures", "map_pictures", "percentiles_figure"]
+__all__ = ["MapPictures", "change_pictures", "map_pictures", "percentiles_figure"]
 
 _ANATOMICAL = ("anterior", "posterior", "superior")
 _FADED = 0.35
@@ -76,6 +76,32 @@ def map_pictures(comparison: PatientComparison, width: int = 400) -> MapPictures
     total = diverging_colours(comparison.total, limit)
     rows = [_row(surface(own, colours, shadow), own, views, width) for colours in (local, total)]
     return MapPictures(rows[0], rows[1], limit, limit)
+
+
+def change_pictures(
+    own: TriangleMesh, distance: FloatArray, beyond: BoolArray | None, limit: float, width: int = 400
+) -> tuple[Panel, ...]:
+    """Draw a map of change on a patient's first surface; faint where it is not `beyond`, if that is given.
+
+    Parameters
+    ----------
+    own : TriangleMesh
+        In the file's frame (LPS).
+    distance : (V,) array
+        [mm].
+    beyond : (V,) bool array or None
+    limit : float
+        Ends of the colour scale [mm].
+    width : int
+        Pixels of a panel's width.
+    """
+    everywhere = np.ones(len(distance), dtype=bool) if beyond is None else beyond
+    views = [
+        replace(three_quarter_view(own.vertices), name="oblique"),
+        *(VIEWS[name] for name in _ANATOMICAL),
+    ]
+    colours = _shaded(distance, limit, everywhere)
+    return _row(surface(own, colours, hollows(own)), own, views, width)
 
 
 def percentiles_figure(comparison: PatientComparison, reference: Reference) -> Figure:

@@ -3,15 +3,19 @@
 from homolog.patient.build import make_reference
 from homolog.patient.compare import PatientComparison, compare_groomed, compare_patient
 from homolog.patient.distribution import Percentile
+from homolog.patient.follow_up import Change, FollowUp, compare_times
 from homolog.patient.local import Region
 from homolog.patient.reference import Reference
 
 __all__ = [
+    "Change",
+    "FollowUp",
     "PatientComparison",
     "Percentile",
     "Reference",
     "Region",
     "compare_groomed",
     "compare_patient",
+    "compare_times",
     "make_reference",
 ]

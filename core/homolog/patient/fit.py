@@ -68,6 +68,8 @@ def fit_surface(
     coarse: TriangleMesh,
     columns: FloatArray,
     tick: Tick = no_tick,
+    *,
+    pose: FloatArray | None = None,
 ) -> SurfaceFit:
     """Fit a model to a surface by pose and modes, with little weight where they do not explain it.
 
@@ -82,6 +84,8 @@ def fit_surface(
     columns : (c,) array
         The subject's standardised covariates.
     tick : Tick
+    pose : (4, 4) array, optional
+        Rigid motion to the model's frame to begin with; found by registration if it is not given.
 
     Returns
     -------
@@ -91,7 +95,7 @@ def fit_surface(
     target, shape = Target(mesh), model.expected(columns)
     areas = vertex_areas(model.surface(shape))
     share = _INDEPENDENT * areas / areas.sum()
-    pose = first_pose(model.surface(shape), coarse)
+    pose = first_pose(model.surface(shape), coarse) if pose is None else pose
     scores = np.zeros(len(model.variances))
     weights = np.ones(model.vertices)
     points = shape

@@ -1,0 +1,203 @@
+"""Report of one patient at several times: page, tables and the surface with its changes."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from homolog.arrays import Array, BoolArray
+from homolog.cohort import Subject
+from homolog.errors import InputError
+from homolog.files.atomic import write_text
+from homolog.files.meshes import write_mesh
+from homolog.files.tables import write_table
+from homolog.geometry import inverse_matrices, transform_points
+from homolog.patient import Change, FollowUp, Reference
+from homolog.patient.fit import vertex_areas
+from homolog.progress import Tick, no_tick
+from homolog_app.pictures.displacement import common_limit
+from homolog_app.pictures.layout import arrange
+from homolog_app.rendering.colours import LIGHT
+from homolog_app.report.figures import ReportFigure
+from homolog_app.report.page import Page
+from homolog_app.report.patient_figures import change_pictures
+from homolog_app.report.patient_words import NOTICE
+
+__all__ = ["check_times", "error_words", "write_follow_up"]
+
+_METHOD = (
+    "Each time was compared with the reference for itself. The first surface was then registered rigidly to "
+    "each later one with robust weights (Geman and McClure), and the distance to it was taken along the "
+    "first one's normals, outward positive. What the same registration makes of the first surface itself was "
+    "taken off. The reference has no pairs of measurements, so that the change of healthy subjects over time "
+    "is not known.",
+)
+_COLUMNS = ("time", "volume (%)", "mean (mm)", "rms (mm)", "outward (mm)", "inward (mm)", "beyond (mm²)")
+
+
+def check_times(subjects: Sequence[Subject], repeats: Sequence[Path]) -> None:
+    """Raise InputError, before anything is computed, if a follow-up lacks times or a repeat is missing."""
+    if len(subjects) < 2:
+        raise InputError("--follow-up: needs two files at least; give the first time first")
+    for path in repeats:
+        if not path.exists():
+            raise InputError(f"{path}: does not exist; correct the path")
+
+
+def error_words(follow_up: FollowUp) -> str:
+    """Say what is known of the measurement error, and what a limit holds for."""
+    if follow_up.error is None:
+        return (
+            "No measurement error is known: no repeated segmentations were given. A difference may be that "
+            "of scanning or segmenting twice."
+        )
+    repeats = f"{follow_up.repeats} repeated segmentation{'s' * (follow_up.repeats != 1)}"
+    size = f"{float(follow_up.error.mean()):.2f} mm on average"
+    if follow_up.everywhere:
+        return (
+            f"Measurement error from {repeats}: standard deviation {size}. The limit (|z| = "
+            f"{follow_up.limit:.1f}) is exceeded anywhere on the surface in 5 % of repeated measurements."
+        )
+    return (
+        f"Measurement error from {repeats}: standard deviation {size}. The limit (|z| = "
+        f"{follow_up.limit:.2f}) holds for each place alone: some places exceed it by chance. Three and more "
+        "repeats give one for the whole surface."
+    )
+
+
+def write_follow_up(
+    folder: Path, follow_up: FollowUp, reference: Reference, tick: Tick = no_tick
+) -> list[str]:
+    """Write ``follow_up.html``, ``changes.csv``, ``change_regions.csv`` and ``changes.vtp``.
+
+    Parameters
+    ----------
+    folder : Path
+        Exists.
+    follow_up : FollowUp
+    reference : Reference
+        That all times are compared with.
+    tick : Tick
+
+    Returns
+    -------
+    list of str
+        What was found, a line for each time.
+
+    Raises
+    ------
+    InputError
+        If a file can't be written.
+    """
+    tick(0.0, "drawing the maps")
+    write_text(folder / "follow_up.html", _page(follow_up, reference).html)
+    areas = vertex_areas(follow_up.surface)
+    columns = [
+        "time", "since", "volume_percent", "mean_mm", "rms_mm", "outward_mm", "inward_mm", "beyond_mm2",
+        "largest_z", "limit", "repeats",
+    ]  # fmt: skip
+    first = follow_up.comparisons[0]
+    rows = [
+        [
+            change.name, first.name, *_numbers(change, areas),
+            None if change.z is None else float(np.abs(change.z).max()), follow_up.limit, follow_up.repeats,
+        ]
+        for change in follow_up.changes
+    ]  # fmt: skip
+    write_table(folder / "changes.csv", columns, rows)
+    back = inverse_matrices(first.placement)
+    own = follow_up.surface.placed(back)
+    write_table(
+        folder / "change_regions.csv",
+        ["time", "region", "area_mm2", "mean_mm", "peak_mm", "peak_z", "x_mm", "y_mm", "z_mm"],
+        (
+            [
+                change.name, number, region.area, region.mean, region.peak, region.z,
+                *transform_points(back, follow_up.surface.vertices[region.centre][None])[0].tolist(),
+            ]
+            for change in follow_up.changes
+            for number, region in enumerate(change.regions, start=1)
+        ),
+    )  # fmt: skip
+    values: dict[str, Array] = {}
+    for number, change in enumerate(follow_up.changes, start=2):
+        values[f"change_mm_{number}"] = change.distance
+        if change.z is not None:
+            values[f"z_{number}"] = change.z
+    if follow_up.error is not None:
+        values["measurement_error_mm"] = follow_up.error
+    write_mesh(folder / "changes.vtp", own, values)
+    return [_sentence(change, follow_up) for change in follow_up.changes] + [error_words(follow_up)]
+
+
+def _page(follow_up: FollowUp, reference: Reference) -> Page:
+    first = follow_up.comparisons[0]
+    page = Page(f"Change of {first.name} over time", NOTICE, footer=NOTICE)
+    about = reference.provenance
+    times = ", ".join(item.name for item in follow_up.comparisons)
+    page.paragraph(f"Times: {times}. Reference: {about.project}, {about.controls} controls.")
+    page.heading("Finding")
+    for change in follow_up.changes:
+        page.paragraph(_sentence(change, follow_up))
+    page.caution(error_words(follow_up))
+    own = follow_up.surface.placed(inverse_matrices(first.placement))
+    limit = common_limit([change.distance for change in follow_up.changes])
+    rows = [
+        change_pictures(own, change.distance, _beyond(change, follow_up.limit), limit)
+        for change in follow_up.changes
+    ]
+    figure = arrange(rows, row_labels=[change.name for change in follow_up.changes], limit=limit, theme=LIGHT)
+    faint = "" if follow_up.limit is None else ", faint within the limit"
+    caption = f"Change in mm on the first surface: blue outward, yellow inward{faint}."
+    page.figures([ReportFigure("changes", figure, caption)])
+    areas = vertex_areas(follow_up.surface)
+    page.heading("Numbers")
+    page.table(
+        _COLUMNS,
+        [
+            (
+                change.name,
+                *("none" if value is None else f"{value:+.2f}" for value in _numbers(change, areas)),
+            )
+            for change in follow_up.changes
+        ],
+    )
+    page.heading("Method")
+    for text in _METHOD:
+        page.paragraph(text)
+    return page
+
+
+def _beyond(change: Change, limit: float | None) -> BoolArray | None:
+    return None if change.z is None or limit is None else np.abs(change.z) > limit
+
+
+def _numbers(change: Change, areas: Array) -> list[float | None]:
+    """Return change of volume [%], mean, rms, most outward and most inward [mm], area beyond [mm²]."""
+    share = areas / areas.sum()
+    return [
+        100.0 * (change.volume - 1.0),
+        float(share @ change.distance),
+        float(np.sqrt(share @ np.square(change.distance))),
+        float(change.distance.max()),
+        float(change.distance.min()),
+        None if change.z is None else sum(region.area for region in change.regions),
+    ]
+
+
+def _sentence(change: Change, follow_up: FollowUp) -> str:
+    since = f"{change.name} since {follow_up.comparisons[0].name}"
+    volume = f"volume {100.0 * (change.volume - 1.0):+.1f} %"
+    if change.z is None:
+        return (
+            f"{since}: {volume}; surface {change.distance.min():+.1f} to {change.distance.max():+.1f} mm, "
+            "without a limit."
+        )
+    if not change.regions:
+        return f"{since}: {volume}; no part of the surface changed by more than the limit."
+    most = change.regions[0]
+    count = len(change.regions)
+    return (
+        f"{since}: {volume}; {count} region{'s' * (count != 1)} beyond the limit, the most extreme by "
+        f"{most.peak:+.1f} mm (|z| {abs(most.z):.1f}, limit {follow_up.limit:.1f})."
+    )

@@ -1,0 +1,201 @@
+"""One patient at several times: what changed on the surface, beyond what measuring alone makes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from homolog.arrays import BoolArray, FloatArray, frozen
+from homolog.errors import InputError
+from homolog.patient.compare import PatientComparison
+from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
+from homolog.patient.local import Region, prediction_limit, regions
+from homolog.patient.mesh_graph import ring_mean
+from homolog.patient.surface_model import SurfaceModel
+from homolog.progress import Tick, no_tick, part_of
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["Change", "FollowUp", "compare_times"]
+
+_LEVEL = 0.05
+_POINTWISE = 1.96
+"""Standard deviations between which 95 % of differences of two measurements lie (Bland and Altman 1999)."""
+_FEWEST_REPEATS = 3
+"""From where on a limit holds for the whole surface."""
+_AVERAGED = 4
+"""Rounds of averaging over neighbours before a change is judged: about 1.3 edges."""
+_SMOOTHED = 3
+_PRIOR_DOF = 4.0
+"""Weight of the surface's mean variance against a vertex's own (Smyth 2004)."""
+_TOLERANCE = 0.25
+"""Of the mean edge: distances that count fully in the registration."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Change:
+    """What changed from the first time to a later one; arrays are read-only.
+
+    Attributes
+    ----------
+    name : str
+        Of the later file.
+    distance : (V,) array
+        From the first surface to the later one, along the first one's normals [mm], outward positive.
+    met : (V,) bool array
+        Where both surfaces are met along the normal.
+    z : (V,) array or None
+        Averaged over neighbours, in standard deviations of measurement error; None if that is unknown.
+    regions : tuple of Region
+        Where absolute z is above the limit.
+    volume : float
+        Of the later shape over the first one's.
+    """
+
+    name: str
+    distance: FloatArray
+    met: BoolArray
+    z: FloatArray | None
+    regions: tuple[Region, ...]
+    volume: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FollowUp:
+    """A patient at several times.
+
+    Attributes
+    ----------
+    comparisons : tuple of PatientComparison
+        With the reference, each time for itself.
+    surface : TriangleMesh
+        The first one, with the faces of the reference, in the reference's frame, to which the first placement
+        leads.
+    changes : tuple of Change
+        Of each later time.
+    repeats : int
+        How many repeated segmentations of the first time gave the measurement error.
+    error : (V,) array or None
+        Standard deviation of the difference of two measurements, averaged over neighbours [mm]; None without
+        repeats.
+    limit : float or None
+        Of absolute z.
+    everywhere : bool
+        Whether the limit holds for the whole surface (exceeded anywhere in 5 % of repeated measurements), or
+        for each place alone.
+    """
+
+    comparisons: tuple[PatientComparison, ...]
+    surface: TriangleMesh
+    changes: tuple[Change, ...]
+    repeats: int
+    error: FloatArray | None
+    limit: float | None
+    everywhere: bool
+
+
+def compare_times(
+    comparisons: Sequence[PatientComparison],
+    repeats: Sequence[PatientComparison] = (),
+    tick: Tick = no_tick,
+) -> FollowUp:
+    """Compare later times of a patient with the first one.
+
+    The first surface is registered rigidly to each later one, with the weights of Geman and McClure (1987),
+    so that a change does not move the rest; distances are then taken along its normals.
+
+    Parameters
+    ----------
+    comparisons : sequence of PatientComparison
+        With one reference; the first time first, two at least.
+    repeats : sequence of PatientComparison
+        Of further segmentations of the first time.
+    tick : Tick
+
+    Returns
+    -------
+    FollowUp
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two times, or they are not compared with one reference.
+    """
+    if len(comparisons) < 2:
+        raise InputError("a follow-up needs two times at least; give a further file of the same patient")
+    first = comparisons[0]
+    faces = first.expected.faces
+    if any(not np.array_equal(item.expected.faces, faces) for item in (*comparisons, *repeats)):
+        raise InputError("the times are compared with several references; compare them with one")
+    there = first.expected.vertices + first.residual[:, None] * first.expected.vertex_normals
+    surface = TriangleMesh(there, faces)
+    model = _rigid(surface)
+    total = len(comparisons) + len(repeats)
+    fits = [
+        _fitted(model, item, part_of(tick, number / total, (number + 1) / total))
+        for number, item in enumerate((*comparisons, *repeats))
+    ]
+    own, later, again = fits[0], fits[1 : len(comparisons)], fits[len(comparisons) :]
+    error, limit = None, None
+    if again:
+        maps = ring_mean(np.stack([fit.residual - own.residual for fit in again]), faces, _AVERAGED)
+        error = _deviation(maps, surface)
+        limit = _limit(maps, surface) if len(again) >= _FEWEST_REPEATS else _POINTWISE
+    changes = [
+        _change(first, item, surface, own, fit, error, limit)
+        for item, fit in zip(comparisons[1:], later, strict=True)
+    ]
+    return FollowUp(
+        tuple(comparisons), surface, tuple(changes), len(again),
+        None if error is None else frozen(error), limit, len(again) >= _FEWEST_REPEATS,
+    )  # fmt: skip
+
+
+def _rigid(surface: TriangleMesh) -> SurfaceModel:
+    """Return a model that only moves rigidly; its particles are its vertices."""
+    points = np.concatenate([surface.vertices, surface.vertices])
+    none = np.zeros((0, *points.shape))
+    tolerance = np.full(len(surface.vertices), _TOLERANCE * surface.mean_edge)
+    return SurfaceModel(points, none, np.zeros(0), none, tolerance, surface.faces)
+
+
+def _fitted(model: SurfaceModel, comparison: PatientComparison, tick: Tick) -> SurfaceFit:
+    mesh = comparison.mesh.placed(comparison.placement)
+    return fit_surface(model, mesh, mesh, np.zeros(0), tick, pose=np.eye(4))
+
+
+def _change(
+    first: PatientComparison,
+    later: PatientComparison,
+    surface: TriangleMesh,
+    own: SurfaceFit,
+    fit: SurfaceFit,
+    error: FloatArray | None,
+    limit: float | None,
+) -> Change:
+    distance = fit.residual - own.residual
+    met = fit.met & own.met
+    z: FloatArray | None = None
+    beyond: tuple[Region, ...] = ()
+    if error is not None and limit is not None:
+        z = ring_mean(distance, surface.faces, _AVERAGED) / error
+        beyond = regions(surface, vertex_areas(surface), distance, z, met, limit)
+    volume = abs(later.mesh.volume) / abs(first.mesh.volume)
+    return Change(later.name, frozen(distance), frozen(met), None if z is None else frozen(z), beyond, volume)
+
+
+def _deviation(maps: FloatArray, surface: TriangleMesh) -> FloatArray:
+    """Return the standard deviation of differences (n, V) whose mean is 0, averaged over neighbours."""
+    variance = ring_mean(np.square(maps).mean(axis=0), surface.faces, _SMOOTHED)
+    usual = float(variance.mean())
+    moderated = (_PRIOR_DOF * usual + len(maps) * variance) / (_PRIOR_DOF + len(maps))
+    return np.sqrt(np.maximum(moderated, 1e-12))
+
+
+def _limit(maps: FloatArray, surface: TriangleMesh) -> float:
+    """Return the limit that another repeat exceeds anywhere in 5 % of cases."""
+    everyone = np.arange(len(maps))
+    maxima = [
+        float(np.abs(maps[index] / _deviation(maps[everyone != index], surface)).max())
+        for index in everyone.tolist()
+    ]
+    return max(prediction_limit(np.array(maxima), _LEVEL), _POINTWISE)
