@@ -59,7 +59,12 @@ class Trial:
 
 
 def attempt(
-    family: str, seed: int, folder: Path, most: float | None = None, edges: int | None = None
+    family: str,
+    seed: int,
+    folder: Path,
+    most: float | None = None,
+    edges: int | None = None,
+    nodes: int | None = None,
 ) -> Trial:
     """Make a random anatomy, write it to a folder, groom the file, and look at what comes out.
 
@@ -75,6 +80,8 @@ def attempt(
         Size of the largest, as in `anatomy`.
     edges : int, optional
         How many edges of the mesh are as long as the anatomy's box; a mesh of default size if not given.
+    nodes : int, optional
+        How many nodes of the grid are as long as the anatomy's box; the default spacing if not given.
     """
     limits = {} if most is None else {"most": most}
     if family in LABEL_MAPS:
@@ -87,7 +94,10 @@ def attempt(
         mesh = random_mesh(family, seed, **limits)
         size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
         write_mesh(path, mesh)
-    settings = GroomSettings(mesh_edge=None if edges is None else min(size / edges, 100.0))
+    settings = GroomSettings(
+        mesh_edge=None if edges is None else min(size / edges, 100.0),
+        spacing=None if nodes is None else min(size / nodes, 100.0),
+    )
     began = time.process_time()
     try:
         with _no_longer_than(SLOWEST_S):
