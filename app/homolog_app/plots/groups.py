@@ -148,11 +148,11 @@ def draw_value(axes: Axes, x: float, y: float, text: str, colours: Colours) -> S
     """Draw and return a dot on a curve, and what it stands for at the upper right corner."""
     dot = Line2D([x], [y], marker="o", markersize=7, color=colours.accent, linestyle="none", zorder=6)
     axes.add_artist(dot)
-    words = axes.annotate(
+    note = axes.annotate(
         text, (1.0, 1.0), (0, 6), xycoords="axes fraction", textcoords="offset points", ha="right",
         fontsize=FONT_PT, color=colours.text,
     )  # fmt: skip
-    return dot, words
+    return dot, note
 
 
 def percentile_rows(

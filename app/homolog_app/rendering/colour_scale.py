@@ -81,8 +81,8 @@ def displacement_scale(
         Whether blue is away from the middle of the shape.
     """
     table = np.rint(255.0 * diverging_table()).astype(np.uint8)
-    words = ("to the middle", "from the middle") if from_middle else ("into the tissue", "out of the tissue")
-    return ColourScale(title, "mm", -limit, limit, table, *words, note)
+    texts = ("to the middle", "from the middle") if from_middle else ("into the tissue", "out of the tissue")
+    return ColourScale(title, "mm", -limit, limit, table, *texts, note)
 
 
 def viridis() -> Array:

@@ -81,7 +81,7 @@ class RayCaster:
     def _take(self, shown: Scene, step: float) -> Surface:
         """Hand a scene to Warp, as one surface; `step` is the size of a pixel [mm]."""
         balls = shown.balls_left
-        solids = [one for one in shown.surfaces if one is not None]
+        solids = [surface for surface in shown.surfaces if surface is not None]
         solids += [_ball_surface(balls, step)] if balls is not None else []
         starts = np.cumsum([0] + [len(solid.vertices) for solid in solids])
         faces = np.concatenate([solid.faces + start for solid, start in zip(solids, starts, strict=False)])

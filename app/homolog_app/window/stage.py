@@ -37,8 +37,8 @@ class Stage(QWidget):
         self._split = QSplitter()
         self._split.setChildrenCollapsible(False)
         self.scene.setMinimumWidth(_NARROWEST)
-        for one in (self.scene, self.slices):
-            self._split.addWidget(one)
+        for widget in (self.scene, self.slices):
+            self._split.addWidget(widget)
         for page in (self._empty(), self._split):
             self._pages.addWidget(page)
         self._column = QVBoxLayout(self)

@@ -317,7 +317,7 @@ class Views(QObject):
     @Slot(str, object, object)
     def _point_slices(self, name: str, place: FloatArray, _: object = None) -> None:
         """Put the crosshair of the slices to a place that was clicked or is looked at in the views."""
-        shown = next((one for one in self.stage.scene.shown if one.name == name), None)
+        shown = next((content for content in self.stage.scene.shown if content.name == name), None)
         patient = self._page.sliced() if self._page is not None else None
         if shown is not None:
             local = transform_points(inverse_matrices(shown.alignment), np.asarray(place)[None])[0]

@@ -132,8 +132,8 @@ def test_measures_are_compared_by_group(page, window):
     page.kind.activated.emit(1)
     assert volume.isVisible()
     volumes = {row[0]: row[3] for row in cells(page)}
-    assert volume.found.groups == ("large", "small")
-    assert volume.found.means[0] == pytest.approx((volumes["a"] + volumes["b"]) / 2.0)
+    assert volume.measure.groups == ("large", "small")
+    assert volume.measure.means[0] == pytest.approx((volumes["a"] + volumes["b"]) / 2.0)
     assert "n = 2" in volume.toolTip()
     window.grab()
 

@@ -138,12 +138,12 @@ def test_a_click_in_one_plane_moves_the_others_and_so_does_a_pick_on_the_surface
 
     slices = scanned()
     axial, coronal, _ = slices.canvases
-    before = [canvas._drawn.words for canvas in slices.canvases]
+    before = [canvas._drawn.text for canvas in slices.canvases]
     axial.pointed.emit(*(np.array(axial._drawn.cross) + 2.0))
-    after = [canvas._drawn.words for canvas in slices.canvases]
+    after = [canvas._drawn.text for canvas in slices.canvases]
     assert (after[0], after[1] != before[1], after[2] != before[2]) == (before[0], True, True)
     coronal.stepped.emit(1)
-    assert coronal._drawn.words != after[1]
+    assert coronal._drawn.text != after[1]
     session = scanned.window.desk.session
     vertex = session.groomed["a"].subject.mesh.vertices[100]
     world = transform_points(session.groomed["a"].alignment, vertex[None])[0]

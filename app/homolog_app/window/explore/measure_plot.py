@@ -83,21 +83,23 @@ class BoxPlot(Plot):
         self.setMinimumWidth(_WIDTH)
         self._name, self._unit = name, unit
         self._parts: list[FloatArray] = []
-        self.found: GroupMeasure | None = None
+        self.measure: GroupMeasure | None = None
 
     @property
     def is_empty(self) -> bool:
         """Whether there are no groups."""
-        return self.found is None or not self.found.groups
+        return self.measure is None or not self.measure.groups
 
     def show_measure(self, values: FloatArray, groups: Sequence[str]) -> None:
         """Show a measure of subjects (M,), with the group of each."""
-        self.found = found = compare_measure(values, groups)
+        self.measure = measure = compare_measure(values, groups)
         labels = np.array(groups, dtype=object)
-        self._parts = [values[(labels == name) & np.isfinite(values)] for name in found.groups]
-        test = "no test" if found.p is None else "p < 0.001" if found.p < 0.001 else f"p = {found.p:.2g}"
+        self._parts = [values[(labels == name) & np.isfinite(values)] for name in measure.groups]
+        test = (
+            "no test" if measure.p is None else "p < 0.001" if measure.p < 0.001 else f"p = {measure.p:.2g}"
+        )
         self.title = f"{self._name}: {test}"
-        rows = zip(found.groups, found.means, found.deviations, found.counts, strict=True)
+        rows = zip(measure.groups, measure.means, measure.deviations, measure.counts, strict=True)
         each = [
             f"{name}: {short(mean)} ± {short(deviation)} {self._unit} (n = {count})"
             if np.isfinite(deviation)
@@ -114,15 +116,15 @@ class BoxPlot(Plot):
         """Draw a box for each group, with its name and mean below."""
         from homolog_app.plots import draw_boxes
 
-        found = self.found
-        assert found is not None
+        measure = self.measure
+        assert measure is not None
         means = []
-        for mean, deviation in zip(found.means, found.deviations, strict=True):
+        for mean, deviation in zip(measure.means, measure.deviations, strict=True):
             digits = int(np.clip(-np.floor(np.log10(deviation)), 0, 3)) if deviation > 0.0 else 1
             spread = f"\u2009±\u2009{deviation:.{digits}f}" if np.isfinite(deviation) else ""
             means.append((f"{mean:.{digits}f}{spread}", short(mean)))
         draw_boxes(
-            figure.subplots(), self._parts, found.groups, means, self.title, self._unit, self.theme.colours
+            figure.subplots(), self._parts, measure.groups, means, self.title, self._unit, self.theme.colours
         )
 
 

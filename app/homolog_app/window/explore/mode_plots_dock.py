@@ -30,10 +30,10 @@ class ModePlots(QWidget):
         self.across, self.along = QComboBox(), QComboBox()
         axes = QVBoxLayout()
         axes.setContentsMargins(GRID, GRID, GRID, GRID)
-        for words, box in (("Across", self.across), ("Upwards", self.along)):
-            name = QLabel(words)
+        for text, box in (("Across", self.across), ("Upwards", self.along)):
+            name = QLabel(text)
             name.setBuddy(box)
-            box.setAccessibleName(f"Mode plotted {words.lower()}")
+            box.setAccessibleName(f"Mode plotted {text.lower()}")
             box.setFixedWidth(104)
             box.activated.connect(lambda _: self.axes_changed.emit())
             axes.addWidget(name)
@@ -62,8 +62,8 @@ class ModePlots(QWidget):
     def show_scores(self, scores: FloatArray, shape: "ModelShape", groups: Sequence[str]) -> None:
         """Show the subjects' scores (M, K) [SD] in the two modes."""
         x, y = self.axes
-        words = [
+        texts = [
             f"mode {mode + 1} ({100 * shape.model.explained_variance_ratio[mode]:.1f} %), SD"
             for mode in (x, y)
         ]
-        self.scatter.show_scores(scores[:, [x, y]], shape.result.names, groups, (words[0], words[1]))
+        self.scatter.show_scores(scores[:, [x, y]], shape.result.names, groups, (texts[0], texts[1]))

@@ -121,9 +121,9 @@ class PatientPage(ExplorePage):
         self.verdict.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.body.addWidget(self.verdict)
         self.body.addWidget(self.remarks)
-        for words, box in (("Map", self.map), ("Views", self.views), ("Way", self.path)):
+        for text, box in (("Map", self.map), ("Views", self.views), ("Way", self.path)):
             line = QHBoxLayout()
-            name = QLabel(words)
+            name = QLabel(text)
             name.setBuddy(box)
             name.setFixedWidth(56)
             line.addWidget(name)

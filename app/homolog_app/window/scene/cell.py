@@ -91,7 +91,7 @@ class Cell:
         if cut is None or self._cut is None:
             changed = cut is not self._cut
         else:
-            changed = not all(np.array_equal(one, other) for one, other in zip(cut, self._cut, strict=True))
+            changed = not all(np.array_equal(part, other) for part, other in zip(cut, self._cut, strict=True))
         if changed:
             self._cut = cut
             self._update()
@@ -139,7 +139,7 @@ class Cell:
     def show_words(self, size: int, *, small: bool, letters: bool, bar: bool) -> None:
         """Write the subject's name and note, the letters and a scale bar, so many pixels high."""
         lines = [self.content.name, self.content.note] if self.content is not None else []
-        self._words.show([one for one in lines if one], size, small=small, letters=letters)
+        self._words.show([line for line in lines if line], size, small=small, letters=letters)
         self._bar.show(bar and self.content is not None, round(0.85 * size))
 
     def paint(self, colours: Colours) -> None:

@@ -39,12 +39,12 @@ class ColourBar(QWidget):
         self._scale = scale
         self.setVisible(scale is not None)
         if scale is not None:
-            words = (f"{scale.title} in {scale.unit}, from {short(scale.low)} {scale.low_words} "
+            text = (f"{scale.title} in {scale.unit}, from {short(scale.low)} {scale.low_words} "
                      f"to {short(scale.high)} {scale.high_words}")  # fmt: skip
-            self.setAccessibleDescription(words)
-            words += f"; grey: {scale.grey_words}" if scale.grey_words else ""
+            self.setAccessibleDescription(text)
+            text += f"; grey: {scale.grey_words}" if scale.grey_words else ""
             hollow = " On the inner wall of a hollow organ, out of the tissue makes the cavity smaller."
-            self.setToolTip(words + ". Click to set the range." + hollow * ("tissue" in scale.high_words))
+            self.setToolTip(text + ". Click to set the range." + hollow * ("tissue" in scale.high_words))
         self.update()
 
     def paint(self, colours: Colours) -> None:

@@ -48,13 +48,13 @@ def scale_picture(
     own = font_file(line + scale.grey_words)  # groups may be named in any script
     grey = f" · {scale.grey_words}" if scale.grey_words else ""
     patch = round(_PATCH * ratio) if grey else 0
-    words, letters = written(line, own), _font(own, size)
+    text, letters = written(line, own), _font(own, size)
     tail = written(grey, own)
-    start = (width - draw.textlength(words, letters) - draw.textlength(tail, letters) - patch) / 2
-    draw.text((start, 12 * ratio), words, colours.text, letters, anchor="lm")
+    start = (width - draw.textlength(text, letters) - draw.textlength(tail, letters) - patch) / 2
+    draw.text((start, 12 * ratio), text, colours.text, letters, anchor="lm")
     font = _font(font_file(), size)
     if grey:
-        start += draw.textlength(f"{words} · ", letters)
+        start += draw.textlength(f"{text} · ", letters)
         side = _LETTERS * ratio
         box = (start, 12 * ratio - side / 2, start + side, 12 * ratio + side / 2)
         draw.rectangle(box, GREY, colours.dim, max(1, round(ratio)))
@@ -72,10 +72,10 @@ def scale_picture(
     draw.text((left - 8 * ratio, middle), scale.low_words, colours.text, font, anchor="rm")
     draw.text((left + length + 8 * ratio, middle), scale.high_words, colours.text, font, anchor="lm")
     values = np.linspace(scale.low, scale.high, _TICKS).tolist()
-    for value, words in zip(values, _words(values), strict=True):
+    for value, text in zip(values, _words(values), strict=True):
         x = left + length * (value - scale.low) / (scale.high - scale.low)
         draw.line((x, bottom, x, bottom + 4 * ratio), colours.text, thin)
-        draw.text((x, bottom + 13 * ratio), words, colours.text, font, anchor="mm")
+        draw.text((x, bottom + 13 * ratio), text, colours.text, font, anchor="mm")
     return np.array(page)
 
 

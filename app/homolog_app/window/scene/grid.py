@@ -101,7 +101,7 @@ class Grid:
     ) -> None:
         """Have other particles, each coloured by its place if no colours are given."""
         if particles and tints is None:
-            tints = colours_by_place(np.mean([np.asarray(one) for one in particles.values()], axis=0))
+            tints = colours_by_place(np.mean([np.asarray(points) for points in particles.values()], axis=0))
         self.particles, self.tints = particles, tints
 
     def show_page(self, page: int) -> None:
@@ -111,7 +111,9 @@ class Grid:
         for index, cell in enumerate(self.cells):
             cell.fill(shown[index] if index < min(len(shown), self.count) else None)
         self.refresh()
-        if (names := [one.name for one in shown]) != self._boxed:  # the plane stays where shapes only move
+        if (
+            names := [content.name for content in shown]
+        ) != self._boxed:  # the plane stays where shapes only move
             self._boxed, self._box = names, self.bounds
 
     def refresh(self) -> None:

@@ -74,14 +74,14 @@ def write_shown(path: Path, shown: Shown, canvas: Canvas) -> None:
         first = canvas.page * canvas.layout
         contents, canvas = contents[first : first + canvas.layout], canvas.model_copy(update={"page": 0})
     scale = shown.scale
-    words = _Words(
-        names=[one.name for one in contents],
-        notes=[one.note for one in contents],
+    texts = _Words(
+        names=[content.name for content in contents],
+        notes=[content.note for content in contents],
         columns=shown.columns,
         scale=_Scale(**{name: getattr(scale, name) for name in _Scale.model_fields}) if scale else None,
         canvas=canvas,
     )
-    arrays: _Arrays = {"words": np.array(words.model_dump_json())}
+    arrays: _Arrays = {"words": np.array(texts.model_dump_json())}
     if scale is not None:
         arrays["scale"] = scale.table
     for number, content in enumerate(contents):
@@ -99,20 +99,20 @@ def read_shown(path: Path) -> tuple[Shown, Canvas]:
     """
     arrays = read_arrays(path)
     try:
-        words = _Words.model_validate_json(str(arrays["words"]))
-        count, columns = len(words.names), words.columns or 1
+        texts = _Words.model_validate_json(str(arrays["words"]))
+        count, columns = len(texts.names), texts.columns or 1
         if -(-count // columns) * columns > MOST:
             raise ValueError(columns)
-        table = _table(arrays, "scale", 256 if words.scale else 0, kind="u1")
-        scale = ColourScale(**words.scale.model_dump(), table=table) if words.scale else None
+        table = _table(arrays, "scale", 256 if texts.scale else 0, kind="u1")
+        scale = ColourScale(**texts.scale.model_dump(), table=table) if texts.scale else None
         parts = [_inside(arrays, f"{number}.") for number in range(count)]
-        contents = [_content(*one) for one in zip(words.names, words.notes, parts, strict=True)]
-        balls = dict(zip(words.names, map(_particles, parts), strict=True))
+        contents = [_content(*content) for content in zip(texts.names, texts.notes, parts, strict=True)]
+        balls = dict(zip(texts.names, map(_particles, parts), strict=True))
     except (KeyError, ValueError, np.linalg.LinAlgError) as error:  # pydantic's errors are ValueErrors
         raise InputError(f"{path}: contains no views of Homolog; take the picture again") from error
-    particles = {name: one for name, (one, _) in balls.items() if len(one)}
-    tints = {name: one for name, (_, one) in balls.items() if len(one)}
-    return Shown(contents, words.columns, scale, particles, tints), words.canvas
+    particles = {name: points for name, (points, _) in balls.items() if len(points)}
+    tints = {name: colours for name, (_, colours) in balls.items() if len(colours)}
+    return Shown(contents, texts.columns, scale, particles, tints), texts.canvas
 
 
 def _arrays_of(content: Content, shown: Shown) -> _Arrays:
@@ -128,7 +128,7 @@ def _arrays_of(content: Content, shown: Shown) -> _Arrays:
         arrays["through"] = np.array(True)
     if content.overlaid:
         arrays["overlaid"] = np.array(True)
-    arrays |= {name: one for name in _EACH if (one := getattr(content, name)) is not None}
+    arrays |= {name: array for name in _EACH if (array := getattr(content, name)) is not None}
     if shown.particles and content.name in shown.particles:
         arrays["particles"] = shown.particles[content.name]
         tints = shown.tints.get(content.name) if isinstance(shown.tints, Mapping) else shown.tints
@@ -138,12 +138,12 @@ def _arrays_of(content: Content, shown: Shown) -> _Arrays:
 
 
 def _inside(arrays: _Arrays, prefix: str) -> _Arrays:
-    return {name.removeprefix(prefix): one for name, one in arrays.items() if name.startswith(prefix)}
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
 
 
 def _content(name: str, note: str, arrays: _Arrays) -> Content:
     """Return a content; VTK, which looks after nothing, gets no array that doesn't fit."""
-    meshes = {one: _mesh(arrays, one) for one in _SURFACES}
+    meshes = {surface: _mesh(arrays, surface) for surface in _SURFACES}
     points = len(mesh.vertices) if (mesh := meshes["groomed"]) else 0
     arrows = None
     if "arrows.points" in arrays:

@@ -218,7 +218,7 @@ class Scene(QWidget):
         if self._fit != self._looks:
             return
         cameras = self._grid.cameras.each
-        before = [one.GetParallelScale() for one in cameras]
+        before = [camera.GetParallelScale() for camera in cameras]
         self.fit()
         for camera, scale in zip(cameras, before, strict=True):
             camera.SetParallelScale(max(scale, camera.GetParallelScale()))  # sizes stay comparable
@@ -227,7 +227,7 @@ class Scene(QWidget):
     @property
     def _looks(self) -> list[object]:
         """Where each camera looks to, and how much it sees: the same as after `fit` unless the user zooms."""
-        return [(one.GetFocalPoint(), one.GetParallelScale()) for one in self._grid.cameras.each]
+        return [(camera.GetFocalPoint(), camera.GetParallelScale()) for camera in self._grid.cameras.each]
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Keep whole shapes whole."""
@@ -260,7 +260,7 @@ class Scene(QWidget):
             width=self._plot.width(), height=self._plot.height(), ratio=self.devicePixelRatioF(),
             scheme="dark" if self._colours is DARK else "light",
             layout=grid.layout, page=grid.page, raw=grid.raw, groomed=grid.groomed, particles=grid.balls,
-            opacity=grid.opacity, cameras=tuple(CameraState.of(one) for one in grid.cameras.each),
+            opacity=grid.opacity, cameras=tuple(CameraState.of(camera) for camera in grid.cameras.each),
             letters=grid.letters, scale_bar=grid.scale_bar, clip=grid.whole_clip,
         )  # fmt: skip
 

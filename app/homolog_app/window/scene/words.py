@@ -68,12 +68,12 @@ class Words:
 
     def _fit(self, width: int) -> None:
         """Shorten lines that the view has no room for; leave out the letter that the caption would touch."""
-        words = "\n".join(self._lines)
-        font = font_file(words + _CUT)
+        text = "\n".join(self._lines)
+        font = font_file(text + _CUT)
         self._caption.GetTextProperty().SetFontFile(str(font))
-        lines = written(words, font).split("\n")
+        lines = written(text, font).split("\n")
         lengths = [self._length(line) for line in lines]
-        fitting = [self._shortened(*one, _ROOM * width) for one in zip(lines, lengths, strict=True)]
+        fitting = [self._shortened(*parts, _ROOM * width) for parts in zip(lines, lengths, strict=True)]
         self._caption.SetInput("\n".join(fitting))
         free = max(lengths, default=0.0) <= _FREE * width
         self._letters[-1].SetVisibility(bool(lines) and self._lettered and not self._small and free)

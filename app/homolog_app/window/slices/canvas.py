@@ -54,7 +54,7 @@ class Drawn:
 
     Attributes
     ----------
-    title, words : str
+    title, text : str
         In the upper corners.
     image : QImage
     is_smooth : bool
@@ -71,7 +71,7 @@ class Drawn:
     """
 
     title: str
-    words: str
+    text: str
     image: QImage
     is_smooth: bool
     spacing: tuple[float, float]
@@ -239,14 +239,14 @@ class SliceCanvas(QWidget):
         texts = (
             (left, colours.accent, 0.0, 0.5), (right, colours.accent, 1.0, 0.5),
             (bottom, colours.accent, 0.5, 1.0), (top, colours.accent, 0.5, 0.0),
-            (drawn.title, colours.text, 0.0, 0.0), (drawn.words, colours.dim, 1.0, 0.0),
+            (drawn.title, colours.text, 0.0, 0.0), (drawn.text, colours.dim, 1.0, 0.0),
         )  # fmt: skip
         metrics = painter.fontMetrics()
-        used = metrics.horizontalAdvance(f"{drawn.title}{top}{drawn.words}") + 10.0 * _EDGE
+        used = metrics.horizontalAdvance(f"{drawn.title}{top}{drawn.text}") + 10.0 * _EDGE
         patch = QColor(colours.scene)
         patch.setAlpha(200)
         for text, colour, x, y in texts:
-            if text and (used <= wide or text != drawn.words):
+            if text and (used <= wide or text != drawn.text):
                 width, height = metrics.horizontalAdvance(text) + 8.0, metrics.height() + 2.0
                 room = (wide - width - 2.0 * _EDGE, high - height - 2.0 * _EDGE)
                 area = QRectF(_EDGE + x * room[0], _EDGE + y * room[1], width, height)

@@ -250,15 +250,15 @@ def mask_contour(voxels: Segmentation, grid: Grid, axis: int, index: int) -> lis
     box = grid.box_of(transform_points(own.matrix, ends))
     if not box[0, axis] - 0.5 <= index <= box[1, axis] + 0.5:
         return []
-    rest = [one for one in range(3) if one != axis]
+    rest = [other for other in range(3) if other != axis]
     step = np.minimum(voxels.spacing.min() / grid.spacing, 1.0)
     samples = [
         np.linspace(
-            low := np.floor(box[0, one]) - 1.0,
-            high := np.ceil(box[1, one]) + 1.0,
-            int(min(round((high - low) / step[one]), _MOST_SAMPLES)) + 1,
+            low := np.floor(box[0, other]) - 1.0,
+            high := np.ceil(box[1, other]) + 1.0,
+            int(min(round((high - low) / step[other]), _MOST_SAMPLES)) + 1,
         )
-        for one in rest
+        for other in rest
     ]
     places = np.empty((len(samples[0]), len(samples[1]), 3))
     places[..., axis] = index
@@ -269,7 +269,7 @@ def mask_contour(voxels: Segmentation, grid: Grid, axis: int, index: int) -> lis
     lines = []
     for line in find_contours(values, 0.5):
         whole = np.full((len(line), 3), float(index))
-        for column, (one, side) in enumerate(zip(rest, samples, strict=True)):
-            whole[:, one] = np.interp(line[:, column], np.arange(len(side)), side)
+        for column, (other, side) in enumerate(zip(rest, samples, strict=True)):
+            whole[:, other] = np.interp(line[:, column], np.arange(len(side)), side)
         lines.append(whole)
     return lines

@@ -19,7 +19,7 @@ _FILES = f"Scans ({' '.join(f'*{suffix}' for suffix in IMAGE_SUFFIXES)})"
 
 def sliced_subject(session: Session, name: str) -> Sliced:
     """Return what slices show of a subject: scan, segmentation, and groomed surface or the result's."""
-    subject = next(one.subject for one in session.study.members if one.name == name)
+    subject = next(member.subject for member in session.study.members if member.name == name)
     survey, groomed, result = session.surveys.get(name), session.groomed.get(name), session.result
     outlines: list[Outline] = []
     if groomed is not None:
@@ -48,9 +48,9 @@ class Scans(Part):
         if self._window.step == "explore" and page.take_scan(name, path):
             return
         members = {
-            one.name: replace(one, subject=replace(one.subject, image=path))
-            for one in session.study.members
-            if one.name == name
+            member.name: replace(member, subject=replace(member.subject, image=path))
+            for member in session.study.members
+            if member.name == name
         }
         session.edit("Set scan", session.study.with_members(members))
 

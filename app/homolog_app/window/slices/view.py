@@ -71,8 +71,8 @@ class SliceView(QWidget):
         column = QVBoxLayout(info)
         column.setContentsMargins(2 * GRID, GRID, 2 * GRID, GRID)
         column.setSpacing(GRID // 2)
-        for one in (self.title, self.about, self.problem):
-            column.addWidget(one)
+        for text in (self.title, self.about, self.problem):
+            column.addWidget(text)
         how: tuple[QWidget, ...] = (self.window_box, self.field, self.readout)
         for widget in (*how, self.segmentation, self.contours, self.beside, self.choose):
             column.addWidget(widget)
@@ -164,7 +164,9 @@ class SliceView(QWidget):
         self._grid = Grid.of_scan(read.scan) if read else Grid.of_mask(voxels) if voxels else None
         grid = self._grid
         self._planes = planes_of(grid) if grid else ()
-        self._corners = [grid.indices(one.mesh.vertices) for one in self._sliced.outlines] if grid else []
+        self._corners = (
+            [grid.indices(outline.mesh.vertices) for outline in self._sliced.outlines] if grid else []
+        )
         self._structure = grid.box_of(self._sliced.points) if grid else self._structure
         if keep:
             self._draw()
@@ -289,10 +291,12 @@ class SliceView(QWidget):
                 polygons = [plane.places(line, grid.shape) for line in border]
                 lines.append(Line(polygons, colour=_SEGMENTATION, width=1.5))
         if self.contours.isChecked():
-            for one, corners in zip(self._sliced.outlines, self._corners, strict=True):
-                cut = section_of(corners, one.mesh.faces, one.colours, plane.axis, at)
+            for outline, corners in zip(self._sliced.outlines, self._corners, strict=True):
+                cut = section_of(corners, outline.mesh.faces, outline.colours, plane.axis, at)
                 segments = plane.places(cut.segments, grid.shape)
-                lines.append(Line((), segments, cut.colours, _GROOMED, 2.0 if one.colours is None else 4.0))
+                lines.append(
+                    Line((), segments, cut.colours, _GROOMED, 2.0 if outline.colours is None else 4.0)
+                )
         x, y = plane.places(index, grid.shape).tolist()
         right, low = plane.places(middle, grid.shape).tolist()
         return Drawn(
@@ -306,30 +310,30 @@ class SliceView(QWidget):
         sliced, read = self._sliced, self.reader.read
         self.title.setText(sliced.name)
         if read is not None:
-            words = "\n".join((f"Scan: {read.scan.path.name}", *read.notes))
+            text = "\n".join((f"Scan: {read.scan.path.name}", *read.notes))
         elif self.reader.is_busy:
-            words = f"Reading {sliced.image.name if sliced.image else 'the scan'}…"
+            text = f"Reading {sliced.image.name if sliced.image else 'the scan'}…"
         elif sliced.image is not None and self.reader.problem:
-            words = ""
+            text = ""
         elif grid is None:
-            words = _NO_SLICES if sliced.name else _NO_SUBJECT
+            text = _NO_SLICES if sliced.name else _NO_SUBJECT
         else:
-            words = "No scan: the voxels of the segmentation are shown."
-        self.about.setText(words)
-        self.about.setVisible(bool(words))
+            text = "No scan: the voxels of the segmentation are shown."
+        self.about.setText(text)
+        self.about.setVisible(bool(text))
         self.problem.setText(self.reader.problem)
         self.problem.setVisible(bool(self.reader.problem))
-        notes = [one.note for one in sliced.outlines if one.note and grid is not None]
+        notes = [outline.note for outline in sliced.outlines if outline.note and grid is not None]
         self.readout.setText("\n".join(part for part in (self._readout(grid), *notes) if part))
         for widget in (self.window_box, self.segmentation):
             widget.setVisible(read is not None)
         self.segmentation.setVisible(read is not None and sliced.voxels is not None)
         for widget in (self.field, self.contours):
             widget.setVisible(grid is not None)
-        coloured = any(one.colours is not None for one in sliced.outlines)
+        coloured = any(outline.colours is not None for outline in sliced.outlines)
         self.contours.setIcon(QIcon() if coloured else self._patch)
         self.contours.setEnabled(bool(sliced.outlines))
-        self.contours.setText(" and ".join(one.title for one in sliced.outlines) or "Groomed surface")
+        self.contours.setText(" and ".join(outline.title for outline in sliced.outlines) or "Groomed surface")
         self.choose.setEnabled(bool(sliced.name))
 
     def _readout(self, grid: Grid | None) -> str:
