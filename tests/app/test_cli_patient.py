@@ -143,3 +143,16 @@ def test_a_follow_up_of_one_file_and_repeats_without_one_are_refused(reference, 
     assert main([*arguments, "--follow-up"]) == INPUT_ERROR
     assert main([*arguments, "--repeat", str(ellipsoids / "b.nrrd")]) == INPUT_ERROR
     assert not (tmp_path / "out").exists()
+
+
+def test_several_groups_have_a_line_each_and_no_page_calls_it_a_diagnosis(
+    reference, ellipsoids, tmp_path, capsys
+):
+    out = tmp_path / "out"
+    arguments = ["patient", str(reference), str(ellipsoids / "a.nrrd"), "--against", str(reference)]
+    assert main([*arguments, "--out", str(out), "--progress", "none"]) == OK
+    first, second = rows(out / "groups.csv")
+    assert first == second
+    assert 0.05 < float(first["p"]) <= 1.0
+    assert "Not a diagnosis" in (out / "report.html").read_text("utf-8")
+    assert "within what 95 % of the group are" in capsys.readouterr().out

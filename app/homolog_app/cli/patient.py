@@ -29,6 +29,14 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     )
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="a new or empty folder")
     parser.add_argument(
+        "--against",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="REFERENCE",
+        help="references of further groups: how typical the patient is of each, never a diagnosis",
+    )
+    parser.add_argument(
         "--follow-up",
         action="store_true",
         help="the files are one patient at several times, the first time first: maps of change",
@@ -93,6 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.side or "",
         arguments.label,
         arguments.force,
+        tuple(arguments.against),
         arguments.follow_up,
         tuple(arguments.repeat),
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,13 @@ from homolog_app.report.figures import ReportFigure
 from homolog_app.report.follow_up import check_times, write_follow_up
 from homolog_app.report.page import Page
 from homolog_app.report.patient_figures import map_pictures, percentiles_figure
+from homolog_app.report.patient_groups import (
+    GROUP_CAUTION,
+    GROUP_COLUMNS,
+    GroupRow,
+    group_rows,
+    group_sentence,
+)
 from homolog_app.report.patient_pages import write_pdf
 from homolog_app.report.patient_words import (
     METHOD,
@@ -76,6 +84,8 @@ class PatientRequest:
         Value or name of the structure, if it is not that of the controls.
     force : bool
         Compare even what looks like another structure or side.
+    against : tuple of Path
+        References of further groups.
     follow_up : bool
         Whether the files are one patient at several times, the first time first.
     repeats : tuple of Path
@@ -87,6 +97,7 @@ class PatientRequest:
     side: str = ""
     label: str | None = None
     force: bool = False
+    against: tuple[Path, ...] = ()
     follow_up: bool = False
     repeats: tuple[Path, ...] = ()
 
@@ -125,6 +136,7 @@ def write_patients(
     reference = with_label(reference, request.label)
     if request.follow_up:
         check_times(subjects, request.repeats)
+    others = [with_label(Reference.load(path), request.label) for path in request.against]
     times: list[PatientComparison] = []
     whole, tick = tick, part_of(tick, 0.0, 0.7) if request.follow_up else tick
     stems = file_stems([subject.name for subject in subjects])
@@ -142,7 +154,10 @@ def write_patients(
             rows.append([subject.name, *[None] * (len(_SUMMARY) - 2), str(error)])
             continue
         own = folder if len(subjects) == 1 else folder / stem
-        write_patient(own, comparison, reference, part_of(here, 0.7, 1.0))
+        compare = partial(_compared, subject=subject, request=request, tick=part_of(here, 0.7, 0.8))
+        groups = group_rows(comparison, reference, others, compare)
+        write_patient(own, comparison, reference, part_of(here, 0.8, 1.0), groups)
+        lines += [f"{subject.name}: {group_sentence(row)}" for row in groups]
         times.append(comparison)
         rows.append([*_summary(comparison, reference), None])
         lines.append(f"{subject.name}: {verdict(comparison, reference)}")
@@ -230,7 +245,11 @@ def with_label(reference: Reference, label: str | None) -> Reference:
 
 
 def write_patient(
-    folder: Path, comparison: PatientComparison, reference: Reference, tick: Tick = no_tick
+    folder: Path,
+    comparison: PatientComparison,
+    reference: Reference,
+    tick: Tick = no_tick,
+    groups: Sequence[GroupRow] = (),
 ) -> None:
     """Write a patient's report (``report.html``, ``report.pdf``), tables and surfaces.
 
@@ -242,6 +261,8 @@ def write_patient(
     reference : Reference
         That it is with.
     tick : Tick
+    groups : sequence of GroupRow
+        How typical the patient is of several groups; none if there is one reference only.
 
     Raises
     ------
@@ -251,8 +272,10 @@ def write_patient(
     tick(0.0, "drawing the maps")
     maps = map_pictures(comparison)
     tick(0.5, "writing the report")
-    write_text(folder / "report.html", patient_page(comparison, reference, maps.figure()).html)
-    write_pdf(folder / "report.pdf", comparison, reference, maps)
+    write_text(folder / "report.html", patient_page(comparison, reference, maps.figure(), groups).html)
+    write_pdf(folder / "report.pdf", comparison, reference, maps, [group_sentence(row) for row in groups])
+    if groups:
+        write_table(folder / "groups.csv", GROUP_COLUMNS, groups)
     tick(0.8, "writing tables and surfaces")
     write_table(
         folder / "regions.csv",
@@ -277,7 +300,9 @@ def write_patient(
     write_particles(folder / "patient_local.particles", comparison.particles)
 
 
-def patient_page(comparison: PatientComparison, reference: Reference, maps: object) -> Page:
+def patient_page(
+    comparison: PatientComparison, reference: Reference, maps: object, groups: Sequence[GroupRow] = ()
+) -> Page:
     """Return a patient's report as a page; `maps` is the figure of the maps."""
     from matplotlib.figure import Figure
 
@@ -316,6 +341,11 @@ def patient_page(comparison: PatientComparison, reference: Reference, maps: obje
     )
     if nearest := nearest_words(comparison, reference):
         page.paragraph(nearest)
+    if groups:
+        page.heading("Groups")
+        page.caution(GROUP_CAUTION)
+        for row in groups:
+            page.paragraph(group_sentence(row))
     page.heading("Method")
     for text in METHOD:
         page.paragraph(text)

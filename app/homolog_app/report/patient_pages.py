@@ -17,6 +17,7 @@ from homolog_app.pictures.layout import Panel, draw_displacement_bar
 from homolog_app.plots import draw_percentiles
 from homolog_app.rendering.colours import LIGHT, page_colours
 from homolog_app.report.patient_figures import MapPictures
+from homolog_app.report.patient_groups import GROUP_CAUTION
 from homolog_app.report.patient_words import (
     METHOD,
     NOTICE,
@@ -120,15 +121,21 @@ class _Sheet:
         draw_percentiles(places, comparison, reference, page_colours(LIGHT))
 
 
-def write_pdf(path: Path, comparison: PatientComparison, reference: Reference, maps: MapPictures) -> None:
-    """Write the report as two pages.
+def write_pdf(
+    path: Path,
+    comparison: PatientComparison,
+    reference: Reference,
+    maps: MapPictures,
+    groups: Sequence[str] = (),
+) -> None:
+    """Write the report as two pages; `groups` says how typical the patient is of several groups.
 
     Raises
     ------
     InputError
         If the file can't be written.
     """
-    sheets = [_first(comparison, reference, maps), _second(comparison, reference)]
+    sheets = [_first(comparison, reference, maps), _second(comparison, reference, groups)]
     drawn = io.BytesIO()
     with PdfPages(drawn, metadata={"CreationDate": None, "Title": f"Shape of {comparison.name}"}) as pages:
         for sheet in sheets:
@@ -167,7 +174,7 @@ def _first(comparison: PatientComparison, reference: Reference, maps: MapPicture
     return sheet
 
 
-def _second(comparison: PatientComparison, reference: Reference) -> _Sheet:
+def _second(comparison: PatientComparison, reference: Reference, groups: Sequence[str]) -> _Sheet:
     sheet = _Sheet(_title(comparison), 2)
     sheet.heading("Regions beyond the limit")
     rows = region_rows(comparison, reference)
@@ -182,6 +189,10 @@ def _second(comparison: PatientComparison, reference: Reference) -> _Sheet:
     sheet.rows([header, *measure_rows(comparison, reference)], (0.0, 2.3, 3.4, 6.2))
     if nearest := nearest_words(comparison, reference):
         sheet.text(nearest)
+    if groups:
+        sheet.heading("Groups")
+        for line in (GROUP_CAUTION, *groups):
+            sheet.text(line)
     if comparison.remarks:
         sheet.heading("Remarks")
         for text in comparison.remarks:

@@ -6,6 +6,7 @@ from homolog.patient.distribution import Percentile
 from homolog.patient.follow_up import Change, FollowUp, compare_times
 from homolog.patient.local import Region
 from homolog.patient.reference import Reference
+from homolog.patient.typicality import Typicality, typicality
 
 __all__ = [
     "Change",
@@ -14,8 +15,10 @@ __all__ = [
     "Percentile",
     "Reference",
     "Region",
+    "Typicality",
     "compare_groomed",
     "compare_patient",
     "compare_times",
     "make_reference",
+    "typicality",
 ]

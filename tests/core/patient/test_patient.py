@@ -1,13 +1,14 @@
 """A patient against a reference: what is found where, what is refused, and what the file holds."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from homolog.errors import InputError
 from homolog.geometry import transform_points
-from homolog.patient import Reference, compare_groomed
+from homolog.patient import Reference, compare_groomed, typicality
 from homolog.patient.build import scores_of_points
 from homolog.patient.surface_model import SurfaceModel
 from homolog.surfaces.mesh import TriangleMesh
@@ -229,3 +230,24 @@ def test_scores_of_controls_give_their_particles_back(template):
     scores = scores_of_points(model, points, columns)
     again = model.expected(columns[2]) + np.tensordot(scores[2], model.components, axes=1)
     np.testing.assert_allclose(again[model.vertices :], points[2, model.vertices :], atol=1e-8)
+
+
+def test_a_member_is_typical_of_its_group_and_another_shape_is_not(reference, template, bumped):
+    member = typicality(compare_groomed(reference, patient(template), AGE), reference)
+    assert member.is_typical
+    assert (member.group, member.controls) == ("NOR", 24)
+    assert not typicality(bumped, reference).is_typical
+    assert min(member.held_modes, member.held_outside) >= 20
+
+
+def test_members_are_beyond_their_group_in_five_percent_of_cases(reference):
+    random = np.random.default_rng(8)
+    beyond = []
+    for _ in range(400):
+        logs = random.normal(scale=0.3, size=(2, 25))
+        group = replace(reference, mahalanobis=np.exp(logs[0, 1:]), outside=np.exp(logs[1, 1:]))
+        own = SimpleNamespace(
+            measures=SimpleNamespace(mahalanobis=np.exp(logs[0, 0]), outside=np.exp(logs[1, 0]))
+        )
+        beyond.append(not typicality(own, group).is_typical)
+    assert 0.02 < np.mean(beyond) < 0.08
