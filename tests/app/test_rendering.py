@@ -1,4 +1,4 @@
-"""Shapes in 3-D, drawn by OpenGL and by rays."""
+"""Shapes in 3-D, drawn by OpenGL and by software."""
 
 import os
 from functools import cache
@@ -12,8 +12,8 @@ from homolog_app.clipping import Clip
 from homolog_app.rendering.colours import colours_by_place
 from homolog_app.rendering.draw import RENDERER, _Choice, _OpenGLProcess
 from homolog_app.rendering.hollows import shaded
-from homolog_app.rendering.rays import RayCaster
 from homolog_app.rendering.scene import Balls, Scene, Surface, surface
+from homolog_app.rendering.software import Software
 from homolog_app.rendering.views import VIEWS, View, frame_around, three_quarter_view
 
 GREY = np.array([0.8, 0.8, 0.8])
@@ -29,10 +29,10 @@ def _opengl():
         pytest.skip("no OpenGL")
 
 
-@pytest.fixture(params=["opengl", "rays"])
+@pytest.fixture(params=["opengl", "software"])
 def draw(request):
     """What draws a scene."""
-    return (_opengl() if request.param == "opengl" else RayCaster()).draw
+    return (_opengl() if request.param == "opengl" else Software()).draw
 
 
 def test_a_sphere_is_drawn_as_a_disc_of_its_size_in_the_middle(draw, ball):
@@ -143,27 +143,27 @@ def test_both_renderers_draw_the_same_picture(ball):
     particles = bent.vertices[::31]
     scene = Scene((shaded(bent, GREY),), Balls(particles, 0.6, colours_by_place(particles)))
     frame = frame_around([bent.vertices], three_quarter_view(bent.vertices), border=0.6)
-    one, other = (each.draw(scene, frame, 240).astype(int) for each in (RayCaster(), _opengl()))
+    one, other = (each.draw(scene, frame, 240).astype(int) for each in (Software(), _opengl()))
     assert one.shape == other.shape
     assert np.abs(one - other).mean() < 4.0
 
 
-def test_a_graphics_driver_that_ends_its_process_is_replaced_by_rays(ball, monkeypatch):
+def test_a_graphics_driver_that_ends_its_process_is_replaced_by_software(ball, monkeypatch):
     monkeypatch.setattr("homolog_app.rendering.draw._begin", os.abort)
     choice = _Choice()
     image = choice.draw(Scene((surface(ball, GREY),)), frame_around([ball.vertices], VIEWS["left"]), 50)
-    assert "rays" in choice.name
+    assert "software" in choice.name
     assert image[..., 3].max() == 255
 
 
 def test_a_renderer_that_is_not_known_is_refused(monkeypatch):
     monkeypatch.setenv(RENDERER, "magic")
-    with pytest.raises(InputError, match="opengl or rays"):
+    with pytest.raises(InputError, match="opengl or software"):
         _ = _Choice().name
 
 
 def test_what_needs_opengl_is_refused_where_there_is_none(monkeypatch):
-    monkeypatch.setenv(RENDERER, "rays")
+    monkeypatch.setenv(RENDERER, "software")
     with pytest.raises(InputError, match="install a graphics driver"):
         _Choice().with_opengl(len, "abc")
     assert _opengl().call(len, "abc") == 3

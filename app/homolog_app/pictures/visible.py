@@ -6,8 +6,8 @@ import numpy as np
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.rendering.rays import RayCaster
 from homolog_app.rendering.scene import Scene, Surface
+from homolog_app.rendering.software import Software
 from homolog_app.rendering.views import View, frame_around
 
 __all__ = ["view_of_region"]
@@ -29,14 +29,14 @@ def view_of_region(mesh: TriangleMesh, vertices: IntArray, centre: int) -> View:
     """
     marked = np.zeros(mesh.vertices.shape, np.uint8)
     marked[vertices] = 255
-    scene, rays = Scene((Surface(mesh.vertices, mesh.vertex_normals, mesh.faces, marked),)), RayCaster()
+    scene, software = Scene((Surface(mesh.vertices, mesh.vertex_normals, mesh.faces, marked),)), Software()
     ways = [np.array(way, dtype=np.float64) for way in product((-1, 0, 1), repeat=3) if any(way)]
     views = [_view(way) for way in [mesh.vertex_normals[centre], *ways]]
     width = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))  # one scale for all
     seen = [
         float(image[..., :3].sum())
         for image in (
-            rays.draw(scene, frame_around([mesh.vertices], view, width=width), _GLANCE) for view in views
+            software.draw(scene, frame_around([mesh.vertices], view, width=width), _GLANCE) for view in views
         )
     ]
     return views[int(np.argmax(seen))]

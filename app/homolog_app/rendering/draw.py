@@ -1,4 +1,4 @@
-"""What draws scenes on this machine: VTK where there is OpenGL, rays elsewhere. Chosen once in a process."""
+"""What draws scenes here: VTK where there is OpenGL, software elsewhere. Chosen once in a process."""
 
 import atexit
 import os
@@ -19,11 +19,11 @@ from homolog_app.rendering.views import Frame
 __all__ = ["RENDERER", "draw", "renderer_name", "with_opengl"]
 
 RENDERER = "HOMOLOG_RENDERER"
-"""Environment variable that chooses: ``opengl`` or ``rays``."""
+"""Environment variable that chooses: ``opengl`` or ``software``."""
 
 _NO_OPENGL = "no OpenGL was found; install a graphics driver, or Mesa (libegl1 and libgl1-mesa-dri)"
 _T = TypeVar("_T")
-_WANTED = ("", "opengl", "rays")
+_WANTED = ("", "opengl", "software")
 
 
 class _Drawer(Protocol):
@@ -84,7 +84,7 @@ class _Choice:
             try:
                 return self._chosen().draw(scene, frame, width)
             except BrokenProcessPool:  # a driver that ended its process
-                self._drawer = _rays()
+                self._drawer = _software()
                 return self._drawer.draw(scene, frame, width)
 
     def with_opengl(self, function: Callable[..., _T], *arguments: object) -> _T:
@@ -102,7 +102,7 @@ class _Choice:
             wanted = os.environ.get(RENDERER, "")
             if wanted not in _WANTED:
                 raise InputError(f"{RENDERER}={wanted}: use {' or '.join(filter(None, _WANTED))}")
-            self._drawer = _rays() if wanted == "rays" else self._opengl(wanted == "opengl")
+            self._drawer = _software() if wanted == "software" else self._opengl(wanted == "opengl")
         return self._drawer
 
     def _opengl(self, needed: bool) -> _Drawer:
@@ -111,7 +111,7 @@ class _Choice:
         except (BrokenProcessPool, RuntimeError, ImportError) as error:
             if needed:
                 raise InputError(f"{RENDERER}=opengl: this machine has no OpenGL that works") from error
-            return _rays()
+            return _software()
 
 
 class _OpenGLProcess:
@@ -142,10 +142,10 @@ def _draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
     return opengl.draw(scene, frame, width)
 
 
-def _rays() -> _Drawer:
-    from homolog_app.rendering.rays import RayCaster
+def _software() -> _Drawer:
+    from homolog_app.rendering.software import Software
 
-    return RayCaster()
+    return Software()
 
 
 _CHOICE = _Choice()

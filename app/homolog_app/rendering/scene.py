@@ -39,7 +39,7 @@ class Surface:
     colours : (3,) or (V, 3) uint8 array
         Red, green, blue.
     opacity : float
-        In [0, 1]; rays draw every surface as opaque.
+        In [0, 1]; software draws every surface as opaque.
     """
 
     vertices: FloatArray
@@ -84,7 +84,7 @@ class Arrows:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """Everything in a picture but its texts. Rays draw surfaces and balls.
+    """Everything in a picture but its texts. Software draws surfaces and balls only.
 
     Attributes
     ----------

@@ -1,0 +1,112 @@
+"""Scenes drawn by the processor, for machines without OpenGL."""
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from homolog.arrays import FloatArray, IntArray
+from homolog.device import cores
+from homolog_app.rendering import kernels
+from homolog_app.rendering.hollows import warp_vectors
+from homolog_app.rendering.scene import Balls, Scene, Surface
+from homolog_app.rendering.views import Frame
+
+__all__ = ["Software"]
+
+_DEVICE = "cpu"
+_BANDS = 4  # of rows, for each core: a shape fills some more than others
+_SMALL_BALL_PIXELS = 8.0
+
+
+class Software:
+    """Draws scenes, smooth at edges."""
+
+    name = "software"
+
+    def draw(self, scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
+        """Draw a scene: see `homolog_app.rendering.draw.draw`."""
+        right, up, back = frame.view.axes
+        pixel = frame.width / width
+        height = max(round(frame.height / pixel), 1)
+        step = pixel / kernels.SMOOTH
+        middle = np.array(frame.centre) + back * frame.depth
+        corner = middle - right * frame.width / 2.0 + up * height * pixel / 2.0
+        shown = _joined(scene, pixel)
+        triangles = kernels.Triangles()
+        triangles.faces = wp.array(shown.faces.astype(np.int32), dtype=wp.vec3i, device=_DEVICE)
+        triangles.normals, triangles.colours = warp_vectors(shown.normals), warp_vectors(shown.colours)
+        triangles.corner, triangles.right, triangles.up = (
+            wp.vec3(*map(float, item)) for item in (corner, right, up)
+        )
+        triangles.step = step
+        triangles.cut = 0 if scene.cut is None else 1
+        if scene.cut is not None:
+            normal, origin = scene.cut
+            triangles.plane, triangles.offset = wp.vec3(*map(float, normal)), float(normal @ origin)
+            triangles.cap = wp.vec3(*map(float, scene.cap))
+        way = shown.vertices - corner
+        places = warp_vectors(np.stack([way @ right / step, way @ -up / step, way @ -back], axis=1))
+        image = wp.empty((height, width), dtype=wp.vec4ub, device=_DEVICE)
+        wp.load_module(kernels, device=_DEVICE)  # once, before threads launch on it
+        rows = -(-height // (_BANDS * cores()))
+
+        def fill_band(first: int) -> None:
+            size = kernels.SMOOTH * min(rows, height - first), kernels.SMOOTH * width
+            nearest, relief = (wp.empty(size, dtype=kind, device=_DEVICE) for kind in (int, wp.vec3))
+            inputs = [triangles, places, first, nearest, relief, image]
+            wp.launch(kernels.fill, 1, inputs=inputs, device=_DEVICE)
+
+        with ThreadPoolExecutor(cores()) as pool:
+            list(pool.map(fill_band, range(0, height, rows)))
+        return np.array(image.numpy())
+
+
+def _joined(scene: Scene, pixel: float) -> Surface:
+    """Return all of a scene as one surface; `pixel` is the size of one [mm]."""
+    balls = scene.balls_left
+    solids = [surface for surface in scene.surfaces if surface is not None]
+    solids += [_ball_surface(balls, pixel)] if balls is not None else []
+    starts = np.cumsum([0] + [len(solid.vertices) for solid in solids])
+    return Surface(
+        np.concatenate([solid.vertices for solid in solids]),
+        np.concatenate([solid.normals for solid in solids]),
+        np.concatenate([solid.faces + start for solid, start in zip(solids, starts, strict=False)]),
+        np.concatenate([np.broadcast_to(solid.colours, solid.vertices.shape) for solid in solids]),
+    )
+
+
+def _ball_surface(balls: Balls, step: float) -> Surface:
+    """Return balls as triangles, few where they are small in the picture."""
+    unit, faces = _unit_ball(2 if balls.radius > _SMALL_BALL_PIXELS * step else 1)
+    count, size = len(balls.centres), len(unit)
+    colours = np.broadcast_to(balls.colours, (count, 3))
+    return Surface(
+        vertices=(balls.centres[:, None] + balls.radius * unit).reshape(-1, 3),
+        normals=np.tile(unit, (count, 1)),
+        faces=(np.arange(count)[:, None, None] * size + faces).reshape(-1, 3),
+        colours=np.repeat(colours, size, axis=0),
+    )
+
+
+@cache
+def _unit_ball(rounds: int) -> tuple[FloatArray, IntArray]:
+    """Split an octahedron's faces and blow it up: after two rounds 66 vertices and 128 faces."""
+    points = [tuple(sign * axis) for axis in np.eye(3) for sign in (1.0, -1.0)]
+    faces = [(x, y, z) if (x + y + z) % 2 == 0 else (x, z, y) for x in (0, 1) for y in (2, 3) for z in (4, 5)]
+    for _ in range(rounds):
+        middle: dict[frozenset[int], int] = {}
+        split = []
+        for face in faces:
+            a, b, c = face
+            ab, bc, ca = (
+                middle.setdefault(frozenset(side), len(points) + len(middle))
+                for side in ((a, b), (b, c), (c, a))
+            )
+            split += [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
+        points += [tuple(np.mean([points[end] for end in side], axis=0)) for side in middle]
+        faces = split
+    unit = np.array(points)
+    return unit / np.linalg.norm(unit, axis=1, keepdims=True), np.array(faces)
