@@ -20,7 +20,7 @@ _MANY = 300
 _FURTHER = 24
 _MOST_FOLDS = 10
 _REPEATS_OF_P = 2
-"""Repeats of the cross-validation in each permutation, and for the observed accuracy that is compared."""
+"""Repeats of the cross-validation in each permutation, and for the observed labels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,12 +32,12 @@ class Discriminant:
     modes : (k, N, 3) array
         Unit modes that the direction lies in.
     weights : (k,) array
-        The way from the first group's mean to the second's along the unit discriminant direction, in the
+        The difference of the group means along the unit discriminant direction, in the
         modes [mm].
     bootstrap : (B, k) array
         The same of cohorts drawn with replacement within each group.
     scores : (M,) array
-        Each subject's place along the direction [mm]; zero is midway between the groups' means.
+        Each subject's position along the direction [mm]; zero is midway between the groups' means.
     shrinkage : float
         Weight of the sphere in the covariance (Ledoit and Wolf 2004), in [0, 1].
     accuracy : Effect
@@ -45,9 +45,9 @@ class Discriminant:
         Its interval joins those of the two shares (Wilson 1927, joined as by Newcombe 1998).
     auc : Effect
         Cross-validated area under the receiver operating characteristic. Its interval is that of DeLong,
-        DeLong and Clarke-Pearson (1988), on the logit scale, of the subjects' mean places over the repeats.
-    places : (M,) array
-        Cross-validated place of each subject, mean over the repeats, in distances between the groups.
+        DeLong and Clarke-Pearson (1988), on the logit scale, of the subjects' mean scores over the repeats.
+    held_out : (M,) array
+        Cross-validated score of each subject, mean over the repeats, relative to the distance of the groups.
     folds, repeats : int
         Of the cross-validation; modes and direction are fitted without the left-out subjects.
     """
@@ -59,20 +59,20 @@ class Discriminant:
     shrinkage: float
     accuracy: Effect
     auc: Effect
-    places: FloatArray
+    held_out: FloatArray
     folds: int
     repeats: int
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("modes", "weights", "bootstrap", "scores", "places"):
+        for name in ("modes", "weights", "bootstrap", "scores", "held_out"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
     @property
     def displacement(self) -> FloatArray:
-        """The way from group to group along the discriminant, at each particle [mm], shape (N, 3)."""
-        way: FloatArray = np.tensordot(self.weights, self.modes, axes=1)
-        return way
+        """The difference of the groups along the discriminant, at each particle [mm], shape (N, 3)."""
+        displacement: FloatArray = np.tensordot(self.weights, self.modes, axes=1)
+        return displacement
 
     def bounds(self, mode_maps: FloatArray, percent: float = 95.0) -> FloatArray:
         """Return bootstrap bounds of a map on the surface, shape (2, V).
@@ -149,14 +149,14 @@ def discriminant(
     rows = _without_covariates(rows, second, extra, np.arange(len(rows)))
     rows = rows - rows.mean(axis=0)
     scores, basis = _leading(rows, modes)
-    direction, gap, middle, shrinkage = _fit(scores, second)
+    direction, separation, midpoint, shrinkage = _fit(scores, second)
     generator = np.random.default_rng(seed)
     drawn = np.empty((bootstraps, len(basis)))
     for index in range(bootstraps):
         tick(0.5 * index / bootstraps, "bootstrap of the discriminant")
         again = _resampled(second, generator)
-        way, length, _, _ = _fit(scores[again], second[again])
-        drawn[index] = way * length
+        axis, length, _, _ = _fit(scores[again], second[again])
+        drawn[index] = axis * length
     folds = min(_MOST_FOLDS, smallest)
     # Of many subjects the leading modes without one fold hardly leave those of all.
     reduced, _ = leading_scores(rows, len(rows) if len(rows) <= _MANY else modes + _FURTHER)
@@ -164,7 +164,7 @@ def discriminant(
         _round(reduced, second, extra, modes, folds, generator, part_of(tick, 0.5, 0.6))
         for _ in range(repeats)
     ]
-    measured = np.array([_rates(places, second) for places in rounds])
+    measured = np.array([_rates(held_out, second) for held_out in rounds])
     accuracy, auc = (float(item) for item in measured.mean(axis=0))
     null_rates = np.empty((permutations, 2))
     for entry in range(permutations):
@@ -177,22 +177,22 @@ def discriminant(
             for _ in range(_REPEATS_OF_P)
         ]
         null_rates[entry] = np.mean(rates, axis=0)
-    compared = measured[:_REPEATS_OF_P].mean(axis=0)
+    observed = measured[:_REPEATS_OF_P].mean(axis=0)
     p = [
         float(permutation_p_value(item, column)) if permutations else None
-        for item, column in zip(compared, null_rates.T, strict=True)
+        for item, column in zip(observed, null_rates.T, strict=True)
     ]
-    places = np.mean(rounds, axis=0)
-    right = np.mean([(item > 0.0) == second for item in rounds], axis=0)
+    held_out = np.mean(rounds, axis=0)
+    correct = np.mean([(item > 0.0) == second for item in rounds], axis=0)
     return Discriminant(
         modes=basis.reshape(-1, *particles.shape[1:]),
-        weights=direction * gap,
+        weights=direction * separation,
         bootstrap=drawn,
-        scores=scores @ direction - middle,
+        scores=scores @ direction - midpoint,
         shrinkage=shrinkage,
-        accuracy=Effect(accuracy, *_accuracy_bounds(right, second, accuracy), p[0], permutations),
-        auc=Effect(auc, *_auc_bounds(places, second, auc), p[1], permutations),
-        places=places,
+        accuracy=Effect(accuracy, *_accuracy_bounds(correct, second, accuracy), p[0], permutations),
+        auc=Effect(auc, *_auc_bounds(held_out, second, auc), p[1], permutations),
+        held_out=held_out,
         folds=folds,
         repeats=repeats,
     )
@@ -223,14 +223,14 @@ def shrunk_covariance(centred: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _fit(scores: FloatArray, second: BoolArray) -> tuple[FloatArray, float, float, float]:
-    """Return unit direction, distance of the means along it, place midway between them, shrinkage."""
+    """Return unit direction, distance of the means along it, midpoint between them, shrinkage."""
     first_mean, second_mean = scores[~second].mean(axis=0), scores[second].mean(axis=0)
     covariance, shrinkage = shrunk_covariance(scores - np.where(second[:, None], second_mean, first_mean))
-    apart = second_mean - first_mean
-    direction = np.linalg.pinv(covariance) @ apart
+    difference = second_mean - first_mean
+    direction = np.linalg.pinv(covariance) @ difference
     direction /= max(float(np.linalg.norm(direction)), np.finfo(float).tiny)
-    middle = float((first_mean + second_mean) @ direction / 2.0)
-    return direction, float(apart @ direction), middle, shrinkage
+    midpoint = float((first_mean + second_mean) @ direction / 2.0)
+    return direction, float(difference @ direction), midpoint, shrinkage
 
 
 def _resampled(second: BoolArray, generator: np.random.Generator) -> IntArray:
@@ -277,21 +277,21 @@ def _round(
     generator: np.random.Generator,
     tick: Tick,
 ) -> FloatArray:
-    """Return each subject's place when it is left out."""
+    """Return each subject's score when it is held out."""
     tick(0.0, "cross-validation of the discriminant")
-    places = np.empty(len(second))
+    held_out = np.empty(len(second))
     fold_of = _stratified(second, folds, generator)
     for fold in range(folds):
         train, test = np.flatnonzero(fold_of != fold), np.flatnonzero(fold_of == fold)
-        allowed = _without_covariates(rows, second, covariates, train)
-        places[test] = _predicted(allowed, second, train, test, modes)
-    return places
+        adjusted = _without_covariates(rows, second, covariates, train)
+        held_out[test] = _predicted(adjusted, second, train, test, modes)
+    return held_out
 
 
-def _rates(places: FloatArray, second: BoolArray) -> tuple[float, float]:
-    """Return balanced accuracy and area under the curve of cross-validated places."""
-    own_side = (places > 0.0) == second
-    above = _shares_below(places[second], places[~second])
+def _rates(held_out: FloatArray, second: BoolArray) -> tuple[float, float]:
+    """Return balanced accuracy and area under the curve of cross-validated scores."""
+    own_side = (held_out > 0.0) == second
+    above = _shares_below(held_out[second], held_out[~second])
     return float((own_side[second].mean() + own_side[~second].mean()) / 2.0), float(above.mean())
 
 
@@ -303,33 +303,33 @@ def _shares_below(values: FloatArray, others: FloatArray) -> FloatArray:
     return shares
 
 
-def _accuracy_bounds(right: FloatArray, second: BoolArray, accuracy: float) -> tuple[float, float]:
+def _accuracy_bounds(correct: FloatArray, second: BoolArray, accuracy: float) -> tuple[float, float]:
     """Join the Wilson intervals of both groups' shares, as Newcombe (1998) joins them for a difference."""
     z = float(stats.norm.ppf((1.0 + CONFIDENCE) / 2.0))
     below = above = 0.0
-    for own in (right[second], right[~second]):
+    for own in (correct[second], correct[~second]):
         share, count = float(own.mean()), len(own)
-        middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
+        centre = (share + z**2 / (2 * count)) / (1 + z**2 / count)
         reach = z * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2)) / (1 + z**2 / count)
-        below += (share - (middle - reach)) ** 2
-        above += (middle + reach - share) ** 2
+        below += (share - (centre - reach)) ** 2
+        above += (centre + reach - share) ** 2
     return float(max(accuracy - np.sqrt(below) / 2.0, 0.0)), float(min(accuracy + np.sqrt(above) / 2.0, 1.0))
 
 
-def _auc_bounds(places: FloatArray, second: BoolArray, auc: float) -> tuple[float, float]:
+def _auc_bounds(held_out: FloatArray, second: BoolArray, auc: float) -> tuple[float, float]:
     """Return the interval of DeLong on the logit scale; without errors that of one half of an error."""
-    of_high, of_low = places[second], places[~second]
+    of_high, of_low = held_out[second], held_out[~second]
     high, low = len(of_high), len(of_low)
     variance = _shares_below(of_high, of_low).var(ddof=1) / high
     variance += _shares_below(of_low, of_high).var(ddof=1) / low
     tail = (1.0 - CONFIDENCE) / 2.0
     if variance == 0.0 or not 0.0 < auc < 1.0:
         # All pairs stand alike, and DeLong's variance is zero: the exact binomial bound of the smaller group.
-        room = tail ** (1.0 / min(high, low))
-        return (room, 1.0) if auc >= 0.5 else (0.0, 1.0 - room)
-    middle = np.log(auc / (1.0 - auc))
+        bound = tail ** (1.0 / min(high, low))
+        return (bound, 1.0) if auc >= 0.5 else (0.0, 1.0 - bound)
+    centre = np.log(auc / (1.0 - auc))
     reach = stats.norm.isf(tail) * np.sqrt(variance) / (auc * (1.0 - auc))
-    bounds = 1.0 / (1.0 + np.exp(-(middle + np.array([-reach, reach]))))
+    bounds = 1.0 / (1.0 + np.exp(-(centre + np.array([-reach, reach]))))
     return float(bounds[0]), float(bounds[1])
 
 
@@ -342,9 +342,9 @@ def _predicted(
     squares, vectors = np.linalg.eigh(known.T @ known)
     squares, vectors = squares[::-1][:modes], vectors[:, ::-1][:, :modes]
     axes = vectors[:, squares > 1e-9 * squares[0]]
-    direction, gap, middle, _ = _fit(known @ axes, second[train])
-    places: FloatArray = ((rows[test] - mean) @ axes @ direction - middle) / (gap or 1.0)
-    return places
+    direction, separation, midpoint, _ = _fit(known @ axes, second[train])
+    held_out: FloatArray = ((rows[test] - mean) @ axes @ direction - midpoint) / (separation or 1.0)
+    return held_out
 
 
 def _stratified(second: BoolArray, folds: int, generator: np.random.Generator) -> IntArray:

@@ -101,5 +101,5 @@ def test_many_subjects_are_cross_validated_in_their_leading_modes_as_in_all(corr
     reduced = discriminant(shapes, second, 4, bootstraps=5, permutations=0)
     np.testing.assert_allclose(reduced.modes, whole.modes, atol=1e-8)
     np.testing.assert_allclose(reduced.scores, whole.scores, atol=1e-7)
-    np.testing.assert_allclose(reduced.places, whole.places, atol=0.02)
+    np.testing.assert_allclose(reduced.held_out, whole.held_out, atol=0.02)
     assert reduced.auc.value == pytest.approx(whole.auc.value, abs=0.01)
