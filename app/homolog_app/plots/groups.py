@@ -110,7 +110,7 @@ def draw_boxes(
     names : sequence of str
         The groups.
     means : sequence of (str, str)
-        The mean of each group with its standard deviation, and alone for where there is no room for both.
+        The mean of each group with its standard deviation, and alone; what there is room for is written.
     title, unit : str
     colours : Colours
     """
@@ -129,8 +129,10 @@ def draw_boxes(
             part_of_box.set_color(colour)
         across = np.linspace(-0.5, 0.5, len(part)) * _BOX if len(part) > 1 else np.zeros(1)
         axes.plot(index + across, part, ".", color=colour, markersize=5)
-    room = letters(axes, 0.78 * axes.bbox.width / len(parts)) - 1  # the texts beside the frame take some
-    below = [next((text for text in texts if len(text) <= room), texts[-1]) for texts in means]
+    room = letters(axes, 0.72 * axes.bbox.width / len(parts))  # the texts beside the frame take some
+    below = next(
+        (texts for texts in zip(*means, strict=True) if max(map(len, texts)) < room), [""] * len(parts)
+    )
     names = [shortened(legible(name), room) for name in names]
     axes.set_xticks(range(len(parts)), map("\n".join, zip(names, below, strict=True)))
     axes.set_xlim(-0.6, len(parts) - 0.4)

@@ -32,7 +32,7 @@ __all__ = [
     "draw_scree", "draw_subjects",
 ]  # fmt: skip
 
-_LEGEND_NAME, _SUBJECT_NAME = 24, 28  # letters
+_SUBJECT_NAME = 28  # letters
 _MOST_BARS = 16
 _QUANTILE = 5.991464547107979  # 95 % of the chi-squared distribution with two degrees of freedom
 _LEAST = 3  # subjects of an ellipse
@@ -110,7 +110,7 @@ def draw_scores(
     for index, group in enumerate(group_order(groups)):
         own = points[np.array([item == group for item in groups], dtype=bool)]
         colour, marker = group_style(index, colours)
-        label = f"{shortened(group or 'no group', _LEGEND_NAME)} ({len(own)})"
+        label = f"{group or 'no group'} ({len(own)})"
         axes.scatter(
             own[:, 0], own[:, 1], s=26, linewidths=0.0, alpha=0.85, color=colour, marker=marker, label=label
         )
@@ -198,8 +198,7 @@ def draw_energy_frames(
 ) -> None:
     """Draw all of `draw_energies` but the curves, with room for so large a share of further iterations."""
     for axes, (name, meaning), values in zip(places, _MEANINGS.items(), rows.T[1:], strict=True):
-        dress(axes, colours, x_label="iteration")
-        axes.set_title(f"{name}\n{meaning}", loc="left", fontsize=TICK_PT, color=colours.text)
+        dress(axes, colours, f"{name}\n{meaning}", "iteration")
         known = values[np.isfinite(values)]
         first, last = float(rows[0, 0]), float(rows[-1, 0])
         axes.set_xlim(first, last + ahead * (last - first))

@@ -19,6 +19,7 @@ FONT_PT, TICK_PT, LINE_PT = 9.0, 8.0, 1.2
 LETTER = 0.55
 """Mean width of a letter, in sizes of the font."""
 
+_LABEL, _KEY = 30, 4  # letters of a label in a legend, and what its marker takes
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
@@ -57,7 +58,8 @@ def dress(axes: Axes, colours: Colours, title: str = "", x_label: str = "", y_la
         spine.set_color(colours.faint)
     across, up = letters(axes, axes.bbox.width), letters(axes, 1.3 * axes.bbox.height)
     if title:
-        axes.set_title(shortened(title, across), loc="left", fontsize=FONT_PT, color=colours.text)
+        lines = [shortened(line, across) for line in title.splitlines()]
+        axes.set_title("\n".join(lines), loc="left", fontsize=FONT_PT, color=colours.text)
     axes.set_xlabel(shortened(x_label, across), fontsize=FONT_PT, color=colours.dim)
     axes.set_ylabel(shortened(y_label, up), fontsize=FONT_PT, color=colours.dim)
 
@@ -75,12 +77,17 @@ def letters(axes: Axes, pixels: float) -> int:
 
 
 def legend_above(axes: Axes, colours: Colours) -> None:
-    """Put the legend above the frame, in as many rows as it takes."""
+    """Put the legend above the frame, in a row if there is room for eight letters of each label."""
     handles, labels = axes.get_legend_handles_labels()
-    room, widths = letters(axes, axes.bbox.width), [len(label) + 4 for label in labels]
-    columns = len(labels) if sum(widths) <= room else room // max(widths)
+    room = letters(axes, axes.bbox.width)
+
+    def row(most: int) -> int:
+        return sum(min(len(label), most) + _KEY for label in labels)
+
+    most = next((most for most in range(_LABEL, 8, -1) if row(most) <= room), 8)
     axes.legend(
-        handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=max(columns, 1),
-        fontsize=TICK_PT, frameon=False, labelcolor=colours.text, borderpad=0.2, borderaxespad=0.0,
-        handletextpad=0.2, columnspacing=1.0, handlelength=1.4,
+        handles, [shortened(label, most) for label in labels], loc="lower left", bbox_to_anchor=(0.0, 1.0),
+        ncols=len(labels) if row(most) <= room else max(room // (most + _KEY), 1), fontsize=TICK_PT,
+        frameon=False, labelcolor=colours.text, borderpad=0.2, borderaxespad=0.0, handletextpad=0.2,
+        columnspacing=1.0, handlelength=1.4,
     )  # fmt: skip

@@ -123,9 +123,8 @@ class BoxPlot(Plot):
             digits = int(np.clip(-np.floor(np.log10(deviation)), 0, 3)) if deviation > 0.0 else 1
             spread = f"\u2009±\u2009{deviation:.{digits}f}" if np.isfinite(deviation) else ""
             means.append((f"{mean:.{digits}f}{spread}", short(mean)))
-        draw_boxes(
-            figure.subplots(), self._parts, measure.groups, means, self.title, self._unit, self.theme.colours
-        )
+        title, colours = self.title.replace(": ", "\n"), self.theme.colours  # there may be little width
+        draw_boxes(figure.subplots(), self._parts, measure.groups, means, title, self._unit, colours)
 
 
 class MeasurePlots(QStackedWidget):

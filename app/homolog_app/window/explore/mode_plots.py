@@ -1,12 +1,12 @@
 """Plots of the modes: eigenvalues above chance, and the subjects' scores in two modes."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QToolTip
+from PySide6.QtWidgets import QToolTip, QWidget
 
 from homolog.analysis.parallel import ParallelAnalysis
 from homolog.arrays import FloatArray
@@ -175,7 +175,8 @@ class ScatterPlot(Plot):
             return
         if self._pressed is None:
             name = self._nearest(event)
-            QToolTip.showText(event.guiEvent.globalPosition().toPoint(), self.words_of(name) if name else "")
+            at = event.guiEvent.globalPosition().toPoint()
+            QToolTip.showText(at, self.words_of(name) if name else "", cast("QWidget", event.canvas))
             return
         way = np.hypot(event.x - self._pressed[0], event.y - self._pressed[1])
         if self._is_dragged or way > _DRAG_PX * event.canvas.device_pixel_ratio:

@@ -49,7 +49,7 @@ class Plot(QWidget):
         self.hint = label(hint, "Hint", wrap=True)
         self.hint.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self._layers = QStackedLayout(self)
-        self._layers.setContentsMargins(_FOCUS_PX, _FOCUS_PX, _FOCUS_PX, _FOCUS_PX)
+        self.setContentsMargins(_FOCUS_PX, _FOCUS_PX, _FOCUS_PX, _FOCUS_PX)
         self._layers.addWidget(self.hint)
         self.setObjectName("Plot")
         self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
