@@ -1,7 +1,9 @@
 """Shapes in 3-D, drawn by OpenGL and by software."""
 
 import os
+import signal
 from functools import cache
+from multiprocessing import active_children
 
 import numpy as np
 import pytest
@@ -154,6 +156,21 @@ def test_a_graphics_driver_that_ends_its_process_is_replaced_by_software(ball, m
     image = choice.draw(Scene((surface(ball, GREY),)), frame_around([ball.vertices], VIEWS["left"]), 50)
     assert "software" in choice.name
     assert image[..., 3].max() == 255
+
+
+def test_a_graphics_driver_that_hangs_is_ended_and_replaced_by_software(monkeypatch):
+    others = set(active_children())
+    monkeypatch.setattr("homolog_app.rendering.draw._begin", signal.pause)
+    monkeypatch.setattr("homolog_app.rendering.draw._PATIENCE_S", 2.0)
+    assert _Choice().name == "software"
+    assert set(active_children()) <= others
+
+
+def test_opengl_that_was_asked_for_and_does_not_work_is_an_input_error(monkeypatch):
+    monkeypatch.setattr("homolog_app.rendering.draw._begin", os.abort)
+    monkeypatch.setenv(RENDERER, "opengl")
+    with pytest.raises(InputError, match="no OpenGL that works"):
+        _ = _Choice().name
 
 
 def test_a_renderer_that_is_not_known_is_refused(monkeypatch):

@@ -22,6 +22,9 @@ RENDERER = "HOMOLOG_RENDERER"
 """Environment variable that chooses: ``opengl`` or ``software``."""
 
 _NO_OPENGL = "no OpenGL was found; install a graphics driver, or Mesa (libegl1 and libgl1-mesa-dri)"
+_PATIENCE_S = 120.0
+"""A driver that needs longer to begin doesn't work."""
+
 _T = TypeVar("_T")
 _WANTED = ("", "opengl", "software")
 
@@ -108,7 +111,7 @@ class _Choice:
     def _opengl(self, needed: bool) -> _Drawer:
         try:
             return _OpenGLProcess()
-        except (BrokenProcessPool, RuntimeError, ImportError) as error:
+        except (BrokenProcessPool, RuntimeError, ImportError, TimeoutError) as error:
             if needed:
                 raise InputError(f"{RENDERER}=opengl: this machine has no OpenGL that works") from error
             return _software()
@@ -121,7 +124,11 @@ class _OpenGLProcess:
         stack = ExitStack()
         atexit.register(stack.close)
         self._executor = stack.enter_context(worker_processes(1))
-        self.name = f"OpenGL ({self.call(_begin)})"
+        try:
+            self.name = f"OpenGL ({self._executor.submit(_begin).result(_PATIENCE_S)})"
+        except TimeoutError:
+            stack.close()  # or this program would wait for that one at its end
+            raise
 
     def draw(self, scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
         return self.call(_draw, scene, frame, width)
