@@ -92,9 +92,7 @@ class Study:
     def relocated(self, folder: Path) -> "Study":
         """Return the study with the files that are gone looked for, by name, in another folder."""
         values = {
-            member.name: replace(
-                member, subject=replace(member.subject, path=folder / member.subject.path.name)
-            )
+            member.name: replace(member, subject=_relocated(member.subject, folder))
             for member in self.members
             if not member.subject.path.exists() and (folder / member.subject.path.name).exists()
         }
@@ -104,6 +102,14 @@ class Study:
         """Return the study without some members."""
         gone = set(names)
         return replace(self, members=tuple(member for member in self.members if member.name not in gone))
+
+
+def _relocated(subject: Subject, folder: Path) -> Subject:
+    """Return a subject with its file in another folder, and its scan if that is gone and there, too."""
+    image = subject.image
+    if image is not None and not image.exists() and (folder / image.name).exists():
+        image = folder / image.name
+    return replace(subject, path=folder / subject.path.name, image=image)
 
 
 def found_subjects(paths: Iterable[Path]) -> list[Subject]:

@@ -102,15 +102,9 @@ class Header:
     def _check_deflated(self, needed: int) -> None:
         """Refuse compressed voxels of a MetaImage unless they are whole: SimpleITK would read noise."""
         place, begin = (self.path.parent / self.files[0], 0) if self.files else (self.path, self.length)
-        with place.open("rb") as stream:
-            stream.seek(begin)
-            stored = stream.read()
-        unpacker = zlib.decompressobj(_ZLIB_OR_GZIP)
-        try:
-            size = len(unpacker.decompress(stored, needed + 1))
-        except zlib.error:
-            size = -1
-        if size != needed or not unpacker.eof or self._number("compresseddatasize") != len(stored):
+        size, is_whole = _unpacked_size(place, begin, needed)
+        stored = os.path.getsize(place) - begin
+        if size != needed or not is_whole or self._number("compresseddatasize") != stored:
             raise InputError(
                 f"{self.path}: its compressed voxels are not the {needed} bytes that its header declares, or "
                 "of another size when compressed; copy or export it again"
@@ -185,6 +179,26 @@ class Header:
             raise InputError(
                 f"{self.path}: its voxels are in {name}, which is not there; put that file next to it"
             )
+
+
+def _unpacked_size(place: Path, begin: int, most: int) -> tuple[int, bool]:
+    """Return how many bytes a file has from a place on when unpacked, up to about `most`; and if that is all.
+
+    Part by part, so that the volume is not in memory for it; -1 for damaged ones.
+    """
+    unpacker = zlib.decompressobj(_ZLIB_OR_GZIP)
+    size = 0
+    with place.open("rb") as stream:
+        stream.seek(begin)
+        try:
+            while size <= most and not unpacker.eof and (part := stream.read(_LONGEST)):
+                unpacked = unpacker.decompress(part, _LONGEST)
+                while unpacked and size <= most:
+                    size += len(unpacked)
+                    unpacked = unpacker.decompress(unpacker.unconsumed_tail, _LONGEST)
+        except zlib.error:
+            return -1, False
+    return size, unpacker.eof
 
 
 def read_header(path: Path) -> Header:

@@ -67,7 +67,7 @@ class Scan:
 
     def plane(self, axis: int, index: int) -> Float32Array:
         """Return the grey values of one slice of the grid, along its two other axes in their order."""
-        values: Float32Array = np.take(self.values, index, axis=axis).astype(np.float32)
+        values: Float32Array = np.moveaxis(self.values, axis, 0)[index].astype(np.float32)  # take copies all
         values *= np.float32(self.slope)
         values += np.float32(self.intercept)
         return values

@@ -45,3 +45,16 @@ def test_a_table_that_names_nobody_is_refused(study, tmp_path):
     table.write_text("name,group\nx,A\n", encoding="utf-8")
     with pytest.raises(InputError, match="names none"):
         with_table(study, table)
+
+
+def test_scans_that_are_gone_are_looked_for_beside_the_files_that_are(tmp_path):
+    from homolog.cohort import Subject
+    from homolog_app.window.study import Study
+
+    for name in ("a.nrrd", "a_image.nrrd"):
+        (tmp_path / name).touch()
+    gone = tmp_path / "gone"
+    study = Study().adding([Subject("a", gone / "a.nrrd", image=gone / "a_image.nrrd")])
+    (member,) = study.relocated(tmp_path).members
+    assert member.subject.path == tmp_path / "a.nrrd"
+    assert member.subject.image == tmp_path / "a_image.nrrd"

@@ -89,3 +89,16 @@ def test_the_automatic_window_leaves_air_and_outliers_out():
     low, high = Scan(Path("a"), values, np.eye(4)).automatic_window()
     assert 90.0 < low < 110.0
     assert 190.0 < high < 210.0
+
+
+def test_a_slice_is_taken_without_a_copy_of_the_scan():
+    import tracemalloc
+
+    values = np.zeros((60, 60, 400), np.int16, order="F")
+    scan = Scan(Path("a"), values, np.eye(4))
+    tracemalloc.start()
+    for axis in range(3):
+        scan.plane(axis, 7)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < values.nbytes / 4

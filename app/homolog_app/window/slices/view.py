@@ -283,7 +283,7 @@ class SliceView(QWidget):
         lines = []
         if read is None:
             assert voxels is not None
-            picture = _coloured(plane.picture(np.take(voxels.mask, at, axis=plane.axis)), self._theme)
+            picture = _coloured(plane.picture(np.moveaxis(voxels.mask, plane.axis, 0)[at]), self._theme)
         else:
             picture = _grey(plane.picture(self._window.shades(read.scan.plane(plane.axis, at))))
             if voxels is not None and self.segmentation.isChecked():
