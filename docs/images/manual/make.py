@@ -14,7 +14,7 @@ from checking import keep_checking
 from exploring import keep_exploring
 from exporting import keep_exporting
 from PySide6.QtWidgets import QWidget
-from sample_hearts import keep_hearts
+from sample_hearts import keep_hearts, keep_scan
 
 HERE = Path(__file__).parent
 SIZE = (1280, 800)
@@ -55,6 +55,7 @@ def main() -> None:
         session, work, order = window.desk.session, window.desk.work, window.commands
         keep("start")
         window.load_views()
+        keep_scan(window, until, keep)
         keep_hearts(window, until, keep)
         order["file.sample"].trigger()
         until(lambda: len(session.surveys) == 10)

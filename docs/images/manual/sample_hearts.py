@@ -1,12 +1,14 @@
 """Pictures of the sample hearts: the tour, the cut-away and the thickness of the wall, for `make.py`."""
 
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
-__all__ = ["keep_cut", "keep_hearts"]
+__all__ = ["keep_cut", "keep_hearts", "keep_scan"]
 
 
 def keep_hearts(
@@ -23,6 +25,29 @@ def keep_hearts(
         order[command].trigger()
         until(lambda: not work.is_busy)
     keep_cut(window, until, keep)
+
+
+def keep_scan(
+    window: "MainWindow", until: Callable[[Callable[[], object]], None], keep: Callable[[str], None]
+) -> None:
+    """Generate some hearts with grey-value scans, groom them and keep the slices."""
+    from homolog.samples import make_study, write_study
+
+    session, work, order = window.desk.session, window.desk.work, window.commands
+    with tempfile.TemporaryDirectory() as folder:
+        write_study(Path(folder), make_study("hearts", 4, 5), 5, scans=True)
+        window.library.take([Path(folder)])
+        until(lambda: len(session.surveys) == 4)
+        session.select(["heart_02"])
+        window.show_step("groom")
+        order["run.groom"].trigger()
+        until(lambda: not work.is_busy and session.is_groomed)
+        order["view.slice"].trigger()
+        until(lambda: window.views.stage.slices.reader.read is not None)
+        keep("scan")
+        order["view.slice"].trigger()
+        window.desk.preferences.ask_on_close = False
+        order["file.close"].trigger()
 
 
 def keep_cut(
