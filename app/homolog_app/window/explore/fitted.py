@@ -114,6 +114,7 @@ class Fitted(QObject):
         name = self._desk.session.title
 
         def fit(tick: Tick) -> "ModelShape":
+            import homolog_app.plots  # noqa: F401 - slow; the plots that follow need it
             from homolog_app.window.explore.model_shape import fit_model_shape
 
             return fit_model_shape(name, result.method, result.result, tick)
