@@ -28,7 +28,6 @@ from homolog.analysis.permutation import (
 from homolog.analysis.studentized import WelchStatistic, equalize_groups, null_weights, observed_design
 from homolog.analysis.wilks import wilks_p
 from homolog.arrays import BoolArray, FloatArray, frozen
-from homolog.device import cores
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick
 from homolog.threads import on_one_thread
@@ -230,6 +229,8 @@ def pointwise_test(
     limit, done = subtract_rounding(observed), 0
     chunk = max(1, _CHUNK_VALUES // (statistic.particles * (1 + design.tested.shape[1])))
     draws = draw_permutations(design, permutations, chunk=chunk, seed=seed)
+    from homolog.device import cores  # loads Warp, which the window's start does without
+
     workers = cores() if len(shapes) >= _MANY else 1
     with ThreadPoolExecutor(workers) as pool:
         while some := list(islice(draws, workers)):
