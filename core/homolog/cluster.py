@@ -1,27 +1,32 @@
 """Where the work on single subjects is done: processes of this machine, or a Dask cluster.
 
-Subjects are groomed independently. What a worker returns is written by the program that asked, one file a
-subject, so that a worker, a scheduler or the program itself may end at any time: only subjects in work are
-groomed again.
+Subjects are groomed and fitted independently. What a worker returns is written by the program that asked, one
+file a subject, so that a worker, a scheduler or the program itself may end at any time: only subjects in work
+are begun again.
 """
 
 import logging
-from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import ExitStack, contextmanager
 from typing import Any, TypeVar
 
 from homolog import __version__
-from homolog.errors import InputError
+from homolog.errors import InputError, NumericalError
+from homolog.progress import Tick, no_tick
 from homolog.workers import worker_processes
 
+_J = TypeVar("_J")
 _T = TypeVar("_T")
 
-__all__ = ["LOCAL", "serve_as_worker", "subject_executor"]
+__all__ = ["LOCAL", "each_subject", "serve_as_worker", "subject_executor"]
 
 LOCAL = "local"
 """A Dask cluster of this machine's cores."""
 
+_PATIENCE_S = 0.1  # between looks at the tick
+_MOST_DEATHS = 3
+"""Of workers in a row, no subject being done between them."""
 _ANSWER_S = 15
 """Within which a scheduler must answer."""
 _log = logging.getLogger(__name__)
@@ -78,6 +83,72 @@ def subject_executor(
         _check_workers(client, cluster)
         announce(f"Dask cluster {client.scheduler.address}, dashboard {client.dashboard_link}")
         yield _ClusterExecutor(stack.enter_context(client.get_executor(pure=False)))
+
+
+def each_subject(
+    function: Callable[[_J], _T],
+    jobs: Mapping[str, _J],
+    doing: str,
+    *,
+    workers: int,
+    cluster: str | None = None,
+    tick: Tick = no_tick,
+    announce: Callable[[str], None] = _log.info,
+) -> Iterator[tuple[str, _T]]:
+    """Let workers call a function for every subject; yield the results as they come.
+
+    When a worker dies, only the subjects in hand are begun again, in new processes. What raises an error is
+    not tried again, as it would fail again.
+
+    Parameters
+    ----------
+    function : callable
+        Takes a job; found by its name in the workers.
+    jobs : mapping of str to object
+        By subject.
+    doing : str
+        For progress: ``"fitting"``.
+    workers, cluster, announce
+        See `subject_executor`.
+    tick : Tick
+        Called at least every 0.1 s.
+
+    Yields
+    ------
+    tuple of str and object
+        Subject and result, in the order in which they are done.
+
+    Raises
+    ------
+    NumericalError
+        If workers die again and again before any subject is done.
+    """
+    left, deaths = dict(jobs), 0
+    while left:
+        with subject_executor(min(workers, len(left)), cluster, announce) as executor:
+            futures = {executor.submit(function, job): name for name, job in left.items()}
+            pending = set(futures)
+            try:
+                while pending:
+                    busy = next(name for future, name in futures.items() if future in pending)
+                    tick(1.0 - len(left) / len(jobs), f"{doing} {busy}")
+                    done, pending = wait(pending, _PATIENCE_S, FIRST_COMPLETED)
+                    for future in done:
+                        result, name = future.result(), futures.pop(future)
+                        del left[name]
+                        deaths = 0
+                        yield name, result
+            except BrokenExecutor as error:
+                deaths += 1
+                if deaths >= _MOST_DEATHS:
+                    raise NumericalError(
+                        f"{doing}: workers died {deaths} times in a row, probably for lack of memory; use "
+                        "fewer workers"
+                    ) from error
+                _log.warning("%s: a worker died; what it had in hand is begun again", doing)
+            finally:
+                for future in pending:
+                    future.cancel()
 
 
 class _ClusterExecutor(Executor):

@@ -193,6 +193,15 @@ class OptimizeSettings(_Settings):
             "keep sizes) or similarity (one size). Auto: form after ICP, similarity with scaling, else off."
         ),
     ] = Procrustes.AUTO
+    core_set: Annotated[
+        int | None,
+        Field(
+            ge=3,
+            le=100000,
+            description="Number of subjects that are optimized jointly, chosen to span shapes and groups; "
+            "the others are fitted to them one by one. All are optimized jointly if not given.",
+        ),
+    ] = None
     landmarks: Annotated[
         bool,
         Field(
@@ -269,7 +278,7 @@ class RunSettings(_Settings):
         Field(
             ge=1,
             le=256,
-            description="Number of grooming processes; one per core if not given.",
+            description="Number of processes that groom and fit subjects; one per core if not given.",
         ),
     ] = None
     cluster: Annotated[
@@ -277,7 +286,7 @@ class RunSettings(_Settings):
         Field(
             pattern=r"^(local|(tcp|tls|ucx)://\S+)$",
             max_length=300,
-            description="Dask cluster that grooms the subjects: local, or the address of a scheduler "
+            description="Dask cluster that grooms and fits subjects: local, or the address of a scheduler "
             "(tcp://host:8786) whose workers see the same files; processes of this machine if not given.",
         ),
     ] = None

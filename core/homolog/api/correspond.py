@@ -60,6 +60,7 @@ class Settings(TypedDict, total=False):
     method: Literal["geodesic-normals", "geodesic", "normals", "euclidean"]
     seed: int
     procrustes: Literal["auto", "off", "rigid", "form", "similarity"]
+    core_set: int | None
     landmarks: bool
     ensemble_weight: float
     normals_weight: float
@@ -231,6 +232,10 @@ def correspond(
     docs/method.md says what differs here.
     """
     chosen = run_settings(dict(settings), n_particles, device, workers)
+    if chosen.optimize.core_set is not None:
+        raise InputError(
+            f"core_set={chosen.optimize.core_set}: its fits are kept in a project folder; run it as a project"
+        )
     alias = choose_device(device)
     cohort, sources = cohort_of(shapes, voxel_size, chosen.groom)
     if len(cohort.subjects) < 2:

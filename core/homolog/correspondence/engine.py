@@ -66,6 +66,9 @@ class Engine:
     iteration: DeviceArray
     closest: DeviceArray
     normals: DeviceArray
+    openings: DeviceArray
+    centred: DeviceArray
+    logs: DeviceArray
     poses: FloatArray
 
     def __init__(
@@ -254,14 +257,18 @@ class Engine:
             [self.count, self.surface_set.surfaces, self.positions, self.normals, self.faces, self.closest],
         )
 
+    def compare(self) -> None:
+        """Centre positions, and the Logs of normals, over the shapes."""
+        surface = [self._poses, self.positions, self.normals]
+        compared = [self.openings, self.means, self.centred, self.logs]
+        self.launch(step_kernels.mean_normals, self.count, [self.layout, *surface, *compared])
+
     def _move(self) -> None:
         layout, parameters = self.layout, (self.stage, self.iteration)
         sampling, coupling = self.sampling, self.coupling
-        surface = [self._poses, self.positions, self.normals]
         self._locate()
         sampling.compute_forces(self.positions, self.normals, self.closest)
-        compared = [self.openings, self.means, self.centred, self.logs]
-        self.launch(step_kernels.mean_normals, self.count, [layout, *surface, *compared])
+        self.compare()
         coupling.solve(*parameters, self.centred, self.logs)
         coupling.directions(self.centred, self.logs, self.ensemble_part, self.normals_part)
         parts = [sampling.forces, self.ensemble_part, self.normals_part]

@@ -92,7 +92,7 @@ class OptimizationLoop:
         self.cohort, self.settings, self.initial, self.stages = cohort, settings, initial, stages
         self.alignments = alignments
         scales = None if settings.procrustes is Procrustes.SIMILARITY else scales_of(alignments)
-        compared = np.stack([shape.alignment for shape in shapes])
+        compared = np.array([shape.alignment for shape in shapes]) if shapes else alignments
         self.log = RunRecorder(compared, scales, cohort.unit, observe, on_checkpoint)
         self.landmarks = landmarks_on_device(shapes, cohort, stages[0].count)
         _, first = time_shares(stages, geodesic=cohort.geodesic, registers=initial is None)
@@ -118,7 +118,8 @@ class OptimizationLoop:
             begin, done = self._stage_of(resume), resume.done
             self.log.restore(resume)
             self.poses = resume.poses
-            self._set_particles(self.stages[begin].count, _particles(resume), resume.repaired.copy())
+            saved = Particles(resume.positions, resume.widths, resume.means, resume.faces)
+            self._set_particles(self.stages[begin].count, saved, resume.repaired.copy())
         reason = Reason.ITERATIONS
         for index in range(begin, len(self.stages)):
             plan = self.stages[index]
@@ -331,8 +332,12 @@ class OptimizationLoop:
                 f"{', '.join(names)}: particles can't be kept on the surface, because it and its distance "
                 "field disagree; groom the subject again, or exclude it"
             )
-        relocate(self.engine, lost)
+        self._relocate(lost)
         self.repaired[lost] = max(self.log.iteration, 1)
+
+    def _relocate(self, lost: BoolArray) -> None:
+        """Move particles to where the other shapes predict them."""
+        relocate(self.engine, lost)
 
     def _report(self, index: int, done: int) -> None:
         """Emit a frame, a checkpoint and the progress, when they are due."""
@@ -361,9 +366,8 @@ class OptimizationLoop:
     def result(self, reason: Reason) -> OptimizedParticles:
         """Return the particles in millimetres."""
         positions = self.engine.host_positions().astype(np.float64)
-        local = np.stack(
-            [p.invert(points) for p, points in zip(self.cohort.to_optimizer, positions, strict=True)]
-        )
+        pairs = zip(self.cohort.to_optimizer, positions, strict=True)
+        local = np.stack([similarity.invert(points) for similarity, points in pairs])
         if self.initial is not None and self.initial.free is not None:
             local = np.where(self.initial.free[..., None], local, self.initial.local)
         alignments = self._alignments(local)
@@ -394,7 +398,3 @@ class OptimizationLoop:
                 similarities = rescale(similarities, scales_of(self.alignments), centres)
             return generalized_procrustes(local, similarities, scaling=scaling)
         return align_to_mean(local, self.alignments, self.free_poses, scaling=scaling)
-
-
-def _particles(saved: Checkpoint) -> Particles:
-    return Particles(saved.positions, saved.widths, saved.means, saved.faces)

@@ -15,7 +15,15 @@ from homolog.correspondence.initialization.registration import features, snap_to
 from homolog.errors import InputError
 from homolog.geometry import farthest_point_sampling, inverse_matrices, transform_points
 
-__all__ = ["find_misplaced", "find_swapped", "predict_positions", "relocate", "relocate_misplaced"]
+__all__ = [
+    "MAX_MISPLACED_FRACTION",
+    "find_misplaced",
+    "find_swapped",
+    "is_misplaced",
+    "predict_positions",
+    "relocate",
+    "relocate_misplaced",
+]
 
 MIN_ANGLE = np.radians(45.0)  # between a misplaced particle's normal and the mean normal
 MIN_MEDIAN_RATIO = 3.0  # of that angle to its median over the shapes
@@ -39,9 +47,15 @@ def find_misplaced(normals: FloatArray, means: FloatArray) -> BoolArray:
         Their Fréchet means over the shapes.
     """
     angles = np.arccos(np.clip(np.einsum("mnd,nd->mn", normals, means), -1.0, 1.0))
-    misplaced: BoolArray = (angles > MIN_ANGLE) & (angles > MIN_MEDIAN_RATIO * np.median(angles, axis=0))
+    misplaced = is_misplaced(angles, np.median(angles, axis=0))
     misplaced[misplaced.mean(axis=1) > MAX_MISPLACED_FRACTION] = False
     return misplaced & (len(normals) >= MIN_SHAPES)
+
+
+def is_misplaced(angles: FloatArray, medians: FloatArray) -> BoolArray:
+    """Return whether angles (..., N) between normals and their means are far beyond their medians (N,)."""
+    misplaced: BoolArray = (angles > MIN_ANGLE) & (angles > MIN_MEDIAN_RATIO * medians)
+    return misplaced
 
 
 def relocate_misplaced(engine: Engine, allowed: BoolArray) -> BoolArray:

@@ -13,6 +13,7 @@ __all__ = [
     "generalized_procrustes",
     "procrustes_step",
     "rescale",
+    "robust_step",
     "scales_of",
 ]
 
@@ -211,6 +212,12 @@ def entropy_step(
             result, scales * np.exp(np.log(scales_of(poses) / scales).mean()), np.tile(centre, (shapes, 1))
         )
     return result
+
+
+def robust_step(points: FloatArray, targets: FloatArray, *, scaling: bool) -> FloatArray:
+    """Return the similarity that aligns points (n, 3) to targets to first order, outliers counting little."""
+    weights = _robust_weights(np.square(points - targets).sum(axis=1))[:, None, None] * np.eye(3)
+    return _weighted_step(points, targets, weights, scaling)
 
 
 def _weighted_step(points: FloatArray, targets: FloatArray, weights: FloatArray, scaling: bool) -> FloatArray:

@@ -83,6 +83,8 @@ def prepare_cohort(
     counts: Sequence[int] | None = None,
     free_shapes: BoolArray | None = None,
     solve: GeodesicSolver = solve_tables,
+    unit: float | None = None,
+    opening_scale: float | None = None,
     tick: Tick = no_tick,
 ) -> PreparedCohort:
     """Compute the geodesic tables and bring all shapes to the device.
@@ -99,10 +101,12 @@ def prepare_cohort(
         Shapes with free particles. The others get no tables, as no distances on them are needed.
     solve : callable
         Geodesic solver.
+    unit, opening_scale : float, optional
+        Of another cohort, that these shapes are compared with; by default their own.
     tick : Tick
         Progress and cancelling.
     """
-    unit = length_unit(shapes)
+    unit = length_unit(shapes) if unit is None else unit
     to_optimizer = tuple(Similarity(s.alignment[:3, :3] / unit, s.alignment[:3, 3] / unit) for s in shapes)
     counts = particle_counts(settings.particles) if counts is None else counts
     free = np.full(len(shapes), True) if free_shapes is None else free_shapes
@@ -141,7 +145,9 @@ def prepare_cohort(
         unit=unit,
         to_optimizer=to_optimizer,
         fields=field_array(shapes, to_optimizer, device, part_of(tick, 0.0, 0.08)),
-        opening_fields=opening_array(shapes, to_optimizer, opening, device, part_of(tick, 0.08, 0.1)),
+        opening_fields=opening_array(
+            shapes, to_optimizer, opening, device, part_of(tick, 0.08, 0.1), scale=opening_scale
+        ),
         coarse=surface_set([s.coarse_mesh for s in shapes], complete, part_of(tick, 0.1, between))
         if few_counts
         else None,

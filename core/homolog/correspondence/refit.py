@@ -26,7 +26,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["initialize_fit", "repair"]
+__all__ = ["carry_particles", "initialize_fit", "repair"]
 
 N_CONTROL_POINTS = 400  # of a thin-plate map
 INTERPOLATION_SMOOTHING = 1e-6  # of a thin-plate map that interpolates its targets
@@ -126,13 +126,39 @@ def initialize_fit(
         tree = cKDTree(coarse[k].vertices)
         costs = [float(np.mean(tree.query(points[j])[0])) for j in np.flatnonzero(known)]
         nearest = int(np.flatnonzero(known)[int(np.argmin(costs))])
-        fine = _transform_mesh(shapes[nearest].mesh, to_optimizer[nearest])
-        particles = to_optimizer[nearest].apply(start[nearest])
-        normals = _normals_at(fine, particles)
-        moved, normals = _warp(coarse[nearest], coarse[k], particles, normals, here)
-        snapped = snap_to_mesh(moved, normals, _transform_mesh(shapes[k].mesh, to_optimizer[k]))
-        start[k] = to_optimizer[k].invert(snapped)
+        carried = carry_particles(
+            (_transform_mesh(shapes[nearest].mesh, to_optimizer[nearest]), coarse[nearest]),
+            to_optimizer[nearest].apply(start[nearest]),
+            (_transform_mesh(shapes[k].mesh, to_optimizer[k]), coarse[k]),
+            here,
+        )
+        start[k] = to_optimizer[k].invert(carried)
     return InitialParticles(images.points(start), np.repeat(~known[:, None], local.shape[1], axis=1))
+
+
+def carry_particles(
+    source: tuple[TriangleMesh, TriangleMesh],
+    particles: FloatArray,
+    target: tuple[TriangleMesh, TriangleMesh],
+    tick: Tick = no_tick,
+) -> FloatArray:
+    """Carry particles from one shape to another by registration, in one frame.
+
+    Parameters
+    ----------
+    source, target : pair of TriangleMesh
+        The fine and the coarse mesh of both.
+    particles : (n, 3) array
+        On the source.
+    tick : Tick
+
+    Returns
+    -------
+    (n, 3) array
+        On the target.
+    """
+    moved, normals = _warp(source[1], target[1], particles, _normals_at(source[0], particles), tick)
+    return snap_to_mesh(moved, normals, target[0])
 
 
 def _predict_misplaced(shapes: Sequence[Shape], local: FloatArray, misplaced: BoolArray) -> FloatArray:

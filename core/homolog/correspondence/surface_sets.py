@@ -34,6 +34,7 @@ __all__ = [
     "nearest_faces",
     "normalize_size",
     "opening_array",
+    "opening_scale",
 ]
 
 
@@ -140,11 +141,14 @@ def opening_array(
     weight: float,
     device: str,
     tick: Tick = no_tick,
+    *,
+    scale: float | None = None,
 ) -> DeviceArray:
     """Copy the weighted opening angles to the device as cubic B-spline coefficients.
 
     Angles are multiplied by the weight and by their standard deviation over a surface [rad], since angles
-    that hardly vary contain little information. Nothing is computed if the weight is 0.
+    that hardly vary contain little information; or by `scale`, if it is given. Nothing is computed if the
+    weight is 0.
 
     Parameters
     ----------
@@ -152,6 +156,8 @@ def opening_array(
         As in `field_array`.
     weight : float
         Of opening angles relative to normals.
+    scale : float, optional
+        Weight times standard deviation, of another cohort.
 
     Returns
     -------
@@ -163,13 +169,26 @@ def opening_array(
     for index, (shape, similarity) in enumerate(zip(shapes, to_optimizer, strict=True)):
         tick(index / len(shapes), f"opening angles of {shape.name}")
         grids.append(opening_grid(shape.field, BALL_SIZE / similarity.scale))
-        spreads.append(openings_at(shape.coarse_mesh.vertices, *grids[-1]).std())
-    scale = weight * float(np.mean(spreads))
+        if scale is None:
+            spreads.append(openings_at(shape.coarse_mesh.vertices, *grids[-1]).std())
+    scale = weight * float(np.mean(spreads)) if scale is None else scale
     references = [
         _field_data(values, grid, similarity, scale, device)
         for (values, grid), similarity in zip(grids, to_optimizer, strict=True)
     ]
     return _pack(references, device)
+
+
+def opening_scale(
+    shapes: Sequence[Shape], to_optimizer: Sequence[Similarity], weight: float, tick: Tick = no_tick
+) -> float:
+    """Return what `opening_array` multiplies the opening angles of some shapes by."""
+    spreads = []
+    for index, (shape, similarity) in enumerate(zip(shapes, to_optimizer, strict=True)):
+        tick(index / len(shapes), f"opening angles of {shape.name}")
+        grid = opening_grid(shape.field, BALL_SIZE / similarity.scale)
+        spreads.append(openings_at(shape.coarse_mesh.vertices, *grid).std())
+    return weight * float(np.mean(spreads))
 
 
 def _pack(references: list[FieldData], device: str) -> DeviceArray:

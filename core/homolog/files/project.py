@@ -10,6 +10,7 @@
     figures/                  pictures
     checkpoint.npz            only while a run is unfinished
     geodesics/                likewise: tables that took long
+    fits/                     likewise: particles of the core set, and of those fitted to it
 
 A new result is written into ``.next/`` and takes the place of the old one when it is complete, so that at
 every moment, also after a crash, one whole result can be read.
@@ -42,7 +43,9 @@ _OUT_OF_DATE_WORDS = (
     "Run the same analysis, or write the report, to compute them again.\n"
 )
 _COMPLETE = "complete"
-_WRITTEN = ("groomed", "geodesics", "particles", "model", "figures", "analysis", "report", "seeds", _NEXT)
+_WRITTEN = (
+    "groomed", "geodesics", "fits", "particles", "model", "figures", "analysis", "report", "seeds", _NEXT,
+)  # fmt: skip
 """Folders that programs write into."""
 
 
@@ -81,6 +84,11 @@ class ProjectFolder:
     def geodesics(self) -> Path:
         """Folder of an unfinished run's geodesic tables."""
         return self.folder / "geodesics"
+
+    @property
+    def fits(self) -> Path:
+        """Folder of an unfinished run's fits to a core set."""
+        return self.folder / "fits"
 
     @property
     def exists(self) -> bool:

@@ -20,7 +20,7 @@ from homolog.settings import GroomSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["content_key", "is_outdated", "load_groomed", "load_report", "save_groomed"]
+__all__ = ["content_key", "is_outdated", "load_groomed", "load_report", "read_groomed", "save_groomed"]
 
 _VERSION = "5"
 """To be raised whenever grooming gives other results: older archives are then made again."""
@@ -94,6 +94,21 @@ def load_groomed(folder: Path, name: str, key: str) -> GroomedSubject | None:
         )
     except _DAMAGED:
         return None
+
+
+def read_groomed(folder: Path, name: str) -> GroomedSubject:
+    """Return a subject that a run has groomed.
+
+    Raises
+    ------
+    InputError
+        If it is not there, or damaged.
+    """
+    path = _file(folder, name, "npz")
+    groomed = load_groomed(folder, name, str(read_arrays(path).get("key", "")))
+    if groomed is None:
+        raise InputError(f"{path}: is damaged; delete it and run again")
+    return groomed
 
 
 def load_report(folder: Path, name: str) -> GroomReport | None:

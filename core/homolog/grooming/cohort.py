@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -104,6 +104,7 @@ def groom_cohort(
     left_out: list[Problem] | None = None,
     sources: Mapping[str, Source] = NO_SOURCES,
     keys: dict[str, str] | None = None,
+    reduced: Callable[[GroomedSubject], GroomedSubject] | None = None,
 ) -> list[GroomedSubject]:
     """Groom every subject.
 
@@ -127,6 +128,9 @@ def groom_cohort(
     keys : dict, optional
         What was groomed is added to it as `content_key` says it, by subject, for `save_groomed`.
 
+    reduced : callable, optional
+        Makes of each subject what is returned in its place, so that memory need not hold all of them.
+
     Returns
     -------
     list of GroomedSubject
@@ -139,7 +143,8 @@ def groom_cohort(
     Cancelled
         From the tick; processes of our own end at once, those of a given executor finish what they began.
     """
-    groomed, cached = _from_cache(cohort, settings, cache, part_of(tick, 0.0, 0.1))
+    taken = reduced or _whole
+    groomed, cached = _from_cache(cohort, settings, cache, part_of(tick, 0.0, 0.1), taken)
     missing = [subject for subject in cohort.subjects if subject.name not in groomed]
     if missing:
         with nullcontext(executor) if executor else worker_processes(min(len(missing), cores())) as used:
@@ -159,7 +164,7 @@ def groom_cohort(
                     raise InputError(
                         f"{subject.path}: changed while it was read; run again when it is complete"
                     )
-                groomed[subject.name] = _noted(cache, done, key) if cache else done
+                groomed[subject.name] = taken(_noted(cache, done, key) if cache else done)
                 if keys is not None:
                     keys[subject.name] = key
                 if cache:
@@ -168,7 +173,11 @@ def groom_cohort(
 
 
 def _from_cache(
-    cohort: Cohort, settings: GroomSettings, cache: Path | None, tick: Tick
+    cohort: Cohort,
+    settings: GroomSettings,
+    cache: Path | None,
+    tick: Tick,
+    taken: Callable[[GroomedSubject], GroomedSubject],
 ) -> tuple[dict[str, GroomedSubject], dict[str, str]]:
     """Return what the cache holds, and every subject's key."""
     cached: dict[str, GroomedSubject] = {}
@@ -178,8 +187,12 @@ def _from_cache(
         keys[subject.name] = content_key(read_source(subject, settings), settings)
         groomed = load_groomed(cache, subject.name, keys[subject.name]) if cache else None
         if groomed:
-            cached[subject.name] = groomed
+            cached[subject.name] = taken(groomed)
     return cached, keys
+
+
+def _whole(groomed: GroomedSubject) -> GroomedSubject:
+    return groomed
 
 
 def _source(subject: Subject, settings: GroomSettings, source: Source | None) -> Source:
@@ -204,13 +217,13 @@ def _noted(cache: Path, done: GroomedSubject, key: str) -> GroomedSubject:
 
 def _as_they_finish(futures: dict[_Work, Subject], tick: Tick) -> Iterator[tuple[Subject, _Work]]:
     """Yield what is done as it comes, ticking meanwhile; drop what waits when something goes wrong."""
-    pending = set(futures)
+    pending, count = set(futures), len(futures)
     try:
         while pending:
             busy = next(item.name for future, item in futures.items() if future in pending)
-            tick(1.0 - len(pending) / len(futures), f"grooming {busy}")
+            tick(1.0 - len(pending) / count, f"grooming {busy}")
             done, pending = wait(pending, _PATIENCE, FIRST_COMPLETED)
-            for future in futures:
+            for future in list(futures):
                 if future in done:
                     if isinstance(error := future.exception(), BrokenExecutor):
                         raise NumericalError(
@@ -218,7 +231,7 @@ def _as_they_finish(futures: dict[_Work, Subject], tick: Tick) -> Iterator[tuple
                             "spacing), or because a script of yours starts the work outside of "
                             'if __name__ == "__main__":'
                         ) from error
-                    yield futures[future], future
+                    yield futures.pop(future), future  # whose result is not kept
     finally:
         for future in pending:
             future.cancel()

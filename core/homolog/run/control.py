@@ -15,11 +15,14 @@ _SHARES = {
     Phase.GEODESICS: 0.15,
     Phase.SPLITTING: 0.15,
     Phase.OPTIMIZING: 0.4,
+    Phase.FITTING: 0.0,  # without a core set
     Phase.MODELING: 0.03,
     Phase.WRITING: 0.03,
 }
 """Of a usual run's time; they make one fraction of the phases' own."""
 
+_FITS_SHARE = 0.5
+"""Of the time of a run that fits most subjects to a core set."""
 _REPORT_S = 0.1
 _ETA_AFTER_S = 2.0
 
@@ -37,6 +40,7 @@ class Control:
         self._status = RunStatus()
         self.cancel_token = CancelToken()
         self._span = (0.0, 0.0)
+        self._shares = _SHARES
         self._entered = self._reported = time.monotonic()
         self._eta_origin = (self._entered, 0.0)
 
@@ -58,13 +62,18 @@ class Control:
             The last one; `phase` itself if not given.
         """
         phases = list(Phase)
-        start = sum(_SHARES[item] for item in phases[: phases.index(phase)])
-        stop = sum(_SHARES[item] for item in phases[: phases.index(until or phase) + 1])
+        start = sum(self._shares[item] for item in phases[: phases.index(phase)])
+        stop = sum(self._shares[item] for item in phases[: phases.index(until or phase) + 1])
         self._span = (max(start, self._status.fraction), stop)
         self.move_to(phase)
         if phase in (Phase.READING, Phase.GEODESICS):  # cached grooming says nothing about what follows
             self._eta_origin = (self._entered, self._span[0])
         self.tick(0.0, message)
+
+    def expect_fits(self) -> None:
+        """Allow for a phase in which subjects are fitted to a core set."""
+        self._shares = {phase: (1.0 - _FITS_SHARE) * share for phase, share in _SHARES.items()}
+        self._shares[Phase.FITTING] = _FITS_SHARE
 
     def move_to(self, phase: Phase) -> None:
         """Go on to the next of the phases that are ticked as one."""

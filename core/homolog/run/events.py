@@ -16,6 +16,7 @@ class Phase(StrEnum):
     GEODESICS = "geodesics"
     SPLITTING = "splitting"
     OPTIMIZING = "optimizing"
+    FITTING = "fitting"
     MODELING = "modeling"
     WRITING = "writing"
 

@@ -50,7 +50,7 @@ def run_fingerprint(settings: OptimizeSettings, shapes: Sequence[Shape], tick: T
         contents.append(surface_hash(shape))
     places = [repr(shape.alignment.tolist()) for shape in shapes]
     marks = [repr(shape.landmarks.tolist()) for shape in shapes if shape.landmarks is not None]
-    text = "\n".join([settings.model_dump_json(), *contents, *places, *marks])
+    text = "\n".join([settings.model_dump_json(exclude_none=True), *contents, *places, *marks])
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 

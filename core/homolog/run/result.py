@@ -1,9 +1,9 @@
 """A finished run on disk: particles, shape model, tables, and the record of how they came about."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from homolog.settings import Mirror, RunSettings
 
 __all__ = [
     "CANCELLED",
+    "OnDemand",
     "OptimizationInput",
     "OptimizationOutcome",
     "add_note",
@@ -36,8 +37,41 @@ __all__ = [
     "write_result",
 ]
 
+_Item = TypeVar("_Item")
+
 CANCELLED = "cancelled"
 """How a result `ended` that was kept although its run was not done."""
+
+
+class OnDemand(Sequence[_Item]):
+    """A sequence whose items are made, or read from files, whenever they are asked for; none is kept.
+
+    Parameters
+    ----------
+    count : int
+    make : callable
+        Takes an index from 0.
+    """
+
+    def __init__(self, count: int, make: Callable[[int], _Item]) -> None:
+        self._count, self._make = count, make
+
+    def __len__(self) -> int:
+        """Return the number of items."""
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> _Item: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "OnDemand[_Item]": ...
+
+    def __getitem__(self, index: int | slice) -> "_Item | OnDemand[_Item]":
+        """Make an item, or a sequence of some."""
+        chosen = range(self._count)[index]
+        if isinstance(chosen, int):
+            return self._make(chosen)
+        return OnDemand(len(chosen), lambda place: self._make(chosen[place]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +162,7 @@ def model_of(outcome: OptimizationOutcome, tick: Tick) -> tuple[ShapeModel, Mean
     """
     shapes, world = outcome.inputs.shapes, outcome.world
     model = ShapeModel.fit(world, names=[shape.name for shape in shapes])
-    meshes = [shape.mesh for shape in shapes]
+    meshes = OnDemand(len(shapes), lambda index: shapes[index].mesh)
     return model, surface_of_model(model, world, meshes, outcome.alignments, tick)
 
 

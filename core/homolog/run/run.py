@@ -1,6 +1,8 @@
 """The pipeline, from files to a shape model, as a state machine that can be watched, paused and cancelled."""
 
 import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,11 +16,14 @@ from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord
 from homolog.files.results import Result
 from homolog.geometry import inverse_matrices, transform_points
-from homolog.grooming import GroomedSubject, Problem, check_cohort, check_sides, groom_cohort
+from homolog.grooming import GroomedSubject, Problem, align_cohort, check_cohort, check_sides, groom_cohort
 from homolog.progress import Tick, no_tick, run_in_background
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
+from homolog.run.choose_core import choose_core, outline
 from homolog.run.control import Control
+from homolog.run.core_set import fit_others, prepare_from_disk, read_core, write_core
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
+from homolog.run.fingerprints import run_fingerprint
 from homolog.run.preliminary import preliminary_result
 from homolog.run.prior_result import PriorResult, read_prior_result
 from homolog.run.result import CANCELLED, OptimizationInput, OptimizationOutcome, model_of, write_result
@@ -38,6 +43,7 @@ class Run:
     ::
 
         reading -> grooming -> aligning -> geodesics -> splitting -> optimizing -> modeling -> writing
+                                    with a core set: optimizing -> fitting -> modeling
               any of them <-> paused          any of them -> completed | cancelled | failed
 
     `execute` works in the thread that calls it. Everything else may be called from any thread.
@@ -186,12 +192,19 @@ class Run:
         with self.project.locked(), device_faults("cpu"):
             prior = self._base(cohort)
             self._write_run_record(cohort)
-            cohort, groomed = self._groomed(cohort)
+            size = self._settings.optimize.core_set
+            grows = size is not None and size < len(cohort.subjects) and prior is None
+            if grows:
+                self._control.expect_fits()
+            cohort, groomed = self._groomed(cohort, outline if grows else None)
             self._control.enter(Phase.ALIGNING, "aligning")
-            self._study = prepare_inputs(
-                cohort, groomed, self._settings, device, self._control.tick, prior=prior
-            )
-            outcome = self._optimized(self._study, prior)
+            if grows:
+                outcome = self._grown(cohort, groomed, device)
+            else:
+                self._study = prepare_inputs(
+                    cohort, groomed, self._settings, device, self._control.tick, prior=prior
+                )
+                outcome = self._optimized(self._study, prior)
             self._control.enter(Phase.MODELING, "principal components")
             model, surface = run_in_background(
                 lambda tick: model_of(outcome, tick), self._control.tick, "principal components"
@@ -200,6 +213,7 @@ class Run:
             write_result(self.project, outcome, model, surface, self._control.tick)
             self.project.checkpoint.unlink(missing_ok=True)
             shutil.rmtree(self.project.geodesics, ignore_errors=True)
+            shutil.rmtree(self.project.fits, ignore_errors=True)
 
     def _checked(self) -> Cohort:
         self._control.enter(Phase.READING, "reading")
@@ -245,7 +259,9 @@ class Run:
             )
         )
 
-    def _groomed(self, cohort: Cohort) -> tuple[Cohort, list[GroomedSubject]]:
+    def _groomed(
+        self, cohort: Cohort, reduced: Callable[[GroomedSubject], GroomedSubject] | None
+    ) -> tuple[Cohort, list[GroomedSubject]]:
         self._control.enter(Phase.GROOMING, "grooming")
         left_out: list[Problem] = []
         with subject_executor(
@@ -260,6 +276,7 @@ class Run:
                 cache=self.project.groomed,
                 tick=self._control.tick,
                 left_out=left_out if self._skip_bad else None,
+                reduced=reduced,
             )
         if left_out:
             self._notes += [item.message for item in left_out]
@@ -267,6 +284,45 @@ class Run:
             self._check_number(cohort)
             self._write_run_record(cohort)
         return cohort, groomed
+
+    def _grown(self, cohort: Cohort, outlines: Sequence[GroomedSubject], device: str) -> OptimizationOutcome:
+        """Optimize a core set, and fit the others to it."""
+        settings, tick = self._settings, self._control.tick
+        if settings.optimize.landmarks:
+            raise InputError("a core set does not use landmarks yet; run without one of them")
+        annotated, alignments = run_in_background(
+            lambda inner: align_cohort(cohort, outlines, settings.groom, inner), tick, "aligning"
+        )
+        whole = prepare_from_disk(cohort, annotated, alignments, settings, self.project.groomed, device)
+        groups = [subject.group for subject in cohort.subjects]
+        core = choose_core(outlines, alignments, groups, settings.optimize.core_set or len(outlines))
+        chosen = core.tolist()
+        subjects = Cohort(tuple(cohort.subjects[index] for index in chosen), cohort.folder)
+        shapes = [whole.shapes[index] for index in chosen]
+        fingerprint = run_fingerprint(settings.placing, shapes, tick)
+        self._study = OptimizationInput(
+            subjects, settings, [annotated[index] for index in chosen], shapes, fingerprint, device
+        )
+        path = self.project.fits / "core.npz"
+        outcome = read_core(path, self._study) if self._resume else None
+        if outcome is None:
+            outcome = self._optimized(self._study, None)
+            write_core(path, outcome)
+        self._control.enter(Phase.FITTING, "fitting to the core set")
+        local, aligned = fit_others(
+            whole.shapes, [item.name for item in annotated], core, outcome, self.project.fits,
+            self.project.groomed, settings, tick,
+        )  # fmt: skip
+        for index, item in zip(chosen, outcome.inputs.groomed, strict=True):
+            annotated[index] = item
+        return replace(
+            outcome,
+            inputs=replace(whole, groomed=annotated, fingerprint=fingerprint),
+            world=transform_points(aligned, local),
+            local=local,
+            alignments=aligned,
+            seconds=self._control.seconds,
+        )
 
     def _optimized(self, inputs: OptimizationInput, prior: PriorResult | None) -> OptimizationOutcome:
         path = self.project.checkpoint

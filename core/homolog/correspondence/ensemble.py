@@ -1,0 +1,252 @@
+"""A frozen ensemble: what the positions and normals of many shapes say about one more.
+
+Covariances are known by their leading modes, so that an ensemble of any number of subjects has the same size.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse.linalg import eigsh
+
+from homolog.arrays import Array, Float32Array, FloatArray, frozen
+from homolog.settings import OptimizeSettings
+
+__all__ = ["Ensemble", "ShapeState", "generalization_error", "make_ensemble"]
+
+_MOST_MODES = 256
+_FOLDS, _COMPARED_MODES = 5, 10
+_NEGLIGIBLE = 0.02
+"""Of the last regularization: modes of less variance are left out, as they change nothing."""
+_DENSE = 1500
+"""Rows of the smaller Gram matrix up to which it is decomposed as a whole."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeState:
+    """One shape's particles and what the ensemble needs of them.
+
+    Attributes
+    ----------
+    local : (n, 3) float64 array
+        In file coordinates [mm].
+    aligned : (n, 3) float32 array
+        As posed, in the optimizer's coordinates.
+    normals : (n, 3) float32 array
+        Outward unit normals, as posed.
+    openings : (n,) float32 array
+        Weighted opening angles.
+    placement : (4, 4) float64 array
+        From file coordinates to those; a reflection for a mirrored subject.
+    """
+
+    local: FloatArray
+    aligned: Float32Array
+    normals: Float32Array
+    openings: Float32Array
+    placement: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ensemble:
+    """Means and modes of many shapes, in the optimizer's coordinates. Arrays are read-only.
+
+    Attributes
+    ----------
+    unit : (1,) array
+        Optimizer's unit of length [mm of the world frame].
+    area : (1,) array
+        Surface area of every shape, where size is taken out; 0 where it is not.
+    opening_scale : (1,) array
+        That multiplies opening angles.
+    subjects : (1,) array
+        From how many shapes the covariances are.
+    mean, normals : (n, 3) arrays
+        Mean positions and mean unit normals.
+    openings : (n,) array
+        Mean opening angles, weighted.
+    angles : (n,) array
+        Median angle between a shape's normal and the mean one [rad].
+    position_modes, normal_modes : (r, 3n) float32 arrays
+        Unit rows.
+    position_variances, normal_variances : (r,) arrays
+        Along them, per particle.
+    templates : (K, n, 3) float32 array
+        Aligned particles of the shapes from which first particles are carried.
+    placements : (K, 4, 4) array
+        Theirs, from file coordinates.
+    """
+
+    unit: FloatArray
+    area: FloatArray
+    opening_scale: FloatArray
+    subjects: FloatArray
+    mean: FloatArray
+    normals: FloatArray
+    openings: FloatArray
+    angles: FloatArray
+    position_modes: Float32Array
+    position_variances: FloatArray
+    normal_modes: Float32Array
+    normal_variances: FloatArray
+    templates: Float32Array
+    placements: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in self.__dataclass_fields__:
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def arrays(self) -> Mapping[str, Array]:
+        """All fields by name, as `Ensemble` takes them."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+    @property
+    def scale(self) -> float:
+        """Number of particles times subjects, which covariances are divided by."""
+        return float(len(self.mean) * self.subjects[0])
+
+    def rest_of_positions(self, row: FloatArray, regularization: float) -> FloatArray:
+        """Return a (S + aI)^-1 y of deviations from the mean (3n,): what the modes do not explain."""
+        return _rest(row, self.position_modes, self.position_variances, regularization)
+
+    def rest_of_normals(self, row: FloatArray, regularization: float) -> FloatArray:
+        """Return the same of Logs of normals (3n,)."""
+        return _rest(row, self.normal_modes, self.normal_variances, regularization)
+
+    def deviation(self, aligned: FloatArray) -> FloatArray:
+        """Return positions (n, 3) minus the mean, flat."""
+        return np.asarray(aligned - self.mean, np.float64).ravel()
+
+    def logs(self, normals: FloatArray, openings: FloatArray) -> FloatArray:
+        """Return the Logs of unit normals (..., n, 3), with opening angles along the mean normals."""
+        tangential = log_maps(self.normals, np.asarray(normals, np.float64))
+        return tangential + (openings - self.openings)[..., None] * self.normals
+
+
+def make_ensemble(
+    states: Sequence[ShapeState],
+    settings: OptimizeSettings,
+    *,
+    unit: float,
+    area: float,
+    opening_scale: float,
+    templates: Sequence[int],
+) -> Ensemble:
+    """Return the ensemble of some shapes.
+
+    Parameters
+    ----------
+    states : sequence of ShapeState
+        All aligned with each other.
+    settings : OptimizeSettings
+        Of the run.
+    unit, area, opening_scale
+        See `Ensemble`.
+    templates : sequence of int
+        Which of them first particles are carried from.
+    """
+    aligned = np.stack([state.aligned for state in states])
+    normals = np.stack([state.normals for state in states])
+    openings = np.stack([state.openings for state in states])
+    count, n = aligned.shape[:2]
+    mean = aligned.mean(axis=0, dtype=np.float64)
+    mean_normals = _mean_normals(normals)
+    cosines = np.einsum("mni,ni->mn", normals, mean_normals)
+    middle = openings.mean(axis=0, dtype=np.float64)
+    rows = (aligned - mean).astype(np.float32).reshape(count, -1)
+    least = _NEGLIGIBLE * settings.regularization_end
+    position = _modes(rows, float(n * max(count - 1, 1)), least)
+    logs = np.empty((count, n, 3), np.float32)
+    for index in range(count):  # a block at a time
+        tangential = log_maps(mean_normals, normals[index].astype(np.float64))
+        logs[index] = tangential + (openings[index] - middle)[:, None] * mean_normals
+    normal = _modes(logs.reshape(count, -1), float(n * max(count - 1, 1)), 1e-5)
+    chosen = list(templates)
+    return Ensemble(
+        unit=np.array([unit]),
+        area=np.array([area]),
+        opening_scale=np.array([opening_scale]),
+        subjects=np.array([float(count)]),
+        mean=mean,
+        normals=mean_normals,
+        openings=middle,
+        angles=np.median(np.arccos(np.clip(cosines, -1.0, 1.0)), axis=0),
+        position_modes=position[0],
+        position_variances=position[1],
+        normal_modes=normal[0],
+        normal_variances=normal[1],
+        templates=aligned[chosen],
+        placements=np.array([states[index].placement for index in chosen]).reshape(-1, 4, 4),
+    )
+
+
+def generalization_error(aligned: Float32Array) -> float:
+    """Return how far subjects lie from the first modes of the others, root mean square per particle.
+
+    Parameters
+    ----------
+    aligned : (M, n, 3) float32 array
+        Each fifth of the subjects is compared with the ten leading modes of all others.
+    """
+    count, n = aligned.shape[:2]
+    rows, fold, total = aligned.reshape(count, -1), np.arange(count) % _FOLDS, 0.0
+    for left_out in range(min(_FOLDS, count)):
+        known = rows[fold != left_out]
+        mean = known.mean(axis=0, dtype=np.float64)
+        modes, _ = _modes((known - mean).astype(np.float32), float(n * max(len(known) - 1, 1)), 0.0)
+        modes = modes[:_COMPARED_MODES]
+        apart = rows[fold == left_out] - mean
+        total += float(np.square(apart - (apart @ modes.T) @ modes).sum())
+    return float(np.sqrt(total / (count * n)))
+
+
+def log_maps(means: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return Logs (..., n, 3) of unit normals at mean normals (n, 3)."""
+    cosine = np.clip(np.einsum("...ni,ni->...n", normals, means), -1.0 + 1e-4, 1.0)
+    angle = np.arccos(cosine)
+    factor = np.where(angle > 1e-4, angle / np.maximum(np.sin(angle), 1e-12), 1.0)
+    result: FloatArray = factor[..., None] * (normals - cosine[..., None] * means)
+    return result
+
+
+def _mean_normals(normals: Float32Array) -> FloatArray:
+    """Return the Fréchet means of unit normals (M, n, 3) over the shapes, (n, 3)."""
+    mean = normals.sum(axis=0, dtype=np.float64)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-12)
+    for _ in range(5):
+        shift = np.mean([log_maps(mean, normal.astype(np.float64)) for normal in normals], axis=0)
+        angle = np.linalg.norm(shift, axis=1, keepdims=True)
+        mean = np.cos(angle) * mean + np.sinc(angle / np.pi) * shift
+        mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    return np.asarray(mean, np.float64)
+
+
+def _modes(rows: Float32Array, divisor: float, least: float) -> tuple[Float32Array, FloatArray]:
+    """Return the leading modes of centred rows (M, P), (r, P), and their variances (r,)."""
+    dual = rows.shape[0] <= rows.shape[1]
+    gram = np.zeros((min(rows.shape), min(rows.shape)))
+    width = max(rows.shape)
+    for start in range(0, width, 2048):  # float64 of a block at a time
+        part = rows[:, start : start + 2048] if dual else rows[start : start + 2048].T
+        wide = part.astype(np.float64)
+        gram += wide @ wide.T
+    gram /= divisor
+    if len(gram) <= _DENSE:
+        variances, vectors = np.linalg.eigh(gram)
+    else:
+        begin = np.random.default_rng(0).standard_normal(len(gram))
+        variances, vectors = eigsh(gram, _MOST_MODES, which="LA", v0=begin)
+    order = np.argsort(variances)[::-1][:_MOST_MODES]
+    order = order[variances[order] > max(least, 1e-9 * float(variances.max()))]
+    variances, vectors = variances[order], vectors[:, order]
+    modes = vectors.T @ rows if dual else vectors.T
+    modes = modes / np.maximum(np.linalg.norm(modes, axis=1, keepdims=True), 1e-30)
+    return modes.astype(np.float32), np.asarray(variances, np.float64)
+
+
+def _rest(row: FloatArray, modes: Float32Array, variances: FloatArray, regularization: float) -> FloatArray:
+    along = modes @ row.astype(np.float32)
+    explained = (variances / (variances + regularization) * along).astype(np.float32) @ modes
+    return np.asarray(row - explained, np.float64)

@@ -1,0 +1,84 @@
+"""The choice of a core set: some subjects that span the shapes of a cohort."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from homolog.arrays import FloatArray, IntArray
+from homolog.geometry import farthest_point_sampling, transform_points
+from homolog.grooming import GroomedSubject
+from homolog.surfaces.distance_field import DistanceField
+from homolog.surfaces.simplify import simplified
+
+__all__ = ["choose_core", "outline"]
+
+_OUTLINE_VERTICES = 400
+_DESCRIPTOR_POINTS = 100
+
+
+def outline(groomed: GroomedSubject) -> GroomedSubject:
+    """Return a subject with few vertices and no field: what aligning and choosing look at."""
+    mesh = simplified(groomed.coarse_mesh, _OUTLINE_VERTICES)
+    nothing = DistanceField(np.ones((2, 2, 2), np.float32), np.eye(4))
+    return replace(groomed, field=nothing, mesh=mesh, coarse_mesh=mesh)
+
+
+def choose_core(
+    outlines: Sequence[GroomedSubject], alignments: FloatArray, groups: Sequence[str | None], size: int
+) -> IntArray:
+    """Return the subjects of a core set, in ascending order: far from each other in coarse shape.
+
+    Each group has its share of them, two at least. Subjects are described by the way from points of one of
+    them to the nearest points of each, all aligned and at one size; size itself is one more coordinate.
+
+    Parameters
+    ----------
+    outlines : sequence of M GroomedSubject
+    alignments : (M, 4, 4) array
+    groups : sequence of M str or None
+    size : int
+        Subjects wanted, at most M.
+
+    Returns
+    -------
+    (size,) int array
+    """
+    descriptors = _descriptors(outlines, alignments)
+    members: dict[str, list[int]] = defaultdict(list)
+    for index, group in enumerate(groups):
+        members[group or ""].append(index)
+    chosen: list[int] = []
+    for own, wanted in zip(
+        members.values(), _shares([len(own) for own in members.values()], size), strict=True
+    ):
+        points = descriptors[own]
+        first = int(np.square(points - points.mean(axis=0)).sum(axis=1).argmin())
+        chosen += [own[place] for place in farthest_point_sampling(points, wanted, [first])]
+    return np.array(sorted(chosen))
+
+
+def _descriptors(outlines: Sequence[GroomedSubject], alignments: FloatArray) -> FloatArray:
+    clouds, sizes = [], []
+    for item, alignment in zip(outlines, alignments, strict=True):
+        points = transform_points(alignment, item.coarse_mesh.vertices)
+        points = points - points.mean(axis=0)
+        sizes.append(float(np.sqrt(np.square(points).sum(axis=1).mean())))
+        clouds.append(points / sizes[-1])
+    places = clouds[0][farthest_point_sampling(clouds[0], min(_DESCRIPTOR_POINTS, len(clouds[0])))]
+    ways = [cloud[KDTree(cloud).query(places)[1]].ravel() for cloud in clouds]
+    of_size = np.sqrt(len(places)) * np.log(sizes)
+    return np.column_stack([np.array(ways), of_size])
+
+
+def _shares(counts: Sequence[int], size: int) -> list[int]:
+    """Return how many of each group are taken: in proportion, two at least, `size` in all."""
+    exact = np.array(counts) * size / sum(counts)
+    shares = np.minimum(np.maximum(np.floor(exact).astype(int), 2), counts)
+    while shares.sum() != size:
+        room = shares < counts if shares.sum() < size else shares > 1
+        gap = np.where(room, exact - shares, -np.inf if shares.sum() < size else np.inf)
+        shares[int(gap.argmax() if shares.sum() < size else gap.argmin())] += np.sign(size - shares.sum())
+    return [int(share) for share in shares]

@@ -1,0 +1,79 @@
+"""One shape against a frozen ensemble."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from homolog.correspondence import optimize
+from homolog.correspondence.ensemble import generalization_error, make_ensemble
+from homolog.correspondence.poses import entropy_step
+from homolog.correspondence.shape_fit import first_particles, fit_shape, nearest_template, shape_state
+from homolog.correspondence.surface_sets import length_unit, normalize_size
+from homolog.geometry import transform_points
+from homolog.settings import OptimizeSettings, Procrustes
+
+SETTINGS = OptimizeSettings(
+    particles=64, split_iterations=30, anneal_iterations=200, settle_iterations=400,
+    procrustes=Procrustes.FORM,
+    opening_weight=0.0,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def placed(ellipsoid_shapes):
+    """The joint optimization of five ellipsoids: shapes with placements, and their states."""
+    found = optimize(ellipsoid_shapes, SETTINGS)
+    shapes = normalize_size(
+        [replace(s, alignment=a) for s, a in zip(ellipsoid_shapes, found.alignments, strict=True)]
+    )
+    unit = length_unit(shapes)
+    placements = np.stack([shape.alignment for shape in shapes])
+    placements[:, :3] /= unit
+    points, poses = transform_points(placements, found.local), np.tile(np.eye(4), (5, 1, 1))
+    for _ in range(50):
+        posed = transform_points(poses, points)
+        poses = entropy_step(
+            posed, poses, np.full(5, True), scaling=True, regularization=SETTINGS.regularization_end
+        )
+    shapes = [replace(s, alignment=p) for s, p in zip(shapes, poses @ placements, strict=True)]
+    states = [
+        shape_state(shape, SETTINGS, local, unit=unit, opening_scale=0.0)
+        for shape, local in zip(shapes, found.local, strict=True)
+    ]
+    return shapes, states, unit
+
+
+def ensemble_of(states, unit):
+    templates = range(len(states))
+    return make_ensemble(states, SETTINGS, unit=unit, area=1e4, opening_scale=0.0, templates=templates)
+
+
+@pytest.mark.parametrize("index", [0, 2])
+def test_a_joint_optimization_is_a_fixed_point(placed, index):
+    shapes, states, unit = placed
+    again = fit_shape(shapes[index], SETTINGS, ensemble_of(states, unit), states[index].local, settled=True)
+    spacing = np.sqrt(shapes[index].mesh.area / 64)
+    assert np.linalg.norm(again.local - states[index].local, axis=1).mean() < 0.05 * spacing
+
+
+def test_a_shape_that_was_left_out_lands_near_its_place_in_the_joint_optimization(placed):
+    shapes, states, unit = placed
+    others = [0, 1, 3, 4]
+    ensemble = ensemble_of([states[index] for index in others], unit)
+    nearest = nearest_template(ensemble, shapes[2])
+    assert others[nearest] in (1, 3)
+    begin = first_particles(ensemble, nearest, shapes[others[nearest]], shapes[2])
+    fitted = fit_shape(shapes[2], SETTINGS, ensemble, begin)
+    spacing = np.sqrt(shapes[2].mesh.area / 64)
+    assert np.linalg.norm(fitted.local - states[2].local, axis=1).mean() < 0.15 * spacing
+    assert np.abs(np.linalg.det(fitted.placement[:3, :3])) > 0.0
+
+
+def test_the_generalization_error_is_what_other_subjects_do_not_explain():
+    generator = np.random.default_rng(0)
+    modes = generator.normal(size=(3, 40, 3))
+    shapes = np.tensordot(generator.normal(size=(50, 3)), modes, axes=1).astype(np.float32)
+    assert generalization_error(shapes) < 1e-3
+    noisy = shapes + 0.1 * generator.normal(size=shapes.shape).astype(np.float32)
+    assert 0.1 < generalization_error(noisy) < 0.2

@@ -1,0 +1,46 @@
+import importlib
+
+import pytest
+
+from homolog.cluster import each_subject
+from homolog.errors import InputError, NumericalError
+
+_WORK = """
+import os
+from homolog.errors import InputError
+
+def dies_once(path):
+    if not path.exists():
+        path.touch()
+        os._exit(1)
+    return path.name
+
+def dies(path):
+    os._exit(1)
+
+def refuses(path):
+    raise InputError(f"{path.name}: bad")
+"""
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch):
+    """Functions in a module that workers can import."""
+    (tmp_path / "work_of_workers.py").write_text(_WORK)
+    monkeypatch.syspath_prepend(tmp_path)
+    return importlib.import_module("work_of_workers")
+
+
+def test_what_a_dead_worker_had_in_hand_is_begun_again(tmp_path, work):
+    jobs = {name: tmp_path / name for name in "abc"}
+    assert dict(each_subject(work.dies_once, jobs, "testing", workers=1)) == {name: name for name in "abc"}
+
+
+def test_workers_that_always_die_end_the_work(tmp_path, work):
+    with pytest.raises(NumericalError, match="fewer workers"):
+        list(each_subject(work.dies, {"a": tmp_path / "a"}, "testing", workers=1))
+
+
+def test_an_error_of_a_subject_is_raised_at_once(tmp_path, work):
+    with pytest.raises(InputError, match="bad"):
+        list(each_subject(work.refuses, {"a": tmp_path / "a"}, "testing", workers=1))
