@@ -10,7 +10,14 @@ from scipy.spatial.transform import Rotation
 from homolog.arrays import FloatArray
 from homolog.device import cores
 from homolog.errors import InputError
-from homolog.grooming.icp import Fit, OrientedPoints, axes_rotation, oriented_points, registered
+from homolog.grooming.icp import (
+    Fit,
+    OrientedPoints,
+    axes_rotation,
+    fit_at,
+    oriented_points,
+    registered,
+)
 from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, no_tick, run_in_threads
 from homolog.settings import Alignment, GroomSettings
@@ -21,6 +28,8 @@ _OTHER_UNIT = 100.0
 _FEWEST = 3  # subjects that it takes to say which is the odd one
 _ODD, _USUAL = 2.0, 0.06  # of the usual distance, of at least this: from where on a subject is odd
 _TURNED = 60.0  # degrees
+_DOUBTFUL = 40.0  # degrees: a turn away from the others that is looked at again
+_NEIGHBOURS = 3
 _QUANTILES = np.linspace(0.02, 0.98, 25)
 
 
@@ -121,7 +130,54 @@ def _fits(
         inner(0.0, "aligning")
         return registered(unit, reference)
 
-    return run_in_threads([partial(fit, unit) for unit in units], tick, "aligning", cores())
+    fits = run_in_threads([partial(fit, unit) for unit in units], tick, "aligning", cores())
+    return _reconsidered(units, reference, fits, tick)
+
+
+def _reconsidered(
+    units: Sequence[OrientedPoints], reference: OrientedPoints, fits: Sequence[Fit], tick: Tick
+) -> list[Fit]:
+    """Register shapes that were turned away from all others by way of their neighbours.
+
+    A shape that differs much from the reference may fit it better the wrong way round. Where the files of
+    most shapes lie alike, one that was turned is compared with the shapes that it resembles most, and keeps
+    the common orientation if that fits one of them.
+    """
+    result = list(fits)
+    if len(units) < _FEWEST:
+        return result
+    poses = np.array([fit.pose for fit in fits])
+    doubtful = _turns(poses) > _DOUBTFUL
+    alike = np.flatnonzero(~doubtful)
+    if 2 * len(alike) <= len(units):
+        return result
+    radii = _radii(units)
+    for index in np.flatnonzero(doubtful).tolist():
+        nearest = np.argsort(np.abs(radii[alike] - radii[index]).sum(axis=1), kind="stable")[:_NEIGHBOURS]
+        best = np.inf
+        for neighbour in alike[nearest].tolist():
+            tick(1.0, "aligning")
+            fit = registered(units[index], units[neighbour])
+            poses[index] = pose = poses[neighbour] @ fit.pose
+            if fit.distance < best and _turns(poses)[index] <= _DOUBTFUL:
+                best, result[index] = fit.distance, fit_at(units[index], reference, pose)
+    return result
+
+
+def _turns(alignments: FloatArray) -> FloatArray:
+    """Return by what angle each similarity (M, 4, 4) turns relative to the most usual one [degrees]."""
+    linear = alignments[:, :3, :3]
+    turns = Rotation.from_matrix(linear / np.cbrt(np.linalg.det(linear))[:, None, None])
+    angles = np.degrees([(turns * turn.inv()).magnitude() for turn in turns])
+    usual: FloatArray = angles[int(np.argmin(np.median(angles, axis=1)))]
+    return usual
+
+
+def _radii(oriented_shapes: Sequence[OrientedPoints]) -> FloatArray:
+    """Return quantiles of the distances from the centre, which no turn changes (Osada et al. 2002)."""
+    return np.array(
+        [np.quantile(np.linalg.norm(shape.points, axis=1), _QUANTILES) for shape in oriented_shapes]
+    )
 
 
 def _notes(alignments: FloatArray, distances: FloatArray) -> tuple[str | None, ...]:
@@ -129,10 +185,7 @@ def _notes(alignments: FloatArray, distances: FloatArray) -> tuple[str | None, .
     if len(distances) < _FEWEST:
         return (None,) * len(distances)
     typical = float(np.median(distances))
-    linear = alignments[:, :3, :3]
-    turns = Rotation.from_matrix(linear / np.cbrt(np.linalg.det(linear))[:, None, None])
-    angles = np.degrees([(turns * turn.inv()).magnitude() for turn in turns])
-    usual = angles[int(np.argmin(np.median(angles, axis=1)))]
+    usual = _turns(alignments)
     notes: list[str | None] = []
     for distance, angle in zip(distances.tolist(), usual.tolist(), strict=True):
         note = None
@@ -159,7 +212,5 @@ def _check_units(names: Sequence[str], sizes: Sequence[float]) -> None:
 
 def medoid(oriented_shapes: Sequence[OrientedPoints]) -> int:
     """Return the index of the shape whose radii are distributed most like all others' (Osada et al. 2002)."""
-    radii = np.array(
-        [np.quantile(np.linalg.norm(shape.points, axis=1), _QUANTILES) for shape in oriented_shapes]
-    )
+    radii = _radii(oriented_shapes)
     return int(np.argmin(np.abs(radii[:, None] - radii).sum(axis=(1, 2))))

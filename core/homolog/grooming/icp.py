@@ -11,7 +11,7 @@ from homolog.arrays import FloatArray, IntArray
 from homolog.geometry import fit_rotation, transform_points
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Fit", "OrientedPoints", "axes_rotation", "oriented_points", "registered"]
+__all__ = ["Fit", "OrientedPoints", "axes_rotation", "fit_at", "oriented_points", "registered"]
 
 _GLANCE, _FEW, _MANY = 100, 300, 1000  # points of each surface that a look, a trial and the fit use
 _GLANCE_ROUNDS, _TRIAL_ROUNDS, _ROUNDS = 3, 10, 40
@@ -100,6 +100,11 @@ def registered(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
     if best.distance > _CLEARLY_BETTER * given.distance:
         best = given
     return _iterated(own, other, best.pose, _MANY, _ROUNDS)
+
+
+def fit_at(moving: OrientedPoints, fixed: OrientedPoints, pose: FloatArray) -> Fit:
+    """Return a similarity (4, 4) of one cloud onto another as it is, with the distance of the matches."""
+    return Fit(pose, _iterated(_Half(moving), _Half(fixed), pose, _MANY, 1).distance)
 
 
 class _Half:

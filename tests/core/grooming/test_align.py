@@ -166,3 +166,15 @@ def test_who_does_not_look_like_the_others_or_lay_otherwise_has_a_note(paw):
     assert notes[:4] == (None,) * 4
     assert "180°" in notes[4]
     assert "does not look like the others" in notes[5]
+
+
+def test_a_shape_that_differs_much_from_the_typical_one_keeps_the_orientation_of_its_neighbours(paw):
+    """Most stretched, the paw is as wide as the typical one is long, and fits it better upside down."""
+    cohort = []
+    for amount in np.linspace(-1.0, 1.0, 6):
+        stretched = paw.coarse_mesh.vertices * np.exp(amount * np.array([-0.5, 0.5, 0.0]))
+        mesh = TriangleMesh(stretched, paw.coarse_mesh.faces)
+        cohort.append(replace(paw, mesh=mesh, coarse_mesh=mesh))
+    linear = register(cohort, GroomSettings()).alignments[:, :3, :3]
+    turns = Rotation.from_matrix(linear)
+    assert np.degrees((turns * turns[2].inv()).magnitude()).max() < 45.0
