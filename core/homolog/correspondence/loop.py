@@ -6,17 +6,19 @@ import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.correspondence.engine import Engine, Particles, rotations
+from homolog.correspondence.entropy.dual import covariance, entropy
 from homolog.correspondence.entropy.sampling import LIST_ITERATIONS
 from homolog.correspondence.initialization.registration import initial_particles
 from homolog.correspondence.initialization.splitting import split
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.misplaced import relocate, relocate_misplaced
 from homolog.correspondence.poses import (
-    align_to_mean,
+    alignments_of_particles,
     entropy_step,
-    generalized_procrustes,
+    largest_turn,
+    posed_meshes,
+    poses_of_particles,
     procrustes_step,
-    rescale,
     scales_of,
 )
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, landmarks_on_device
@@ -35,7 +37,6 @@ from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.progress import Tick, part_of
 from homolog.settings import OptimizeSettings, Procrustes
-from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["OptimizationLoop"]
 
@@ -46,6 +47,8 @@ MAX_LOST_FRACTION = 0.3  # of a shape's particles; beyond it mesh and distance f
 SPLIT_OFFSET = 0.25  # of the Parzen width
 INITIAL_ROUNDS, ALIGNING_ROUNDS = 4, 5  # alternations of initial particles and poses, where poses are free
 MAX_POSE_REGULARIZATION = 0.1  # of H(Z) in the steps of the poses: few modes should explain the shapes
+DOUBTFUL_TURN = np.radians(15.0)  # away from the registered alignment, while particles are few
+CLEARLY_LOWER = 0.95  # of H(Z): when poses that were turned so far are given up
 TANGENTIAL_WEIGHT = 0.01  # of tangential distances in pose steps while particles are few
 
 
@@ -94,6 +97,7 @@ class OptimizationLoop:
         scales = None if settings.procrustes is Procrustes.SIMILARITY else scales_of(alignments)
         compared = np.array([shape.alignment for shape in shapes]) if shapes else alignments
         self.log = RunRecorder(compared, scales, cohort.unit, observe, on_checkpoint)
+        self.log.tangential_weight = TANGENTIAL_WEIGHT
         self.landmarks = landmarks_on_device(shapes, cohort, stages[0].count)
         _, first = time_shares(stages, geodesic=cohort.geodesic, registers=initial is None)
         self.initial_tick, self.tick = part_of(tick, 0.0, first), part_of(tick, first, 1.0)
@@ -142,28 +146,36 @@ class OptimizationLoop:
         if self.initial is not None:
             pairs = zip(self.cohort.to_optimizer, self.initial.local, strict=True)
             points = np.stack([similarity.apply(local) for similarity, local in pairs])
-            if self.aligns and not self.free_poses.all():  # fixed shapes are aligned to their own mean
-                fixed = ~self.free_poses
-                self.poses[fixed] = generalized_procrustes(
-                    points[fixed], self.poses[fixed], scaling=self.scaling
-                )
-                self.poses = align_to_mean(points, self.poses, self.free_poses, scaling=self.scaling)
-            elif self.aligns:
-                self.poses = generalized_procrustes(points, self.poses, scaling=self.scaling)
+            if self.aligns:
+                self.poses = poses_of_particles(points, self.poses, self.free_poses, scaling=self.scaling)
             self._set_particles(count, points)
             return
+        start = self.poses
+        self._register(count, TANGENTIAL_WEIGHT)
+        if not self.aligns or largest_turn(self.poses) < DOUBTFUL_TURN:
+            return
+        # The surface of a shape that differs much from the mean may lie nearest when it is turned over.
+        turned, engine, most = self.poses, self.engine, CLEARLY_LOWER * self._ensemble_entropy()
+        self.poses, self.log.tangential_weight = start, 1.0
+        self._register(count, 1.0)
+        if self._ensemble_entropy() > most:
+            self.poses, self.engine, self.log.tangential_weight = turned, engine, TANGENTIAL_WEIGHT
+
+    def _ensemble_entropy(self) -> float:
+        rows = self.engine.aligned_positions().reshape(len(self.poses), -1)
+        return entropy(covariance(rows - rows.mean(axis=0)), MAX_POSE_REGULARIZATION)
+
+    def _register(self, count: int, tangential_weight: float) -> None:
+        """Place particles by registration, and align the shapes by them."""
         rounds = INITIAL_ROUNDS if self.aligns else 1
         for number in range(rounds):
-            meshes = [
-                TriangleMesh(transform_points(pose, mesh.vertices), mesh.faces)
-                for pose, mesh in zip(self.poses, self.cohort.surface_set(count).meshes, strict=True)
-            ]
+            meshes = posed_meshes(self.cohort.surface_set(count).meshes, self.poses)
             tick = part_of(self.initial_tick, number / rounds, (number + 1) / rounds)
             landmarks = None if self.landmarks is None else transform_points(self.poses, self.landmarks)
             aligned = initial_particles(meshes, count, self.settings.seed, tick, landmarks)
             self._set_particles(count, transform_points(inverse_matrices(self.poses), aligned))
             for _ in range(ALIGNING_ROUNDS):
-                self._align(tangential_weight=TANGENTIAL_WEIGHT)
+                self._align(tangential_weight)
 
     def _stage_of(self, resume: Checkpoint) -> int:
         index = len(self.stages) - 1 - resume.left
@@ -251,7 +263,7 @@ class OptimizationLoop:
         if self._has_converged(plan, done) and not self._relocate_misplaced(index, done):
             return True
         if plan.stage is Stage.SPLITTING:
-            self._align(TANGENTIAL_WEIGHT)
+            self._align(self.log.tangential_weight)
         else:
             regularization = plan.weights(min(done, plan.iterations - 1)).regularization
             self._align(regularization=min(regularization, MAX_POSE_REGULARIZATION))
@@ -370,8 +382,11 @@ class OptimizationLoop:
         local = np.stack([similarity.invert(points) for similarity, points in pairs])
         if self.initial is not None and self.initial.free is not None:
             local = np.where(self.initial.free[..., None], local, self.initial.local)
-        alignments = self._alignments(local)
-        rotation_matrices = rotations(alignments) @ rotations(self.log.aligned(self.poses)).transpose(0, 2, 1)
+        poses, alignments = self.log.aligned(self.poses), self.alignments
+        if self.aligns:
+            scaling = self.settings.procrustes is Procrustes.SIMILARITY
+            alignments = alignments_of_particles(local, alignments, poses, self.free_poses, scaling=scaling)
+        rotation_matrices = rotations(alignments) @ rotations(poses).transpose(0, 2, 1)
         return OptimizedParticles(
             world=transform_points(alignments, local),
             local=local,
@@ -382,19 +397,3 @@ class OptimizationLoop:
             reason=reason,
             repaired=self.repaired,
         )
-
-    def _alignments(self, local: FloatArray) -> FloatArray:
-        """Return the result's similarities from file to world coordinates, (M, 4, 4).
-
-        They are computed from the particles. Fixed shapes keep theirs; the others are aligned to their mean.
-        """
-        if not self.aligns:
-            return self.alignments
-        scaling = self.settings.procrustes is Procrustes.SIMILARITY
-        if self.free_poses.all():
-            similarities = self.log.aligned(self.poses)
-            if not scaling:
-                centres = transform_points(similarities, local).mean(axis=1)
-                similarities = rescale(similarities, scales_of(self.alignments), centres)
-            return generalized_procrustes(local, similarities, scaling=scaling)
-        return align_to_mean(local, self.alignments, self.free_poses, scaling=scaling)

@@ -1,16 +1,23 @@
 """Similarities that bring corresponding points onto each other."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.entropy.dual import covariance, inverse_dual
 from homolog.geometry import fit_rotation, fit_similarity, transform_points
+from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
     "align_to_mean",
+    "alignments_of_particles",
     "entropy_step",
     "generalized_procrustes",
+    "largest_turn",
+    "posed_meshes",
+    "poses_of_particles",
     "procrustes_step",
     "rescale",
     "robust_step",
@@ -29,6 +36,56 @@ def scales_of(matrices: FloatArray) -> FloatArray:
     """Return the scales of (M, 4, 4) similarities, (M,)."""
     scales: FloatArray = np.cbrt(np.linalg.det(matrices[:, :3, :3]))
     return scales
+
+
+def largest_turn(matrices: FloatArray) -> float:
+    """Return the largest angle [rad] by which any of (M, 4, 4) similarities turns."""
+    linear = matrices[:, :3, :3] / scales_of(matrices)[:, None, None]
+    return float(Rotation.from_matrix(linear).magnitude().max())
+
+
+def posed_meshes(meshes: Sequence[TriangleMesh], poses: FloatArray) -> list[TriangleMesh]:
+    """Return meshes moved by their poses (M, 4, 4)."""
+    pairs = zip(meshes, poses, strict=True)
+    return [TriangleMesh(transform_points(pose, mesh.vertices), mesh.faces) for mesh, pose in pairs]
+
+
+def poses_of_particles(
+    points: FloatArray, poses: FloatArray, free: BoolArray, *, scaling: bool
+) -> FloatArray:
+    """Return poses that align corresponding points (M, n, 3) of all shapes, or of the free to the fixed ones.
+
+    Fixed shapes are aligned to their own mean first.
+    """
+    if free.all():
+        return generalized_procrustes(points, poses, scaling=scaling)
+    result = poses.copy()
+    result[~free] = generalized_procrustes(points[~free], poses[~free], scaling=scaling)
+    return align_to_mean(points, result, free, scaling=scaling)
+
+
+def alignments_of_particles(
+    local: FloatArray, alignments: FloatArray, poses: FloatArray, free: BoolArray, *, scaling: bool
+) -> FloatArray:
+    """Return the similarities of a result from file to world coordinates, (M, 4, 4).
+
+    Parameters
+    ----------
+    local : (M, n, 3) array
+        Particles in the coordinates of the files.
+    alignments : (M, 4, 4) array
+        Similarities that the run began with. Shapes that are not free keep theirs.
+    poses : (M, 4, 4) array
+        Similarities of the free shapes at the end of the run, if all are free.
+    free : (M,) bool array
+    scaling : bool
+        Whether the sizes are taken out; otherwise the scales of `alignments` are kept.
+    """
+    if not free.all():
+        return align_to_mean(local, alignments, free, scaling=scaling)
+    if not scaling:
+        poses = rescale(poses, scales_of(alignments), transform_points(poses, local).mean(axis=1))
+    return generalized_procrustes(local, poses, scaling=scaling)
 
 
 def rescale(matrices: FloatArray, scales: FloatArray, centres: FloatArray) -> FloatArray:
@@ -134,7 +191,7 @@ def procrustes_step(
         Shapes whose pose may change. Where some may not, the others are brought to the mean of those.
     scaling : bool
         Whether sizes are taken out too; the geometric mean of the scales is then 1.
-    sliding : float
+    tangential_weight : float
         How much the part of a particle's distance from its mean counts that lies in the mean tangent plane:
         1 for Procrustes analysis; less where particles are still to slide over their surfaces, as a turned
         shape with particles that turned with it would keep its pose for long (Chen and Medioni 1992).

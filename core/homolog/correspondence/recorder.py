@@ -47,11 +47,13 @@ class RunRecorder:
         self.observe, self.on_checkpoint = observe, on_checkpoint
         self.rows: list[list[float]] = []
         self.iteration = 0
+        self.tangential_weight = 1.0
         self._next_frame = self._next_checkpoint = 0.0
 
     def restore(self, saved: Checkpoint) -> None:
         """Restore the records of a checkpoint."""
         self.rows, self.iteration = saved.energies.tolist(), saved.iteration
+        self.tangential_weight = saved.tangential_weight
 
     def record(self, parts: FloatArray) -> None:
         """Record the three terms of the objective at this iteration."""
@@ -146,5 +148,6 @@ class RunRecorder:
                 faces=now.faces,
                 energies=self.energies,
                 repaired=repaired.copy(),
+                tangential_weight=self.tangential_weight,
             )
         )

@@ -203,7 +203,7 @@ def _warp(
     """Warp points and normals from one coarse mesh towards another, (n, 3) each."""
     control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
     maps = ThinPlateMap.fit(source.vertices[control], source.vertices)
-    deformed = register(source, control, target, target.vertex_normals, maps, tick=tick)
+    deformed = register(source, control, target, target.vertex_normals, maps, source, tick)
     through = ThinPlateMap.fit(source.vertices[control], points)
     near = cKDTree(features(source.vertices, source.vertex_normals)).query(features(points, normals))[1]
     return through.apply(deformed.vertices[control], INTERPOLATION_SMOOTHING), deformed.vertex_normals[near]

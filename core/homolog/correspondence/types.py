@@ -145,6 +145,8 @@ class Checkpoint:
         As recorded so far.
     repaired : (M, n) int32 array
         The iteration at which a particle was relocated, 0 if never.
+    tangential_weight : float
+        Of tangential distances in steps of the poses while particles are few.
     """
 
     left: int
@@ -157,6 +159,7 @@ class Checkpoint:
     faces: IntArray
     energies: FloatArray
     repaired: IntArray
+    tangential_weight: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,7 +5,8 @@ import numpy as np
 from homolog.correspondence.initialization.registration import (
     ThinPlateMap,
     initial_particles,
-    medoid,
+    registration_tree,
+    shape_distances,
 )
 from homolog.geometry import farthest_point_sampling
 from homolog.surfaces.mesh import TriangleMesh
@@ -51,7 +52,29 @@ def test_spread_points_are_farther_apart_than_random_ones():
 
 
 def test_the_medoid_is_the_shape_in_the_middle(ellipsoid_shapes):
-    assert medoid([shape.coarse_mesh for shape in ellipsoid_shapes]) == 2
+    distances = shape_distances([shape.coarse_mesh for shape in ellipsoid_shapes])
+    assert registration_tree(*distances)[0] == 2
+
+
+def tree_of(points):
+    distances = np.linalg.norm(points[:, None] - points[None], axis=2)
+    return registration_tree(np.arange(len(points)), distances)
+
+
+def test_shapes_along_one_large_variation_are_reached_step_by_step():
+    reference, parents = tree_of(np.arange(7.0)[:, None] * [1.0, 0.5])
+    assert reference == 3
+    assert parents.tolist() == [1, 2, 3, 3, 3, 4, 5]
+
+
+def test_shapes_that_vary_in_independent_ways_are_reached_directly():
+    _, parents = tree_of(np.concatenate([np.zeros((1, 6)), np.eye(6)]))
+    assert parents.tolist() == [0] * 7
+
+
+def test_equal_shapes_are_reached():
+    reference, parents = tree_of(np.zeros((4, 2)))
+    assert parents.tolist() == [reference] * 4
 
 
 def test_first_particles_follow_a_known_deformation(ellipsoid_shapes):

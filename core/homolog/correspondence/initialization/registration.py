@@ -2,7 +2,8 @@
 
 If particles were split from a single one, chance would decide early which end of a shape corresponds to which
 end of another; thin or branched shapes never recover from a wrong decision. A coarse registration decides
-here: iterated closest points in position and normal, under a thin-plate map of decreasing stiffness.
+here: iterated closest points in position and normal, under a thin-plate map of decreasing stiffness. A shape
+that is far from the reference is reached in steps, by way of shapes between.
 """
 
 from collections.abc import Sequence
@@ -11,6 +12,7 @@ from functools import partial
 from typing import Self
 
 import numpy as np
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
@@ -20,7 +22,7 @@ from homolog.geometry import farthest_point_sampling
 from homolog.progress import Tick, no_tick, part_of, run_in_background, run_in_threads
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["initial_particles", "snap_to_mesh"]
+__all__ = ["initial_particles", "registration_tree", "shape_distances", "snap_to_mesh"]
 
 N_CONTROL_POINTS = 400  # of the thin-plate map, on the reference
 N_ROUNDS = 12  # of closest points
@@ -30,6 +32,7 @@ N_MATCHES, MATCH_WIDTH = (
     8,
     4.0,
 )  # vertices averaged for a closest point; width of their weights [optimizer lengths]
+N_CANDIDATES, N_SAMPLES = 40, 200  # for the reference; points of each shape that are compared
 MIN_NORMAL_COSINE = 0.5  # between normals on the same wall
 NORMAL_LENGTH = 20.0  # distance [optimizer lengths] equivalent to one radian between normals
 
@@ -98,7 +101,7 @@ def initial_particles(
         On the meshes, or nearly.
     """
     normals = [mesh.vertex_normals for mesh in meshes]
-    reference = medoid(meshes, tick=part_of(tick, 0.0, 0.1))
+    reference, parents = registration_tree(*shape_distances(meshes, part_of(tick, 0.0, 0.1)))
     source = meshes[reference]
     control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
     landmark_vertices = _landmark_vertices(meshes, landmarks)
@@ -113,18 +116,27 @@ def initial_particles(
         "first particles",
     )
 
-    def place(index: int, inner: Tick) -> FloatArray:
-        if index == reference:
-            return source.vertices[chosen]
-        mesh, own = meshes[index], landmark_vertices[index]
-        guess = _initial_guess(source, landmark_vertices[reference], mesh.vertices[own])
-        deformed = register(source, control, mesh, normals[index], maps, guess, inner)
-        particles = snap_to_mesh(deformed.vertices[chosen], deformed.vertex_normals[chosen], mesh)
-        particles[: len(own)] = mesh.vertices[own]
-        return particles
+    result = np.empty((len(meshes), count, 3))
+    result[reference] = source.vertices[chosen]
+    deformed = {reference: source}
 
-    works = [partial(place, index) for index in range(len(meshes))]
-    return np.stack(run_in_threads(works, part_of(tick, 0.1, 1.0), "first particles", cores()))
+    def deform(index: int, inner: Tick) -> TriangleMesh:
+        own = landmark_vertices[index]
+        guess = _guess_of_landmarks(source, landmark_vertices[reference], meshes[index].vertices[own])
+        guess = guess or deformed[int(parents[index])]
+        return register(source, control, meshes[index], normals[index], maps, guess, inner)
+
+    while len(deformed) < len(meshes):
+        ready = [i for i in range(len(meshes)) if i not in deformed and int(parents[i]) in deformed]
+        done = len(deformed) / len(meshes)
+        part = part_of(tick, 0.1 + 0.9 * done, 0.1 + 0.9 * (done + len(ready) / len(meshes)))
+        works = [partial(deform, index) for index in ready]
+        deformed |= dict(zip(ready, run_in_threads(works, part, "first particles", cores()), strict=True))
+    for index in (index for index in deformed if index != reference):
+        mesh, own = deformed[index], landmark_vertices[index]
+        result[index] = snap_to_mesh(mesh.vertices[chosen], mesh.vertex_normals[chosen], meshes[index])
+        result[index, : len(own)] = meshes[index].vertices[own]
+    return result
 
 
 def _landmark_vertices(meshes: Sequence[TriangleMesh], landmarks: FloatArray | None) -> list[IntArray]:
@@ -141,11 +153,13 @@ def _landmark_vertices(meshes: Sequence[TriangleMesh], landmarks: FloatArray | N
     return list(vertices[:, distinct])
 
 
-def _initial_guess(source: TriangleMesh, landmark_vertices: IntArray, targets: FloatArray) -> TriangleMesh:
-    """Return the source deformed by the thin-plate map of its landmarks; unchanged if there are too few."""
+def _guess_of_landmarks(
+    source: TriangleMesh, landmark_vertices: IntArray, targets: FloatArray
+) -> TriangleMesh | None:
+    """Return the source deformed by the thin-plate map of its landmarks; None if there are too few."""
     points = source.vertices[landmark_vertices]
     if len(landmark_vertices) < MIN_LANDMARKS or np.linalg.matrix_rank(points - points.mean(axis=0)) < 3:
-        return source
+        return None
     maps = ThinPlateMap.fit(points, source.vertices)
     return TriangleMesh(maps.apply(targets, LAST_SMOOTHING), source.faces)
 
@@ -156,15 +170,15 @@ def register(
     target: TriangleMesh,
     normals: FloatArray,
     maps: ThinPlateMap,
-    initial_guess: TriangleMesh | None = None,
+    initial_guess: TriangleMesh,
     tick: Tick = no_tick,
 ) -> TriangleMesh:
     """Return the source mesh deformed onto the target by closest points, under softening thin plates.
 
     A closest point is the mean of a few vertices, by their distances: between vertices there is surface too.
-    The first closest points are those of the guess, a deformed source, or of the source itself.
+    The first closest points are those of the guess, a deformed source.
     """
-    deformed = source if initial_guess is None else initial_guess
+    deformed = initial_guess
     tree = cKDTree(features(target.vertices, normals))
     for number, smoothing in enumerate(np.geomspace(FIRST_SMOOTHING, LAST_SMOOTHING, N_ROUNDS)):
         tick(number / N_ROUNDS, "first particles")
@@ -183,24 +197,37 @@ def features(vertices: FloatArray, normals: FloatArray) -> FloatArray:
     return np.hstack([vertices, NORMAL_LENGTH * normals])
 
 
-def medoid(
-    meshes: Sequence[TriangleMesh], candidates: int = 40, samples: int = 200, tick: Tick = no_tick
-) -> int:
-    """Return the index of the shape that is nearest to all others (of at most so many candidates)."""
-    step = max(1, len(meshes) // candidates)
+def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tuple[IntArray, FloatArray]:
+    """Return at most 40 shapes (K,) and their mean distances to all shapes, both ways, shape (K, M)."""
     trees = [cKDTree(mesh.vertices) for mesh in meshes]
     points = []
     for index, mesh in enumerate(meshes):
         tick(0.5 * index / len(meshes), "most typical shape")
-        points.append(mesh.vertices[farthest_point_sampling(mesh.vertices, samples)])
-    indices = range(0, len(meshes), step)
-    costs = []
-    for k in indices:
+        points.append(mesh.vertices[farthest_point_sampling(mesh.vertices, N_SAMPLES)])
+    candidates = np.arange(0, len(meshes), max(1, len(meshes) // N_CANDIDATES))
+    distances = np.empty((len(candidates), len(meshes)))
+    for row, k in enumerate(candidates.tolist()):
         tick(0.5 + 0.5 * k / len(meshes), "most typical shape")
         forward = [np.mean(np.asarray(trees[k].query(other)[0])) for other in points]
         back = [np.mean(np.asarray(tree.query(points[k])[0])) for tree in trees]
-        costs.append(float(np.sum(forward) + np.sum(back)))
-    return indices[int(np.argmin(costs))]
+        distances[row] = np.add(forward, back)
+    return candidates, distances
+
+
+def registration_tree(candidates: IntArray, distances: FloatArray) -> tuple[int, IntArray]:
+    """Return the reference, and by way of which shape each is reached, shape (M,); itself for the reference.
+
+    The reference is the candidate nearest to all. Others are reached by the path through candidates whose
+    squared steps sum to the least. Shapes that vary in many independent ways are reached directly, since
+    the squared distance of two is then the sum of theirs to the reference. Where one large variation
+    prevails, steps along it are shorter than the whole.
+    """
+    n_shapes = distances.shape[1]
+    reference = int(candidates[int(np.argmin(distances.sum(axis=1)))])
+    squared = np.zeros((n_shapes, n_shapes))
+    squared[candidates] = np.square(distances)
+    parents = dijkstra(squared, indices=[reference], return_predecessors=True)[1][0]
+    return reference, np.where(parents < 0, reference, parents)
 
 
 def snap_to_mesh(points: FloatArray, normals: FloatArray, mesh: TriangleMesh) -> FloatArray:
