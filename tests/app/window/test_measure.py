@@ -148,3 +148,13 @@ def test_the_two_volumes_of_a_subject_are_named(page, window):
     tip = model.headerData(VOLUME, Qt.Orientation.Horizontal, Qt.ItemDataRole.ToolTipRole)
     assert "input file" in tip
     assert any(text.text().startswith("Groomed surfaces") for text in page.findChildren(QLabel))
+
+
+def test_the_boxes_of_another_study_are_not_shown(page, monkeypatch):
+    volume = page.charts.boxes[1]
+    page.charts.show_measures([np.array([1.0, 2.0, 4.0, 5.0])] * 4, ["large", "large", "small", "small"])
+    assert not volume.is_empty
+    monkeypatch.setattr(type(page.fitted), "shape", None)
+    page.fitted.changed.emit()
+    assert volume.is_empty
+    assert not volume.toolTip()

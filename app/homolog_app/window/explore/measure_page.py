@@ -282,6 +282,7 @@ class MeasurePage(ExplorePage):
         loaded = self.desk.session.result
         if loaded is None or self._subjects is None:
             self.table.show_rows([])
+            self.charts.clear_measures()
             return
         from homolog_app.exports.measures import distances
 

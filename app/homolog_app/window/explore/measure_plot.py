@@ -112,6 +112,13 @@ class BoxPlot(Plot):
         )
         self.redraw()
 
+    def clear(self) -> None:
+        """Show no measure: those of this study are not there yet."""
+        self.measure, self._parts, self.title = None, [], self._name
+        self.setAccessibleDescription("")
+        self.setToolTip("")
+        self.redraw()
+
     def draw(self, figure: "Figure") -> None:
         """Draw a box for each group, with its name and mean below."""
         from homolog_app.plots import draw_boxes
@@ -147,3 +154,8 @@ class MeasurePlots(QStackedWidget):
         """Show the columns (M,) of the table by group."""
         for plot, values in zip(self.boxes, columns, strict=True):
             plot.show_measure(values, groups)
+
+    def clear_measures(self) -> None:
+        """Empty the boxes."""
+        for plot in self.boxes:
+            plot.clear()
