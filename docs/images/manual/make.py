@@ -81,7 +81,7 @@ def main() -> None:
         keep("further")
         window.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
         window.show_step("explore")
-        order["explore.overview"].trigger()
+        order["explore.modes"].trigger()
         order["view.head"].trigger()
         keep("explore")
         keep_exploring(window, until, keep)
