@@ -1,6 +1,7 @@
 """What draws scenes here: VTK where there is OpenGL, software elsewhere. Chosen once in a process."""
 
 import atexit
+import logging
 import os
 import threading
 from collections.abc import Callable
@@ -24,6 +25,8 @@ RENDERER = "HOMOLOG_RENDERER"
 _NO_OPENGL = "no OpenGL was found; install a graphics driver, or Mesa (libegl1 and libgl1-mesa-dri)"
 _PATIENCE_S = 120.0
 """A driver that needs longer to begin doesn't work."""
+
+_log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
 _WANTED = ("", "opengl", "software")
@@ -87,6 +90,7 @@ class _Choice:
             try:
                 return self._chosen().draw(scene, frame, width)
             except BrokenProcessPool:  # a driver that ended its process
+                _log.warning("the graphics driver failed; pictures are drawn by software from here on")
                 self._drawer = _software()
                 return self._drawer.draw(scene, frame, width)
 
