@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -43,11 +44,15 @@ class Trial:
     seed : int
         Of its generator.
     outcome : str
-        ``"groomed"``, ``"refused"`` or ``"bad"``.
+        ``"groomed"``, ``"refused"``, ``"slow"`` or ``"bad"``.
     reason : str
         Why it was refused, or what is bad.
     cpu_s : float
         Processor time of grooming.
+    vertices, coarse_vertices, genus : int
+        Of the meshes.
+    notes : str
+        What the user is told: what was dropped, repaired or made finer.
     """
 
     kind: str
@@ -56,6 +61,10 @@ class Trial:
     outcome: str
     reason: str
     cpu_s: float
+    vertices: int = 0
+    coarse_vertices: int = 0
+    genus: int = 0
+    notes: str = ""
 
 
 def attempt(
@@ -99,19 +108,28 @@ def attempt(
         spacing=None if nodes is None else min(size / nodes, 100.0),
     )
     began = time.process_time()
+    found: dict[str, Any] = {}
     try:
         with _no_longer_than(SLOWEST_S):
             groomed = groom_subject(Subject("random", path), settings)
         faults = _faults(groomed)
         outcome, reason = ("bad", "; ".join(faults)) if faults else ("groomed", "")
+        found = {
+            "vertices": len(groomed.mesh.vertices),
+            "coarse_vertices": len(groomed.coarse_mesh.vertices),
+            "genus": groomed.report.genus,
+            "notes": "; ".join(groomed.report.notes),
+        }
     except InputError as error:
         reason = str(error).replace(str(path), "FILE")
         outcome = "bad" if _OWN_MESH in reason else "refused"  # nobody can repair what the program made
+    except TimeoutError as error:
+        outcome, reason = "slow", str(error)
     except Exception as error:  # noqa: BLE001 - whatever else is raised is what is looked for
         place = traceback.extract_tb(error.__traceback__)[-1]
         reason = f"{type(error).__name__} in {Path(place.filename).name}:{place.name}: {error}"
         outcome = "bad"
-    return Trial(kind, family, seed, outcome, reason, time.process_time() - began)
+    return Trial(kind, family, seed, outcome, reason, time.process_time() - began, **found)
 
 
 def _faults(groomed: GroomedSubject) -> list[str]:
