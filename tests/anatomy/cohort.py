@@ -3,7 +3,7 @@
 All shapes of a cohort are images of the same vertices, so that a vertex number is a place of the anatomy.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,23 +92,18 @@ def carried_errors(cohort: RandomCohort, particles: np.ndarray) -> np.ndarray:
     (S * (S - 1) * N,) array
         In spacings of the particles on the shape carried to.
     """
-    places = [_places(mesh, points) for mesh, points in zip(cohort.meshes, particles, strict=True)]
+    spacing = np.sqrt([mesh.area / particles.shape[1] * 2.0 / np.sqrt(3.0) for mesh in cohort.meshes])
     errors = []
-    for i, (face, weights) in enumerate(places):
-        for j, mesh in enumerate(cohort.meshes):
-            if i != j:
-                truth = (mesh.vertices[mesh.faces[face]] * weights[:, :, None]).sum(axis=1)
-                spacing = np.sqrt(mesh.area / len(truth) * 2.0 / np.sqrt(3.0))
-                errors.append(np.linalg.norm(truth - particles[j], axis=1) / spacing)
+    for i, points in enumerate(particles):
+        distance = np.linalg.norm(carried(cohort.meshes, i, points) - particles, axis=2) / spacing[:, None]
+        errors.append(np.delete(distance, i, axis=0).ravel())
     return np.concatenate(errors)
 
 
-def carried(cohort: RandomCohort, particles: np.ndarray) -> np.ndarray:
-    """Return particles (N, 3) of the first shape carried to each by the known correspondence, (S, N, 3)."""
-    face, weights = _places(cohort.meshes[0], particles)
-    return np.stack(
-        [(mesh.vertices[mesh.faces[face]] * weights[:, :, None]).sum(axis=1) for mesh in cohort.meshes]
-    )
+def carried(meshes: Sequence[TriangleMesh], source: int, particles: np.ndarray) -> np.ndarray:
+    """Return particles (N, 3) of one shape carried to each by the known correspondence, (S, N, 3)."""
+    face, weights = _places(meshes[source], particles)
+    return np.stack([(mesh.vertices[mesh.faces[face]] * weights[:, :, None]).sum(axis=1) for mesh in meshes])
 
 
 def _places(mesh: TriangleMesh, points: _Points) -> tuple[np.ndarray, np.ndarray]:

@@ -69,11 +69,12 @@ def make_shapes(folder):
 
 def save(path, cohort, settings):
     """Groom a cohort and store what the optimizer needs."""
-    from homolog.grooming import align, groom_cohort
+    from homolog.grooming import align_cohort, groom_cohort
 
     start = time.perf_counter()
     groomed = groom_cohort(cohort, settings, cache=None)
-    arrays = {"names": [item.name for item in groomed], "alignments": align(groomed, settings)}
+    groomed, alignments = align_cohort(cohort, groomed, settings)
+    arrays = {"names": [item.name for item in groomed], "alignments": alignments}
     for k, entry in enumerate(groomed):
         values = np.clip(entry.field.values, -5 * entry.field.spacing, 5 * entry.field.spacing)
         arrays |= {f"values{k}": values.astype(np.float16), f"grid{k}": entry.field.index_to_world}

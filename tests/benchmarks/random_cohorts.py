@@ -93,7 +93,7 @@ def attempts(cohort, folder, particles, device, from_truth):
             objective = float(optimized.energies[-1, 1:].sum())
             local = np.asarray(optimized.local)
             yield f"{optimized.reason.value}, {objective:.4f}", carried_errors(cohort, local)
-            initial = InitialParticles(carried(cohort, local[0]))
+            initial = InitialParticles(carried(cohort.meshes, 0, local[0]))
     except HomologError as error:
         yield f"{type(error).__name__}: {error}", np.full(1, np.inf)
 

@@ -14,7 +14,7 @@ from homolog.geodesics.cuda.kernels import block as block_kernels
 from homolog.geodesics.kernels import local_solver
 from homolog.geodesics.mesh.fans import build_fans
 from homolog.geodesics.mesh.intrinsic import triangulate
-from homolog.geodesics.plan import POINT_ELEMENT, Task
+from homolog.geodesics.plan import Task
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh
@@ -84,7 +84,7 @@ def distances_from(
         clusters.bounds = fans.bounds
         clusters.shortest_side = fans.shortest_side
         tick(0.0, f"geodesic distances of {name}")
-        advance(front, clusters, range(1), POINT_ELEMENT)
+        advance(front, clusters, range(1), planar=False)
         limits.max_encoded = float(values.max())
         clusters.limits = wp.array([limits], dtype=local_solver.DistanceLimits)
         tick(0.5, f"geodesic distances of {name}")

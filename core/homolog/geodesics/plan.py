@@ -20,11 +20,8 @@ from homolog.surfaces.topology import check_mesh, edges
 
 __all__ = ["Element", "TablePlan", "Task", "block_rows", "plan_tables"]
 
-Element = Literal["point", "linear"]
-"""Local solver: fronts from a point source, or the paper's planar fronts, which err by some percent."""
-
-POINT_ELEMENT = 0
-"""Number of the point element in kernels."""
+Element = Literal["point", "circular", "linear"]
+"""Local solver: circular fronts with second-order correction, the same without it, or planar fronts."""
 DENSE_BUDGET = 1_500_000_000
 """Limit [bytes] up to which a cohort's tables are dense, which is faster to read than blocks."""
 DENSE_TABLE_LIMIT = 250_000_000
@@ -75,7 +72,7 @@ class TablePlan:
     ----------
     tasks : tuple of Task
         One for each table.
-    element : {"point", "linear"}
+    element : {"point", "circular", "linear"}
         Local solver.
     dense : bool
         Dense tables, or blocks.
@@ -89,9 +86,14 @@ class TablePlan:
     nbytes: int
 
     @property
-    def element_code(self) -> int:
-        """The element's number in kernels."""
-        return POINT_ELEMENT if self.element == "point" else 1
+    def is_planar(self) -> bool:
+        """Whether fronts are planar, not circular."""
+        return self.element == "linear"
+
+    @property
+    def is_corrected(self) -> bool:
+        """Whether distances get the second-order correction."""
+        return self.element == "point"
 
 
 def plan_tables(

@@ -20,7 +20,7 @@ from homolog.geodesics.kernels import local_solver
 from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.geodesics.mesh.fans import Clusters, Fans, build_fans, find_clusters
 from homolog.geodesics.mesh.intrinsic import Triangulation, triangulate
-from homolog.geodesics.plan import POINT_ELEMENT, TablePlan, Task
+from homolog.geodesics.plan import TablePlan, Task
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
 from homolog.surfaces.mesh import TriangleMesh
@@ -44,7 +44,8 @@ class PreparedMesh:
     groups: Any
     margin: Any  # (K,) see `fan_kernels.find_margins`
     limits: Any
-    element: int
+    planar: bool
+    corrected: bool
 
     @property
     def n_vertices(self) -> int:
@@ -66,8 +67,8 @@ class PreparedMesh:
         scratch.size = wp.zeros(1, dtype=wp.int32, device="cpu")
         fans = self.fans
         inputs = [scratch, fans.position, fans.start, fans.corners, self.margin, self.limits, self.groups]
-        sweep = _recorded(sweep_kernels.sweep_cluster, 1, [*inputs, self.element, 0])
-        if self.element != POINT_ELEMENT:  # planar fronts have no second order
+        sweep = _recorded(sweep_kernels.sweep_cluster, 1, [*inputs, int(self.planar), 0])
+        if not self.corrected:
             return scratch, lambda cluster: _launch(sweep, cluster)
         inputs = [scratch, self._corrections(), fans.start, fans.corners, fans.angles, self.limits]
         correct = _recorded(correction_kernels.correct_cluster, 1, inputs)
@@ -97,7 +98,7 @@ class PreparedMesh:
         return corrections
 
 
-def _prepare(task: Task, delaunay: Triangulation, clusters: Clusters, element: int) -> PreparedMesh:
+def _prepare(plan: TablePlan, task: Task, delaunay: Triangulation, clusters: Clusters) -> PreparedMesh:
     """Renumber the vertices by slot and compute what the kernels need."""
     mesh_vertex = np.argsort(clusters.slot).astype(np.int32)
     number = np.empty_like(mesh_vertex)
@@ -123,8 +124,9 @@ def _prepare(task: Task, delaunay: Triangulation, clusters: Clusters, element: i
     margin = wp.empty(len(fans.corners), dtype=wp.float32, device="cpu")
     inputs = [fans.start, fans.corners, margin]
     wp.launch(fan_kernels.find_margins, len(mesh_vertex), inputs=inputs, device="cpu")
+    limits = task.kernel_limits()
     return PreparedMesh(
-        task, fans, clusters, mesh_vertex_array, groups, margin, task.kernel_limits(), element
+        task, fans, clusters, mesh_vertex_array, groups, margin, limits, plan.is_planar, plan.is_corrected
     )
 
 
@@ -157,7 +159,7 @@ def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> Geode
         wp.load_module(module, device="cpu")
     delaunay = triangulate([task.mesh])
     clusters = find_clusters(delaunay)
-    prepared = _prepare(task, delaunay, clusters, plan.element_code)
+    prepared = _prepare(plan, task, delaunay, clusters)
     arrays = (_solve_dense if plan.dense else _solve_blocks)(prepared, threads, report)
     return GeodesicTable(len(task.mesh.vertices), task.d_max, float(prepared.limits.unit), *arrays)
 

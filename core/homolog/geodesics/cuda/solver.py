@@ -23,7 +23,7 @@ from homolog.geodesics.kernels import local_solver
 from homolog.geodesics.kernels.lookup import LANES, MISSING
 from homolog.geodesics.mesh.fans import Clusters, Fans, build_fans, find_clusters
 from homolog.geodesics.mesh.intrinsic import triangulate
-from homolog.geodesics.plan import POINT_ELEMENT, TablePlan, Task, block_rows
+from homolog.geodesics.plan import TablePlan, Task, block_rows
 from homolog.geodesics.table import GeodesicTable
 from homolog.progress import Tick
 
@@ -43,7 +43,8 @@ class DeviceCohort:
     sources: Any
     limits: list[Any]
     halo: float
-    element: int
+    planar: bool
+    corrected: bool
 
     @property
     def max_vertices(self) -> int:
@@ -107,7 +108,8 @@ def _upload(plan: TablePlan, device: str) -> DeviceCohort:
         sources.corners = fans.corners
         sources.bounds = fans.bounds
         sources.shortest_side = fans.shortest_side
-    return DeviceCohort(fans, clusters, sources, limits, float(delaunay.length.max()), plan.element_code)
+    halo = float(delaunay.length.max())
+    return DeviceCohort(fans, clusters, sources, limits, halo, plan.is_planar, plan.is_corrected)
 
 
 def _solve(state: Any, cohort: DeviceCohort, clusters: range, dense: bool) -> None:  # noqa: ANN401
@@ -116,8 +118,8 @@ def _solve(state: Any, cohort: DeviceCohort, clusters: range, dense: bool) -> No
     if dense:
         clear(front)  # all distances are read
     start(front, cohort.sources, clusters, cohort.halo)
-    advance(front, cohort.sources, clusters, cohort.element)
-    if cohort.element == POINT_ELEMENT:  # planar fronts have no second order
+    advance(front, cohort.sources, clusters, cohort.planar)
+    if cohort.corrected:
         correct(front, corrections, cohort.sources, cohort.fans.angles, clusters)
 
 

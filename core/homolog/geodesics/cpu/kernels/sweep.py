@@ -45,7 +45,7 @@ def triangle_updates(
     v: int,
     fan: wp.array(dtype=wp.int32),
     corners: wp.array(dtype=Corner),
-    element: int,
+    planar: int,
 ) -> Lanes:
     """Return the shortest distances at v through its triangles, in all lanes."""
     best = Lanes(UNREACHED)
@@ -57,7 +57,7 @@ def triangle_updates(
         corner = corners[k]
         k += 1
         db = load_lanes(u, corner.b)
-        if element == 0:
+        if planar == 0:
             # This comparison takes one instruction; wp.min takes three.
             for lane in range(LANES):
                 via_edge = db[lane] + corner.bc
@@ -82,11 +82,11 @@ def relax_vertex(
     corners: wp.array(dtype=Corner),
     margins: wp.array(dtype=wp.float32),
     limits: DistanceLimits,
-    element: int,
+    planar: int,
 ):
     """Update a vertex; if it decreases, activate the neighbours that may follow (see `find_margins`)."""
     old = load_lanes(scratch.u, v)
-    new = triangle_updates(scratch.u, v, fan, corners, element)
+    new = triangle_updates(scratch.u, v, fan, corners, planar)
     announced = Lanes()
     # Flags are combined by "or": a sum would not be vectorized.
     any_decrease = int(0)
@@ -123,7 +123,7 @@ def sweep_cluster(
     margins: wp.array(dtype=wp.float32),
     limits: DistanceLimits,
     groups: Groups,
-    element: int,
+    planar: int,
     cluster: int,
 ):
     """Solve the distances from one cluster's sources: sweeps over active vertices, near to far."""
@@ -155,4 +155,4 @@ def sweep_cluster(
                             if load_flag(scratch.active, p) != 0:
                                 set_flag(scratch.active, p, 0)
                                 v = load_int(scratch.patch, p)
-                                relax_vertex(scratch, v, fan, corners, margins, limits, element)
+                                relax_vertex(scratch, v, fan, corners, margins, limits, planar)
