@@ -63,7 +63,7 @@ def test_two_files_of_one_name_are_refused(folder):
     ("text", "message"),
     [
         ("name,path\na,a.nrrd\na,b.nii.gz\n", "several subjects are called a"),
-        ("name,file\na,a.nrrd\n", "lacks the column path"),
+        ("name,thing\na,a.nrrd\n", "lacks the column path"),
         ("", "lacks the column name and path"),
         ("name,path\n", "lists no subject"),
         ("name,path\n,a.nrrd\n", "line 2: the name is empty"),

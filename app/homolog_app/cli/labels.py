@@ -6,14 +6,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from homolog.cohort import Cohort, read_cohort
-from homolog.files.project import ProjectFolder
+from homolog_app.cli.cohorts import cohort_of
 from homolog_app.cli.progress import add_progress_option, show_progress
 
 if TYPE_CHECKING:
     from homolog.grooming.structures import Structure, Structures
 
-__all__ = ["add_parser", "cohort_of", "run"]
+__all__ = ["add_parser", "run"]
 
 _HEADS = ("name", "number", "subjects", "volume (ml): min", "median", "max", "at border")
 
@@ -46,12 +45,6 @@ def run(arguments: argparse.Namespace) -> int:
     for message in listed.problems.values():
         sys.stderr.write(f"homolog: {message}\n")
     return 0
-
-
-def cohort_of(path: Path) -> Cohort:
-    """Return the cohort of a folder, table or project."""
-    project = ProjectFolder(path)
-    return project.cohort() if project.exists else read_cohort(path)
 
 
 def _print(listed: "Structures", subjects: int) -> None:

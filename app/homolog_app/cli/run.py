@@ -24,6 +24,7 @@ from homolog.cohort import (
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
+from homolog_app.cli.cohorts import read_and_tell
 from homolog_app.cli.info import how_it_ended
 from homolog_app.cli.options import add_former_name, add_options, with_all_options
 from homolog_app.cli.progress import add_progress_option, show_progress
@@ -187,7 +188,8 @@ def _what_to_run(arguments: argparse.Namespace) -> tuple[ProjectFolder, Cohort, 
     elif arguments.out is None:
         raise InputError(f"name a folder for the results: homolog run {arguments.cohort} --out PROJECT")
     else:
-        project, cohort, settings = ProjectFolder(arguments.out), read_cohort(arguments.cohort), RunSettings()
+        project, settings = ProjectFolder(arguments.out), RunSettings()
+        cohort = read_and_tell(arguments.cohort)
     project.check_is_free()
     settings = with_all_options(settings, arguments)
     if arguments.fit:

@@ -70,8 +70,11 @@ class Library(Part):
                 self.open(paths[0])
             return
         session = self._desk.session
-        study = session.study.adding(found_subjects(paths))
+        added = found_subjects(paths)
+        study = session.study.adding(added.subjects)
         session.edit("Add subjects", study)
+        if added.notes:
+            self._window.status.say("; ".join(added.notes))
         if not session.selection and study.members:
             session.select([study.members[0].name])
 

@@ -112,8 +112,8 @@ def _relocated(subject: Subject, folder: Path) -> Subject:
     return replace(subject, path=folder / subject.path.name, image=image)
 
 
-def found_subjects(paths: Iterable[Path]) -> list[Subject]:
-    """Return the subjects of folders, tables and single files, as they were dropped or chosen.
+def found_subjects(paths: Iterable[Path]) -> Cohort:
+    """Return the subjects of folders, tables and single files, as they were dropped or chosen, with notes.
 
     Raises
     ------
@@ -121,12 +121,15 @@ def found_subjects(paths: Iterable[Path]) -> list[Subject]:
         If a folder holds none, or a file is of no known kind.
     """
     subjects: list[Subject] = []
+    notes: list[str] = []
     for path in paths:
         suffix = next(
             (suffix for suffix in IMAGE_SUFFIXES + MESH_SUFFIXES if path.name.lower().endswith(suffix)), None
         )
         if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
-            subjects += read_cohort(path).subjects
+            cohort = read_cohort(path)
+            subjects += cohort.subjects
+            notes += cohort.notes
         elif suffix is None:
             raise InputError(
                 f"{path.name} is not a segmentation or surface; known suffixes are "
@@ -135,7 +138,7 @@ def found_subjects(paths: Iterable[Path]) -> list[Subject]:
         else:
             name = path.name[: -len(suffix)]
             subjects.append(Subject(name, path, landmarks=landmarks_beside(path), image=image_beside(path)))
-    return subjects
+    return Cohort(tuple(subjects), Path(), tuple(notes))
 
 
 def with_table(study: Study, path: Path) -> tuple[Study, TableChanges]:

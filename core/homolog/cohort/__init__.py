@@ -4,8 +4,8 @@ from collections import Counter
 from os import PathLike
 from pathlib import Path
 
-from homolog.cohort.folder import dicom_files, is_dicom_seg, mask_files, read_folder
-from homolog.cohort.manifest import MANIFEST, read_manifest
+from homolog.cohort.folder import dicom_files, is_dicom_seg, read_folder
+from homolog.cohort.manifest import MANIFEST, names_files, read_manifest
 from homolog.cohort.sides import FROM_NAMES, LEFT, RIGHT, SIDE_COLUMN, Sides, other_side, sides_of
 from homolog.cohort.subject import (
     IMAGE_SUFFIXES,
@@ -18,6 +18,7 @@ from homolog.cohort.subject import (
     stem_of,
     suffix_of,
 )
+from homolog.cohort.subject_folder import mask_files
 from homolog.cohort.table import TableChanges, with_table, with_values_of
 from homolog.errors import InputError
 from homolog.spreadsheets import TABLE_SUFFIXES
@@ -57,9 +58,10 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     ----------
     path : path
         A folder, or a table (CSV, TSV, XLSX) with the columns ``name,path[,group,…]``; relative paths start
-        at the file's own folder. A folder that holds a ``cohort.csv`` is read through it. If it holds
-        folders only, one with all files is read, or the single file of each, or each folder with a file for
-        each structure; the folder then names the subject.
+        at the file's own folder. A folder that holds a ``cohort.csv`` is read through it; where that names no
+        files, it gives groups and covariates of the folder's. If it holds folders only, one with all files is
+        read, or the single file of each, or each folder with a file for each structure or point in time
+        (the folder then names the subject), or a folder of files for each group.
 
     Returns
     -------
@@ -72,8 +74,7 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     """
     path = Path(path)
     if path.is_dir():
-        manifest = path / MANIFEST
-        cohort = read_manifest(manifest) if manifest.is_file() else read_folder(path)
+        cohort = _read_folder(path, path / MANIFEST)
     elif path.is_file() and path.suffix.lower() in TABLE_SUFFIXES:
         cohort = read_manifest(path)
     elif path.is_file():
@@ -86,3 +87,14 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
     if repeated:
         raise InputError(f"{path}: several subjects are called {', '.join(repeated)}; give each its own name")
     return cohort
+
+
+def _read_folder(folder: Path, manifest: Path) -> Cohort:
+    if not manifest.is_file():
+        return read_folder(folder)
+    if names_files(manifest):
+        return read_manifest(manifest)
+    cohort = read_folder(folder)
+    changes = with_table(cohort.subjects, manifest)
+    remarks = [f"{MANIFEST}: {line}" for line in changes.lines if changes.without_row or changes.unknown]
+    return Cohort(changes.subjects, folder, (*cohort.notes, *remarks))

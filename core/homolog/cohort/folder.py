@@ -2,11 +2,18 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
+from homolog.cohort.file_names import (
+    known_files,
+    maps_of_all,
+    meshes_beside,
+    scans_beside,
+    structures_in_names,
+)
 from homolog.cohort.subject import (
-    IMAGE_ENDING,
     IMAGE_SUFFIXES,
     MESH_SUFFIXES,
     Cohort,
@@ -16,67 +23,37 @@ from homolog.cohort.subject import (
     stem_of,
     suffix_of,
 )
+from homolog.cohort.subject_folder import entries_of, subjects_in
 from homolog.errors import InputError
 
-__all__ = ["dicom_files", "is_dicom_seg", "mask_files", "read_folder"]
+__all__ = ["dicom_files", "is_dicom_seg", "read_folder"]
 
 _NAMED = 5
-"""Folders that a message names, at most."""
-_FREESURFER = ("mri/aseg.mgz", "mri/aseg.mgh", "mri/aseg.nii.gz")
-"""Where FreeSurfer keeps a subject's structures."""
-_LABELS = ("segmentation", "label", "mask", "structure")
-"""How folders of label maps begin, in any case and number."""
+"""Files or folders that a message names, at most."""
 _LABEL_FOLDER = re.compile(r"(segmentation|label|mask|structure)s?([-_.]?(tr|ts|train|test))?", re.IGNORECASE)
 _IMAGE_FOLDER = re.compile(r"(image|scan|volume|picture)s?([-_.]?(tr|ts|train|test))?", re.IGNORECASE)
 _MESH_FOLDER = re.compile(r"(mesh|meshe|surface|model)s?", re.IGNORECASE)
 """Names of folders that say what is in them, not of whom it is."""
-_PICTURES = frozenset(
-    [
-        "ct",
-        "cta",
-        "mr",
-        "mri",
-        "pet",
-        "t1",
-        "t1w",
-        "t1c",
-        "t1ce",
-        "t1gd",
-        "t1n",
-        "t2",
-        "t2w",
-        "t2f",
-        "t2star",
-        "flair",
-        "dwi",
-        "adc",
-        "swi",
-        "pd",
-        "bold",
-        "image",
-        "img",
-        "scan",
-        "volume",
-        "orig",
-        "brain",
-        "norm",
-        "nu",
-    ]
-)
-"""What pictures are called that lie next to label maps."""
+_DERIVATIVES = "derivatives"
+"""Where BIDS data sets keep what was computed from the scans."""
+_TEMPLATE = re.compile(r"fsaverage.*|[lr]h\.EC_average|cvs_avg.*", re.IGNORECASE)
+"""FreeSurfer's own subjects."""
 _SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7")
 """Of segments that may overlap, and of label maps."""
+
+_Files = Mapping[str, Path]
+"""Of a subject, by structure."""
 
 
 def read_folder(folder: Path) -> Cohort:
     """Return the cohort of a folder; raises InputError if there is none or several may be meant."""
-    entries = _entries(folder)
+    entries = entries_of(folder)
     slices = [
         entry
         for entry in entries
         if suffix_of(entry) == ".dcm" and entry.is_file() and not is_dicom_seg(entry)
     ]
-    files = _known_files(entries)
+    files = known_files(entries)
     folders = [entry for entry in entries if entry.is_dir()]
     series = {item: item for item in folders if dicom_files(item)}
     if slices or not (files or series or not dicom_files(folder)):
@@ -88,57 +65,106 @@ def read_folder(folder: Path) -> Cohort:
         series = {item: below for item in folders if (below := _series_below(item))}
     if not files and not series:
         return _read_folders(folder, folders)
-    subjects = [_subject(file.name[: -len(suffix_of(file))], file) for file in files]
+    subjects, notes = _of_files(folder, files)
     subjects += [Subject(item.name, place, image=image_beside(place)) for item, place in series.items()]
-    return Cohort(tuple(sorted(subjects, key=lambda subject: subject.path)), folder)
+    return Cohort(tuple(sorted(subjects, key=lambda subject: subject.path)), folder, tuple(notes))
+
+
+def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[str]]:
+    """Return the subjects of the files in one folder, and a note of those that are none."""
+    scans, meshes = scans_beside(files), meshes_beside(files)
+    labels = [file for file in files if file not in scans and file not in meshes]
+    chosen = maps_of_all(labels) or labels
+    if several := structures_in_names([stem_of(file) for file in chosen]):
+        raise InputError(
+            f"{folder}: contains several structures of each subject: {_listed(several)} ({chosen[0].name}, "
+            f"{chosen[1].name} …); give each structure a folder of its own, or name the files of one in a "
+            "cohort.csv"
+        )
+    scan_of = {label: scan for scan, label in scans.items()}
+    skipped = {
+        "next to label maps of the same subjects": list(scans),
+        "next to segmentations of the same names": meshes,
+        "next to maps of all structures": [file for file in labels if file not in chosen],
+    }
+    notes = [_skipped(where, items) for where, items in skipped.items() if items]
+    return [_with_scan(file, scan_of.get(file)) for file in chosen], notes
+
+
+def _with_scan(file: Path, scan: Path | None) -> Subject:
+    """Return the subject of a label map; the scan beside it tells its name where that begins the map's."""
+    if scan is None:
+        return _subject(stem_of(file), file)
+    name = stem_of(scan) if stem_of(file).startswith(stem_of(scan)) else stem_of(file)
+    return replace(_subject(name, file), image=scan)
+
+
+def _skipped(why: str, files: Sequence[Path]) -> str:
+    return f"skipped, {why}: {_listed([file.name for file in files])}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = len(names) - _NAMED
+    return ", ".join(names[:_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     """Read folders of subjects: one file in each, or one for each structure; or the one with all files."""
-    by_folder = {item: sources for item in below if (sources := _sources(item))}
-    several = [item for item, sources in by_folder.items() if len(sources) > 1]
-    if several and len(by_folder) == 1:
+    pipelines = [item for item in below if item.name.casefold() == _DERIVATIVES]
+    if pipelines and below != pipelines:
+        return read_folder(pipelines[0])
+    templates = [item for item in below if _TEMPLATE.fullmatch(item.name)]
+    by_place = {item: subjects for item in below if item not in templates and (subjects := subjects_in(item))}
+    by_folder = {
+        item: next(iter(subjects.values())) for item, subjects in by_place.items() if len(subjects) == 1
+    }
+    several = [item for item, files in by_folder.items() if len(files) > 1]
+    if several and len(by_place) == 1:
         return read_folder(several[0])
     if several and (labels := _label_folder(by_folder)):
         return read_folder(labels)
     if several and not _are_subjects(by_folder):
-        counts = ", ".join(f"{item.name} ({len(by_folder[item])})" for item in several[:_NAMED])
+        return _of_groups(folder, by_folder)
+    if not by_place:
+        return read_folder(_only_folder_above_subjects(folder, below))
+    every = {name: files for subjects in by_place.values() for name, files in subjects.items()}
+    by_structure = any(len(files) > 1 for files in every.values())
+    cohort = tuple(_subject_of(name, files, by_structure) for name, files in every.items())
+    notes = (_skipped("FreeSurfer's own", templates),) if templates else ()
+    return Cohort(cohort, folder, notes)
+
+
+def _only_folder_above_subjects(folder: Path, below: Sequence[Path]) -> Path:
+    """Return the one folder that has folders of subjects; raises InputError if none or several have."""
+    above = [
+        item for item in below if any(entry.is_dir() and subjects_in(entry) for entry in entries_of(item))
+    ]
+    if len(above) > 1:
         raise InputError(
-            f"{folder}: contains folders with several segmentations or meshes: {counts}"
-            f"{' …' if len(several) > _NAMED else ''}; give one of them, or a cohort.csv that names "
-            "the files"
+            f"{folder}: several folders have folders of subjects: {_listed([item.name for item in above])}; "
+            "give one of them"
         )
-    if not by_folder:
+    if not above:
         raise InputError(
             f"{folder}: contains no segmentation or mesh; known files are "
             f"{', '.join(IMAGE_SUFFIXES + MESH_SUFFIXES)} and folders of DICOM files"
         )
-    subjects = [
-        _subject_of(item, list(sources.values()), bool(several)) for item, sources in by_folder.items()
-    ]
-    return Cohort(tuple(subjects), folder)
+    return above[0]
 
 
-def _subject_of(folder: Path, files: Sequence[Path], by_structure: bool) -> Subject:
-    """Return the subject of a folder; where it has a file for each structure, their folder is its path."""
-    if by_structure and files[0].parent.name != "mri":
-        return Subject(folder.name, files[0].parent)
-    return _subject(folder.name, files[0])
+def _subject_of(name: str, files: _Files, by_structure: bool) -> Subject:
+    """Return a subject; where subjects have a file for each structure, their folder is the path."""
+    first = next(iter(files.values()))
+    if by_structure and "" not in files and first.parent.name != "mri":
+        return Subject(name, first.parent)
+    return _subject(name, first)
 
 
 def _subject(name: str, file: Path) -> Subject:
     return Subject(name, file, landmarks=landmarks_beside(file), image=image_beside(file))
 
 
-def _sources(folder: Path) -> Mapping[str, Path]:
-    """Return a subject's files by structure."""
-    for name in _FREESURFER:
-        if (folder / name).is_file():
-            return {"aseg": folder / name}
-    return mask_files(folder)
-
-
-def _label_folder(by_folder: Mapping[Path, Mapping[str, Path]]) -> Path | None:
+def _label_folder(by_folder: Mapping[Path, _Files]) -> Path | None:
     """Return the folder of label maps where all others hold pictures, as in imagesTr and labelsTr."""
     labels = [item for item in by_folder if _LABEL_FOLDER.fullmatch(item.name)]
     others = [item for item in by_folder if item not in labels]
@@ -146,69 +172,44 @@ def _label_folder(by_folder: Mapping[Path, Mapping[str, Path]]) -> Path | None:
     return labels[0] if len(labels) == 1 and others and pictures else None
 
 
-def _are_subjects(by_folder: Mapping[Path, Mapping[str, Path]]) -> bool:
-    """Return whether folders are subjects with a file for each structure: they share the files' names."""
-    kinds = (_LABEL_FOLDER, _IMAGE_FOLDER, _MESH_FOLDER)
-    if any(kind.fullmatch(item.name) for item in by_folder for kind in kinds):
+def _are_subjects(by_folder: Mapping[Path, _Files]) -> bool:
+    """Return whether folders are subjects with a file for each structure: they share the files' names.
+
+    Where files are numbered and folders are not, the files are the subjects.
+    """
+    if _say_what_is_in_them(by_folder):
         return False
     counts = Counter(name.casefold() for files in by_folder.values() for name in files)
+    numbered = [bool(re.search(r"\d", name)) for name in counts]
+    if 2 * sum(numbered) > len(numbered) and not any(re.search(r"\d", item.name) for item in by_folder):
+        return False
     return len(by_folder) > 1 and max(counts.values()) * 2 > len(by_folder)
 
 
-def mask_files(folder: Path) -> dict[str, Path]:
-    """Return a subject's files by the name of their structure, where it has a file for each.
+def _say_what_is_in_them(folders: Iterable[Path]) -> bool:
+    kinds = (_LABEL_FOLDER, _IMAGE_FOLDER, _MESH_FOLDER)
+    return any(kind.fullmatch(item.name) for item in folders for kind in kinds)
 
-    The subject's name at the beginning of a file's name is no part of that. Pictures (``ct``, ``t1``, …) are
-    left out where something else is there.
 
-    Parameters
-    ----------
-    folder : Path
-        The subject's; its folder of segmentations is taken if it has one.
-
-    Returns
-    -------
-    dict of str to Path
-    """
-    below = [
-        entry for entry in _entries(folder) if entry.is_dir() and entry.name.casefold().startswith(_LABELS)
+def _of_groups(folder: Path, by_folder: Mapping[Path, _Files]) -> Cohort:
+    """Return the cohort of a folder for each group (controls, patients): its name is the subjects' group."""
+    names = Counter(name.casefold() for files in by_folder.values() for name in files)
+    mixed = max(names.values()) > 1 or any(re.search(r"\d", item.name) for item in by_folder)
+    if mixed or _say_what_is_in_them(by_folder):
+        counts = _listed(
+            [f"{item.name} ({len(files)})" for item, files in by_folder.items() if len(files) > 1]
+        )
+        raise InputError(
+            f"{folder}: contains folders with several segmentations or meshes: {counts}; give one of them, "
+            "or a cohort.csv that names the files"
+        )
+    cohorts = {item.name: read_folder(item) for item in by_folder}
+    subjects = [
+        replace(subject, group=group) for group, cohort in cohorts.items() for subject in cohort.subjects
     ]
-    inner = [files for item in below if (files := _masks(item))]
-    return inner[0] if len(inner) == 1 else _masks(folder)
-
-
-def _masks(folder: Path) -> dict[str, Path]:
-    files: dict[str, Path] = {}
-    for known_file in _known_files(_entries(folder)):
-        if suffix_of(known_file) != ".dcm":
-            files.setdefault(_structure(known_file), known_file)
-    masks = {name: file for name, file in files.items() if name.casefold() not in _PICTURES}
-    return masks or files
-
-
-def _structure(path: Path) -> str:
-    stem = path.name[: -len(suffix_of(path))]
-    for owner in (path.parent.name, path.parent.parent.name):
-        rest = stem[len(owner) :]
-        if owner and stem.casefold().startswith(owner.casefold()) and rest[:1] in ("_", "-", ".", " "):
-            return rest[1:].strip() or stem
-    return stem
-
-
-def _entries(folder: Path) -> list[Path]:
-    """Return what is in a folder, without hidden entries and the scans of others."""
-    entries = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
-    scans = {path: stem for path in entries if (stem := stem_of(path)).endswith(IMAGE_ENDING)}
-    if not scans:
-        return entries
-    stems = {stem_of(path) for path in entries}
-    return [path for path in entries if scans.get(path, "").removesuffix(IMAGE_ENDING) not in stems]
-
-
-def _known_files(entries: Sequence[Path]) -> list[Path]:
-    return [
-        entry for entry in entries if suffix_of(entry) in IMAGE_SUFFIXES + MESH_SUFFIXES and entry.is_file()
-    ]
+    notes = [f"the folders {_listed(list(cohorts))} were taken as groups"]
+    notes += [f"{group}: {note}" for group, cohort in cohorts.items() for note in cohort.notes]
+    return Cohort(tuple(subjects), folder, tuple(notes))
 
 
 def _series_below(folder: Path) -> Path | None:

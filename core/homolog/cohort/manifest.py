@@ -1,7 +1,7 @@
 """A cohort from a table of names, files, groups and whatever else is known of the subjects."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -9,19 +9,23 @@ from homolog.cohort.subject import Cohort, Subject, checked_path, image_beside, 
 from homolog.errors import InputError
 from homolog.spreadsheets import read_rows
 
-__all__ = ["MANIFEST", "place_of", "read_manifest"]
+__all__ = ["MANIFEST", "names_files", "place_of", "read_manifest"]
 
 MANIFEST = "cohort.csv"
 _OWN_COLUMNS = ("name", "path", "group", "landmarks", "image")
+_OTHER_NAMES = {
+    "name": ("case", "case_id", "id", "participant_id", "patient", "patient_id", "subject", "subject_id"),
+    "path": ("file", "filename", "file_name", "filepath", "file_path", "mask", "mesh", "segmentation"),
+}
+"""What tables call the columns that they must have."""
 _BAD_IN_NAMES = set('/\\:*?"<>|') | {chr(code) for code in range(32)}
 
 
 def read_manifest(path: Path) -> Cohort:
     """Return the cohort of a table; raises InputError if a column or value is missing or bad."""
     columns, rows = read_rows(path)
-    others = [column for column in columns if column not in _OWN_COLUMNS]
-    own = {other: other.lower() for other in others if other.lower() in set(_OWN_COLUMNS) - set(columns)}
-    missing = [name for name in ("name", "path") if name not in (*columns, *own.values())]
+    own = _own_columns(columns)
+    missing = [name for name in ("name", "path") if name not in own.values()]
     if missing:
         raise InputError(
             f"{path}: lacks the column {' and '.join(missing)}; the first line must be name,path,group"
@@ -38,6 +42,22 @@ def read_manifest(path: Path) -> Cohort:
         if len(set(names)) > 1:
             raise InputError(f"{path}: {' and '.join(names)} are one file, {file.name}; give each its own")
     return Cohort(tuple(subjects), path.parent)
+
+
+def names_files(path: Path) -> bool:
+    """Return whether a table has a column with the subjects' files."""
+    return "path" in _own_columns(read_rows(path)[0]).values()
+
+
+def _own_columns(columns: Sequence[str]) -> dict[str, str]:
+    """Return which of a table's columns mean those that a cohort knows, in capitals or by another name."""
+    own = {column: column for column in columns if column in _OWN_COLUMNS}
+    for wanted in _OWN_COLUMNS:
+        for names in ((wanted,), _OTHER_NAMES.get(wanted, ())):
+            alike = [column for column in columns if column.strip().lower() in names]
+            if wanted not in own.values() and len(alike) == 1:
+                own[alike[0]] = wanted
+    return own
 
 
 def _subject(row: Mapping[str, str], manifest: Path, line: int) -> Subject:

@@ -6,7 +6,17 @@ from dataclasses import dataclass
 from homolog.cohort.subject import Cohort, Subject, suffix_of
 from homolog.errors import InputError
 
-__all__ = ["FROM_COLUMN", "FROM_NAMES", "LEFT", "RIGHT", "SIDE_COLUMN", "Sides", "other_side", "sides_of"]
+__all__ = [
+    "FROM_COLUMN",
+    "FROM_NAMES",
+    "LEFT",
+    "RIGHT",
+    "SIDE_COLUMN",
+    "Sides",
+    "is_side",
+    "other_side",
+    "sides_of",
+]
 
 LEFT, RIGHT = "left", "right"
 SIDE_COLUMN = "side"
@@ -36,6 +46,11 @@ class Sides:
 
     of: dict[str, str]
     source: str = ""
+
+
+def is_side(word: str) -> bool:
+    """Return whether a word means left or right."""
+    return word.casefold() in _CODES
 
 
 def other_side(side: str) -> str:

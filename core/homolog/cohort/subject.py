@@ -102,14 +102,18 @@ class Cohort:
         Sorted by name if read from a folder, in file order if read from a manifest.
     folder : Path
         Where the subjects' relative paths start.
+    notes : tuple of str
+        What the user should know of how the files were read: which were left out, and why.
     """
 
     subjects: tuple[Subject, ...]
     folder: Path
+    notes: tuple[str, ...] = ()
 
     def without(self, names: set[str]) -> "Cohort":
         """Return the cohort without the named subjects."""
-        return Cohort(tuple(subject for subject in self.subjects if subject.name not in names), self.folder)
+        kept = tuple(subject for subject in self.subjects if subject.name not in names)
+        return Cohort(kept, self.folder, self.notes)
 
 
 def suffix_of(path: Path) -> str:

@@ -195,7 +195,7 @@ def _notes(alignments: FloatArray, distances: FloatArray) -> tuple[str | None, .
                 f"typical subject, usually {100.0 * typical:.0f} %; check that it shows the same structure"
             )
         elif np.median(usual) < _TURNED < angle:
-            note = f"was rotated by {angle:.0f}° to match most others; check it"
+            note = f"was rotated by {angle:.0f}° to match most others; check it and its side"
         notes.append(note)
     return tuple(notes)
 

@@ -22,7 +22,7 @@ def test_a_file_is_listed_once_and_two_files_never_share_a_name(study, tmp_path)
 def test_a_folder_and_single_files_can_be_dropped_together(ellipsoids, tmp_path):
     extra = tmp_path / "extra.NII.GZ"
     extra.touch()
-    assert [one.name for one in found_subjects([ellipsoids, extra])] == ["a", "b", "c", "d", "extra"]
+    assert [one.name for one in found_subjects([ellipsoids, extra]).subjects] == ["a", "b", "c", "d", "extra"]
 
 
 def test_a_file_of_another_kind_is_refused_by_name(tmp_path):

@@ -1,0 +1,144 @@
+"""What the names of files say: whether they are label maps or scans, of which structure, at which time."""
+
+import re
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+from homolog.cohort.sides import is_side
+from homolog.cohort.subject import IMAGE_SUFFIXES, MESH_SUFFIXES, stem_of, suffix_of
+
+__all__ = [
+    "are_times",
+    "best_label_maps",
+    "is_picture",
+    "known_files",
+    "maps_of_all",
+    "scans_beside",
+    "structures_in_names",
+]
+
+_SEPARATED = re.compile(r"[^\W_]+")
+# fmt: off
+_MASKS = frozenset([
+    "dseg", "gt", "groundtruth", "label", "labelmap", "labelmaps", "labels", "manual", "mask", "masks", "msk",
+    "roi", "seg", "segmentation", "segmentations", "segs", "truth",
+])
+"""Words that say that a file is a label map."""
+_MODALITIES = frozenset([
+    "4d", "adc", "bold", "cbct", "ct", "cta", "dwi", "flair", "mr", "mri", "pd", "pdw", "pet", "probseg",
+    "swi", "t1", "t1c", "t1ce", "t1gd", "t1n", "t1w", "t2", "t2f", "t2star", "t2w",
+])
+# fmt: on
+_PICTURES = _MODALITIES | {"brain", "image", "img", "norm", "nu", "orig", "scan", "volume"}
+"""What pictures are called that lie next to label maps."""
+_LABEL_MAPS = frozenset({"dseg", "firstseg"})
+"""Words of BIDS and FSL for a map of all structures."""
+_TIME = re.compile(
+    r"(day|frame|month|phase|ses|session|time|timepoint|tp|visit|week|year)\d{1,4}"
+    r"|baseline|diastole|ed|es|followup|post|postop|pre|preop|systole"
+)
+_FEWEST = 3
+"""Subjects that speak for a structure's name at the end of their files."""
+_FULL = 0.75
+"""Share of the subjects that have a file for each structure, where names say so."""
+
+
+def known_files(entries: Sequence[Path]) -> list[Path]:
+    """Return the segmentations and meshes."""
+    return [
+        entry for entry in entries if suffix_of(entry) in IMAGE_SUFFIXES + MESH_SUFFIXES and entry.is_file()
+    ]
+
+
+def meshes_beside(files: Sequence[Path]) -> list[Path]:
+    """Return the meshes that have the name of a segmentation next to them."""
+    images = {stem_of(file) for file in files if suffix_of(file) in IMAGE_SUFFIXES}
+    return [file for file in files if suffix_of(file) in MESH_SUFFIXES and stem_of(file) in images]
+
+
+def _words(text: str) -> list[str]:
+    return [word.casefold() for word in _SEPARATED.findall(text)]
+
+
+def is_picture(structure: str) -> bool:
+    """Return whether what a file is called within its subject says that it is a scan."""
+    tokens = _words(structure)
+    if not tokens or not _MASKS.isdisjoint(tokens):
+        return False
+    return structure.casefold() in _PICTURES or tokens[-1] in _MODALITIES
+
+
+def scans_beside(files: Sequence[Path]) -> dict[Path, Path]:
+    """Return the scans next to label maps of the same subjects, each with its label map.
+
+    ``case1.nii.gz`` next to ``case1_seg.nii.gz``, ``ct_1.nrrd`` next to ``mask_1.nrrd``.
+    """
+    masks: dict[tuple[str, ...], Path] = {}
+    others = []
+    for file in files:
+        tokens = _words(stem_of(file))
+        if _MASKS.isdisjoint(tokens):
+            others.append((file, tokens))
+        else:
+            masks.setdefault(_whose(tokens), file)
+    pairs = ((file, masks.get(_whose(tokens))) for file, tokens in others)
+    return {file: mask for file, mask in pairs if mask is not None and suffix_of(file) in IMAGE_SUFFIXES}
+
+
+def _whose(tokens: Iterable[str]) -> tuple[str, ...]:
+    return tuple(word for word in tokens if word not in _MASKS and word not in _PICTURES)
+
+
+def maps_of_all(files: Sequence[Path]) -> list[Path]:
+    """Return the files whose names say that they hold all structures of a subject: BIDS, FSL FIRST."""
+    return [file for file in files if not _LABEL_MAPS.isdisjoint(_words(stem_of(file)))]
+
+
+def best_label_maps(files: Mapping[str, Path]) -> dict[str, Path]:
+    """Return those of a subject's files that hold all its structures, as their names say; else all files.
+
+    A 3D Slicer segmentation among volumes; BIDS' ``dseg``: in the subject's own space, ``aseg`` of several.
+    """
+    segmentations = [file for file in files.values() if suffix_of(file) == ".seg.nrrd"]
+    chosen = segmentations or maps_of_all(list(files.values()))
+    keeps: tuple[Callable[[list[str]], bool], ...] = (
+        lambda tokens: "space" not in tokens,
+        lambda tokens: "aseg" in tokens,
+    )
+    for keep in keeps:
+        chosen = [file for file in chosen if keep(_words(stem_of(file)))] or chosen
+    return {name: file for name, file in files.items() if not chosen or file in chosen}
+
+
+def are_times(structures: Iterable[str]) -> bool:
+    """Return whether several files of a subject are the same at several times: ``frame01_gt``, ``ED``."""
+    rest = [[word for word in _words(item) if word not in _MASKS] for item in structures]
+    return len(rest) > 1 and all(tokens and all(map(_TIME.fullmatch, tokens)) for tokens in rest)
+
+
+def structures_in_names(stems: Sequence[str]) -> list[str]:
+    """Return the structures in the names of one folder's files: ``p1_liver``, ``p1_spleen``, ``p2_liver`` ….
+
+    A structure is what follows a subject's number. Empty if the files are one for each subject, or what
+    follows is a side or a time, or few subjects share it.
+    """
+    owners: dict[str, set[str]] = defaultdict(set)
+    for stem in stems:
+        numbered = re.match(r".*\d[^\W_]*", stem)
+        whose = numbered[0] if numbered else stem
+        owners[stem[len(whose) :].strip("_-. ")].add(whose)
+    subjects = set().union(*owners.values())
+    whole = all(len(whose) >= _FULL * len(subjects) for whose in owners.values())
+    kinds = {kind for name in owners if (kind := _kind(name))}
+    return list(owners) if whole and len(kinds) > 1 and len(subjects) >= _FEWEST else []
+
+
+def _kind(text: str) -> tuple[str, ...]:
+    """Return the words of a structure: neither side nor time, and at least one that is no short code."""
+    tokens = tuple(
+        word
+        for word in _words(text)
+        if word not in _MASKS and not is_side(word) and not _TIME.fullmatch(word)
+    )
+    return tokens if any(word.isalpha() and len(word) > 2 for word in tokens) else ()

@@ -1,0 +1,138 @@
+"""Folders as other programs and people fill them."""
+
+import pytest
+
+from homolog.cohort import mask_files, read_cohort
+from homolog.errors import InputError
+
+
+def cohort_of(folder, *names):
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(b"")
+    return read_cohort(folder)
+
+
+def files_of(cohort):
+    return {subject.name: subject.path.relative_to(cohort.folder).as_posix() for subject in cohort.subjects}
+
+
+def test_bids_subjects_are_their_label_maps_in_their_own_space(tmp_path):
+    files = (
+        "desc-aseg_dseg",
+        "desc-aparcaseg_dseg",
+        "desc-preproc_T1w",
+        "label-GM_probseg",
+        "space-MNI_dseg",
+    )
+    names = [f"sub-0{i}/anat/sub-0{i}_{item}.nii.gz" for i in (1, 2) for item in files]
+    found = cohort_of(tmp_path, *names, "sub-01/figures/a.svg", "dataset_description.json")
+    assert files_of(found) == {f"sub-0{i}": f"sub-0{i}/anat/sub-0{i}_desc-aseg_dseg.nii.gz" for i in (1, 2)}
+
+
+def test_bids_sessions_are_subjects(tmp_path):
+    names = [f"sub-0{i}/ses-{k}/anat/sub-0{i}_ses-{k}_dseg.nii.gz" for i in (1, 2) for k in "ab"]
+    assert files_of(cohort_of(tmp_path, *names)) == {f"sub-0{name[5]}_ses-{name[11]}": name for name in names}
+
+
+def test_masks_among_bids_derivatives_go_before_the_scans(tmp_path):
+    scans = [f"sub-0{i}/anat/sub-0{i}_T1w.nii.gz" for i in (1, 2)]
+    masks = [f"derivatives/manual/sub-0{i}/anat/sub-0{i}_label-lesion_mask.nii.gz" for i in (1, 2)]
+    found = cohort_of(tmp_path, *scans, *masks)
+    assert [subject.path for subject in found.subjects] == [tmp_path / mask for mask in masks]
+
+
+@pytest.mark.parametrize(
+    ("scan", "mask", "name"),
+    [
+        ("case{}.nii.gz", "case{}_seg.nii.gz", "case{}"),
+        ("ct_{}.nrrd", "mask_{}.nrrd", "mask_{}"),
+        ("p{}_CT.nii.gz", "p{} Segmentation.seg.nrrd", "p{} Segmentation"),
+    ],
+)
+def test_scans_beside_label_maps_are_their_scans_and_no_subjects(tmp_path, scan, mask, name):
+    found = cohort_of(tmp_path, *(text.format(i) for i in (1, 2) for text in (scan, mask)))
+    assert [(one.name, one.path.name, one.image.name) for one in found.subjects] == [
+        (name.format(i), mask.format(i), scan.format(i)) for i in (1, 2)
+    ]
+    assert scan.format(1) in found.notes[0]
+
+
+def test_points_in_time_of_one_patient_are_subjects(tmp_path):
+    names = [f"p{i}/p{i}_frame{k}{kind}.nii.gz" for i in (1, 2) for k in ("01", "12") for kind in ("", "_gt")]
+    found = cohort_of(tmp_path, *names, "p1/p1_4d.nii.gz", "p1/Info.cfg")
+    assert files_of(found) == {
+        f"p{i}_frame{k}_gt": f"p{i}/p{i}_frame{k}_gt.nii.gz" for i in (1, 2) for k in ("01", "12")
+    }
+
+
+def test_a_slicer_segmentation_goes_before_the_volumes_beside_it(tmp_path):
+    found = cohort_of(
+        tmp_path, *(f"P {i}/{name}.nrrd" for i in (1, 2) for name in ("2 Thorax", "Segmentation.seg"))
+    )
+    assert files_of(found) == {f"P {i}": f"P {i}/Segmentation.seg.nrrd" for i in (1, 2)}
+
+
+def test_freesurfers_average_is_no_subject(tmp_path):
+    found = cohort_of(tmp_path, *(f"{name}/mri/aseg.mgz" for name in ("bert", "ernie", "fsaverage")))
+    assert [subject.name for subject in found.subjects] == ["bert", "ernie"]
+    assert "fsaverage" in found.notes[0]
+
+
+def test_first_s_maps_of_all_structures_are_taken(tmp_path):
+    files = ("all_fast_firstseg.nii.gz", "L_Caud_first.nii.gz", "L_Caud_first.vtk", "L_Thal_corr.nii.gz")
+    found = cohort_of(tmp_path, *(f"con00{i}_{file}" for i in (1, 2, 3) for file in files))
+    assert files_of(found) == {
+        f"con00{i}_all_fast_firstseg": f"con00{i}_all_fast_firstseg.nii.gz" for i in (1, 2, 3)
+    }
+    assert len(found.notes) == 2
+
+
+def test_a_folder_for_each_group_gives_the_groups(tmp_path):
+    found = cohort_of(tmp_path, "controls/c1.stl", "controls/c2.stl", "patients/p1.stl", "patients/p2.stl")
+    assert [(one.name, one.group) for one in found.subjects] == [
+        ("c1", "controls"), ("c2", "controls"), ("p1", "patients"), ("p2", "patients"),
+    ]  # fmt: skip
+
+
+def test_a_folder_for_each_structure_with_the_same_subjects_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"liver \(3\), spleen \(3\); give one of them"):
+        cohort_of(tmp_path, *(f"{item}/p{i}.nii.gz" for item in ("liver", "spleen") for i in (1, 2, 3)))
+
+
+def test_several_structures_of_each_subject_in_one_folder_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"liver, spleen .*folder of its own"):
+        cohort_of(tmp_path, *(f"p{i}_{item}.nii.gz" for item in ("liver", "spleen") for i in (1, 2, 3)))
+
+
+@pytest.mark.parametrize(
+    "ends", [("_L", "_R"), ("_ED", "_ES"), ("_pre", "_post"), ("_femur_left", "_femur_right")]
+)
+def test_sides_and_times_in_one_folder_are_subjects(tmp_path, ends):
+    found = cohort_of(tmp_path, *(f"p{i}{end}.nii.gz" for i in (1, 2, 3) for end in ends))
+    assert len(found.subjects) == 6
+
+
+def test_meshes_beside_segmentations_of_their_names_are_left_out(tmp_path):
+    found = cohort_of(tmp_path, *(f"h{i}{kind}" for i in (1, 2) for kind in (".nii.gz", ".stl")))
+    assert files_of(found) == {"h1": "h1.nii.gz", "h2": "h2.nii.gz"}
+    assert "h1.stl" in found.notes[0]
+
+
+def test_a_table_of_groups_only_belongs_to_the_files_beside_it(tmp_path):
+    (tmp_path / "cohort.csv").write_text("participant_id,group\na,x\nb,y\n", encoding="utf-8")
+    found = cohort_of(tmp_path, "a.nrrd", "b.nrrd")
+    assert [(one.name, one.group) for one in found.subjects] == [("a", "x"), ("b", "y")]
+    assert found.notes == ()
+
+
+def test_columns_of_a_table_may_have_other_names(tmp_path):
+    (tmp_path / "cohort.csv").write_text("Subject_ID;File;group\nx;a.nrrd;A\n", encoding="utf-8")
+    (one,) = cohort_of(tmp_path, "a.nrrd").subjects
+    assert (one.name, one.path, one.group, dict(one.columns)) == ("x", tmp_path / "a.nrrd", "A", {})
+
+
+def test_a_subjects_structures_are_named_without_the_names_of_its_folders(tmp_path):
+    names = [f"sub-1/ses-2/anat/sub-1_ses-2_{item}.nii.gz" for item in ("liver", "spleen")]
+    cohort_of(tmp_path, *names)
+    assert set(mask_files(tmp_path / "sub-1" / "ses-2" / "anat")) == {"liver", "spleen"}
