@@ -5,7 +5,7 @@ import warp as wp
 
 from homolog.arrays import FloatArray
 from homolog.device import choose_device
-from homolog.surfaces import kernels
+from homolog.surfaces.kernels import distances as kernels
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["distances_to", "on_device", "signed_distances_to", "thickness"]

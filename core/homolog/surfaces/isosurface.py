@@ -123,7 +123,8 @@ def _meshed(
     euler = euler_number(source.faces)
     expected = count * float(np.mean((edge / sizes) ** 2))
     is_even = bool((sizes > 0.8 * edge).all())
-    start = simplified(source, count) if is_even else _fewer(source, _START * expected)
+    lighter = simplified(source, round(_START * _MOST_TIMES * count))
+    start = simplified(lighter, count if is_even else round(_START * expected))
     best: TriangleMesh | None = None
     fewest = len(references) + 1
     for _ in range(1 + _REFINEMENTS):
@@ -135,18 +136,15 @@ def _meshed(
             best, fewest = mesh, n_far
         if (near and not far.any()) or len(mesh.vertices) > _MOST_TIMES * count:
             break
-        start = _fewer(source, _START * _MOST_TIMES * count)
+        start = lighter
         sizes = _graded(sizes, np.where(far, np.maximum(_FINER * sizes, 0.5 * field.spacing), edge), tree)
+    count = round(expected)
     while best is None and len(source.vertices) > _TOO_FINE * count:  # no even mesh will do
         fewer = simplified(source, count)
-        best = fewer if _is_close(fewer, field, source) else None
+        fewer = TriangleMesh(field.projected(fewer.vertices), fewer.faces)
+        best = fewer if is_sound(fewer) and _is_close(fewer, field, source) else None
         count *= 2
     return best or source
-
-
-def _fewer(source: TriangleMesh, n_vertices: float) -> TriangleMesh:
-    """Return a mesh with fewer vertices, from which remeshing is quicker, if one is had at once."""
-    return simplified(source, round(n_vertices), most=round(n_vertices))
 
 
 def _is_close(mesh: TriangleMesh, field: DistanceField, source: TriangleMesh) -> bool:

@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from homolog.arrays import Array, BoolArray, Float32Array, FloatArray, IntArray
 from homolog.device import choose_device
-from homolog.surfaces import kernels
+from homolog.surfaces.kernels import distances as kernels
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["REACH", "escaping", "mesh_level", "mesh_sides", "winds_around"]

@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from homolog.arrays import Array, BoolArray, Float32Array
 from homolog.device import choose_device
-from homolog.surfaces import kernels
+from homolog.surfaces.kernels import distances as kernels
 
 __all__ = ["redistanced"]
 

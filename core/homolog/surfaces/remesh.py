@@ -12,6 +12,7 @@ from scipy import sparse
 
 from homolog.arrays import Array, BoolArray, FloatArray, IntArray
 from homolog.errors import NumericalError
+from homolog.surfaces.collapses import MergedMesh
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -20,7 +21,7 @@ __all__ = ["Sizes", "curvature_sizes", "remeshed"]
 Sizes = Callable[[FloatArray], FloatArray]
 """Wished edge length [mm] at points (N, 3), shape (N,)."""
 
-_LONG, _SHORT = 4.0 / 3.0, 4.0 / 5.0  # of the target edge length
+_LONG, _SHORT = 4.0 / 3.0, 3.0 / 4.0  # of the target edge length
 _SWEEPS = 5
 _COLLAPSES = 8  # rounds of a sweep, at most
 _FEW = 0.003  # of the vertices: a round that would change less is left out
@@ -149,68 +150,15 @@ def _collapse(
     vertices: FloatArray, faces: IntArray, size: FloatArray
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Merge the ends of edges that are too short, where neither topology nor shape suffers."""
+    merged = MergedMesh.of(vertices, faces, _LONG * size)
     for _ in range(_COLLAPSES):
-        edges = _edges(faces)
-        ratio = _lengths(vertices, edges.ends) / (_SHORT * size[edges.ends].mean(axis=1))
-        candidates = np.flatnonzero(ratio < 1.0)
-        candidates = candidates[_link_condition(edges, candidates, len(vertices))]
-        chosen = candidates[_apart(ratio[candidates], edges.ends[candidates], edges.ends, len(vertices))]
-        ends = edges.ends[chosen]
-        ends = ends[~_spoils(vertices, faces, size, ends)]
-        if len(ends) < _FEW * len(vertices):
+        sides, ends = merged.ends
+        ratio = _lengths(merged.vertices, ends) / (_SHORT * size[ends].mean(axis=1))
+        short = np.flatnonzero(ratio < 1.0)
+        if merged.merge(sides[short[np.argsort(ratio[short], kind="stable")]]) <= _FEW * len(vertices):
             break
-        vertices = vertices.copy()
-        vertices[ends[:, 0]] = vertices[ends].mean(axis=1)
-        target = np.arange(len(vertices))
-        target[ends[:, 1]] = ends[:, 0]
-        faces = target[faces]
-        faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-        used = np.zeros(len(vertices), dtype=bool)
-        used[faces] = True
-        number = np.cumsum(used) - 1
-        vertices, faces, size = vertices[used], number[faces], size[used]
-    return vertices, faces, size
-
-
-def _link_condition(edges: _Edges, candidates: IntArray, n_vertices: int) -> BoolArray:
-    """Whether merging an edge's ends keeps the topology: they share two neighbours, of valence above 3."""
-    start, end = edges.ends.T
-    both = np.concatenate([start, end]), np.concatenate([end, start])
-    near = sparse.csr_array((np.ones(len(both[0]), np.int32), both), shape=(n_vertices, n_vertices))
-    first, second = edges.ends[candidates].T
-    shared: Array = np.asarray((near[first] * near[second]).sum(axis=1)).ravel()
-    valence = np.diff(near.indptr)
-    kept: BoolArray = (shared == 2) & (valence[edges.opposite[candidates]] > 3).all(axis=1)
-    return kept
-
-
-def _apart(ratio: FloatArray, ends: IntArray, all_ends: IntArray, n_vertices: int) -> BoolArray:
-    """Choose candidate edges of which no two have neighbouring ends, the shortest first."""
-    rank = np.empty(len(ratio), np.int64)
-    rank[np.argsort(ratio, kind="stable")] = np.arange(len(ratio))
-    least = np.full(n_vertices, len(ratio))
-    np.minimum.at(least, ends.ravel(), np.repeat(rank, 2))
-    around = least.copy()
-    np.minimum.at(around, all_ends[:, 0], least[all_ends[:, 1]])
-    np.minimum.at(around, all_ends[:, 1], least[all_ends[:, 0]])
-    return np.asarray((around[ends] == rank[:, None]).all(axis=1))
-
-
-def _spoils(vertices: FloatArray, faces: IntArray, size: FloatArray, ends: IntArray) -> BoolArray:
-    """Whether merging an edge's ends at its middle turns a face over or makes an edge too long."""
-    moved = vertices.copy()
-    moved[ends] = vertices[ends].mean(axis=1)[:, None]
-    owner = np.full(len(vertices), -1)
-    owner[ends] = np.arange(len(ends))[:, None]
-    touched = owner[faces].max(axis=1)
-    kept = (touched >= 0) & ((owner[faces] >= 0).sum(axis=1) == 1)
-    near, touched = faces[kept], touched[kept]
-    turned = (_normals(vertices, near) * _normals(moved, near)).sum(axis=1) < _SHARPEST
-    sides = np.linalg.norm(moved[near] - moved[np.roll(near, 1, axis=1)], axis=2)
-    stretched = (sides > _LONG * size[near].mean(axis=1, keepdims=True)).any(axis=1)
-    bad = np.zeros(len(ends), dtype=bool)
-    bad[touched[turned | stretched]] = True
-    return bad
+    vertices, faces, kept = merged.compact()
+    return vertices, faces, size[kept]
 
 
 def _flip(vertices: FloatArray, faces: IntArray) -> IntArray:

@@ -5,8 +5,8 @@ import warp as wp
 
 from homolog.arrays import FloatArray
 from homolog.device import choose_device
-from homolog.surfaces import kernels
 from homolog.surfaces.closest import on_device
+from homolog.surfaces.kernels import distances as kernels
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["mean_thickness", "wall_thickness"]

@@ -99,6 +99,24 @@ def test_meshes_of_a_solid_with_many_handles_are_manifold_and_of_one_genus(seed)
     assert euler_number(fine.faces) < 0
 
 
+def test_simplifying_keeps_every_handle_however_few_vertices_are_wanted():
+    fine = isosurface(sponge(3))
+    few = simplified(fine, 10)
+    check_mesh(few, "sponge")
+    assert euler_number(few.faces) == euler_number(fine.faces)
+    assert len(few.vertices) < 0.1 * len(fine.vertices)
+
+
+def test_simplifying_does_not_depend_on_the_unit(mesh):
+    metres = simplified(TriangleMesh(mesh.vertices / 1024.0, mesh.faces), 800)
+    assert np.array_equal(metres.faces, simplified(mesh, 800).faces)
+
+
+def test_a_mesh_that_is_open_is_not_simplified(mesh):
+    opened = TriangleMesh(mesh.vertices, mesh.faces[1:])
+    assert simplified(opened, 500) is opened
+
+
 def test_a_coarse_mesh_reaches_the_tip_of_a_thin_process():
     points = np.stack(np.meshgrid(*[np.arange(-16.0, 17.0)] * 3, indexing="ij"), axis=-1)
     body = np.linalg.norm(points - np.array([-8.0, 0.0, 0.0]), axis=-1) - 6.0

@@ -1,0 +1,1 @@
+"""Kernels of distances on grids and to meshes, and of edges that are merged."""
