@@ -111,11 +111,11 @@ def _twins(faces: IntArray) -> IntArray:
     order = np.argsort(codes, kind="stable")
     if len(order) % 2:
         raise NumericalError("its surface is open or pinched; use another grid spacing")
-    one, other = order.reshape(-1, 2).T
-    if (start[one] != end[other]).any() or (end[one] != start[other]).any():
+    first, second = order.reshape(-1, 2).T
+    if (start[first] != end[second]).any() or (end[first] != start[second]).any():
         raise NumericalError("its surface is open or pinched; use another grid spacing")
     twins = np.empty(len(codes), np.int32)
-    twins[one], twins[other] = other, one
+    twins[first], twins[second] = second, first
     return twins
 
 

@@ -198,8 +198,8 @@ def merge_edges(
         v = int(origins[_next(side)])
         if changed[u] or changed[v] or not _keeps_topology(side, number + 1, origins, twins, marks):
             continue
-        found = _merged(u, v, vertices, quadrics)
-        place = wp.vec3d(found[0], found[1], found[2])
+        meeting = _merged(u, v, vertices, quadrics)
+        place = wp.vec3d(meeting[0], meeting[1], meeting[2])
         if _spoils(side, place, origins, twins, vertices, longest):
             continue
         if _spoils(twins[side], place, origins, twins, vertices, longest):
