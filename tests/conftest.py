@@ -31,6 +31,17 @@ def data():
 
 
 @pytest.fixture(scope="session")
+def gpu():
+    """Return the first GPU's alias, for tests that are marked ``cuda``."""
+    from homolog.device import choose_device
+
+    device = choose_device("auto")
+    if device == "cpu":
+        pytest.skip("there is no NVIDIA GPU, or it is hidden: pytest -m cuda shows it to the tests")
+    return device
+
+
+@pytest.fixture(scope="session")
 def ellipsoids(tmp_path_factory):
     """Return a folder with the label maps of four ellipsoids, 1 mm voxels; not to be written to."""
     import SimpleITK
@@ -73,8 +84,8 @@ def finished_run(ellipsoids, short_settings):
 
 def pytest_configure(config):
     """Hide GPUs, as most tests compare to the last digit, which the CPU alone repeats: not with -m cuda."""
-    if "cuda" not in config.option.markexpr:
-        os.environ.setdefault("CUDA_VISIBLE_DEVICES", "")
+    if config.option.markexpr != "cuda":
+        os.environ["CUDA_VISIBLE_DEVICES"] = ""
     # Before pytest-xdist starts its processes, which inherit it.
     os.environ.setdefault("HOMOLOG_ANATOMY_SEED", str(secrets.randbelow(10**6)))
 

@@ -17,8 +17,8 @@ from homolog.settings import GroomSettings, RunSettings
 from homolog_app.cli import main
 from homolog_app.cli.options import with_all_options
 
-COARSE = ["--particles", "16", "--method", "euclidean", "--mesh-edge", "3", "--settle-iterations", "10"]
-QUICK = [*COARSE, "--split-iterations", "5", "--anneal-iterations", "10"]
+QUICK = ["--particles", "16", "--method", "euclidean", "--mesh-edge", "3", "--settle-iterations", "10"]
+QUICK += ["--split-iterations", "5", "--anneal-iterations", "10"]
 QUIET = ["--progress", "none", "--no-figures", "--device", "cpu", "--workers", "1"]
 OVAL, ROUND, RARE, BROKEN = 1, 2, 3, 4
 
@@ -172,8 +172,7 @@ def test_a_batch_that_is_run_again_keeps_what_is_finished(finished, scans, tmp_p
 def test_a_batch_that_is_cancelled_goes_on_where_it_was(scans, tmp_path):
     out = tmp_path / "out"
     words = ["batch", str(scans), "--labels", "left oval,round body", "--out", str(out), "--no-figures"]
-    words += [*COARSE, "--anneal-iterations", "300"]
-    words += ["--device", "cpu", "--workers", "1"]
+    words += [*QUICK, "--device", "cpu", "--workers", "1"]
     process = subprocess.Popen(
         [sys.executable, "-m", "homolog_app", *words, "--progress", "json"],
         stdout=subprocess.PIPE,

@@ -7,8 +7,7 @@ import numpy as np
 
 from homolog.beans.generate import Bean, voxelize
 from homolog.cohort import Cohort, Subject
-from homolog.errors import InputError
-from homolog.files.atomic import atomic_write
+from homolog.files.images import write_image
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick
 
@@ -45,7 +44,8 @@ def write_beans(folder: Path, beans: Sequence[Bean], seed: int, tick: Tick = no_
     for index, (name, bean) in enumerate(zip(names, beans, strict=True)):
         tick(index / len(beans), f"writing {name}")
         path = folder / f"{name}.nrrd"
-        _write_volume(path, bean)
+        inside, index_to_world = voxelize(bean)
+        write_image(path, inside.astype(np.uint8), index_to_world)
         subjects.append(Subject(name, path.resolve()))
     write_table(
         folder / "truth.csv",
@@ -56,18 +56,3 @@ def write_beans(folder: Path, beans: Sequence[Bean], seed: int, tick: Tick = no_
         ),
     )
     return Cohort(tuple(subjects), folder)
-
-
-def _write_volume(path: Path, bean: Bean) -> None:
-    import SimpleITK
-
-    inside, index_to_world = voxelize(bean)
-    image = SimpleITK.GetImageFromArray(inside.T.astype(np.uint8))
-    image.SetOrigin(index_to_world[:3, 3].tolist())
-    with atomic_write(path) as part:
-        try:
-            SimpleITK.WriteImage(image, str(part), useCompression=True)
-        except RuntimeError as error:
-            raise InputError(
-                f"{path}: can't be written; is the folder writable and the disk not full?"
-            ) from error

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from homolog.arrays import Array, FloatArray
+from homolog.arrays import FloatArray
 from homolog.cohort import Cohort, read_cohort
 from homolog.errors import InputError
-from homolog.files.atomic import atomic_write
+from homolog.files.images import write_image
 from homolog.files.meshes import write_mesh
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick
@@ -138,7 +138,7 @@ def _write_labels(path: Path, mesh: TriangleMesh, voxel: float, noise: Waves) ->
     level = mesh_level(mesh, low, voxel, (int(shape[0]), int(shape[1]), int(shape[2])))
     border = np.argwhere(np.abs(level) < 2.0)
     level[tuple(border.T)] += noise(low + voxel * border)[:, 0]
-    _write_image(path, (level < 0.0).astype(np.uint8), low, voxel)
+    write_image(path, (level < 0.0).astype(np.uint8), _grid(low, voxel))
 
 
 def _write_scan(path: Path, mesh: TriangleMesh, voxel: float, random: np.random.Generator) -> None:
@@ -151,22 +151,14 @@ def _write_scan(path: Path, mesh: TriangleMesh, voxel: float, random: np.random.
     around = _SURROUNDING + Waves(random, 15.0 * size, 30.0, 1)(places)[:, 0].reshape(shape)
     inside = 1.0 / (1.0 + np.exp(np.clip(2.0 * level, -30.0, 30.0)))
     grey = around + (_TISSUE - around) * inside + random.normal(scale=_SCAN_NOISE, size=shape)
-    _write_image(path, np.round(grey).astype(np.int16), low, size)
+    write_image(path, np.round(grey).astype(np.int16), _grid(low, size))
 
 
-def _write_image(path: Path, values: Array, low: FloatArray, voxel: float) -> None:
-    import SimpleITK
-
-    image = SimpleITK.GetImageFromArray(values.T)
-    image.SetOrigin(low.tolist())
-    image.SetSpacing([voxel] * 3)
-    with atomic_write(path) as part:
-        try:
-            SimpleITK.WriteImage(image, str(part), useCompression=True)
-        except RuntimeError as error:
-            raise InputError(
-                f"{path}: can't be written; is the folder writable and the disk not full?"
-            ) from error
+def _grid(low: FloatArray, voxel: float) -> FloatArray:
+    """Return the matrix from indices to places [mm] of an image with cubic voxels."""
+    matrix = np.diag([voxel, voxel, voxel, 1.0])
+    matrix[:3, 3] = low
+    return matrix
 
 
 def _opened(mesh: TriangleMesh, reference: TriangleMesh) -> TriangleMesh:

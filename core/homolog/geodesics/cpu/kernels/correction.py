@@ -84,6 +84,44 @@ def sort_reached(scratch: Scratch, corrections: Corrections, limit: float) -> in
 
 
 @wp.func
+def store_arrivals(
+    corrections: Corrections,
+    v: int,
+    u: Lanes,
+    shortest: Lanes,
+    first: Lanes,
+    total: Lanes,
+    mean: Lanes,
+    square: Lanes,
+    cone_angle: float,
+    edge: float,
+):
+    """Store a vertex's mean arrival directions, with their confidences and initial corrections.
+
+    Parameters
+    ----------
+    shortest : Lanes
+        Length of the shortest path.
+    first, total, mean, square : Lanes
+        Direction of the first path; sums over paths of weights, and of weighted deviations from the first
+        and their squares.
+    """
+    for lane in range(LANES):
+        inverse = 1.0 / wp.max(total[lane], 1.0e-30)
+        mean[lane] *= inverse
+        confidence = arrival_confidence(square[lane] * inverse, mean[lane])
+        # No path, or only longer ones: a source.
+        confidence = wp.where(total[lane] > 0.0, confidence, 0.0)
+        square[lane] = wp.where(shortest[lane] - u[lane] < CANDIDATE_TOLERANCE * edge, confidence, 0.0)
+        mean[lane] = wrap_angle(first[lane] + mean[lane], cone_angle)
+    store_lanes(corrections.arrival, v, mean)
+    store_lanes(
+        corrections.correction, v, Lanes(initial_correction(load_float(corrections.shortest_side, v), edge))
+    )
+    store_lanes(corrections.confidence, v, square)
+
+
+@wp.func
 def find_arrivals(
     scratch: Scratch,
     corrections: Corrections,
@@ -145,19 +183,7 @@ def find_arrivals(
         bit = wp.where(bit < 1 << LAST_CANDIDATE_BIT, bit << 1, bit)
         da = db
         k += 1
-    for lane in range(LANES):
-        inverse = 1.0 / wp.max(total[lane], 1.0e-30)
-        mean[lane] *= inverse
-        confidence = arrival_confidence(square[lane] * inverse, mean[lane])
-        # No path, or only longer ones: a source.
-        confidence = wp.where(total[lane] > 0.0, confidence, 0.0)
-        square[lane] = wp.where(shortest[lane] - u[lane] < CANDIDATE_TOLERANCE * edge, confidence, 0.0)
-        mean[lane] = wrap_angle(first[lane] + mean[lane], cone_angle)
-    store_lanes(corrections.arrival, v, mean)
-    store_lanes(
-        corrections.correction, v, Lanes(initial_correction(load_float(corrections.shortest_side, v), edge))
-    )
-    store_lanes(corrections.confidence, v, square)
+    store_arrivals(corrections, v, u, shortest, first, total, mean, square, cone_angle, edge)
     corrections.candidates[v] = candidates
 
 

@@ -1,0 +1,30 @@
+"""Optimizations on a GPU."""
+
+import numpy as np
+import pytest
+
+from homolog.correspondence import load_kernels, optimize
+from homolog.settings import Method, OptimizeSettings
+
+pytestmark = pytest.mark.cuda
+QUICK = OptimizeSettings(particles=40, split_iterations=20, anneal_iterations=80, settle_iterations=60)
+
+
+@pytest.mark.parametrize("method", list(Method))
+def test_a_gpu_reaches_the_objective_of_the_cpu(ellipsoid_shapes, method, gpu):
+    load_kernels(gpu)
+    settings = QUICK.model_copy(update={"method": method})
+    here, there = (optimize(ellipsoid_shapes, settings, device=device) for device in ("cpu", gpu))
+    objectives = [found.energies[-1, 1:].sum() for found in (here, there)]
+    assert abs(objectives[1] - objectives[0]) < 0.02
+    for index, points in enumerate(there.local):
+        level = np.linalg.norm(points / [12.0, 9.0, 6.0 + 0.5 * index], axis=1)
+        assert np.abs(level - 1.0).max() < 0.01
+
+
+def test_a_resumed_optimization_goes_on_where_it_stopped(ellipsoid_shapes, gpu):
+    checkpoints = []
+    found = optimize(ellipsoid_shapes, QUICK, device=gpu, checkpoint=checkpoints.append)
+    rest = optimize(ellipsoid_shapes, QUICK, device=gpu, resume=checkpoints[-1])
+    assert np.abs(rest.world - found.world).max() < 0.5
+    assert abs(rest.energies[-1, 1:].sum() - found.energies[-1, 1:].sum()) < 0.01
