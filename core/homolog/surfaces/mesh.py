@@ -68,7 +68,6 @@ class TriangleMesh:
         """Unit normals at the vertices, outward, weighted by face area, shape (V, 3); 0 without any area."""
         a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
         across = np.cross(b - a, c - a)
-        sums = np.zeros_like(self.vertices)
-        for corner in range(3):
-            np.add.at(sums, self.faces[:, corner], across)
+        corners, n = self.faces.T.ravel(), len(self.vertices)
+        sums = np.stack([np.bincount(corners, np.tile(item, 3), n) for item in across.T], axis=1)
         return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300))
