@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from homolog.arrays import FloatArray
 
-__all__ = ["Box", "Clip", "ClipPlane", "Cut", "around"]
+__all__ = ["Box", "Clip", "ClipPlane", "Cut", "around", "cut_of", "extent_of"]
 
 Box = tuple[float, float, float, float, float, float]
 """Extent along x, y and z [mm]: low and high of each."""
@@ -74,6 +74,17 @@ class Clip(BaseModel):
         origin = (low + high) / 2.0 + (2.0 * self.position - 1.0) * reach * along
         side = _KEPT[self.plane] * (-1.0 if self.flipped else 1.0)
         return side * along, origin
+
+
+def cut_of(clip: Clip | None, points: FloatArray, toward: FloatArray) -> Cut | None:
+    """Return the plane that cuts a shape with such points (n, 3), seen from a direction; None without one."""
+    return None if clip is None else clip.cut(extent_of(points), -toward)
+
+
+def extent_of(points: FloatArray) -> Box:
+    """Return the extent of points (n, 3)."""
+    low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    return low[0], high[0], low[1], high[1], low[2], high[2]
 
 
 def around(boxes: Sequence[Box]) -> Box | None:

@@ -1,6 +1,6 @@
 """Exceptions, grouped by who can fix the cause."""
 
-__all__ = ["Cancelled", "HomologError", "InputError", "NumericalError", "user_message"]
+__all__ = ["Cancelled", "HomologError", "InUseError", "InputError", "NumericalError", "user_message"]
 
 
 class HomologError(Exception):
@@ -12,6 +12,10 @@ class InputError(HomologError, ValueError):
 
     Also a `ValueError`, which libraries catch by custom.
     """
+
+
+class InUseError(InputError):
+    """Another program has the project open."""
 
 
 class NumericalError(HomologError, ArithmeticError):

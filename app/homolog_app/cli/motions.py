@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
-from homolog_app.films.settings import SIGHTS
+from homolog_app.films.settings import SIGHTS, camera_view
 
 if TYPE_CHECKING:
     from homolog_app.films.motion import Motion
@@ -24,9 +24,18 @@ def add_motion_options(parser: argparse.ArgumentParser) -> None:
         "--group", nargs=3, metavar=("COLUMN", "A", "B"), help="from the mean of one group to that of another"
     )
     parser.add_argument(
-        "--view", nargs="+", choices=SIGHTS, metavar="VIEW", default=["oblique"],
-        help=f"view directions; several form a grid: {', '.join(SIGHTS)} (default oblique)",
+        "--view", nargs="+", type=_sight, metavar="VIEW", default=["oblique"],
+        help=f"view directions; several form a grid: {', '.join(SIGHTS)} (default oblique), or "
+        "camera:X,Y,Z,X,Y,Z, the directions to the viewer and upwards (LPS), as the window's dialogs give it",
     )  # fmt: skip
+
+
+def _sight(text: str) -> str:
+    if text not in SIGHTS and camera_view(text) is None:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no view; choose from {', '.join(SIGHTS)}, or camera: and six numbers"
+        )
+    return text
 
 
 def chosen_motions(arguments: argparse.Namespace, deviations: float) -> "Sequence[Motion]":

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from homolog.files.project import ProjectFolder
+from homolog_app.cli.options import add_options, with_options
 from homolog_app.cli.progress import add_progress_option, show_progress
+from homolog_app.films.settings import CutSettings
 
 __all__ = ["add_parser", "run"]
 
@@ -20,6 +22,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         "analyze), with figures as SVG and PDF. It opens in a browser without a network.",
     )
     parser.add_argument("project", type=Path, help="project folder")
+    add_options(parser, CutSettings)
     add_progress_option(parser)
 
 
@@ -27,8 +30,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the report; returns the exit code."""
     from homolog_app.report.write import write_report
 
+    clip = with_options(CutSettings(), arguments).cutting
     project = ProjectFolder(arguments.project)
     with project.locked(new=False), show_progress(arguments.progress) as progress:
-        path = write_report(project, progress.tick)
+        path = write_report(project, progress.tick, clip)
     sys.stdout.write(f"{path}\n")
     return 0

@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
-from homolog_app.clipping import Box as Extent
-from homolog_app.clipping import Clip
+from homolog_app.clipping import Clip, cut_of
 from homolog_app.films.board import Board, Box
 from homolog_app.films.motion import Motion
 from homolog_app.films.plan import SCALE_SHARE, Cell, make_plan, turned
-from homolog_app.films.settings import Background, Colouring, FilmSettings, PictureSettings
+from homolog_app.films.settings import Background, Colouring, FilmSettings, PictureSettings, camera_view
 from homolog_app.letters import edge_letters
 from homolog_app.pictures import (
     DARK,
@@ -44,7 +43,7 @@ class Film:
     motions : sequence of Motion
         At least one.
     sights : sequence of str
-        Of `settings.SIGHTS`, at least one.
+        Of `settings.SIGHTS`, or cameras (`settings.camera_sight`); at least one.
     settings : PictureSettings
         Size, colours, captions.
     turntable : bool
@@ -158,7 +157,7 @@ class _Actor:
     def __init__(self, motion: Motion, theme: Theme, limit: float | None, clip: Clip | None) -> None:
         self.motion = motion
         self._clip, self._cap = clip, theme.cut
-        self._box = _box(motion.at((motion.low + motion.high) / 2.0).vertices)  # the plane stands still
+        self._middle = motion.at((motion.low + motion.high) / 2.0).vertices  # the plane stands still
         self._limit = limit
         self._plain = np.array(theme.surface)
         self._outward = outward_displacement(motion.start, motion.displacement)
@@ -177,7 +176,7 @@ class _Actor:
 
     def draw(self, frame: Frame, width: int) -> NDArray[np.uint8]:
         """Draw it, cut open if that is wanted."""
-        cut = None if self._clip is None else self._clip.cut(self._box, -frame.view.axes[2])
+        cut = cut_of(self._clip, self._middle, frame.view.axes[2])
         return draw(Scene((self._surface,), cut=cut, cap=self._cap), frame, width)
 
     def _colours(self, amount: float, limit: float) -> FloatArray:
@@ -192,11 +191,6 @@ class _Actor:
         return np.asarray(
             (before + 1.0 - place) * self._shadows[before] + (place - before) * self._shadows[after]
         )
-
-
-def _box(vertices: FloatArray) -> Extent:
-    low, high = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
-    return low[0], high[0], low[1], high[1], low[2], high[2]
 
 
 def _limit(motions: Sequence[Motion]) -> float:
@@ -216,4 +210,4 @@ def _views(motions: Sequence[Motion], sights: Sequence[str]) -> list[View]:
     other = own.opposite
     oblique, opposite = View(own.toward, own.up, "oblique"), View(other.toward, other.up, "opposite")
     known = {"oblique": oblique, "opposite": opposite, **VIEWS}
-    return [known[sight] for sight in sights]
+    return [camera_view(sight) or known[sight] for sight in sights]

@@ -1,16 +1,42 @@
 """How a film or still looks: command line and dialogs are made from these."""
 
+from collections.abc import Sequence
 from enum import StrEnum
+from math import hypot, inf
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from homolog_app.clipping import Clip, ClipPlane
+from homolog_app.rendering.views import View
 
-__all__ = ["SIGHTS", "Background", "Colouring", "CutAway", "FilmSettings", "PictureSettings", "StillSettings"]
+__all__ = [
+    "SIGHTS", "Background", "Colouring", "CutAway", "CutSettings", "FilmSettings", "PictureSettings",
+    "StillSettings", "camera_sight", "camera_view",
+]  # fmt: skip
 
 SIGHTS = ("oblique", "opposite", "anterior", "posterior", "left", "right", "superior", "inferior")
 """From where to look: obliquely at the side that moves most, from opposite, or along a patient axis."""
+
+_CAMERA = "camera:"
+
+
+def camera_sight(toward: Sequence[float], up: Sequence[float]) -> str:
+    """Return a camera as a word of the command line: the directions to the viewer and upwards in LPS."""
+    length = hypot(*toward)
+    return _CAMERA + ",".join(f"{value:.4g}" for value in (*(part / length for part in toward), *up))
+
+
+def camera_view(sight: str) -> View | None:
+    """Return the view of such a word; None if it is none, or its directions make no picture."""
+    try:
+        x, y, z, right, back, up = map(float, sight.removeprefix(_CAMERA).split(","))
+    except ValueError:
+        return None
+    sides = x * x + y * y + z * z, right * right + back * back + up * up
+    along = x * right + y * back + z * up
+    upright = along * along < 0.999 * sides[0] * sides[1] < inf
+    return View((x, y, z), (right, back, up), "camera") if sight.startswith(_CAMERA) and upright else None
 
 
 class Background(StrEnum):
@@ -40,10 +66,36 @@ class CutAway(StrEnum):
 _PIXELS = {"unit": "pixels"}
 
 
-class PictureSettings(BaseModel):
-    """Picture."""
+class CutSettings(BaseModel):
+    """Cut away."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    clip: Annotated[
+        CutAway,
+        Field(title="cut away", description="Plane that cuts the shapes open; view faces the viewer."),
+    ] = CutAway.NONE
+    clip_at: Annotated[
+        float,
+        Field(
+            ge=0.0, le=1.0, title="position of the cut",
+            description="0 at the feet, front, right or viewer, 1 at the other end of the mean shape.",
+        ),
+    ] = 0.5  # fmt: skip
+    clip_flip: Annotated[
+        bool, Field(title="flip the cut", description="Remove the other side of the plane.")
+    ] = False
+
+    @property
+    def cutting(self) -> Clip | None:
+        """The plane that cuts the shapes open."""
+        if self.clip is CutAway.NONE:
+            return None
+        return Clip(plane=ClipPlane(self.clip.value), position=self.clip_at, flipped=self.clip_flip)
+
+
+class PictureSettings(CutSettings):
+    """Picture."""
 
     width: Annotated[
         int,
@@ -79,27 +131,6 @@ class PictureSettings(BaseModel):
     directions: Annotated[
         bool, Field(description="Letters of the patient's directions: R, L, A, P, S, I.")
     ] = True
-    clip: Annotated[
-        CutAway,
-        Field(title="cut away", description="Plane that cuts the shapes open; view faces the viewer."),
-    ] = CutAway.NONE
-    clip_at: Annotated[
-        float,
-        Field(
-            ge=0.0, le=1.0, title="position of the cut",
-            description="0 at the feet, front, right or viewer, 1 at the other end of the mean shape.",
-        ),
-    ] = 0.5  # fmt: skip
-    clip_flip: Annotated[
-        bool, Field(title="flip the cut", description="Remove the other side of the plane.")
-    ] = False
-
-    @property
-    def cutting(self) -> Clip | None:
-        """The plane that cuts the shapes open."""
-        if self.clip is CutAway.NONE:
-            return None
-        return Clip(plane=ClipPlane(self.clip.value), position=self.clip_at, flipped=self.clip_flip)
 
 
 class FilmSettings(PictureSettings):

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from homolog.arrays import FloatArray
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.clipping import Clip, cut_of
 from homolog_app.pictures.displacement import common_limit, outward_displacement
 from homolog_app.pictures.layout import Panel, arrange
 from homolog_app.rendering.colours import LIGHT, Theme, diverging_colours
@@ -23,6 +24,7 @@ def draw_differences(
     *,
     views: Sequence[View] = (),
     limit: float | None = None,
+    clip: Clip | None = None,
     title: str = "",
     theme: Theme = LIGHT,
     width: int = 520,
@@ -38,6 +40,8 @@ def draw_differences(
         A column each; a three-quarter view and the opposite one if none are given.
     limit : float, optional
         End of the colour scale [mm]; a round value that fits all rows if not given.
+    clip : Clip, optional
+        The plane that cuts the shapes open.
     title : str
         Heading.
     theme : Theme
@@ -54,7 +58,12 @@ def draw_differences(
     frames = [frame_around(vertices, view) for view in views]
     rows = []
     for name, (mesh, _) in surfaces.items():
-        scene = Scene((shaded(mesh, diverging_colours(outward[name], limit)),))
-        rows.append([Panel(draw(scene, frame, width), frame.view.name) for frame in frames])
+        surface = shaded(mesh, diverging_colours(outward[name], limit))
+        scenes = [
+            Scene((surface,), cut=cut_of(clip, mesh.vertices, frame.view.axes[2]), cap=theme.cut)
+            for frame in frames
+        ]
+        pictures = zip(scenes, frames, strict=True)
+        rows.append([Panel(draw(scene, frame, width), frame.view.name) for scene, frame in pictures])
     labels = list(surfaces) if len(surfaces) > 1 else []
     return arrange(rows, title=title, row_labels=labels, limit=limit, theme=theme)

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from homolog.arrays import FloatArray
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.clipping import Clip, Cut, cut_of
 from homolog_app.pictures.displacement import common_limit, outward_displacement
 from homolog_app.pictures.layout import Panel, arrange
 from homolog_app.rendering.colours import LIGHT, Theme, diverging_colours
@@ -49,6 +50,7 @@ def draw_modes(
     deviations: float = 2.0,
     title: str = "",
     view: View | None = None,
+    clip: Clip | None = None,
     theme: Theme = LIGHT,
     width: int = 440,
 ) -> Figure:
@@ -67,6 +69,8 @@ def draw_modes(
         Heading.
     view : View, optional
         Direction of sight; a three-quarter view from the side that moves most if not given.
+    clip : Clip, optional
+        The plane that cuts the shapes open; it stands still.
     theme : Theme
         Background, text and surface colours.
     width : int
@@ -83,7 +87,13 @@ def draw_modes(
     )
     rows = []
     for mode, frame in zip(modes, frames, strict=True):
-        strips = [_panels(model, mode, deviations, frame, limit, theme, width) for model in all_models]
+        strips = [
+            _panels(
+                model, mode, deviations, frame, limit, theme, width,
+                cut_of(clip, model.mean.vertices, frame.view.axes[2]),
+            )
+            for model in all_models
+        ]  # fmt: skip
         rows.append([panel for strip in strips for panel in strip])
     return arrange(
         rows,
@@ -113,8 +123,9 @@ def _frames(
 
 
 def _panels(
-    model: ModeSurfaces, mode: int, deviations: float, frame: Frame, limit: float, theme: Theme, width: int
-) -> list[Panel]:
+    model: ModeSurfaces, mode: int, deviations: float, frame: Frame, limit: float, theme: Theme, width: int,
+    cut: Cut | None,
+) -> list[Panel]:  # fmt: skip
     """Return three panels of a mode: below the mean, the mean, above it."""
     outward = outward_displacement(model.mean, model.displacements[mode])
     panels = []
@@ -122,6 +133,7 @@ def _panels(
         colours = diverging_colours(amount * outward, limit) if amount else np.array(theme.surface)
         share = f"mean (mode {mode + 1}: {100.0 * model.shares[mode]:.1f} %)"
         caption = f"{amount:+g} SD".replace("-", "−") if amount else share
-        image = draw(Scene((shaded(model.at(mode, amount), colours),)), frame, width)
+        scene = Scene((shaded(model.at(mode, amount), colours),), cut=cut, cap=theme.cut)
+        image = draw(scene, frame, width)
         panels.append(Panel(image, caption))
     return panels

@@ -17,6 +17,7 @@ from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.progress import Tick
+from homolog_app.clipping import Clip, ClipPlane
 from homolog_app.pictures import LIGHT, VIEWS, ModeSurfaces, Theme, draw_differences, draw_modes
 from homolog_app.plots import (
     draw_discriminant,
@@ -53,9 +54,10 @@ class ReportFigure:
 
 
 def model_figures(
-    project: ProjectFolder, result: Result, model: ShapeModel, carrier: SurfaceCarrier, tick: Tick
-) -> Iterator[ReportFigure]:
-    """Yield the figures of the shape model."""
+    project: ProjectFolder, result: Result, model: ShapeModel, carrier: SurfaceCarrier, tick: Tick,
+    clip: Clip | None = None,
+) -> Iterator[ReportFigure]:  # fmt: skip
+    """Yield the figures of the shape model, whose shapes a plane may cut open."""
     parallel, record = parallel_analysis(result.world), project.read().result
     mirrored = f" {record.mirrored_words}." if record is not None and record.mirrored_words else ""
     yield ReportFigure("scree", scree_figure(parallel), _scree_caption(parallel))
@@ -75,8 +77,10 @@ def model_figures(
         draw_modes(
             {"": ModeSurfaces(carrier.mesh, moves, shares)},
             modes=range(shown),
+            clip=clip,
         ),
-        f"The first modes at ±2 standard deviations. Blue is out of the tissue, yellow into it.{mirrored}",
+        "The first modes at ±2 standard deviations. Blue is out of the tissue, yellow into it."
+        f"{mirrored}{_cut_words(clip)}",
     )
     if len(result.world) > 2:
         tick(0.4, "model quality")
@@ -93,14 +97,17 @@ def model_figures(
         )
 
 
-def study_figures(study: Study, carrier: SurfaceCarrier, tick: Tick) -> Iterator[ReportFigure]:
-    """Yield the figures of a study: maps of each comparison of two, and its discriminant."""
+def study_figures(
+    study: Study, carrier: SurfaceCarrier, tick: Tick, clip: Clip | None = None
+) -> Iterator[ReportFigure]:
+    """Yield the figures of a study: maps of each comparison of two, cut open or not, and its discriminant."""
     stems = file_stems([f"{study.request.name}_{comparison.title}" for comparison in study.comparisons])
     for index, (item, stem) in enumerate(zip(study.comparisons, stems, strict=True)):
         tick(index / len(stems), f"maps of {item.title}")
         if len(item.pointwise.effect) > 1:
             continue
-        yield ReportFigure(f"{stem}_map", map_figure(item, carrier), _map_caption(study, item), item.title)
+        caption = _map_caption(study, item) + _cut_words(clip)
+        yield ReportFigure(f"{stem}_map", map_figure(item, carrier, clip=clip), caption, item.title)
         if item.discriminant is not None:
             yield ReportFigure(
                 f"{stem}_discriminant",
@@ -179,7 +186,9 @@ def discriminant_figure(study: Study, comparison: Comparison, theme: Theme = LIG
     return figure
 
 
-def map_figure(comparison: Comparison, carrier: SurfaceCarrier, theme: Theme = LIGHT) -> Figure:
+def map_figure(
+    comparison: Comparison, carrier: SurfaceCarrier, theme: Theme = LIGHT, clip: Clip | None = None
+) -> Figure:
     """Draw the effect of a comparison of two, where it is significant, and its discriminant."""
     mesh, effect = carrier.mean_of(comparison), carrier.moved(comparison.pointwise.effect[0])
     significant = carrier.significant(comparison, LEVEL)
@@ -191,7 +200,18 @@ def map_figure(comparison: Comparison, carrier: SurfaceCarrier, theme: Theme = L
         way = carrier.moved(comparison.discriminant.displacement)
         firm = carrier.discriminant_is_firm(comparison)
         rows["discriminant, where firm"] = (mesh, way * firm[:, None])
-    return draw_differences(rows, views=[VIEWS[name] for name in _VIEWS], theme=theme, width=300)
+    views = [VIEWS[name] for name in _VIEWS]
+    return draw_differences(rows, views=views, clip=clip, theme=theme, width=300)
+
+
+def _cut_words(clip: Clip | None) -> str:
+    if clip is None:
+        return ""
+    article = "an" if clip.plane is ClipPlane.AXIAL else "a"
+    plane = (
+        "a plane that faces the viewer" if clip.plane is ClipPlane.VIEW else f"{article} {clip.plane} plane"
+    )
+    return f" Cut open by {plane}."
 
 
 def _map_caption(study: Study, comparison: Comparison) -> str:

@@ -13,6 +13,7 @@ from homolog.files.records import ResultRecord
 from homolog.files.results import Result, read_result
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
+from homolog_app.clipping import Clip
 from homolog_app.pictures import write_picture
 from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
 from homolog_app.report.findings import (
@@ -42,7 +43,7 @@ __all__ = ["write_report"]
 NOTICE = "For research use only. Not a medical device; not for diagnosis or treatment."
 
 
-def write_report(project: ProjectFolder, tick: Tick = no_tick) -> Path:
+def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None = None) -> Path:
     """Answer all of a project's questions anew and write its report.
 
     Parameters
@@ -51,6 +52,8 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick) -> Path:
         With a result; studies are those that ``homolog analyze`` kept.
     tick : Tick
         Progress and cancelling.
+    clip : Clip, optional
+        The plane that cuts the shapes of the figures open.
 
     Returns
     -------
@@ -75,14 +78,14 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick) -> Path:
         studies.append(run_study(result, request, part_of(tick, index * share, (index + 1) * share)))
     carrier = SurfaceCarrier.of(result)
     model = ShapeModel.fit(result.world, names=result.names)
-    figures = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.6)))
+    figures = list(model_figures(project, result, model, carrier, part_of(tick, 0.5, 0.6), clip))
     page = Page(f"Shape analysis of {project.folder.resolve().name}", f"{NOTICE} {_made(record)}")
     _summary(page, record, result, studies)
     _model_section(page, folder, result, model, figures)
     for index, study in enumerate(studies):
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
         keep_study(project, study, result, carrier)
-        own = list(study_figures(study, carrier, part))
+        own = list(study_figures(study, carrier, part, clip))
         _study_section(page, study, result, own, (study_folder(project, study.request), record.fingerprint))
         figures += own
     tick(0.9, "writing the report")

@@ -43,6 +43,7 @@ class Actions(QObject):
         super().__init__(window)
         self._theme = theme
         self._actions: dict[str, QAction] = {}
+        self._reasons: dict[str, str] = {}
         groups: dict[str, QActionGroup] = {}
         for entry in COMMANDS:
             action = QAction(entry.title, window)
@@ -69,13 +70,24 @@ class Actions(QObject):
         for identifier, handler in handlers.items():
             self._actions[identifier].triggered.connect(lambda _, handler=handler: handler())
 
-    def enable(self, available: Mapping[str, bool]) -> None:
-        """Enable exactly the commands whose needs are met; tool tips of the others say what is missing."""
+    def enable(self, available: Mapping[str, bool], read_only: str = "") -> None:
+        """Enable exactly the commands whose needs are met; tool tips of the others say what is missing.
+
+        Parameters
+        ----------
+        available : mapping of str to bool
+            Whether each need is met.
+        read_only : str
+            Why nothing can be written into the project; empty if it can.
+        """
         for entry in COMMANDS:
-            action, possible = self._actions[entry.id], available[entry.needs]
-            if action.isEnabled() is not possible:
+            against = read_only if entry.writes else ""
+            action, possible = self._actions[entry.id], available[entry.needs] and not against
+            reason = "" if possible else against or REASONS[entry.needs]
+            if self._reasons.get(entry.id) != reason:
+                self._reasons[entry.id] = reason
                 action.setEnabled(possible)
-                action.setToolTip(self._tip(entry, "" if possible else REASONS[entry.needs]))
+                action.setToolTip(self._tip(entry, reason))
 
     def button(self, identifier: str, parent: QWidget, size: int = 20) -> QToolButton:
         """Return a tool button of a command."""

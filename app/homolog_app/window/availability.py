@@ -37,8 +37,8 @@ REASONS: Mapping[str, str] = {
     "model": _NO_RESULT,
     "particles": _NO_RESULT,
     "idle_result": f"{_NO_RESULT}, or wait for what is being computed",
-    "fit": "include new subjects in addition to those of the result, with its settings",
-    "more": "set more particles than the result has, with the same subjects and settings",
+    "fit": "include new subjects in addition to those of the result, with its settings; save it first",
+    "more": "set more particles than the result has, with the same subjects and settings; save it first",
     "answer": "compare groups first",
     "reference": "make or open a reference on the page Patient first",
     "patient": "compare a patient's file first",
@@ -108,7 +108,7 @@ def available(
     chosen = bool(session.selection)
     two = len(session.study.included) >= 2
     groomed = study and bool(session.groomed or session.result)
-    further = session.going_on
+    further = session.going_on if session.is_result_written else None
     return {
         "always": True,
         "idle": idle,

@@ -33,6 +33,8 @@ class Command:
         Commands with the same word are alternatives: one of them is on.
     ends_section : bool
         Whether a line follows in the menu.
+    writes : bool
+        Whether it writes into the project's folder: not possible where that is open to be read only.
     """
 
     id: str
@@ -45,6 +47,7 @@ class Command:
     checkable: bool = False
     choice: str = ""
     ends_section: bool = False
+    writes: bool = False
 
 
 COMMANDS = (
@@ -59,7 +62,7 @@ COMMANDS = (
     Command("file.sample", "Sample study: coffee beans",
             "Generate the beans of the method's publication and show the tour.",
             "File", "", "bean", "idle", ends_section=True),
-    Command("file.save", "Save", "Save the project.", "File", "Ctrl+S", "save", "unsaved"),
+    Command("file.save", "Save", "Save the project.", "File", "Ctrl+S", "save", "unsaved", writes=True),
     Command("file.save_as", "Save as…", "Save the project to another folder.",
             "File", "Ctrl+Shift+S", "save", "study", ends_section=True),
     Command("file.import", "Import table…", "Add or replace groups and covariates from a table.",
@@ -85,7 +88,7 @@ COMMANDS = (
     Command("export.markups", "Slicer markups…", "A point list for each subject, for 3D Slicer.",
             "File/Export", "", "locate", "result"),
     Command("export.report", "Report…", "One page about the model and its studies.",
-            "File/Export", "", "explore", "result"),
+            "File/Export", "", "explore", "result", writes=True),
     Command("file.close", "Close project", "Go back to the start page.", "File", "Ctrl+W", "", "study"),
     Command("file.quit", "Quit", "Close the window.", "File", "Ctrl+Q"),
     Command("edit.undo", "Undo", "Undo the last edit of cohort or settings.",
@@ -159,21 +162,21 @@ COMMANDS = (
             "View", "Ctrl+Shift+D", "theme"),
     Command("view.log", "Log", "Show the program's messages.", "View", "Ctrl+L", "log", checkable=True),
     Command("run.groom", "Groom", "Make smooth surfaces of the included subjects.",
-            "Run", "Ctrl+Shift+G", "groom", "cohort"),
+            "Run", "Ctrl+Shift+G", "groom", "cohort", writes=True),
     Command("run.regroom", "Groom selected again", "Groom only the selected subject.",
-            "Run", "", "redo_one", "groomed_selection", ends_section=True),
-    Command("run.start", "Run", "Place the particles.", "Run", "Ctrl+R", "play", "ready"),
+            "Run", "", "redo_one", "groomed_selection", ends_section=True, writes=True),
+    Command("run.start", "Run", "Place the particles.", "Run", "Ctrl+R", "play", "ready", writes=True),
     Command("run.pause", "Pause or resume", "Pause the run at the next step, or resume it.",
             "Run", "Ctrl+Space", "pause", "running"),
     Command("run.cancel", "Cancel", "Stop at once, and keep the particles.", "Run", "Ctrl+.", "stop", "busy"),
     Command("run.resume", "Resume", "Continue from the last checkpoint.",
-            "Run", "Ctrl+Shift+R", "next", "resumable", ends_section=True),
+            "Run", "Ctrl+Shift+R", "next", "resumable", ends_section=True, writes=True),
     Command("run.more", "Add particles", "Split the result's particles to the number in the settings.",
-            "Run", "", "correspond", "more"),
+            "Run", "", "correspond", "more", writes=True),
     Command("run.fit", "Fit new subjects", "Give new subjects the result's particles; others keep theirs.",
-            "Run", "", "correspond", "fit", ends_section=True),
+            "Run", "", "correspond", "fit", ends_section=True, writes=True),
     Command("run.keep", "Keep particles", "Make the particles of the cancelled run the result.",
-            "Run", "Ctrl+K", "done", "cancelled"),
+            "Run", "Ctrl+K", "done", "cancelled", writes=True),
     Command("run.play", "Play", "Play the finished run from its stored frames, or the open page's mode.",
             "Run", "Space", "play", "frames"),
     Command("explore.modes", "Modes", "What varies: the shape along its modes of variation.",
@@ -190,7 +193,7 @@ COMMANDS = (
     Command("explore.test", "Compare groups", "Test the chosen groups for a difference.",
             "Explore", "Ctrl+T", "", "idle_result"),
     Command("explore.keep", "Add to report", "Store the tables of this comparison in the project.",
-            "Explore", "", "save", "answer"),
+            "Explore", "", "save", "answer", writes=True),
     Command("explore.compare", "Compare with…", "Show the result of another project next to this one.",
             "Explore", "Ctrl+B", "", "idle_result", ends_section=True),
     Command("explore.table", "Export measures…", "Write distance, volume and area of each subject to CSV.",
@@ -205,7 +208,7 @@ COMMANDS = (
             "Optimize the particles around every suspect in the list again.",
             "Explore/Suspects", "", "redo_one", "idle_result"),
     Command("check.keep", "Save to project", "Save repaired particles to the project.",
-            "Explore/Suspects", "", "save", "idle_result"),
+            "Explore/Suspects", "", "save", "idle_result", writes=True),
     Command("check.export", "Export suspects…", "Write the list of suspects to a CSV or JSON file.",
             "Explore/Suspects", "", "export", "result"),
     Command("patient.reference", "Make reference", "Freeze the model of the chosen controls of this result.",

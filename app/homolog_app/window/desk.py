@@ -53,8 +53,10 @@ class Desk(QObject):
 
     @property
     def is_changed(self) -> bool:
-        """Whether something would be lost by closing."""
+        """Whether something would be lost by closing that can be saved."""
         session = self.session
+        if session.read_only:
+            return False
         unsaved = session.folder is None and bool(session.study.members)
         return unsaved or self.work.is_keeping or not session.undo.isClean()
 
@@ -65,7 +67,7 @@ class Desk(QObject):
 
         Raises
         ------
-        InputError
+        InUseError
             If another program has it open; the one before is then still held.
         """
         held = ExitStack()

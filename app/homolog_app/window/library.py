@@ -1,5 +1,6 @@
 """Studies on disk: new, add, open, save, import, export, close, recover."""
 
+import os
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QMimeData
 from PySide6.QtWidgets import QFileDialog, QInputDialog
 
-from homolog.errors import InputError
+from homolog.errors import InputError, InUseError
 from homolog.files.atomic import replace_folder
 from homolog.files.project import ProjectFolder
 from homolog_app.window.asking import Part, ask, reported, waited
@@ -29,6 +30,9 @@ _NOT_HELD = (
     "Subjects, settings, particles, surfaces and the shape model were saved. Groomed volumes, kept answers, "
     "figures and reports were only there and could not be saved."
 )
+_ANSWERS = ("Open read-only", "Cancel")
+_IN_USE = "the project is open in another Homolog, and here to be read only"
+_UNWRITABLE = "the project's folder can't be written to"
 _MODELS = "ShapeWorks projects, particles (*.swproj *.xlsx *.particles *.pts)"
 
 
@@ -83,14 +87,22 @@ class Library(Part):
         """Open a project and read its result."""
         project = ProjectFolder(folder)
         opened = open_project(project)
-        self._desk.hold(folder)
+        read_only = "" if os.access(folder, os.W_OK) else _UNWRITABLE
+        try:
+            self._desk.hold(folder)
+        except InUseError as error:
+            words = f"{error}.\n\nRead-only, all of it can be seen and exported, and nothing is saved."
+            if ask(self._window, f"Open {folder.name} read-only?", words, _ANSWERS, 1) == _ANSWERS[1]:
+                return
+            self._desk.hold(None)
+            read_only = _IN_USE
         elsewhere = self._asked_where(opened.study)
         self._desk.work.forget()
         self._desk.work.awaits_result = opened.has_result
         self._desk.journal.clear()
         study = opened.study if elsewhere is None else opened.study.relocated(elsewhere)
         self._desk.work.look_for_groomed(project)
-        self._desk.session.open(study, folder)
+        self._desk.session.open(study, folder, read_only)
         if elsewhere is not None:
             self._desk.session.undo.resetClean()
         self._desk.session.select(
@@ -128,19 +140,20 @@ class Library(Part):
         if folder != session.folder and folder.exists() and any(folder.iterdir()):
             raise InputError(f"{folder}: is not empty; choose a new name for the project")
         gone = session.result is not None and not (before.exists and before.read().result)
+        in_use = session.result is not None and session.read_only == _IN_USE
         if gone and folder == session.folder:
             raise InputError(
                 f"{before.folder}: was moved or deleted, and its result with it; put it back, or save "
                 "what is still in memory with Save as"
             )
-        if gone:
+        if gone or in_use:  # of another program, the folder may be half written
             self._write_held(folder)
         elif folder != session.folder and before.folder.is_dir():
             waited(self._window, f"Saving to {folder.name}…", lambda: _copy(before.folder, folder))
         save_project(ProjectFolder(folder), session.study, self._view())
         moved = folder != session.folder
         self._desk.hold(folder)
-        session.folder = folder
+        session.folder, session.read_only = folder, ""
         session.undo.setClean()
         if moved:
             self._desk.journal.clear()
@@ -149,8 +162,9 @@ class Library(Part):
         self.show_recent()
         session.project_changed.emit()
         self._window.status.say(f"Saved to {folder}")
-        if gone:
-            ask(self._window, "Saved from memory", f"{before.folder} is gone. {_NOT_HELD}", ("Close",))
+        if gone or in_use:
+            why = "is gone" if gone else "is in use"
+            ask(self._window, "Saved from memory", f"{before.folder} {why}. {_NOT_HELD}", ("Close",))
 
     def _write_held(self, folder: Path) -> None:
         """Write what is in memory of a result whose folder is gone, whole or not at all."""
@@ -372,4 +386,4 @@ class Library(Part):
 
 def _copy(old: Path, new: Path) -> None:
     with replace_folder(new) as part:
-        shutil.copytree(old, part, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".lock"))
+        shutil.copytree(old, part, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".lock", ".holder"))

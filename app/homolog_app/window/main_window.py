@@ -108,7 +108,8 @@ class MainWindow(QMainWindow):
                 coloured=views is not None and views.is_coloured,
                 slices=views is not None and views.hides_views,
                 preliminary=self.inspector.explore.fitted.preliminary is not None,
-            )
+            ),
+            desk.session.read_only,
         )  # fmt: skip
         steps = steps_of(desk.session, desk.work)
         if not steps[self.step].enabled and desk.session.is_open and self.step != "cohort":
@@ -199,6 +200,7 @@ class MainWindow(QMainWindow):
 
     def _name_window(self) -> None:
         session = self.desk.session
-        changed = session.is_open and (session.folder is None or not session.undo.isClean())
-        self.setWindowTitle(f"{session.title}[*] — Homolog" if session.is_open else "Homolog")
+        changed = session.is_open and (session.folder is None or self.desk.is_changed)
+        aside = " (read-only)" if session.read_only else ""
+        self.setWindowTitle(f"{session.title}{aside}[*] — Homolog" if session.is_open else "Homolog")
         self.setWindowModified(changed)

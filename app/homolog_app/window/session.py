@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QUndoCommand, QUndoStack
 
@@ -36,9 +37,13 @@ class Session(QObject):
         self.seen: dict[tuple[object, ...], Subject] = {}
         self.generation = 0
         self.folder: Path | None = None
+        self.read_only = ""
+        """Why nothing can be written to the folder; empty if it can."""
         self.surveys: dict[str, Survey] = {}
         self.groomed: dict[str, Groomed] = {}
         self.result: Loaded | None = None
+        self.written: Loaded | None = None
+        """The result in the project's folder."""
         self.selection: tuple[str, ...] = ()
         self.undo.cleanChanged.connect(self.project_changed)
 
@@ -79,17 +84,51 @@ class Session(QObject):
         """Edit the settings of the next run."""
         self.edit(text, Study(self.study.members, settings), key)
 
-    def open(self, study: Study, folder: Path | None) -> None:
+    def open(self, study: Study, folder: Path | None, read_only: str = "") -> None:
         """Open another study; nothing of the one before is kept, nor what is still computed for it."""
         self.generation += 1
-        self.surveys, self.groomed, self.result, self.selection = {}, {}, None, ()
-        self.study, self.folder = study, folder
+        self.surveys, self.groomed, self.result, self.written, self.selection = {}, {}, None, None, ()
+        self.study, self.folder, self.read_only = study, folder, read_only
         self._remember()
         self.undo.clear()
         self.project_changed.emit()
         self.study_changed.emit()
         self.facts_changed.emit()
         self.selection_changed.emit()
+
+    @property
+    def is_result_written(self) -> bool:
+        """Whether the result that is seen is the one in the project's folder."""
+        seen, written = self.result, self.written
+        return seen is written or (
+            seen is not None
+            and written is not None
+            and seen.record is written.record
+            and np.array_equal(seen.result.local, written.result.local)
+        )
+
+    def take_result(self, loaded: Loaded, text: str) -> None:
+        """Have the result that was written to the project; undo shows the one before.
+
+        Not so if shapes were groomed with other settings since: they have taken the place of those before.
+        """
+        before, self.written = self.result, loaded
+        if before is None or before.record.settings.groom != loaded.record.settings.groom:
+            self.show_result(loaded)
+            return
+        clean = self.undo.isClean()
+        self.exchange_result(loaded, text)
+        if clean:
+            self.undo.setClean()
+
+    def exchange_result(self, loaded: Loaded, text: str) -> None:
+        """Show another result; undo shows the present one again."""
+        self.undo.push(_Exchange(self, loaded, text))
+
+    def show_result(self, loaded: Loaded | None) -> None:
+        """Show another result without a trace in the history."""
+        self.result = loaded
+        self.facts_changed.emit()
 
     def select(self, names: Iterable[str]) -> None:
         """Select subjects, everywhere."""
@@ -137,6 +176,23 @@ class Session(QObject):
         for member in self.study.members:
             subject = member.subject
             self.seen[subject.name, subject.path, subject.group, *subject.columns.values()] = subject
+
+
+class _Exchange(QUndoCommand):
+    """From one result to the next."""
+
+    def __init__(self, session: Session, after: Loaded, text: str) -> None:
+        super().__init__(text)
+        self._session = session
+        self._before, self._after = session.result, after
+
+    def redo(self) -> None:
+        """Show the later result."""
+        self._session.show_result(self._after)
+
+    def undo(self) -> None:
+        """Show the earlier result."""
+        self._session.show_result(self._before)
 
 
 class _Edit(QUndoCommand):

@@ -59,9 +59,12 @@ def shown_again(project: ProjectFolder, wanted: Snapshot, tick: Tick) -> Shown:
             models = _models(project, _needed(project, loaded), wanted, part_of(tick, 0.1, 0.8))
             inside = max(view.particles) < len(models[0].model.mean) and view.mode < models[0].modes
             _check(inside, f"there is no mode {view.mode + 1}, or no such particle")
-            _check(view.subject in ("", *models[0].result.names), f"no subject {view.subject!r}")
-            own = _contents(project, loaded, wanted, tick, view.subject) if view.subject else []
-            return measured_scene(view, models[0], shown_alone(own[0]) if own else None)
+            named: dict[str, Content] = {}
+            for name in filter(None, (view.subject, view.beside)):
+                _check(name in models[0].result.names, f"no subject {name!r}")
+                (content,) = _contents(project, loaded, wanted, tick, name)
+                named[name] = shown_alone(content)
+            return measured_scene(view, models[0], named)
         case CheckView() as view:
             contents = _contents(project, loaded, wanted, tick)
             shown = _checked(project, _needed(project, loaded), view, contents, part_of(tick, 0.2, 0.9))

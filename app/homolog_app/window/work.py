@@ -355,6 +355,5 @@ class Work(QObject):
         if loaded is None:
             _log.warning("too few particles to keep")
             return
-        self._session.result = loaded
         _log.info("%s", loaded.summary)
-        self._session.facts_changed.emit()
+        self._session.take_result(loaded, "Place particles")

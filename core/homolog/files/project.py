@@ -16,11 +16,13 @@ A new result is written into ``.next/`` and takes the place of the old one when 
 every moment, also after a crash, one whole result can be read.
 """
 
+import getpass
 import json
 import os
+import platform
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,7 +30,7 @@ from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
 from homolog.cohort import Cohort, Subject
-from homolog.errors import InputError
+from homolog.errors import InputError, InUseError
 from homolog.files.atomic import is_stale_temp, report_os_errors, write_text
 from homolog.files.records import FORMAT_VERSION, ProjectRecord, SubjectRecord
 
@@ -36,6 +38,7 @@ __all__ = ["OUT_OF_DATE", "ProjectFolder"]
 
 _RECORD = "project.json"
 _NEXT = ".next"
+_LOCK, _HOLDER = ".lock", ".holder"
 OUT_OF_DATE = "OUT_OF_DATE.txt"
 """Stands in a folder of statistics whose tables are of an earlier result."""
 _OUT_OF_DATE_WORDS = (
@@ -100,7 +103,7 @@ class ProjectFolder:
         if (
             self.folder.is_dir()
             and not self.exists
-            and any(path.name != ".lock" for path in self.folder.iterdir())
+            and any(path.name not in (_LOCK, _HOLDER) for path in self.folder.iterdir())
         ):
             raise InputError(
                 f"{self.folder}: contains other files; choose a new or empty folder for the project"
@@ -183,27 +186,33 @@ class ProjectFolder:
 
         Raises
         ------
+        InUseError
+            If another program has it open; the message says which.
         InputError
-            If there is no project, another program has it open, the folder can't be made or written to, or a
-            link in it leads elsewhere.
+            If there is no project, the folder can't be made or written to, or a link in it leads elsewhere.
         """
         if not (new or self.exists or self._is_swapping):
             raise self._missing
         with report_os_errors(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
-            path = self.folder.resolve() / ".lock"
+            path, holder = (self.folder.resolve() / name for name in (_LOCK, _HOLDER))
             lock = FileLock(path, timeout=0, is_singleton=True, thread_local=False)
             try:
                 lock.acquire()
             except Timeout as error:
-                message = f"{self.folder}: is in use by another Homolog; close that one or wait"
-                raise InputError(message) from error
+                message = f"{self.folder}: is in use by another Homolog{_read_holder(holder)}"
+                raise InUseError(f"{message}; close that one or wait") from error
         try:
             if lock.lock_counter == 1:
+                with suppress(OSError):  # a courtesy to others
+                    holder.write_text(_this_process(), encoding="utf-8")
                 self._tidy()
                 self._swap()
             yield
         finally:
+            if lock.lock_counter == 1:
+                with suppress(OSError):
+                    holder.unlink()
             lock.release()
 
     def _tidy(self) -> None:
@@ -281,3 +290,21 @@ def _relative(path: Path, folder: Path) -> str:
         return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
     except ValueError:
         return path.resolve().as_posix()
+
+
+def _this_process() -> str:
+    """Return who works on a project, in words for others."""
+    try:
+        user = f" of {getpass.getuser()}"
+    except (OSError, KeyError, ImportError):  # the system knows no name
+        user = ""
+    return f"process {os.getpid()}{user} on {platform.node()}"
+
+
+def _read_holder(path: Path) -> str:
+    """Return in brackets who has a project open, as far as that is known."""
+    try:
+        words = path.read_text(encoding="utf-8")[:200].strip()
+    except (OSError, UnicodeDecodeError):
+        return ""
+    return f" ({words})" if words and words.isprintable() else ""

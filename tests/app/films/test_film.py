@@ -6,7 +6,7 @@ import pytest
 from homolog.errors import InputError
 from homolog_app.films.film import Film
 from homolog_app.films.motion import Motion
-from homolog_app.films.settings import SIGHTS, FilmSettings, PictureSettings
+from homolog_app.films.settings import SIGHTS, FilmSettings, PictureSettings, camera_sight, camera_view
 
 SMALL = {"width": 480, "height": 320}
 BARE = {"caption": False, "scale_bar": False, "colours": "plain"}
@@ -127,3 +127,18 @@ def test_directions_stand_around_the_shape_and_turn_with_it(bulging):
     assert sorted(text.get_text() for text in film._letters[0][:2]) == ["A", "P"]
     (inner,), (outer,) = named.boxes, plain.boxes
     assert inner.width < outer.width
+
+
+def test_a_camera_is_a_view_of_its_own(ellipsoid, bulging):
+    sight = camera_sight((0.0, -250.0, 0.0), (0.0, 0.0, 1.0))
+    assert sight == "camera:0,-1,0,0,0,1"
+    settings = PictureSettings(**SMALL)
+    own, known = (Film([bulging], [view], settings).draw(1.0) for view in (sight, "anterior"))
+    np.testing.assert_array_equal(own, known)
+
+
+@pytest.mark.parametrize(
+    "word", ["anterior", "camera:1,0,0", "camera:0,0,1,0,0,2", "camera:nan,0,1,0,1,0", "0,0,1,0,1,0"]
+)
+def test_what_makes_no_picture_is_no_camera(word):
+    assert camera_view(word) is None

@@ -149,6 +149,31 @@ def test_the_menu_opens_each_export_with_the_project_and_its_groups(explored):
         one.close()
 
 
+def test_films_and_pictures_are_seen_and_cut_as_the_views_are(explored):
+    from homolog_app.window.export.dialog import ExportDialog
+
+    explored.commands["view.left"].trigger()
+    explored.commands["view.clip"].trigger()
+    for name in ("film", "still"):
+        explored.commands[f"export.{name}"].trigger()
+        (dialog,) = [one for one in explored.findChildren(ExportDialog) if one.isVisible()]
+        words = shlex.split(dialog.line.text())
+        assert words[words.index("--view") + 1] == "camera:1,0,0,0,0,1"
+        assert "--clip=axial" in words
+        dialog.close()
+
+
+def test_an_edit_of_the_main_settings_outlives_one_of_the_others(dialog):
+    from PySide6.QtWidgets import QCheckBox, QSpinBox
+
+    still = dialog("still")
+    (width,) = [box for box in still.findChildren(QSpinBox) if box.accessibleName() == "width"]
+    width.setValue(1920)
+    (caption,) = [box for box in still.findChildren(QCheckBox) if box.accessibleName() == "caption"]
+    caption.click()
+    assert (still.settings.width, still.settings.caption) == (1920, False)
+
+
 def test_groups_given_after_the_run_are_exported_once_they_are_saved(explored, tmp_path):
     from homolog_app.cli import main
     from homolog_app.window.export.dialog import ExportDialog

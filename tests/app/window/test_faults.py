@@ -13,6 +13,7 @@ import pytest
 
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
+from homolog_app.window.commands import COMMANDS
 
 pytestmark = pytest.mark.window
 
@@ -41,6 +42,10 @@ def other_program(folder, seconds):
         running.kill()
 
 
+def contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.name[0] != "." and path.is_file()}
+
+
 @pytest.fixture
 def full_disk():
     """Return a context in which no file of this process can grow."""
@@ -57,16 +62,34 @@ def full_disk():
     return limit
 
 
-def test_a_project_that_another_program_has_open_is_not_opened(window, finished, tmp_path, errors):
-    folder = copied(finished, tmp_path)
-    with other_program(folder, 60) as said:
+def test_a_project_that_another_program_has_open_is_opened_read_only_if_the_user_agrees(
+    window, finished, tmp_path, monkeypatch, wait
+):
+    folder, asked, answers = copied(finished, tmp_path), [], ["Cancel", "Open read-only", "Close"]
+    monkeypatch.setattr(
+        "homolog_app.window.library.ask", lambda _window, *words: asked.append(words) or answers.pop(0)
+    )
+    session, commands = window.desk.session, window.commands
+    with other_program(folder, 300) as said:
         assert said == "held"
+        before = contents(folder)
         window.library.take([folder])
-        (error,) = errors
-        assert "is in use by another Homolog; close that one or wait" in str(error[1])
-        assert window.desk.session.folder is None
-    window.library.take([folder])
-    assert window.desk.session.folder == folder
+        assert session.folder is None
+        window.library.take([folder])
+        wait(lambda: session.result is not None and not window.desk.work.is_busy)
+        assert "process" in asked[1][1]
+        assert session.folder == folder
+        assert "read-only" in window.windowTitle()
+        session.select(["a"])
+        session.set_group("sick")
+        assert not window.desk.is_changed
+        assert not any(commands[entry.id].isEnabled() for entry in COMMANDS if entry.writes)
+        assert "another Homolog" in commands["file.save"].toolTip()
+        assert contents(folder) == before
+        window.library.save_to(tmp_path / "own")
+        assert not session.read_only
+        assert commands["run.start"].isEnabled()
+        assert contents(folder) == before
 
 
 def test_other_programs_are_kept_out_of_an_open_project_until_it_is_closed(explored):

@@ -158,3 +158,29 @@ def test_the_boxes_of_another_study_are_not_shown(page, monkeypatch):
     page.fitted.changed.emit()
     assert volume.is_empty
     assert not volume.toolTip()
+
+
+def test_two_shapes_are_seen_side_by_side_on_one_scale(page, window):
+    for chooser, text in ((page.who, "a"), (page.beside, "b"), (page.map, "Wall thickness")):
+        chooser.setCurrentText(text)
+    page.shown_changed.emit()
+    scene = window.views.stage.scene
+    assert [content.name for content in scene.shown] == ["a", "b"]
+    assert scene.columns == 2
+    shown = page.shown(window.views._subjects)
+    assert shown.scale is not None
+    assert all(content.colours is not None for content in shown.contents)
+    page.beside.setCurrentIndex(0)
+    assert len(page.shown(window.views._subjects).contents) == 1
+
+
+def test_one_measure_is_plotted_against_another(page, window):
+    page.kind.setCurrentText("One against another")
+    for axis, text in zip(page.axes, ("Wall", "Area"), strict=True):
+        axis.setCurrentText(text)
+    page._choose_plots()
+    pairs = page.charts.pairs
+    assert page.charts.currentWidget() is pairs
+    np.testing.assert_allclose(pairs.points, [[row[5], row[4]] for row in cells(page)])
+    pairs.subject_chosen.emit("c")
+    assert window.desk.session.selection == ("c",)

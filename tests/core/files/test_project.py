@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 import threading
@@ -138,7 +139,8 @@ def test_a_second_program_is_told_that_the_project_is_in_use(tmp_path):
     ]
     with project.locked():
         said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-        assert "is in use by another Homolog" in said
+        assert f"is in use by another Homolog (process {os.getpid()}" in said
+    assert not (project.folder / ".holder").exists()
     assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "got it\n"
 
 

@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.surfaces.mirroring import scale_of
 from homolog_app.rendering.colour_scale import ColourScale, viridis
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scene.content import Content, Numbers, Shown
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, ParticleEnergies
@@ -84,7 +84,7 @@ def checked_scene(
     if marks.show == "distances" and marks.distances is not None:
         return _distances(subjects, inspection, marks.distances, names)
     contents = [
-        replace(content, lines=_rings(inspection, number[content.name], marks), through=True)
+        replace(content, **_marked(inspection, number[content.name], marks), through=True)
         if content.name in number
         else content
         for content in subjects
@@ -176,17 +176,25 @@ def _distances(
     return Shown(contents, columns=2, scale=scale, particles={})
 
 
-def _rings(inspection: "Inspection", m: int, marks: Marks) -> FloatArray | None:
-    """Return circles around the chosen particle, and around those that are marked on this subject only."""
+def _marked(inspection: "Inspection", m: int, marks: Marks) -> dict[str, Any]:
+    """Return rings and numbers of the chosen particle, and of those that are marked on this subject only."""
     chosen = [] if marks.particle is None else [marks.particle]
     if marks.pair is not None:
         chosen = list(marks.pair)
     elif m == marks.subject:
         chosen += [int(other) for other in marks.others if other != marks.particle]
     if not chosen:
-        return None
+        return {}
     places = inspection.located
-    return _circles(inspection, m, places.world[m, chosen], places.normals[m, chosen])
+    points = places.world[m, chosen]
+    colours = np.full((len(chosen), 3), _MARK, np.uint8)
+    if marks.pair is not None:
+        colours[1] = _SECOND
+    beside = 1.2 * _RING * places.spacing[m] * float(scale_of(places.alignments[m]))
+    return {
+        "lines": _circles(inspection, m, points, places.normals[m, chosen]),
+        "numbers": Numbers(np.array(chosen), points, colours, beside),
+    }
 
 
 def _circles(inspection: "Inspection", m: int, points: FloatArray, normals: FloatArray) -> FloatArray:

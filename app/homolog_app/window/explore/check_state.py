@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QObject, Signal, Slot
-from PySide6.QtGui import QUndoCommand
 
 from homolog.progress import Tick
 from homolog_app.window.desk import Desk
-from homolog_app.window.loaded import Loaded, Recorder
-from homolog_app.window.session import Session
+from homolog_app.window.loaded import Loaded, Recorder, write_held
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, Suspect
@@ -44,7 +42,6 @@ class Checked(QObject):
         self._wanted = False
         self._asked: Loaded | None = None
         self._seen: Loaded | None = None
-        self._written: Loaded | None = None
         self._versions: list[_Version] = []
         desk.session.facts_changed.connect(self._look)
         desk.session.undo.cleanChanged.connect(self._follow_save)
@@ -65,13 +62,7 @@ class Checked(QObject):
     @property
     def is_written(self) -> bool:
         """Whether the open result is the one in the project's folder."""
-        result, written = self._desk.session.result, self._written
-        same = result is written
-        return same or (
-            result is not None
-            and written is not None
-            and np.array_equal(result.result.local, written.result.local)
-        )
+        return self._desk.session.is_result_written
 
     def want(self) -> None:
         """Inspect the result unless that was done; `changed` follows. Asks again if it was cancelled."""
@@ -118,27 +109,35 @@ class Checked(QObject):
 
         def take(after: _Version) -> None:
             self._versions.append(after)
-            desk.session.undo.push(
-                _Exchange(desk.session, version.loaded, after.loaded, f"Optimize again: {', '.join(names)}")
-            )
+            desk.session.exchange_result(after.loaded, f"Optimize again: {', '.join(names)}")
             self.mended.emit(tuple(suspects))
 
         desk.work.compute("mend", work, "optimizing particles again", take)
 
     def write(self) -> None:
         """Let the open result take the place of the one in the project's folder."""
-        version, project = self._version, self._desk.project
-        if version is None or self.is_written:
+        session, project = self._desk.session, self._desk.project
+        result, written, version = session.result, session.written, self._version
+        if result is None or self.is_written:
             return
+        notes = version.notes if version is not None else {}
+        same_run = written is not None and result.record is written.record
+        cohort = session.study.whole
 
         def work(tick: Tick) -> Loaded:
             from homolog.run.repair import write_repaired
 
-            write_repaired(project, version.loaded.result.local, version.notes, tick)
-            recorder = Recorder()
-            recorder.frames = list(version.loaded.frames)
-            recorder.write(project)
-            return version.loaded
+            if same_run:
+                write_repaired(project, result.result.local, notes, tick)
+                recorder = Recorder()
+                recorder.frames = list(result.frames)
+                recorder.write(project)
+                return result
+            record = project.read()  # a run was undone: the result before it is in memory only
+            write_held(project, result, cohort, tick)
+            following = {"subjects": record.subjects, "settings": record.settings}
+            project.write(project.read().model_copy(update=following))
+            return result
 
         self._desk.work.compute("keep", work, "writing the result", self._take_written)
 
@@ -152,7 +151,7 @@ class Checked(QObject):
             write_suspects(path, rows(inspection, inspection.suspects, version.loaded.result.names))
 
     def _take_written(self, loaded: Loaded) -> None:
-        self._written = loaded
+        self._desk.session.written = loaded
         self.changed.emit()
 
     @Slot(bool)
@@ -175,7 +174,7 @@ class Checked(QObject):
         if result is not self._seen:
             self._seen = result
             if not known:
-                self._versions, self._written = [], result
+                self._versions = []
             self.changed.emit()
         if known or not self._wanted or result is None or result is self._asked or work.is_busy:
             return
@@ -200,23 +199,3 @@ class Checked(QObject):
 def _same(first: "Suspect", other: "Suspect") -> bool:
     shared = np.isin(first.particles, other.particles).any()
     return first.kind is other.kind and first.subject == other.subject and bool(shared)
-
-
-class _Exchange(QUndoCommand):
-    """From one version of the result to the next."""
-
-    def __init__(self, session: Session, before: Loaded, after: Loaded, text: str) -> None:
-        super().__init__(text)
-        self._session, self._before, self._after = session, before, after
-
-    def redo(self) -> None:
-        """Show the later version."""
-        self._show(self._after)
-
-    def undo(self) -> None:
-        """Show the earlier version."""
-        self._show(self._before)
-
-    def _show(self, loaded: Loaded) -> None:
-        self._session.result = loaded
-        self._session.facts_changed.emit()

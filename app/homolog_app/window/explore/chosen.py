@@ -123,6 +123,8 @@ class MeasureView(ColouredView):
     ----------
     subject : str
         Who is shown in place of the shape; nobody if empty.
+    beside : str or None
+        What is shown next to it: a subject, or the shape if empty; nothing if None.
     map : str
         What the colours show: the thickness of the wall, or the distance from the mean surface.
     """
@@ -132,6 +134,7 @@ class MeasureView(ColouredView):
     at: float = 0.0
     particles: tuple[int, int] = (0, 0)
     subject: str = ""
+    beside: str | None = None
     map: Literal["none", "thickness", "distance"] = "none"
 
 

@@ -336,7 +336,7 @@ class GroupsPage(ExplorePage):
         work = self.desk.work
         own = work.kind in ("groups", "model", "compare", "study", "seeds")
         for widget in (self.keep, self.seeds):
-            widget.setEnabled(not work.is_busy and self._current)
+            widget.setEnabled(not work.is_busy and self._current and not self.desk.session.read_only)
         self.results.setEnabled(not work.is_busy)
         self.progress.show_status(work.status if own else None)
         self.go.setVisible(not (own and work.status is not None))

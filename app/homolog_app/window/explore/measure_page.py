@@ -21,7 +21,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
 from homolog_app.window.explore.chosen import MeasureView
 from homolog_app.window.explore.fitted import Fitted
-from homolog_app.window.explore.measure_plot import MeasurePlots
+from homolog_app.window.explore.measure_plot import MEASURES, MeasurePlots
 from homolog_app.window.explore.measure_views import deviations_of, measured_scene
 from homolog_app.window.explore.model_content import shown_alone
 from homolog_app.window.explore.page import ExplorePage
@@ -43,9 +43,9 @@ _SAMPLES = 13
 _STEPS = 100
 _NUMBER_PX = 54
 _HEADS = ("Subject", "Group", "Dist.\n(mm)", "Volume\n(ml)", "Area\n(cm²)", "Wall\n(mm)")
-_MODEL = "Shape along the mode"
+_MODEL, _NOTHING = "Shape along the mode", "Nothing"
 _MAPS = {"None": "none", "Wall thickness": "thickness", "Distance from the mean surface": "distance"}
-_PLOTS = {"Along the mode": 0, "By group": 1}
+_PLOTS = {"Along the mode": 0, "By group": 1, "One against another": 2}
 
 
 class MeasurePage(ExplorePage):
@@ -65,6 +65,10 @@ class MeasurePage(ExplorePage):
         self.mode, self.place = choice("Mode"), QSlider(Qt.Orientation.Horizontal)
         self.at = label("")
         self.who, self.map = choice("Shape that is shown"), choice("Map", _MAPS)
+        self.beside = choice("Shape that is shown next to it")
+        self.axes = choice("Measure plotted across", MEASURES), choice("Measure plotted upwards", MEASURES)
+        self.axes[0].setCurrentIndex(1)
+        self.axes[1].setCurrentIndex(len(MEASURES) - 1)
         self.kind = choice("Plots", _PLOTS)
         self.map.setToolTip("What the colours of the shape show, in mm")
         self.table = SubjectTable(_HEADS, self)
@@ -117,11 +121,18 @@ class MeasurePage(ExplorePage):
         choosers = QGridLayout()
         choosers.setHorizontalSpacing(GRID)
         choosers.setColumnStretch(1, 1)
-        for row, (text, chooser) in enumerate((("Show", self.who), ("Map", self.map), ("Plots", self.kind))):
-            name = QLabel(text)
+        across, upwards = self.axes
+        rows = (
+            ("Show", self.who), ("Beside", self.beside), ("Map", self.map), ("Plots", self.kind),
+            ("Across", across), ("Upwards", upwards),
+        )  # fmt: skip
+        titles = [QLabel(text) for text, _ in rows]
+        for row, (name, (_, chooser)) in enumerate(zip(titles, rows, strict=True)):
             name.setBuddy(chooser)
             choosers.addWidget(name, row, 0)
             choosers.addWidget(chooser, row, 1)
+        self._of_pairs = (*titles[-2:], *self.axes)
+        self._choose_plots()
         self.body.addLayout(choosers)
         self.body.addLayout(along)
         self.body.addWidget(rule())
@@ -137,9 +148,15 @@ class MeasurePage(ExplorePage):
             box.valueChanged.connect(self._show_measures)
         self.mode.currentIndexChanged.connect(self._show_mode)
         self.place.valueChanged.connect(self._show_place)
-        for chooser in (self.who, self.map):
+        for chooser in (self.who, self.beside, self.map):
             chooser.activated.connect(lambda _: self.shown_changed.emit())
-        self.kind.activated.connect(lambda _: self.charts.setCurrentIndex(self.kind.currentData()))
+        for chooser in (self.kind, *self.axes):
+            chooser.activated.connect(self._choose_plots)
+        self.charts.pairs.subject_chosen.connect(lambda name: self.desk.session.select([name]))
+        self.charts.pairs.subject_toggled.connect(self.desk.session.toggle_selected)
+        self.desk.session.selection_changed.connect(
+            lambda: self.charts.pairs.show_selection(self.desk.session.selection)
+        )
         self.view.selectionModel().currentRowChanged.connect(self._select)
         for plot in self.charts.each:
             plot.chosen.connect(lambda at: self.place.setValue(round(_STEPS * at)))
@@ -156,8 +173,8 @@ class MeasurePage(ExplorePage):
         if self.fitted.shape is not None and view is not None:
             result = self.fitted.shape.result
             particles = (
-                result.world[result.names.index(view.subject)]
-                if view.subject
+                result.world[result.names.index(pick.name)]
+                if pick.name in (view.subject, view.beside)
                 else self.fitted.shape.model.instance(deviations_of(view))
             )
             nearest = int(np.square(particles - pick.place).sum(axis=1).argmin())
@@ -169,8 +186,9 @@ class MeasurePage(ExplorePage):
         view, shape = self.chosen, self.fitted.shape
         if view is None or shape is None:
             return Shown(subjects)
-        own = next((subject for subject in subjects if subject.name == view.subject), None)
-        return measured_scene(view, shape, own and shown_alone(own))
+        wanted = (view.subject, view.beside)
+        own = {subject.name: shown_alone(subject) for subject in subjects if subject.name in wanted}
+        return measured_scene(view, shape, own)
 
     @property
     def chosen(self) -> MeasureView | None:
@@ -179,8 +197,8 @@ class MeasurePage(ExplorePage):
             return None
         return MeasureView(
             mode=max(0, self.mode.currentIndex()), at=self.place.value() / _STEPS, particles=self.pair,
-            subject=self.who.currentText() if self.who.currentIndex() > 0 else "", map=self.map.currentData(),
-            colour_range=self.colour_range,
+            subject=self.who.currentData() or "", beside=self.beside.currentData(),
+            map=self.map.currentData(), colour_range=self.colour_range,
         )  # fmt: skip
 
     def write(self, path: Path) -> None:
@@ -210,8 +228,11 @@ class MeasurePage(ExplorePage):
             self.mode.clear()
             self.mode.addItems([f"Mode {mode + 1}" for mode in range(shape.modes if shape else 0)])
             self.place.setValue(0)
-            self.who.clear()
-            self.who.addItems([_MODEL, *(shape.result.names if shape else ())])
+            names = shape.result.names if shape else ()
+            for chooser, first in ((self.who, {_MODEL: ""}), (self.beside, {_NOTHING: None, _MODEL: ""})):
+                chooser.clear()
+                for text, name in (first | dict(zip(names, names, strict=True))).items():
+                    chooser.addItem(text, name)
             self._show_measures()
         self._measure()
         self.shown_changed.emit()
@@ -291,7 +312,15 @@ class MeasurePage(ExplorePage):
         groups = [group or "" for group in result.groups]
         rows = zip(result.names, groups, *(column.tolist() for column in columns), strict=True)
         self.table.show_rows(list(rows))
-        self.charts.show_measures(columns, groups)
+        self.charts.show_measures(columns, groups, result.names)
+
+    def _choose_plots(self) -> None:
+        """Show curves, boxes, or one measure against another."""
+        kind = self.kind.currentData()
+        for widget in self._of_pairs:
+            widget.setVisible(kind == _PLOTS["One against another"])
+        across, upwards = (chooser.currentIndex() for chooser in self.axes)
+        self.charts.choose(kind, across, upwards)
 
     def _select(self, row: QModelIndex, _: QModelIndex) -> None:
         name = self._rows.index(row.row(), 0).data()

@@ -1,4 +1,4 @@
-"""Measures: curves along the range of a mode, and box plots by group."""
+"""Measures: curves along the range of a mode, box plots by group, and one measure against another."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -9,18 +9,22 @@ from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QWidget
 
 from homolog.analysis.group_measures import GroupMeasure, compare_measure
 from homolog.arrays import FloatArray
+from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.explore.plot import Plot
 from homolog_app.window.quantities import short
 from homolog_app.window.theme import Theme
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
     from matplotlib.backend_bases import MouseEvent
     from matplotlib.figure import Figure
 
-__all__ = ["BoxPlot", "MeasurePlot", "MeasurePlots"]
+__all__ = ["MEASURES", "BoxPlot", "MeasurePlot", "MeasurePlots", "PairPlot"]
 
-_MEASURES = (("Distance", "mm"), ("Volume", "ml"), ("Area", "cm²"), ("Wall", "mm"))
+MEASURES = {"Distance": "mm", "Volume": "ml", "Area": "cm²", "Wall": "mm"}
+"""The measures in the order of the table, with their units."""
+
 _WIDTH = 150
 
 
@@ -134,13 +138,56 @@ class BoxPlot(Plot):
         draw_boxes(figure.subplots(), self._parts, measure.groups, means, title, self._unit, colours)
 
 
+class PairPlot(ScatterPlot):
+    """Two measures of every subject, one against the other, with their correlation."""
+
+    is_marked = False
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__(theme)
+        self.title = "One measure against another"
+        self.setAccessibleName(self.title)
+        self.hint.setText("The measures of the subjects appear here.")
+
+    def show_pair(
+        self, points: FloatArray, names: Sequence[str], groups: Sequence[str], labels: tuple[str, str]
+    ) -> None:
+        """Show two measures (M, 2) of subjects; those that lack one are left out."""
+        known = np.flatnonzero(np.isfinite(points).all(axis=1)).tolist()
+        own = [names[index] for index in known], [groups[index] for index in known]
+        self.show_scores(points[known], *own, labels)
+
+    def draw_data(self, axes: "Axes") -> None:
+        """Draw the subjects by group, with the correlation of all of them."""
+        from homolog_app.plots import draw_scores
+
+        colours, ellipses = self.theme.colours, self.options[ELLIPSES]
+        draw_scores(axes, self.points, self.groups, self.labels, colours, ellipses=ellipses)
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        rim = np.maximum(0.1 * (high - low), 1e-6)
+        axes.set(xlim=(low[0] - rim[0], high[0] + rim[0]), ylim=(low[1] - rim[1], high[1] + rim[1]))
+        if len(self.points) > 2 and (high > low).all():
+            x, y = self.points.T - self.points.mean(axis=0)[:, None]
+            r = f"r = {x @ y / np.sqrt((x @ x) * (y @ y)):.2f}".replace("-", "−")
+            axes.text(0.99, 0.98, r, ha="right", va="top", color=colours.text, transform=axes.transAxes)
+
+    def words_of(self, name: str) -> str:
+        """Return a subject's measures in words."""
+        index = self.names.index(name)
+        each = zip(self.labels, self.points[index].tolist(), strict=True)
+        return f"{self.title_of(index)}: " + ", ".join(f"{label} {short(value)}" for label, value in each)
+
+
 class MeasurePlots(QStackedWidget):
-    """The measures side by side: as curves along a mode, or as boxes by group."""
+    """The measures side by side as curves along a mode or as boxes by group, or two against each other."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__()
-        self.each = tuple(MeasurePlot(theme, *measure) for measure in _MEASURES)
-        self.boxes = tuple(BoxPlot(theme, *measure) for measure in _MEASURES)
+        self.each = tuple(MeasurePlot(theme, *measure) for measure in MEASURES.items())
+        self.boxes = tuple(BoxPlot(theme, *measure) for measure in MEASURES.items())
+        self.pairs = PairPlot(theme)
+        self._axes = (0, 1)
+        self._measures: tuple[Sequence[FloatArray], Sequence[str], Sequence[str]] = ((), (), ())
         for plots in (self.each, self.boxes):
             page = QWidget()
             row = QHBoxLayout(page)
@@ -149,13 +196,32 @@ class MeasurePlots(QStackedWidget):
             for plot in plots:
                 row.addWidget(plot)
             self.addWidget(page)
+        self.addWidget(self.pairs)
 
-    def show_measures(self, columns: Sequence[FloatArray], groups: Sequence[str]) -> None:
-        """Show the columns (M,) of the table by group."""
+    def choose(self, kind: int, across: int, upwards: int) -> None:
+        """Show curves, boxes, or one measure (by its number) against another."""
+        self._axes = (across, upwards)
+        self._show_pair()
+        self.setCurrentIndex(kind)
+
+    def show_measures(
+        self, columns: Sequence[FloatArray], groups: Sequence[str], names: Sequence[str]
+    ) -> None:
+        """Show the columns (M,) of the table by group, and two of them against each other."""
         for plot, values in zip(self.boxes, columns, strict=True):
             plot.show_measure(values, groups)
+        self._measures = columns, names, groups
+        self._show_pair()
+
+    def _show_pair(self) -> None:
+        columns, names, groups = self._measures
+        texts = [f"{name.lower()} ({unit})" for name, unit in MEASURES.items()]
+        points = np.column_stack([columns[axis] for axis in self._axes]) if columns else np.empty((0, 2))
+        self.pairs.show_pair(points, names, groups, (texts[self._axes[0]], texts[self._axes[1]]))
 
     def clear_measures(self) -> None:
-        """Empty the boxes."""
+        """Empty the boxes and the plot of two."""
+        self._measures = ((), (), ())
+        self._show_pair()
         for plot in self.boxes:
             plot.clear()

@@ -1,5 +1,6 @@
 """What the views show while something is measured: a shape with a line between two particles."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -29,29 +30,37 @@ def deviations_of(view: MeasureView) -> FloatArray:
     return deviations
 
 
-def measured_scene(view: MeasureView, shape: "ModelShape", subject: Content | None = None) -> Shown:
-    """Return the shape with both particles marked.
+def measured_scene(view: MeasureView, shape: "ModelShape", subjects: Mapping[str, Content]) -> Shown:
+    """Return the shape, or two side by side, with both particles marked.
 
     Parameters
     ----------
     view : MeasureView
     shape : ModelShape
-    subject : Content, optional
-        Whose own surface is shown in place of the shape.
+    subjects : mapping of str to Content
+        The subjects that the view names.
     """
+    names = [view.subject] if view.beside in (None, view.subject) else [view.subject, view.beside]
+    contents, particles, scale = [], {}, None
+    for name in names:
+        content, points = _measured(view, shape, subjects.get(name))
+        if view.map != "none" and content.groomed is not None:
+            content, scale = _coloured(view, content, shape)
+        contents.append(content)
+        particles[content.name] = points
+    return Shown(contents, len(contents), scale, particles)
+
+
+def _measured(view: MeasureView, shape: "ModelShape", subject: Content | None) -> tuple[Content, FloatArray]:
+    """Return the shape, or the own surface of a subject, and its particles (N, 3)."""
     if subject is None:
         deviations = deviations_of(view)
         particles = shape.model.instance(deviations)
         text = f"mode {view.mode + 1}: {signed(view.at)} SD"
         content = model_content(shape, shape.title, text, shape.moved(deviations), Look())
-        content = _with_pins(content, particles[list(view.particles)])
-    else:
-        particles = shape.result.world[shape.result.names.index(subject.name)]
-        content = replace(subject, lines=particles[None, list(view.particles)], through=True)
-    scale = None
-    if view.map != "none" and content.groomed is not None:
-        content, scale = _coloured(view, content, shape)
-    return Shown([content], 1, scale, {content.name: particles})
+        return _with_pins(content, particles[list(view.particles)]), particles
+    particles = shape.result.world[shape.result.names.index(subject.name)]
+    return replace(subject, lines=particles[None, list(view.particles)], through=True), particles
 
 
 def _coloured(view: MeasureView, content: Content, shape: "ModelShape") -> tuple[Content, ColourScale]:

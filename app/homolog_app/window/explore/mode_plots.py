@@ -84,6 +84,8 @@ class ScatterPlot(Plot):
     subject_chosen = Signal(str)
     subject_toggled = Signal(str)
     morphed = Signal(float, float)
+    is_marked = True
+    """Whether the place of the shape that is shown is drawn."""
 
     def __init__(self, theme: Theme) -> None:
         super().__init__(theme, "Subjects in two modes", "The scores of the subjects appear here.")
@@ -147,11 +149,12 @@ class ScatterPlot(Plot):
         from homolog_app.plots import draw_subjects
 
         axes, chosen = figure.axes[0], [name in self._selected for name in self.names]
+        mark = [self.draw_mark(axes)] if self.is_marked else []
         if self.options[NAMES] or not any(chosen):
-            return [self.draw_mark(axes)]
+            return mark
         names = [name for name in self.names if name in self._selected]
         named = draw_subjects(axes, self.points[chosen], names, names, self.theme.colours)
-        return [*named, self.draw_mark(axes)]
+        return [*named, *mark]
 
     def draw_mark(self, axes: "Axes") -> "Artist":
         """Draw a cross where the shape that is shown lies."""

@@ -93,7 +93,7 @@ class MotionChooser(QWidget):
 
     changed = Signal()
 
-    def __init__(self, modes: int, mode: int, columns: Mapping[str, Sequence[str]]) -> None:
+    def __init__(self, modes: int, mode: int, columns: Mapping[str, Sequence[str]], camera: str = "") -> None:
         super().__init__()
         self._most = modes
         self.what, self.modes = QComboBox(), QLineEdit(str(mode))
@@ -108,7 +108,9 @@ class MotionChooser(QWidget):
         self._mode_page = self._make_mode_page(modes)
         self.groups.hide()
         self.views = {name: QCheckBox(name.capitalize()) for name in SIGHTS}
-        self.views["oblique"].setChecked(True)
+        if camera:
+            self.views = {camera: QCheckBox("As in the window"), **self.views}
+        next(iter(self.views.values())).setChecked(True)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(GRID)
@@ -118,8 +120,8 @@ class MotionChooser(QWidget):
         layout.addWidget(label("Seen from", "SectionTitle"))
         grid = QGridLayout()
         grid.setSpacing(GRID // 2)
-        for index, (name, tick) in enumerate(self.views.items()):
-            tick.setAccessibleName(f"Seen from {name}")
+        for index, tick in enumerate(self.views.values()):
+            tick.setAccessibleName(f"Seen from: {tick.text()}")
             grid.addWidget(tick, index // 2, index % 2)
             tick.toggled.connect(self.changed)
         layout.addLayout(grid)

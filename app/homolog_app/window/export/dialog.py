@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import BaseModel
 from PySide6.QtCore import QUrl, Signal, Slot
 from PySide6.QtGui import QCloseEvent, QDesktopServices, QGuiApplication, Qt
 from PySide6.QtWidgets import (
@@ -20,7 +21,8 @@ from PySide6.QtWidgets import (
 )
 
 from homolog_app.cli.options import options_of
-from homolog_app.films.settings import PictureSettings
+from homolog_app.clipping import Clip
+from homolog_app.films.settings import CutAway, CutSettings, PictureSettings
 from homolog_app.window.export.checks import content_problem, place_problem
 from homolog_app.window.export.child import Child
 from homolog_app.window.export.choosers import GroupChooser, MotionChooser
@@ -50,6 +52,10 @@ class Exported:
         How many modes there are, and the one to begin with.
     columns : mapping of str to sequence of str
         Columns of the cohort's table with a value for each subject.
+    camera : str
+        How the window's views are seen (`films.settings.camera_sight`); may be empty.
+    clip : Clip or None
+        The plane that cuts them open.
     caution : str
         What of the open study is not in the project's folder; may be empty.
     """
@@ -61,6 +67,8 @@ class Exported:
     mode: int
     columns: Mapping[str, Sequence[str]]
     caution: str = ""
+    camera: str = ""
+    clip: Clip | None = None
 
 
 class ExportDialog(QDialog):
@@ -75,7 +83,7 @@ class ExportDialog(QDialog):
         self.setWindowTitle(f"Export: {kind.title}")
         self.kind, self._what = kind, what
         self.child = Child(self)
-        self.settings = kind.settings() if kind.settings else None
+        self.settings = _first_settings(kind, what.clip)
         self.chooser: MotionChooser | GroupChooser | None = None
         self.preview: Preview | None = None
         self.place, self.line = QLineEdit(), QLineEdit(readOnly=True)
@@ -164,15 +172,15 @@ class ExportDialog(QDialog):
         form.setSpacing(2 * GRID)
         what, model, main = self._what, self.kind.settings, self.kind.main
         if self.kind.content == "motion":
-            self.chooser = MotionChooser(what.modes, what.mode, what.columns)
+            self.chooser = MotionChooser(what.modes, what.mode, what.columns, what.camera)
             self.preview = Preview(what.project)
         elif self.kind.content == "groups":
             self.chooser = GroupChooser(what.columns, optional=True)
         if self.chooser is not None:
             form.addWidget(self.chooser)
-        if model is not None:
+        if model is not None and self.settings is not None:
             rows = SettingsPair(model, main) if main else SettingsForm(model)
-            rows.show_values(model())
+            rows.show_values(self.settings)
             rows.edited.connect(self._edit)
             form.addWidget(rows)
         form.addStretch()
@@ -278,6 +286,13 @@ class ExportDialog(QDialog):
         target = self.out or self._what.project / "report"
         folder = target if target.is_dir() else target.parent
         QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
+
+
+def _first_settings(kind: ExportKind, clip: Clip | None) -> BaseModel | None:
+    """Return the usual settings, which cut the shapes open where the window's views do."""
+    if kind.settings is None or clip is None or not issubclass(kind.settings, CutSettings):
+        return kind.settings() if kind.settings else None
+    return kind.settings(clip=CutAway(clip.plane), clip_at=clip.position, clip_flip=clip.flipped)
 
 
 def _row(text: str, line: QLineEdit, *after: QWidget) -> QHBoxLayout:

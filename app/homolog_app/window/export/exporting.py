@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from homolog.errors import InputError
 from homolog.files.names import file_stems
 from homolog_app.window.asking import Part, reported
@@ -77,7 +79,7 @@ class Exporting(Part):
         session = self._desk.session
         edits = session.folder is not None and not session.undo.isClean()
         mended = not self._window.inspector.explore.page_of(CheckPage).checked.is_written
-        cautions = {"Unsaved edits": edits, "Particles optimized again": mended}
+        cautions = {"Unsaved edits": edits, "Changed particles": mended}
         return tuple(text for text, given in cautions.items() if given)
 
     def close(self) -> None:
@@ -110,7 +112,18 @@ class Exporting(Part):
             mode=min(explore.page_of(ModesPage).sliders.chosen + 1, modes),
             columns=columns,
             caution=self._caution(),
+            camera=self._camera(),
+            clip=views.stage.scene.canvas.clip if (views := self._window.views) is not None else None,
         )
+
+    def _camera(self) -> str:
+        """Return from where the views are seen; the first of them, where each has its own camera."""
+        from homolog_app.films.settings import camera_sight
+
+        if (views := self._window.views) is None:
+            return ""
+        camera = views.stage.scene.canvas.cameras[0]
+        return camera_sight(np.subtract(camera.eye, camera.at).tolist(), camera.up)
 
     def _columns(self) -> dict[str, list[str]]:
         """Return the columns of the result's subjects, as the table has them now."""

@@ -11,7 +11,7 @@ from homolog_app.exports.settings import (
     ScreenshotSettings,
     TableSettings,
 )
-from homolog_app.films.settings import FilmSettings, StillSettings
+from homolog_app.films.settings import CutSettings, FilmSettings, StillSettings
 
 __all__ = ["KINDS", "SCREENSHOT", "ExportKind"]
 
@@ -124,6 +124,7 @@ KINDS = {
             "report",
             "Report",
             "One page about the model and its studies, in the project's folder.",
+            CutSettings,
             place=False,
         ),
     )

@@ -8,13 +8,13 @@ import numpy as np
 from homolog.arrays import Array, FloatArray
 from homolog.geometry import transform_points
 from homolog.surfaces.mirroring import mirrors, scale_of
-from homolog_app.clipping import Box, Clip, Cut, around
+from homolog_app.clipping import Box, Clip, Cut, around, extent_of
 from homolog_app.rendering.actors import QuickBalls, SceneActors
 from homolog_app.rendering.scene import Balls, Scene, Surface
 from homolog_app.scheme import LIGHT, Colours, rgb, rgb_bytes
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.scale_bar import ScaleBar
-from homolog_app.window.scene.words import Words
+from homolog_app.window.scene.words import NumberTexts, Words
 
 __all__ = ["Cell"]
 
@@ -39,7 +39,7 @@ class Cell:
         self._cut: Cut | None = None
         self._colours = LIGHT
         self._plain: dict[str, Array] = {}
-        self._words, self._bar = Words(renderer), ScaleBar(renderer)
+        self._words, self._bar, self._numbers = Words(renderer), ScaleBar(renderer), NumberTexts(renderer)
 
     def place(self, viewport: tuple[float, float, float, float] | None) -> None:
         """Give the view a part of the window, or none."""
@@ -63,7 +63,7 @@ class Cell:
                 or before.alignment is not content.alignment
             ):
                 self._placed[name] = transform_points(content.alignment, mesh.vertices)
-                self._boxes[name] = _box(self._placed[name])
+                self._boxes[name] = extent_of(self._placed[name])
                 self._surfaces.pop(name, None)
         if before is None or content is None or before.name != content.name:
             self._balls = None
@@ -141,6 +141,7 @@ class Cell:
         lines = [self.content.name, self.content.note] if self.content is not None else []
         self._words.show([line for line in lines if line], size, small=small, letters=letters)
         self._bar.show(bar and self.content is not None, round(0.85 * size))
+        self._numbers.show(self.content.numbers if self.content is not None else None, size)
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
@@ -150,6 +151,7 @@ class Cell:
         self.renderer.SetBackground(*rgb(colours.scene))
         self._words.paint(colours)
         self._bar.paint(rgb(colours.text))
+        self._numbers.paint(colours)
         self._update()
 
     def face_camera(self, bounds: tuple[float, ...]) -> None:
@@ -158,6 +160,7 @@ class Cell:
         right, up, ahead = self._axes
         self._actors.lift(-(self._balls.radius if self._balls is not None else 0.0) * ahead)
         self._bar.face()
+        self._numbers.face(right)
         if self.content is not None:
             self._words.face(self.content.patient_axes, right, up)
 
@@ -207,8 +210,3 @@ class Cell:
         """Extent of the surfaces [mm], of the input's only where it is shown; None if there are none."""
         raw = "raw" in self._shown or len(self._boxes) == 1
         return around([box for name, box in self._boxes.items() if raw or name != "raw"])
-
-
-def _box(points: FloatArray) -> Box:
-    low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
-    return low[0], high[0], low[1], high[1], low[2], high[2]

@@ -5,12 +5,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.arrays import Array, FloatArray
+from homolog.arrays import Array, FloatArray, IntArray
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colour_scale import ColourScale
 from homolog_app.rendering.scene import Arrows
 
-__all__ = ["Content", "Shown"]
+__all__ = ["Content", "Numbers", "Shown"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Numbers:
+    """Numbers that stand next to places, such as those of particles.
+
+    Attributes
+    ----------
+    values : (k,) int array
+    places : (k, 3) array
+        [mm], in the coordinates that are shown.
+    colours : (k, 3) uint8 array
+        Red, green, blue.
+    beside : float
+        Distance of the number from its place [mm].
+    """
+
+    values: IntArray
+    places: FloatArray
+    colours: Array
+    beside: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +63,8 @@ class Content:
         Whether arrows and lines that lie behind the surface are seen faintly through it.
     overlaid : bool
         Whether `groomed` is seen transparent over `raw`, whatever the user has switched on.
+    numbers : Numbers, optional
+        Seen in front of everything.
     """
 
     name: str
@@ -56,6 +79,7 @@ class Content:
     lines: FloatArray | None = None
     through: bool = False
     overlaid: bool = False
+    numbers: Numbers | None = None
 
     @property
     def patient_axes(self) -> FloatArray:

@@ -14,7 +14,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colour_scale import ColourScale
 from homolog_app.rendering.scene import Arrows
 from homolog_app.window.scene.canvas import Canvas
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scene.content import Content, Numbers, Shown
 from homolog_app.window.scene.grid import MOST
 
 __all__ = ["KEPT", "read_shown", "write_shown"]
@@ -124,6 +124,9 @@ def _arrays_of(content: Content, shown: Shown) -> _Arrays:
             arrays |= {f"{name}.vertices": mesh.vertices, f"{name}.faces": mesh.faces}
     if content.arrows is not None:
         arrays |= {"arrows.points": content.arrows.points, "arrows.vectors": content.arrows.vectors}
+    if (numbers := content.numbers) is not None:
+        arrays |= {f"numbers.{name}": getattr(numbers, name) for name in ("values", "places", "colours")}
+        arrays["numbers.beside"] = np.array([numbers.beside])
     if content.through:
         arrays["through"] = np.array(True)
     if content.overlaid:
@@ -155,8 +158,17 @@ def _content(name: str, note: str, arrays: _Arrays) -> Content:
         colours=_table(arrays, "colours", points, kind="u1") if "colours" in arrays else None,
         normals=_table(arrays, "normals", points) if "normals" in arrays else None,
         through="through" in arrays,
-        overlaid="overlaid" in arrays,
+        overlaid="overlaid" in arrays, numbers=_numbers(arrays),
     )  # fmt: skip
+
+
+def _numbers(arrays: _Arrays) -> Numbers | None:
+    if "numbers.places" not in arrays:
+        return None
+    places = _table(arrays, "numbers.places")
+    values = _table(arrays, "numbers.values", len(places), (), "i8")
+    beside = float(_table(arrays, "numbers.beside", 1, ())[0])
+    return Numbers(values, places, _table(arrays, "numbers.colours", len(places), kind="u1"), beside)
 
 
 def _mesh(arrays: _Arrays, name: str) -> TriangleMesh | None:

@@ -1,4 +1,4 @@
-"""What is written in a view: the name at the top, and the anatomical letters at the edges."""
+"""What is written in a view: the name at the top, letters at the edges, and numbers at particles."""
 
 from typing import Any
 
@@ -9,13 +9,15 @@ from homolog.arrays import FloatArray
 from homolog_app.fonts import font_file, written
 from homolog_app.letters import edge_letters
 from homolog_app.scheme import Colours, rgb
+from homolog_app.window.scene.content import Numbers
 
-__all__ = ["Words"]
+__all__ = ["NumberTexts", "Words"]
 
 _FONT_FILE = 4  # VTK_FONT_FILE: VTK's own fonts know no Greek
 _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
 _FREE, _ROOM, _LEAST = 0.43, 0.97, 4
 _CUT = "…"
+_PLATE = 0.75  # opacity
 
 
 class Words:
@@ -93,6 +95,48 @@ class Words:
         self._caption.SetInput(line)
         self._caption.GetSize(self._renderer, size)
         return size[0]
+
+
+class NumberTexts:
+    """Numbers next to places, each on a plate, so that it is read on any shape."""
+
+    def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
+        self._renderer = renderer
+        self._texts: list[Any] = []
+        self._numbers: Numbers | None = None
+        self._plate = (1.0, 1.0, 1.0)
+
+    def show(self, numbers: Numbers | None, size: int) -> None:
+        """Write these numbers, so many pixels high."""
+        self._numbers = numbers
+        values = [] if numbers is None else numbers.values.tolist()
+        while len(self._texts) < len(values):
+            text = _text(0.0, 0.0)
+            text.GetPositionCoordinate().SetCoordinateSystemToWorld()
+            text.GetTextProperty().SetVerticalJustificationToCentered()
+            text.GetTextProperty().SetBackgroundOpacity(_PLATE)
+            self._renderer.AddViewProp(text)
+            self._texts.append(text)
+        for index, text in enumerate(self._texts):
+            text.SetVisibility(index < len(values))
+            if numbers is not None and index < len(values):
+                text.SetInput(f" {values[index]} ")
+                look = text.GetTextProperty()
+                look.SetFontSize(size)
+                look.SetBold(True)
+                look.SetBackgroundColor(*self._plate)
+                look.SetColor(*(numbers.colours[index] / 255.0).tolist())
+
+    def face(self, right: FloatArray) -> None:
+        """Before each drawing: put them to the right of their places as they are seen now."""
+        if self._numbers is not None:
+            places = self._numbers.places + self._numbers.beside * right
+            for text, place in zip(self._texts, places.tolist(), strict=False):
+                text.GetPositionCoordinate().SetValue(*place)
+
+    def paint(self, colours: Colours) -> None:
+        """Take the colours of the scheme; `show` follows."""
+        self._plate = rgb(colours.scene)
 
 
 def _text(x: float, y: float) -> Any:  # noqa: ANN401
