@@ -198,7 +198,8 @@ def draw_energy_frames(
 ) -> None:
     """Draw all of `draw_energies` but the curves, with room for so large a share of further iterations."""
     for axes, (name, meaning), values in zip(places, _MEANINGS.items(), rows.T[1:], strict=True):
-        dress(axes, colours, f"{name}\n{meaning}", "iteration")
+        label = "energy, lower is better" if axes is places[0] else ""
+        dress(axes, colours, f"{name}\n{meaning}", "iteration", label)
         known = values[np.isfinite(values)]
         first, last = float(rows[0, 0]), float(rows[-1, 0])
         axes.set_xlim(first, last + ahead * (last - first))

@@ -9,7 +9,7 @@ from homolog_app.window.cohort_model import GROUP, NAME, STATUS, VOLUME, CohortM
 from homolog_app.window.label_picker import LabelPicker
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme
-from homolog_app.window.widgets import GRID, Panel, button, label
+from homolog_app.window.widgets import GRID, Panel, button, dress_table, label
 
 __all__ = ["CohortPanel"]
 
@@ -83,22 +83,16 @@ class CohortPanel(Panel):
 
     def _table(self) -> "_Table":
         table = _Table()
-        table.setAccessibleName("Subjects")
+        dress_table(table, "Subjects", 240)
+        table.setTabKeyNavigation(True)
         table.setModel(self.rows)
         table.setSortingEnabled(True)
         table.sortByColumn(-1, Qt.SortOrder.AscendingOrder)
-        table.setSelectionBehavior(QTableView.SelectionBehavior.SelectRows)
         table.setEditTriggers(QTableView.EditTrigger.DoubleClicked | QTableView.EditTrigger.EditKeyPressed)
-        table.setAlternatingRowColors(True)
-        table.setShowGrid(False)
-        table.setWordWrap(False)
         table.setTextElideMode(Qt.TextElideMode.ElideMiddle)
         table.setIconSize(QSize(32, 32))
-        table.setMinimumHeight(240)
-        table.verticalHeader().hide()
         table.verticalHeader().setDefaultSectionSize(40)
         head = table.horizontalHeader()
-        head.setHighlightSections(False)
         head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
         head.setStretchLastSection(True)
         for column, width in ((NAME, _NAME_PX), (GROUP, _GROUP_PX[0]), (VOLUME, 72), (STATUS, _STATUS_PX)):

@@ -1,10 +1,11 @@
-"""A form made from a settings model: one row a setting, with its unit, bounds and help."""
+"""A form made from a settings model: one row a setting, with its unit, and help for the one in hand."""
 
 from enum import Enum
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtGui import QEnterEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -22,6 +23,9 @@ from homolog_app.window.widgets import GRID, NumberBox, button, label
 
 __all__ = ["SettingsForm", "SettingsPair"]
 
+_HINT = "Point at a setting for its help."
+_LINES = 3
+_EDITOR = 112
 _NO_BOUND = 2**31 - 1  # as many as an editor of whole numbers takes
 _WORDS = {
     "geodesic-normals": "Geodesics and normals (the paper's)",
@@ -49,24 +53,43 @@ _WORDS = {
 }
 
 
+class _Help(QLabel):
+    """The help of the setting that the pointer is on or that has the focus; its height stays as it is."""
+
+    def __init__(self) -> None:
+        super().__init__(_HINT)
+        self.setObjectName("FieldHelp")
+        self.setWordWrap(True)
+        self.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self.setFixedHeight(_LINES * self.fontMetrics().lineSpacing())
+
+
 class SettingsForm(QWidget):
-    """Shows a settings model and reports each valid edit as a changed model."""
+    """Shows a settings model and reports each valid edit as a changed model.
+
+    `help` is a label that the owner puts where it is always seen.
+    """
 
     edited = Signal(str, object)
 
-    def __init__(self, model: type[BaseModel], leave_out: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, model: type[BaseModel], leave_out: tuple[str, ...] = (), help_: QLabel | None = None
+    ) -> None:
         super().__init__()
         self._model = model()
         self._rows: dict[str, _Row] = {}
+        self.help = help_ or _Help()
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(2 * GRID)
-        for parameter in parameters(model):
-            if parameter.name not in leave_out:
-                row = _Row(parameter)
-                row.entered.connect(self._enter)
-                self._rows[parameter.name] = row
-                layout.addWidget(row)
+        layout.setSpacing(GRID)
+        shown = [parameter for parameter in parameters(model) if parameter.name not in leave_out]
+        room = max((label(item.unit, "Unit").sizeHint().width() for item in shown if item.unit), default=0)
+        for parameter in shown:
+            row = _Row(parameter, room)
+            row.entered.connect(self._enter)
+            row.helped.connect(self.help.setText)
+            self._rows[parameter.name] = row
+            layout.addWidget(row)
 
     def show_values(self, model: BaseModel) -> None:
         """Show the settings; nothing is reported."""
@@ -95,7 +118,8 @@ class SettingsPair(QWidget):
         super().__init__()
         more = tuple(parameter.name for parameter in parameters(model) if parameter.name not in main)
         self.main = SettingsForm(model, leave_out=more)
-        self.more = SettingsForm(model, leave_out=main)
+        self.help = self.main.help
+        self.more = SettingsForm(model, leave_out=main, help_=self.help)
         self.more.hide()
         self.unfold = button("More settings ▸", "flat")
         self.unfold.setCheckable(True)
@@ -124,15 +148,18 @@ class SettingsPair(QWidget):
 
 
 class _Row(QWidget):
-    """Label, editor and unit in one line, the help below."""
+    """Label, editor and unit in one line; below it what is wrong with the value, if anything is."""
 
     entered = Signal(str, object)
+    helped = Signal(str)
 
-    def __init__(self, parameter: Parameter) -> None:
+    def __init__(self, parameter: Parameter, unit_room: int) -> None:
         super().__init__()
         self._parameter = parameter
-        self._help = label(_help(parameter), "FieldHelp", wrap=True)
+        self._problem = label("", "Problem", wrap=True)
+        self._problem.hide()
         self._editor = self._make_editor()
+        self._editor.installEventFilter(self)
         self._editor.setAccessibleName(parameter.label)
         self._editor.setAccessibleDescription(parameter.help)
         self._editor.setToolTip(_help(parameter))
@@ -141,14 +168,28 @@ class _Row(QWidget):
         grid.setHorizontalSpacing(GRID)
         grid.setVerticalSpacing(GRID // 2)
         wide = isinstance(self._editor, QComboBox)
+        columns = 3 if unit_room else 2
         name = QLabel(parameter.label.capitalize())
         name.setBuddy(self._editor)
-        grid.addWidget(name, 0, 0, 1, 3 if wide else 1)
-        grid.addWidget(self._editor, 1 if wide else 0, 0 if wide else 1, 1, 3 if wide else 1)
+        grid.addWidget(name, 0, 0)
+        grid.addWidget(self._editor, 0, 1, 1, columns - 1 if wide else 1)
         if parameter.unit:
             grid.addWidget(label(parameter.unit, "Unit"), 0, 2)
-        grid.addWidget(self._help, 2, 0, 1, 3)
+        grid.addWidget(self._problem, 1, 0, 1, columns)
         grid.setColumnStretch(0, 1)
+        if unit_room:  # editors stand below each other, with and without a unit
+            grid.setColumnMinimumWidth(2, unit_room)
+
+    def enterEvent(self, event: QEnterEvent) -> None:
+        """Show the help of what the pointer is on."""
+        super().enterEvent(event)
+        self.helped.emit(_help(self._parameter))
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Show the help of what has the focus."""
+        if event.type() == QEvent.Type.FocusIn:
+            self.helped.emit(_help(self._parameter))
+        return super().eventFilter(watched, event)
 
     def show_value(self, value: object) -> None:
         """Show a value without reporting it."""
@@ -168,23 +209,19 @@ class _Row(QWidget):
     def refuse(self) -> None:
         """Mark what was typed as no such value, and say what is."""
         bounds = self._parameter.bounds
-        self._mark(
-            f"Must be {bounds} {self._parameter.unit}".strip() if bounds else "Invalid value",
-            "Problem",
-        )
+        self._mark(f"Must be {bounds} {self._parameter.unit}".strip() if bounds else "Invalid value")
 
     def accept(self) -> None:
-        """Show the help again."""
-        self._mark(_help(self._parameter), "FieldHelp")
+        """Say nothing more of a value that is fine."""
+        self._mark("")
 
-    def _mark(self, text: str, look: str) -> None:
-        self._help.setText(text)
-        if self._help.objectName() != look:
-            self._help.setObjectName(look)
-            for widget in (self._help, self._editor):
-                widget.setProperty("invalid", look == "Problem")
-                widget.style().unpolish(widget)
-                widget.style().polish(widget)
+    def _mark(self, problem: str) -> None:
+        if problem != self._problem.text():
+            self._problem.setText(problem)
+            self._problem.setVisible(bool(problem))
+            self._editor.setProperty("invalid", bool(problem))
+            self._editor.style().unpolish(self._editor)
+            self._editor.style().polish(self._editor)
 
     def _make_editor(self) -> QWidget:
         parameter = self._parameter
@@ -196,6 +233,8 @@ class _Row(QWidget):
             choice = QComboBox()
             for value in parameter.choices:
                 choice.addItem(_WORDS.get(value, value.capitalize()), value)
+            choice.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
+            choice.setMinimumWidth(_EDITOR)
             choice.activated.connect(lambda _: self._report(choice.currentData()))
             return choice
         if (
@@ -206,12 +245,12 @@ class _Row(QWidget):
         ):
             number = NumberBox(int(parameter.low), int(parameter.high))
             number.setKeyboardTracking(False)
-            number.setFixedWidth(112)
+            number.setFixedWidth(_EDITOR)
             number.setAlignment(Qt.AlignmentFlag.AlignRight)
             number.valueChanged.connect(self._report)
             return number
         text = QLineEdit(placeholderText="automatic" if parameter.automatic else "")
-        text.setFixedWidth(112)
+        text.setFixedWidth(_EDITOR)
         text.setAlignment(Qt.AlignmentFlag.AlignRight)
         text.textEdited.connect(self._report_text)
         return text

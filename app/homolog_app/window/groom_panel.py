@@ -44,7 +44,7 @@ class GroomPanel(Panel):
         self.progress = Progress(actions)
         self.go = ActionButton("Groom", actions["run.groom"], "primary")
         self.proceed = ActionButton("Next: Correspond", actions["view.correspond"], "primary")
-        for below in (self.progress, self.go, self.proceed):
+        for below in (self.form.help, self.progress, self.go, self.proceed):
             self.footer.addWidget(below)
         for signal in (session.study_changed, session.facts_changed, session.selection_changed):
             signal.connect(self._show)

@@ -7,7 +7,7 @@ from PySide6.QtGui import QColor, QFont, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QAbstractButton, QFrame, QVBoxLayout, QWidget
 
 from homolog_app.window.icons import pixmap
-from homolog_app.window.theme import Theme
+from homolog_app.window.theme import Theme, scaled
 from homolog_app.window.widgets import GRID
 
 __all__ = ["STEPS", "Rail", "Step"]
@@ -105,15 +105,15 @@ class _StepButton(QAbstractButton):
 
     def _paint_words(self, painter: QPainter, box: QRect, ink: str) -> None:
         font = QFont(self.font())
-        font.setPixelSize(12)
+        font.setPixelSize(scaled(12))
         font.setWeight(QFont.Weight.DemiBold if self._current else QFont.Weight.Medium)
         painter.setFont(font)
         painter.setPen(QColor(ink))
         flags = Qt.AlignmentFlag.AlignHCenter | Qt.AlignmentFlag.AlignTop
         painter.drawText(box.adjusted(0, 46, 0, 0), flags, self.text())
-        font.setPixelSize(11)
+        font.setPixelSize(scaled(11))
         font.setWeight(QFont.Weight.Normal)
         painter.setFont(font)
         painter.setPen(QColor(self._theme.colours.dim if self._step.enabled else self._theme.colours.faint))
         text = self._step.status or ("next" if self._step.following and not self._current else "")
-        painter.drawText(box.adjusted(2, 66, -2, 0), flags | Qt.TextFlag.TextWordWrap, text)
+        painter.drawText(box.adjusted(2, 54 + scaled(12), -2, 0), flags | Qt.TextFlag.TextWordWrap, text)

@@ -77,6 +77,7 @@ class RunPanel(Panel):
         return further
 
     def _lay_out_footer(self) -> None:
+        self.footer.addWidget(self.form.help)
         self.footer.addWidget(self.progress)
         self.progress.buttons.insertWidget(0, self.pause)
         row = QHBoxLayout()

@@ -6,12 +6,14 @@ from pathlib import Path
 from string import Template
 
 from PySide6.QtCore import QObject, Qt, Signal, Slot
-from PySide6.QtGui import QColor, QGuiApplication, QPalette
+from PySide6.QtGui import QColor, QFontInfo, QGuiApplication, QPalette
 from PySide6.QtWidgets import QApplication
 
 from homolog_app.scheme import DARK, LIGHT, Colours
 
-__all__ = ["Theme"]
+__all__ = ["Theme", "scaled"]
+
+_SIZES, _USUAL = (12, 15, 17, 32), 12
 
 
 class Theme(QObject):
@@ -54,7 +56,8 @@ class Theme(QObject):
         colours = DARK if dark else LIGHT
         template = (files("homolog_resources") / "style.qss").read_text(encoding="utf-8")
         tick = "tick_dark" if dark else "tick_light"
-        names = asdict(colours) | {"icons": _icon_folder(), "tick": tick}
+        sizes = {f"font{size}": f"{scaled(size)}px" for size in _SIZES}
+        names = asdict(colours) | sizes | {"icons": _icon_folder(), "tick": tick}
         sheet = Template(template).substitute(names)
         if colours is self.colours and sheet == self._app.styleSheet():
             return  # every widget would be styled, and every icon drawn, once more
@@ -62,6 +65,11 @@ class Theme(QObject):
         self._app.setPalette(_palette(colours))
         self._app.setStyleSheet(sheet)
         self.changed.emit()
+
+
+def scaled(size: int) -> int:
+    """Return a size of letters [pixels], given for a system's font of 12 pixels, for the present one."""
+    return round(size * QFontInfo(QGuiApplication.font()).pixelSize() / _USUAL)
 
 
 def _icon_folder() -> str:

@@ -13,6 +13,7 @@ from PySide6.QtWidgets import (
     QScrollArea,
     QSizePolicy,
     QSpinBox,
+    QTableView,
     QVBoxLayout,
     QWidget,
 )
@@ -24,6 +25,7 @@ __all__ = [
     "Panel",
     "button",
     "choice",
+    "dress_table",
     "label",
     "rule",
     "set_dimmed",
@@ -106,6 +108,19 @@ def choice(name: str, entries: Mapping[str, object] | None = None) -> QComboBox:
     for text, data in (entries or {}).items():
         box.addItem(text, data)
     return box
+
+
+def dress_table(table: QTableView, name: str, least_height: int) -> None:
+    """Let a table choose whole rows, without lines and row numbers, with an accessible name."""
+    table.setAccessibleName(name)
+    table.setSelectionBehavior(QTableView.SelectionBehavior.SelectRows)
+    table.setAlternatingRowColors(True)
+    table.setShowGrid(False)
+    table.setWordWrap(False)
+    table.setTabKeyNavigation(False)
+    table.setMinimumHeight(least_height)
+    table.verticalHeader().hide()
+    table.horizontalHeader().setHighlightSections(False)
 
 
 def rule() -> QFrame:

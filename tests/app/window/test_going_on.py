@@ -71,3 +71,27 @@ def test_a_cancelled_addition_leaves_the_result_and_offers_no_particles_to_keep(
     wait(lambda: not explored.desk.work.is_busy)
     assert explored.desk.session.result is before
     assert not explored.commands["run.keep"].isEnabled()
+
+
+def test_a_run_is_undone_and_the_result_before_it_is_saved(explored, wait):
+    from homolog.files.project import ProjectFolder
+    from homolog.files.results import read_result
+
+    session, commands = explored.desk.session, explored.commands
+    before, project = session.result, ProjectFolder(session.folder)
+    ask_for(explored, 48)
+    commands["run.more"].trigger()
+    wait(lambda: not explored.desk.work.is_busy)
+    after = session.result
+    assert after.result.local.shape[1] == 48
+    commands["edit.undo"].trigger()
+    assert session.result is before
+    assert not commands["run.more"].isEnabled()  # it would begin with the particles of the folder
+    assert read_result(project).local.shape[1] == 48
+    commands["file.save"].trigger()
+    wait(lambda: session.is_result_written and not explored.desk.work.is_busy)
+    np.testing.assert_array_equal(read_result(project).local, before.result.local)
+    assert project.read().settings.optimize.particles == 48
+    assert commands["run.more"].isEnabled()
+    commands["edit.redo"].trigger()
+    assert session.result is after

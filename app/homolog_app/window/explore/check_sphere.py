@@ -8,7 +8,7 @@ from PySide6.QtGui import QColor, QFont, QHelpEvent, QMouseEvent, QPainter, QPai
 from PySide6.QtWidgets import QToolTip, QWidget
 
 from homolog.arrays import FloatArray
-from homolog_app.window.theme import Theme
+from homolog_app.window.theme import Theme, scaled
 
 __all__ = ["NormalSphere"]
 
@@ -95,7 +95,7 @@ class NormalSphere(QWidget):
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         font = QFont(self.font())
-        font.setPixelSize(12)
+        font.setPixelSize(scaled(12))
         painter.setFont(font)
         colours = self._theme.colours
         painter.fillRect(self.rect(), QColor(colours.surface))

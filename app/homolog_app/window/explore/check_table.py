@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QHeaderView, QTableView
 
 from homolog_app.window.icons import icon
 from homolog_app.window.theme import Theme
+from homolog_app.window.widgets import dress_table
 
 if TYPE_CHECKING:
     from homolog.inspection import Suspect
@@ -80,20 +81,12 @@ class SuspectModel(QAbstractTableModel):
 def suspect_table(model: SuspectModel) -> QTableView:
     """Return the widget that shows the table."""
     table = QTableView()
+    dress_table(table, "Suspects", 200)
     table.setModel(model)
-    table.setAccessibleName("Suspects")
-    table.setSelectionBehavior(QTableView.SelectionBehavior.SelectRows)
     table.setSelectionMode(QTableView.SelectionMode.SingleSelection)
-    table.setAlternatingRowColors(True)
-    table.setShowGrid(False)
-    table.setWordWrap(False)
-    table.setTabKeyNavigation(False)
     table.setIconSize(QSize(20, 20))
-    table.setMinimumHeight(200)
-    table.verticalHeader().hide()
     table.verticalHeader().setDefaultSectionSize(28)
     head = table.horizontalHeader()
-    head.setHighlightSections(False)
     head.setDefaultAlignment(Qt.AlignmentFlag.AlignLeft | Qt.AlignmentFlag.AlignVCenter)
     for column, mode in enumerate(
         (

@@ -29,7 +29,7 @@ from homolog_app.window.explore.present import with_present_table
 from homolog_app.window.explore.subject_table import SORTED_BY, SubjectTable
 from homolog_app.window.quantities import signed
 from homolog_app.window.scene.content import Content, Shown
-from homolog_app.window.widgets import GRID, ActionButton, NumberBox, choice, label, rule
+from homolog_app.window.widgets import GRID, ActionButton, NumberBox, choice, dress_table, label, rule
 
 if TYPE_CHECKING:
     from homolog_app.exports.measures import Measures
@@ -101,21 +101,15 @@ class MeasurePage(ExplorePage):
         along.addWidget(self.mode)
         along.addWidget(self.place, 1)
         along.addWidget(self.at)
+        dress_table(self.view, "Measures of the subjects", 200)
         self.view.setModel(self._rows)
         self.view.setSortingEnabled(True)
         self.view.sortByColumn(0, Qt.SortOrder.AscendingOrder)
-        self.view.setSelectionBehavior(QTableView.SelectionBehavior.SelectRows)
-        self.view.setAlternatingRowColors(True)
-        self.view.setShowGrid(False)
-        self.view.setWordWrap(False)
-        self.view.verticalHeader().hide()
         self.view.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.view.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
         for column in range(2, len(_HEADS)):
             self.view.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.Fixed)
             self.view.horizontalHeader().resizeSection(column, _NUMBER_PX)
-        self.view.setAccessibleName("Measures of the subjects")
-        self.view.setMinimumHeight(200)
         self.body.addLayout(grid)
         self.body.addWidget(label("Or click on the shape to set the two in turn.", "FieldHelp", wrap=True))
         choosers = QGridLayout()

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["deviations_of", "measured_scene"]
 
 _PIN = 0.12
-_NEARLY_ALL = 95.0
+_NEARLY_ALL, _ROOM = 95.0, 1.25  # subjects differ from the mean shape
 
 
 def deviations_of(view: MeasureView) -> FloatArray:
@@ -86,10 +86,10 @@ def _coloured(view: MeasureView, content: Content, shape: "ModelShape") -> tuple
 
 
 def _thickness_scale(thickness: FloatArray) -> ColourScale:
-    """Return a scale from 0 to what nearly all of the mean shape's wall stays below."""
+    """Return a scale from 0 to what nearly all of the mean shape's wall stays below, with some room."""
     known = thickness[~np.isnan(thickness)]
-    high = float(np.percentile(known, _NEARLY_ALL)) if len(known) else 1.0
-    return ColourScale("Wall thickness", "mm", 0.0, float(f"{high:.1g}"), viridis(), "thin", "thick")
+    high = _ROOM * float(np.percentile(known, _NEARLY_ALL)) if len(known) else 1.0
+    return ColourScale("Wall thickness", "mm", 0.0, float(f"{high:.2g}"), viridis(), "thin", "thick")
 
 
 def _with_pins(content: Content, ends: FloatArray) -> Content:

@@ -190,9 +190,7 @@ class ModesPage(ExplorePage):
         kept = shape.parallel.n_retained
         verb = "mode is" if kept == 1 else "modes are"
         share = 100.0 * float(shape.model.explained_variance_ratio[:kept].sum())
-        self.state.setText(
-            f"{kept} {verb} retained by parallel analysis: {share:.1f} % of the variance (parallel analysis)."
-        )
+        self.state.setText(f"{kept} {verb} retained by parallel analysis: {share:.1f} % of the variance.")
 
     def _tell_preliminary(self) -> None:
         """Mark a model of a run that has not finished."""

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QModelIndex, Qt
 from PySide6.QtWidgets import (
-    QAbstractItemView,
     QCheckBox,
     QComboBox,
     QFormLayout,
@@ -40,7 +39,7 @@ from homolog_app.window.explore.patient_views import (
 from homolog_app.window.explore.percentile_bars import PercentileBars
 from homolog_app.window.explore.subject_table import SubjectTable
 from homolog_app.window.scene.content import Content, Shown
-from homolog_app.window.widgets import ActionButton, choice, label, rule
+from homolog_app.window.widgets import ActionButton, choice, dress_table, label, rule
 
 if TYPE_CHECKING:
     from homolog.patient import PatientComparison, Reference
@@ -141,14 +140,10 @@ class PatientPage(ExplorePage):
         self.body.addWidget(rule())
         self.body.addWidget(self.bars)
         self.body.addWidget(self.nearest)
+        dress_table(self.regions, "Regions beyond the limit", 120)
         self.regions.setModel(self.table)
-        self.regions.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.regions.setShowGrid(False)
-        self.regions.verticalHeader().hide()
         self.regions.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.regions.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
-        self.regions.setAccessibleName("Regions beyond the limit")
-        self.regions.setMinimumHeight(120)
         self.body.addWidget(self.regions)
         self.body.addStretch()
         self.footer.addWidget(self.save)

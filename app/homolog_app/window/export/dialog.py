@@ -86,6 +86,7 @@ class ExportDialog(QDialog):
         self.settings = _first_settings(kind, what.clip)
         self.chooser: MotionChooser | GroupChooser | None = None
         self.preview: Preview | None = None
+        self.help: QLabel | None = None
         self.place, self.line = QLineEdit(), QLineEdit(readOnly=True)
         self.note = label("", "Hint", wrap=True)
         self.bar = QProgressBar(maximum=1000, textVisible=False)
@@ -142,6 +143,8 @@ class ExportDialog(QDialog):
         if self._what.caution:
             layout.addWidget(label(self._what.caution, "Problem", wrap=True))
         layout.addLayout(self._make_middle(), 1)
+        if self.help is not None:
+            layout.addWidget(self.help)
         if self.kind.place:
             browse = button("Browse…")
             browse.clicked.connect(self._browse)
@@ -183,6 +186,7 @@ class ExportDialog(QDialog):
             rows.show_values(self.settings)
             rows.edited.connect(self._edit)
             form.addWidget(rows)
+            self.help = rows.help
         form.addStretch()
         inner = QWidget()
         inner.setLayout(form)
