@@ -1,9 +1,8 @@
 """The bottom line: what goes on in the background, the device and the memory."""
 
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+import psutil
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QSizePolicy
 
@@ -13,23 +12,9 @@ from homolog_app.window.widgets import label
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
-__all__ = ["StatusBar", "resident_bytes"]
+__all__ = ["StatusBar"]
 
 _MEMORY_MS = 2000
-
-
-def resident_bytes() -> int | None:
-    """Return the memory that this process holds, None where the system does not tell."""
-    status = Path("/proc/self/statm")
-    if status.is_file():
-        import resource
-
-        return int(status.read_text().split()[1]) * resource.getpagesize()
-    if sys.platform == "darwin":
-        import resource
-
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return None
 
 
 class StatusBar(QObject):
@@ -48,6 +33,7 @@ class StatusBar(QObject):
         self._bar.addPermanentWidget(self.memory)
         window.desk.work.background.connect(self._show_work)
         window.desk.work.devices_known.connect(self._show_devices)
+        self._process = psutil.Process()
         self._timer = QTimer(self, interval=_MEMORY_MS)
         self._timer.timeout.connect(self._show_memory)
         self._timer.start()
@@ -64,5 +50,4 @@ class StatusBar(QObject):
         self.device.setText(f"Device: {devices.names[devices.automatic]}")
 
     def _show_memory(self) -> None:
-        held = resident_bytes()
-        self.memory.setText("" if held is None else f"Memory: {held / 2**20:.0f} MB")
+        self.memory.setText(f"Memory: {self._process.memory_info().rss / 2**20:.0f} MB")

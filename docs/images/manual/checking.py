@@ -25,8 +25,8 @@ def keep_checking(
     session, work, order = window.desk.session, window.desk.work, window.commands
     loaded = session.result
     assert loaded is not None
-    session.result = replace(loaded, result=_exchanged(loaded.result))
-    session.facts_changed.emit()
+    session.written = replace(loaded, result=_exchanged(loaded.result))
+    session.show_result(session.written)
     order["view.grid4"].trigger()
     order["explore.check"].trigger()
     page = window.inspector.explore.page_of(CheckPage)
@@ -42,8 +42,8 @@ def keep_checking(
         keep(name)
     page.look.show_what.setCurrentIndex(0)
     window.inspector.explore.tabs.setCurrentIndex(0)
-    session.result = loaded
-    session.facts_changed.emit()
+    session.written = loaded
+    session.show_result(loaded)
 
 
 def _beside_slot(inspection: "Inspection | None") -> int:

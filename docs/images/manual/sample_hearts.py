@@ -1,4 +1,4 @@
-"""Pictures of the sample hearts: the tour, the cut-away and the thickness of the wall, for `make.py`."""
+"""Pictures of the sample hearts: tour, cut-away, thickness of the wall and a patient, for `make.py`."""
 
 import tempfile
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
-__all__ = ["keep_cut", "keep_hearts", "keep_scan"]
+__all__ = ["keep_cut", "keep_hearts", "keep_patient", "keep_scan"]
 
 
 def keep_hearts(
@@ -72,4 +72,23 @@ def keep_cut(
         box.activated.emit(box.currentIndex())
     keep("thickness")
     order["view.clip"].trigger()
+    keep_patient(window, until, keep)
     order["file.close"].trigger()
+
+
+def keep_patient(
+    window: "MainWindow", until: Callable[[Callable[[], object]], None], keep: Callable[[str], None]
+) -> None:
+    """Compare a heart after an infarct, which is none of the study's, with all of them; keep its page."""
+    from homolog.samples import make_study, write_study
+
+    window.commands["explore.patient"].trigger()
+    page, work = window.inspector.explore.page, window.desk.work
+    until(lambda: not work.is_busy)
+    page.make_reference()
+    until(lambda: page.reference is not None and not work.is_busy)
+    with tempfile.TemporaryDirectory() as folder:
+        write_study(Path(folder), make_study("hearts", 2, 9), 9)
+        page.compare(Path(folder) / "heart_02.nrrd")
+        until(lambda: page.comparison is not None and not work.is_busy)
+    keep("patient")

@@ -48,14 +48,18 @@ def test_what_is_out_of_bounds_or_no_number_changes_nothing_and_says_so(form, te
     assert any("0.0 to 5.0" in one.text() for one in form.findChildren(QLabel, "Problem"))
 
 
-def test_bounds_of_whole_numbers_are_shown_too(qapp):
-    from PySide6.QtWidgets import QLabel
+def test_the_setting_that_has_the_focus_shows_its_help_and_bounds(qapp):
+    from PySide6.QtCore import QEvent
+    from PySide6.QtGui import QFocusEvent
 
     from homolog_app.window.form import SettingsForm
 
     made = SettingsForm(OptimizeSettings)
-    one = next(one for one in parameters(OptimizeSettings) if one.name == "particles")
-    assert any(one.help in text.text() and one.bounds in text.text() for text in made.findChildren(QLabel))
+    for one in parameters(OptimizeSettings):
+        qapp.sendEvent(editor(made, one.label), QFocusEvent(QEvent.Type.FocusIn))
+        assert one.help in made.help.text()
+        if one.kind is int and one.name == "particles":
+            assert one.bounds in made.help.text()
     made.deleteLater()
 
 
