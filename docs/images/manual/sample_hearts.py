@@ -88,7 +88,7 @@ def keep_patient(
     page.make_reference()
     until(lambda: page.reference is not None and not work.is_busy)
     with tempfile.TemporaryDirectory() as folder:
-        write_study(Path(folder), make_study("hearts", 2, 9), 9)
+        write_study(Path(folder), make_study("hearts", 4, 9), 9)
         page.compare(Path(folder) / "heart_02.nrrd")
         until(lambda: page.comparison is not None and not work.is_busy)
     keep("patient")

@@ -152,11 +152,14 @@ def test_the_two_volumes_of_a_subject_are_named(page, window):
 
 def test_the_boxes_of_another_study_are_not_shown(page, monkeypatch):
     volume = page.charts.boxes[1]
-    page.charts.show_measures([np.array([1.0, 2.0, 4.0, 5.0])] * 4, ["large", "large", "small", "small"])
+    values, groups = np.array([1.0, 2.0, 4.0, 5.0]), ["large", "large", "small", "small"]
+    page.charts.show_measures([values] * 4, groups, list("abcd"))
     assert not volume.is_empty
+    assert not page.charts.pairs.is_empty
     monkeypatch.setattr(type(page.fitted), "shape", None)
     page.fitted.changed.emit()
     assert volume.is_empty
+    assert page.charts.pairs.is_empty
     assert not volume.toolTip()
 
 
