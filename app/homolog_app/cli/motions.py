@@ -33,7 +33,7 @@ def add_motion_options(parser: argparse.ArgumentParser) -> None:
 def _sight(text: str) -> str:
     if text not in SIGHTS and camera_view(text) is None:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is no view; choose from {', '.join(SIGHTS)}, or camera: and six numbers"
+            f"{text!r} is not a view; choose {', '.join(SIGHTS)}, or camera: and six numbers"
         )
     return text
 

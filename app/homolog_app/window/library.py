@@ -91,8 +91,8 @@ class Library(Part):
         try:
             self._desk.hold(folder)
         except InUseError as error:
-            words = f"{error}.\n\nRead-only, all of it can be seen and exported, and nothing is saved."
-            if ask(self._window, f"Open {folder.name} read-only?", words, _ANSWERS, 1) == _ANSWERS[1]:
+            details = f"{error}.\n\nRead-only, all of it can be seen and exported, and nothing is saved."
+            if ask(self._window, f"Open {folder.name} read-only?", details, _ANSWERS, 1) == _ANSWERS[1]:
                 return
             self._desk.hold(None)
             read_only = _IN_USE

@@ -304,7 +304,7 @@ def _this_process() -> str:
 def _read_holder(path: Path) -> str:
     """Return in brackets who has a project open, as far as that is known."""
     try:
-        words = path.read_text(encoding="utf-8")[:200].strip()
+        text = path.read_text(encoding="utf-8")[:200].strip()
     except (OSError, UnicodeDecodeError):
         return ""
-    return f" ({words})" if words and words.isprintable() else ""
+    return f" ({text})" if text and text.isprintable() else ""
