@@ -51,7 +51,7 @@ def stages(path, settings):
         yield "clean", found
         level = level_of_voxels(found.segmentation, settings.spacing, settings.smoothing)
     yield "level", level
-    field, _ = distance_field(level, settings.smoothing, settings.tunnels)
+    field, _, _ = distance_field(level, settings.smoothing, settings.tunnels)
     yield "distance", field
     mesh = isosurface(field, settings.mesh_edge, settings.adaptive_mesh)
     yield "mesh", mesh

@@ -24,7 +24,7 @@ _KEPT = 0.2  # nodes: how far from zero a node on its own side is kept, if the t
 
 def distance_field(
     level: Level, smoothing: float, tunnels: float = 0.0
-) -> tuple[DistanceField, tuple[str, ...]]:
+) -> tuple[DistanceField, tuple[str, ...], int]:
     """Return the signed distance to the zero level, smooth enough for second derivatives.
 
     Parameters
@@ -42,6 +42,8 @@ def distance_field(
         On the grid of the level function; one solid without cavities.
     tuple of str
         Notes for the user, those of the level function first.
+    int
+        Number of pieces that came loose in smoothing and were dropped.
 
     Raises
     ------
@@ -50,17 +52,15 @@ def distance_field(
     """
     if not (level.values < 0.0).any():
         raise InputError("nothing is left of the shape on this grid; use a finer grid spacing")
-    solid, dropped = _one_solid(level.values)
+    solid, loose = _one_solid(level.values)
     notes = level.notes
-    if dropped:
-        notes = (*notes, f"{dropped} small piece(s) came loose in smoothing and were dropped")
     inside, filled = fill_tunnels(solid < 0.0, tunnels)
     if filled:
         solid = np.where(inside & (solid > 0.0), _OF_PATCHES, solid)
         notes = (*notes, f"tunnels narrower than {tunnels:g} nodes of the grid were filled: {filled}")
     distances = redistanced(solid, reach=_REACH if level.is_large else None)
     values = _smoothed_alike(distances, _FINAL * smoothing)
-    return DistanceField(values * np.float32(level.step), level.index_to_world), notes
+    return DistanceField(values * np.float32(level.step), level.index_to_world), notes, loose
 
 
 def volume_inside(field: DistanceField) -> float:

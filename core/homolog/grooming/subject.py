@@ -209,9 +209,7 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
         clean = cleaned(source, settings.pieces)
         dropped, filled, at_border = clean.components_dropped, clean.holes_filled, clean.at_border
         volume = source.volume
-        field, further = _field_of_voxels(clean.segmentation, settings)
-        if dropped:
-            notes.append(f"the largest of {dropped + 1} separate pieces was kept")
+        field, further, loose = _field_of_voxels(clean.segmentation, settings)
         if filled:
             notes.append(f"{filled} enclosed cavities were filled")
         if at_border:
@@ -221,7 +219,7 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
         dropped, filled, at_border = solid.pieces_dropped, solid.holes_filled, False
         volume, surface = solid.volume, solid.surface
         notes += solid.notes
-        field, further = distance_field(solid.level, settings.smoothing, settings.tunnels)
+        field, further, loose = distance_field(solid.level, settings.smoothing, settings.tunnels)
     mesh = isosurface(field, settings.mesh_edge, settings.adaptive_mesh)
     if mesh.volume <= 0.0:
         raise NumericalError(
@@ -231,6 +229,9 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
     check_mesh(mesh, name)
     if surface is not None:
         notes.append(deviation(surface, mesh))
+    if isinstance(source, Segmentation):
+        _refuse_lost(mesh.volume / clean.segmentation.volume, settings)
+        notes += _kept(mesh.volume / volume, dropped, loose)
     report = GroomReport(
         components_dropped=dropped,
         holes_filled=filled,
@@ -245,24 +246,36 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
 
 def _field_of_voxels(
     segmentation: Segmentation, settings: GroomSettings
-) -> tuple[DistanceField, tuple[str, ...]]:
-    """Return the field of one piece; on nodes half as far apart as its voxels where much would be lost."""
+) -> tuple[DistanceField, tuple[str, ...], int]:
+    """Return `distance_field` of one piece; on nodes half as far apart where much would be lost."""
     level = level_of_voxels(segmentation, settings.spacing, settings.smoothing)
-    field, notes = distance_field(level, settings.smoothing, settings.tunnels)
-    if 8 * field.values.size > USUAL_NODES:
-        return field, notes
-    held = volume_inside(field) / segmentation.volume
+    result = distance_field(level, settings.smoothing, settings.tunnels)
+    if 8 * level.values.size > USUAL_NODES:
+        return result
+    held = volume_inside(result[0]) / segmentation.volume
     if held < _MUCH_LOST and settings.spacing is None:
         level = level_of_voxels(segmentation, 0.5 * level.step, settings.smoothing)
         if (level.values < 0.0).any():  # splines may leave nothing of a thread
-            finer, further = distance_field(level, settings.smoothing, settings.tunnels)
+            finer, notes, loose = distance_field(level, settings.smoothing, settings.tunnels)
             if (more := volume_inside(finer) / segmentation.volume) > held:
                 thin = f"parts are thin: the grid was made finer than the image, {level.step:.3g} mm"
-                field, notes, held = finer, (*further, thin), more
+                result, held = (finer, (*notes, thin), loose), more
+    _refuse_lost(held, settings)
+    return result
+
+
+def _refuse_lost(held: float, settings: GroomSettings) -> None:
     if held < _LEAST_HELD:
         remedy = "choose a finer grid spacing" if settings.spacing else "segment it on a finer grid"
         raise InputError(
             f"is too thin for its grid: only {100.0 * held:.0f} % of its volume is connected; {remedy}, "
             "or exclude it"
         )
-    return field, notes
+
+
+def _kept(share: float, dropped: int, loose: int) -> list[str]:
+    """Return a note on how much of a structure's volume is left, if pieces of it were dropped."""
+    pieces = [f"the largest of {dropped + 1} separate pieces"] if dropped else []
+    pieces += [f"without {loose} small piece(s) that came loose in smoothing"] if loose else []
+    share = 100.0 * min(share, 1.0)
+    return [f"{share:.3g} % of the structure's volume was kept: {', '.join(pieces)}"] if pieces else []

@@ -100,7 +100,8 @@ def level_of_triangles(mesh: TriangleMesh, settings: GroomSettings) -> Triangles
     if (may_drop or len(largest.faces) == len(mesh.faces)) and _is_sound(largest):
         level = level_of_mesh(_outward(largest), settings.spacing)
         dropped = int(pieces.max())
-        note = (f"the largest of {dropped + 1} separate pieces was kept",) if dropped else ()
+        kept = f"{100.0 - 100.0 * crumbs:.3g} % of the area"
+        note = (f"the largest of {dropped + 1} separate pieces was kept ({kept})",) if dropped else ()
         return Triangles(level, abs(mesh.volume), dropped, 0, None, note)
     labels = clusters(mesh) if settings.pieces is Pieces.LARGEST else np.zeros(len(mesh.faces), np.int64)
     solid = solid_of(_chosen(mesh, labels == 0))

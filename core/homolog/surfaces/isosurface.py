@@ -19,8 +19,8 @@ VERTICES = 6000
 MOST_VERTICES = 250_000
 _EQUILATERAL = 2.0 / np.sqrt(3.0)  # edge² times vertices, over the area
 _SLIVER = 0.05  # of the volume of the nodes inside
-_NEAREST = 1e-3
-"""Values closer to zero than this part of the largest are moved away: vertices on nodes make needles."""
+_NEAREST = 0.01
+"""Nodes: values closer to zero are moved away, as vertices on nodes make needles."""
 _TOLERATED = 0.5
 """Edges: how far a mesh may be from the surface …"""
 _THIN = 0.3
@@ -223,7 +223,7 @@ def marching_cubes(values: Array) -> tuple[FloatArray, IntArray]:
     """
     from skimage import measure
 
-    least = _NEAREST * float(np.abs(values).max())
+    least = _NEAREST * float(np.abs(np.diff(values, axis=0)).max())
     values = np.where(np.abs(values) < least, np.where(values < 0.0, -least, least), values)
     vertices, faces, _, _ = measure.marching_cubes(values, 0.0, gradient_direction="descent")
     faces = faces[face_components(faces) == 0]

@@ -20,7 +20,7 @@ def of_mask():
 
 
 def surface_of(segmentation):
-    field, _ = distance_field(level_of_voxels(segmentation, None, 1.0), 1.0)
+    field, _, _ = distance_field(level_of_voxels(segmentation, None, 1.0), 1.0)
     vertices, faces = marching_cubes(field.values)
     return field, TriangleMesh(vertices, faces).placed(field.index_to_world)
 

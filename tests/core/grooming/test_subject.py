@@ -218,6 +218,20 @@ def test_pieces_cavities_and_the_border_are_reported(grid, save):
     assert report.volume_after == pytest.approx(4.0 / 3.0 * np.pi * 0.9**3, rel=0.02)
 
 
+def test_the_share_of_the_volume_that_was_kept_is_noted(grid, save):
+    large, small = (np.linalg.norm(grid(16.0) - [x, 0.0, 0.0], axis=-1) for x in (8.0, -8.0))
+    (note,) = groomed(save((large < 7.0) | (small < 5.0))).report.notes
+    assert float(note.split()[0]) == pytest.approx(100.0 * 7.0**3 / (7.0**3 + 5.0**3), abs=3.0)
+
+
+def test_a_thread_that_falls_to_pieces_is_refused_on_a_large_grid_too(save):
+    steps = np.arange(140)
+    mask = np.zeros((140, 140, 140), bool)
+    mask[steps, steps, steps] = mask[:3, :3, :3] = True
+    with pytest.raises(InputError, match="of its volume is connected"):
+        groomed(save(mask))
+
+
 def test_a_torus_keeps_its_hole(grid, save):
     points = grid(14.0)
     ring = np.hypot(np.hypot(points[..., 0], points[..., 1]) - 9.0, points[..., 2]) < 3.0

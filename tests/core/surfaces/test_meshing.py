@@ -151,6 +151,13 @@ def test_values_at_zero_make_no_needles():
     check_mesh(TriangleMesh(vertices, faces), "octahedron")
 
 
+def test_values_far_from_a_surface_leave_it_where_it_is():
+    radius = np.linalg.norm(np.stack(np.meshgrid(*[np.arange(-6.0, 7.0)] * 3)), axis=0)
+    thread = np.pad(radius - 3.02, 60, mode="linear_ramp", end_values=60.0)
+    near, far = (TriangleMesh(*marching_cubes(values)) for values in (radius - 3.02, thread))
+    assert far.volume == pytest.approx(near.volume, rel=1e-6)
+
+
 def test_the_largest_of_two_surfaces_is_returned():
     x, y, z = np.meshgrid(*[np.arange(-10.0, 11.0)] * 3, indexing="ij")
     two = np.minimum(np.hypot(np.hypot(x + 3, y), z) - 5.0, np.hypot(np.hypot(x - 7, y), z) - 2.0)
