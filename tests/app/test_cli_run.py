@@ -161,8 +161,10 @@ def test_each_bad_file_gets_a_line_with_its_name_and_nothing_is_written(mixed, t
     rows = [f"{name.split('.')[0]},scans/{name}" for name in [*names, "gone.nrrd"]]
     (tmp_path / "cohort.csv").write_text("\n".join(["name,path", *rows]))
     assert main(["run", str(tmp_path / "cohort.csv"), "--out", str(tmp_path / "new"), *QUIET]) == 2
-    lines = capsys.readouterr().err.splitlines()
+    *lines, last = capsys.readouterr().err.splitlines()
     assert len(lines) == len(BAD) + 1
+    assert "8 of 14" in last
+    assert "--skip-invalid" in last
     for name, line in zip([*BAD, "gone"], lines, strict=True):
         assert f"{name}." in line
     assert not (tmp_path / "new").exists()

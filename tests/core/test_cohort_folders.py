@@ -46,6 +46,7 @@ def test_masks_among_bids_derivatives_go_before_the_scans(tmp_path):
     ("scan", "mask", "name"),
     [
         ("case{}.nii.gz", "case{}_seg.nii.gz", "case{}"),
+        ("L1_{}_ct.nii.gz", "L1_{}.nii.gz", "L1_{}"),
         ("ct_{}.nrrd", "mask_{}.nrrd", "mask_{}"),
         ("p{}_CT.nii.gz", "p{} Segmentation.seg.nrrd", "p{} Segmentation"),
     ],

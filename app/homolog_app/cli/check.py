@@ -75,7 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
         f"{severity:6.2f}  {kind:<22} {name}: {description}"
         for kind, name, severity, *_, description in table
     ]
-    ending = f"{len(table)} suspects of {len(result.names)} subjects x {result.local.shape[1]} particles"
+    suspects = "1 suspect" if len(table) == 1 else f"{len(table)} suspects"
+    ending = f"{suspects} of {len(result.names)} subjects x {result.local.shape[1]} particles"
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
     stream.write("\n".join([*notes, *lines, ending]) + "\n")
     return 0

@@ -87,9 +87,12 @@ def run(arguments: argparse.Namespace) -> int:
         skip_bad=arguments.skip_invalid,
     )
     with show_progress(arguments.progress) as progress, interrupt_cancels(job.cancel):
-        reason = job.execute(
-            lambda status: progress.show(status.fraction, status.message, status.eta_s, status.phase)
-        )
+        try:
+            reason = job.execute(
+                lambda status: progress.show(status.fraction, status.message, status.eta_s, status.phase)
+            )
+        except InputError as error:
+            raise _with_way_out(error, job, len(cohort.subjects)) from error
     for note in job.notes:
         sys.stderr.write(f"homolog: skipped: {note}\n")
     done = reason is FinishReason.COMPLETED
@@ -107,6 +110,13 @@ def run(arguments: argparse.Namespace) -> int:
     if not done:
         _say_what_is_left(job)
     return OK if done else CANCELLED
+
+
+def _with_way_out(error: InputError, job: "Run", count: int) -> InputError:
+    """Return the refusal of some of a cohort's files, with how to go on without them."""
+    if not 0 < len(job.notes) < count - 1 or str(error) != "\n".join(job.notes):
+        return error
+    return InputError(f"{error}\n{len(job.notes)} of {count} files can't be used; --skip-invalid skips them")
 
 
 def _is_there(

@@ -72,18 +72,21 @@ def is_picture(structure: str) -> bool:
 def scans_beside(files: Sequence[Path]) -> dict[Path, Path]:
     """Return the scans next to label maps of the same subjects, each with its label map.
 
-    ``case1.nii.gz`` next to ``case1_seg.nii.gz``, ``ct_1.nrrd`` next to ``mask_1.nrrd``.
+    ``case1.nii.gz`` next to ``case1_seg.nii.gz``, ``case1_ct.nii.gz`` next to ``case1.nii.gz``, ``ct_1.nrrd``
+    next to ``mask_1.nrrd``.
     """
-    masks: dict[tuple[str, ...], Path] = {}
-    others = []
+    by_subject: dict[tuple[str, ...], list[tuple[int, Path]]] = defaultdict(list)
     for file in files:
         tokens = _words(stem_of(file))
-        if _MASKS.isdisjoint(tokens):
-            others.append((file, tokens))
-        else:
-            masks.setdefault(_whose(tokens), file)
-    pairs = ((file, masks.get(_whose(tokens))) for file, tokens in others)
-    return {file: mask for file, mask in pairs if mask is not None and suffix_of(file) in IMAGE_SUFFIXES}
+        rank = 2 if not _MASKS.isdisjoint(tokens) else 0 if not _PICTURES.isdisjoint(tokens) else 1
+        by_subject[_whose(tokens)].append((rank, file))
+    scans: dict[Path, Path] = {}
+    for ranked in by_subject.values():
+        highest, label_map = max(ranked, key=lambda item: item[0])
+        scans |= {
+            file: label_map for rank, file in ranked if rank < highest and suffix_of(file) in IMAGE_SUFFIXES
+        }
+    return scans
 
 
 def _whose(tokens: Iterable[str]) -> tuple[str, ...]:

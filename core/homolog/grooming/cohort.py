@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -169,7 +169,20 @@ def groom_cohort(
                     keys[subject.name] = key
                 if cache:
                     save_groomed(cache, done, key)
-    return [groomed[subject.name] for subject in cohort.subjects if subject.name in groomed]
+    ordered = [groomed[subject.name] for subject in cohort.subjects if subject.name in groomed]
+    return _with_twins(ordered, cached)
+
+
+def _with_twins(groomed: Sequence[GroomedSubject], keys: Mapping[str, str]) -> list[GroomedSubject]:
+    """Return the subjects, with a note on each whose file holds what the file of one before it holds."""
+    first: dict[str, str] = {}
+    noted = []
+    for subject in groomed:
+        content = keys.get(subject.name, subject.name).partition(" ")[0]
+        twin = first.setdefault(content, subject.name)
+        note = f"its file holds exactly what that of {twin} holds; exclude one of them, or correct its file"
+        noted.append(subject if twin == subject.name else _with_note(subject, note))
+    return noted
 
 
 def _from_cache(
@@ -212,7 +225,11 @@ def _noted(cache: Path, done: GroomedSubject, key: str) -> GroomedSubject:
         return done
     note = "its file has changed since it was groomed before; it was groomed again"
     _log.warning("%s: %s", done.name, note)
-    return replace(done, report=replace(done.report, notes=(*done.report.notes, note)))
+    return _with_note(done, note)
+
+
+def _with_note(groomed: GroomedSubject, note: str) -> GroomedSubject:
+    return replace(groomed, report=replace(groomed.report, notes=(*groomed.report.notes, note)))
 
 
 def _as_they_finish(futures: dict[_Work, Subject], tick: Tick) -> Iterator[tuple[Subject, _Work]]:

@@ -1,7 +1,7 @@
 """Label volumes in one frame (LPS, mm): which voxels are the structure, whatever file they came from."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.grooming.names import label_table, matching, near
+from homolog.grooming.values import labels_from, labels_seen
 from homolog.memory import check_fits
 
 __all__ = ["Extent", "Segment", "Segmentation", "Volume", "check_size"]
@@ -17,11 +18,6 @@ __all__ = ["Extent", "Segment", "Segmentation", "Volume", "check_size"]
 
 _MASKS = 2
 """Bytes that each voxel takes in addition to its value while the structure is picked."""
-
-_MOST_VALUES = 1000
-"""With more different values than this, a file is a picture rather than a label map."""
-
-_LOOKED_AT = 2_000_000
 
 _COUNTED = 2**22
 """Voxels that are counted at once."""
@@ -33,11 +29,6 @@ _TOGETHER = "its labels were taken together as one structure; choose a label to 
 
 _NAMED = 10
 """Structures that a message names, at most."""
-
-_LARGEST = 2**31 - 1
-
-_ROUNDING = 1e-3
-"""How far label values may be from whole numbers: what scaling and single precision leave."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,17 +109,34 @@ class Volume:
     named: tuple[Segment, ...] = ()
     notes: tuple[str, ...] = ()
 
+    def as_labels(self) -> "Volume":
+        """Return the volume with whole numbers, and a note if its values are probabilities or distances.
+
+        Raises
+        ------
+        InputError
+            If its values are fractions of another kind.
+        """
+        if len(self.layers) > 1 or not np.issubdtype(self.layers[0].dtype, np.floating):
+            return self
+        labels, note = labels_from(self.path, self.layers[0], self._spacing)
+        return replace(self, layers=[labels], notes=(*self.notes, note) if note else self.notes)
+
     def segments(self) -> list[Segment]:
         """Return the structures that have voxels: those with names in the file's order, then other values."""
         return [extent.segment for extent in self.extents()]
 
     def extents(self) -> list["Extent"]:
         """Return what has voxels, in the order of `segments`, with its volume; one look at each layer."""
+        if (volume := self.as_labels()) is not self:
+            return volume.extents()
         voxel = abs(float(np.linalg.det(self.index_to_world[:3, :3])))
         known = {(item.layer, item.value): item for item in self.named}
         contents = []
         for number in range(len(self.layers)):
             layer = self._labels(number)
+            if not self.named:
+                labels_seen(self.path, np.maximum(layer, 0))
             border = {value for side in _sides(layer) for value in _counted(side)}
             contents += [
                 Extent(known.get((number, value), Segment("", value, number)), count * voxel, value in border)
@@ -154,6 +162,8 @@ class Volume:
         """
         if self.named or len(self.layers) > 1:
             return self
+        if (volume := self.as_labels()) is not self:
+            return volume.with_names(wanted)
         table = label_table(self.path, _counted(self._labels(0)), wanted)
         if table is None:
             return self
@@ -182,6 +192,8 @@ class Volume:
             If there is no such structure, it has no voxels, more than one fits, or structures that overlap
             were to be taken together.
         """
+        if (volume := self.as_labels()) is not self:
+            return volume.segmentation(label, segment)
         if segment is not None and not self.named and len(self.layers) == 1:
             named = self.with_names(segment)
             if named.named:
@@ -227,7 +239,7 @@ class Volume:
     def _everything(self) -> Segmentation:
         if len(self.layers) == 1:
             layer = self._labels(0)
-            several = _labels_seen(self.path, layer) > 1
+            several = labels_seen(self.path, layer) > 1
             crop = _cropped(layer, lambda values: values > 0)
         else:
             several = True
@@ -244,7 +256,7 @@ class Volume:
         overlap = False
         for number in range(len(self.layers)):
             layer = self._labels(number)
-            _labels_seen(self.path, layer)
+            labels_seen(self.path, layer)
             overlap |= bool((mask & (layer > 0)).any())
             mask = mask | (layer > 0)
         if overlap:
@@ -262,22 +274,11 @@ class Volume:
 
     def _labels(self, number: int) -> Array:
         """Return the values of a layer, whole numbers; raises InputError if they are none."""
-        values = self.layers[number]
-        if not np.issubdtype(values.dtype, np.floating):
-            return values
-        whole = np.empty_like(values, dtype=np.int32)  # in the order of the file, slice by slice
-        for source, target in zip(_slices(values), _slices(whole), strict=True):
-            rounded = np.rint(source)
-            if not np.isfinite(source).all():
-                raise InputError(
-                    f"{self.path}: contains values that are not numbers; export the label map again"
-                )
-            if np.abs(source - rounded).max() > _ROUNDING:
-                raise InputError(
-                    f"{self.path}: contains fractions, so it is not a label map; threshold it first"
-                )
-            target[...] = np.clip(rounded, -1, _LARGEST)
-        return whole
+        return labels_from(self.path, self.layers[number], self._spacing)[0]
+
+    @property
+    def _spacing(self) -> FloatArray:
+        return np.asarray(np.linalg.norm(self.index_to_world[:3, :3], axis=0))
 
     def _placed(self, mask: BoolArray, start: Sequence[int], name: str = "") -> Segmentation:
         """Put a mask that begins at a voxel of the file in its place, on right-handed axes."""
@@ -322,12 +323,6 @@ def check_size(path: Path, shape: Sequence[int], voxel_bytes: float) -> None:
         raise InputError(f"{path}: is not a 3-D volume but {size}; export one label map per subject")
     needed = float(np.prod(shape, dtype=np.float64)) * (voxel_bytes + _MASKS)
     check_fits(f"{path} ({size} voxels)", needed, "crop it or make it coarser, or correct its header")
-
-
-def _slices(values: Array) -> Iterator[Array]:
-    """Return slices of a volume, one after the other as they lie in memory."""
-    axis = int(np.argmax(values.strides))
-    return iter(np.moveaxis(values, axis, 0))
 
 
 def _sides(values: Array) -> list[Array]:
@@ -378,23 +373,3 @@ def _cropped(values: Array, inside: Callable[[Array], Array]) -> tuple[BoolArray
     starts = [item.start for item in box[1:]]
     starts.insert(first, box[0].start)
     return mask, tuple(starts)
-
-
-def _labels_seen(path: Path, values: Array) -> int:
-    """Return how many labels a look at a layer finds.
-
-    Refuses a picture, whose voxels above 0 would be taken for the structure.
-    """
-    if values.min() < 0:
-        raise InputError(
-            f"{path}: contains values below 0, so it is a picture rather than a label map; segment the "
-            "structure first, or name a label"
-        )
-    step = max(1, values.size // _LOOKED_AT)
-    seen = np.unique(values.ravel(order="K")[::step])
-    if len(seen) > _MOST_VALUES:
-        raise InputError(
-            f"{path}: contains more than {_MOST_VALUES} different values, so it is a picture rather than a "
-            "label map; segment the structure first, or name a label"
-        )
-    return int(np.count_nonzero(seen))

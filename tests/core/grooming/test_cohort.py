@@ -1,3 +1,4 @@
+import shutil
 import time
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -50,6 +51,13 @@ def test_fresh_processes_give_the_same_bits_as_this_one(cohort):
         assert np.array_equal(item.field.values, other.field.values)
         assert np.array_equal(item.mesh.vertices, other.mesh.vertices)
         assert not item.mesh.vertices.flags.writeable
+
+
+def test_a_file_that_is_there_twice_is_noted_on_the_second_subject(cohort, tmp_path):
+    shutil.copy(tmp_path / "a.nrrd", tmp_path / "d.nrrd")
+    for _ in range(2):  # also of what is groomed already
+        groomed = groom_cohort(read_cohort(tmp_path), SETTINGS, executor=Here(), cache=tmp_path / "groomed")
+        assert [[" of a " in note for note in item.report.notes] for item in groomed] == [[], [], [], [True]]
 
 
 def test_what_was_groomed_is_not_groomed_again(cohort, tmp_path):

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import SimpleITK
+from scipy import ndimage
 
 from homolog.errors import InputError
 from homolog.grooming.images import read_segmentation, read_volume
@@ -172,3 +173,34 @@ def test_one_point_in_time_is_a_volume(tmp_path, labelled, name):
     assert np.allclose(found.rotation, expected.rotation)
     assert np.allclose(found.spacing, expected.spacing)
     assert np.allclose(found.origin, expected.origin)
+
+
+def test_probabilities_are_the_structure_from_a_half_on(save):
+    mask = np.zeros((24, 24, 24))
+    mask[7:17, 7:17, 7:17] = 1
+    found = read_segmentation(save(ndimage.gaussian_filter(mask, 1.0).astype(np.float32)), None)
+    assert found.mask.sum() == pytest.approx(1000, rel=0.15)
+    assert len(found.notes) == 1
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_signed_distances_are_the_structure_on_the_side_away_from_the_border(save, sign):
+    away = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) - 8.0
+    found = read_segmentation(save((sign * away).astype(np.float32)), None)
+    assert found.mask.sum() == (away < 0.0).sum()
+    assert len(found.notes) == 1
+
+
+def test_fractions_above_and_below_0_that_are_no_distances_are_refused(save):
+    away = np.linalg.norm(np.indices((24, 24, 24)) - 11.5, axis=0) - 8.0
+    with pytest.raises(InputError, match="fractions"):
+        read_segmentation(save((3.3 * away).astype(np.float32)), None)
+
+
+def test_a_picture_of_few_grey_values_is_refused(save):
+    with pytest.raises(InputError, match="picture"):
+        read_segmentation(
+            save(np.random.default_rng(3).integers(0, 255, (16, 16, 16)).astype(np.uint8)), None
+        )
+    many = np.kron(np.arange(64).reshape(4, 4, 4), np.ones((6, 6, 6))).astype(np.uint8)
+    assert read_segmentation(save(many), None).mask.any()

@@ -1,0 +1,155 @@
+"""What the values of a file mean: labels, probabilities, signed distances, or grey values."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from homolog.arrays import Array, FloatArray
+from homolog.errors import InputError
+
+__all__ = ["labels_from", "labels_seen", "slices_of"]
+
+_ROUNDING = 1e-3
+"""How far label values may be from whole numbers: what scaling and single precision leave."""
+_LARGEST = 2**31 - 1
+_HALF = 0.5
+"""Probability at the surface."""
+_SURE = (0.1, 0.9)
+_MOST_UNSURE = 0.95
+"""Share of the voxels that may be the structure whose probability is between these, at most."""
+_MOST_OF_BORDER = 0.9
+"""Share of the image's border that is outside, at least."""
+_PROBABILITY = "its values are probabilities: where they are 0.5 or more was taken for the structure"
+_SLOPE = (0.85, 1.15)
+"""Signed distances change by nearly 1 mm in a mm, or by 1 in a voxel; at most voxels near the surface."""
+_NEAR_SURFACE = 20_000
+"""Voxels that are looked at."""
+_MOST_VALUES = 1000
+"""With more different values than this, a file is a picture rather than a label map."""
+_MANY_VALUES = 50
+"""From this number on, it is looked at how often neighbours differ."""
+_MOST_DIFFERENT = 0.5
+"""Share of neighbouring voxels above 0 that differ in a picture, at least."""
+_LOOKED_AT = 2_000_000
+
+
+def slices_of(values: Array) -> Iterator[Array]:
+    """Return slices of a volume, one after the other as they lie in memory."""
+    axis = int(np.argmax(values.strides))
+    return iter(np.moveaxis(values, axis, 0))
+
+
+def labels_from(path: Path, values: Array, spacing: FloatArray) -> tuple[Array, str]:
+    """Return labels, and what is to be said of them.
+
+    Probabilities become 1 from 0.5 on, signed distances become 1 on the side of their surface that is away
+    from the border of the image.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    values : (I, J, K) array
+    spacing : (3,) float64 array
+        Of the voxels [mm].
+
+    Returns
+    -------
+    labels : (I, J, K) array of whole numbers
+    note : str
+        Empty if the values are labels.
+
+    Raises
+    ------
+    InputError
+        If they are neither.
+    """
+    if not np.issubdtype(values.dtype, np.floating):
+        return values, ""
+    whole = np.empty_like(values, dtype=np.int32)  # in the order of the file, slice by slice
+    off, low, high = 0.0, np.inf, -np.inf
+    for source, target in zip(slices_of(values), slices_of(whole), strict=True):
+        if not np.isfinite(source).all():
+            raise InputError(f"{path}: contains values that are not numbers; export the label map again")
+        rounded = np.rint(source)
+        off = max(off, float(np.abs(source - rounded).max()))
+        low, high = min(low, float(source.min())), max(high, float(source.max()))
+        target[...] = np.clip(rounded, -1, _LARGEST)
+    if off <= _ROUNDING:
+        return whole, ""
+    if low >= 0.0 and high <= 1.0 + _ROUNDING and _are_probabilities(values):
+        return (values >= _HALF).astype(np.uint8), _PROBABILITY
+    if low < 0.0 < high and (sign := _outward_sign(values, spacing)):
+        inside = "negative" if sign > 0 else "positive"
+        note = f"its values are signed distances: where they are {inside} was taken for the structure"
+        return (values * sign < 0.0).astype(np.uint8), note
+    raise InputError(f"{path}: contains fractions, so it is not a label map; threshold it first")
+
+
+def _border(values: Array) -> Array:
+    return np.concatenate([np.moveaxis(values, axis, 0)[end].ravel() for axis in range(3) for end in (0, -1)])
+
+
+def _are_probabilities(values: Array) -> bool:
+    """Return whether values from 0 to 1 are near one of them at most places, and near 0 at the border."""
+    low, high = _SURE
+    outside, inside = np.count_nonzero(values < low), np.count_nonzero(values > high)
+    unsure = values.size - outside - inside
+    decided = bool(inside > 0 and unsure < _MOST_UNSURE * (unsure + inside))
+    return decided and bool(np.mean(_border(values) < low) > _MOST_OF_BORDER)
+
+
+def _outward_sign(values: Array, spacing: FloatArray) -> int:
+    """Return the sign of signed distances outside their surface; 0 if they are none."""
+    positive = float(np.mean(_border(values) > 0.0))
+    if min(values.shape) < 3 or 1.0 - _MOST_OF_BORDER < positive < _MOST_OF_BORDER:
+        return 0
+    inner = values[1:-1, 1:-1, 1:-1]
+    near = np.flatnonzero(np.abs(inner) < 2.0 * spacing.max())
+    near = near[:: max(1, len(near) // _NEAR_SURFACE)]
+    at = np.stack(np.unravel_index(near, inner.shape)) + 1
+    steps = np.eye(3, dtype=np.intp)[:, :, None]
+    change = np.stack([values[tuple(at + step)] - values[tuple(at - step)] for step in steps]) / 2.0
+    slopes = (np.linalg.norm(change / spacing[:, None], axis=0), np.linalg.norm(change, axis=0))
+    shares = [np.mean((slope > _SLOPE[0]) & (slope < _SLOPE[1])) if len(near) else 0.0 for slope in slopes]
+    return 0 if max(shares) < _HALF else 1 if positive > _HALF else -1
+
+
+def labels_seen(path: Path, values: Array) -> int:
+    """Return how many labels a look at a layer sees.
+
+    Raises
+    ------
+    InputError
+        If it is a picture, whose voxels above 0 would be taken for the structure.
+    """
+    if values.min() < 0:
+        raise InputError(
+            f"{path}: contains values below 0, so it is a picture rather than a label map; segment the "
+            "structure first, or name a label"
+        )
+    step = max(1, values.size // _LOOKED_AT)
+    seen = np.unique(values.ravel(order="K")[::step])
+    if len(seen) > _MOST_VALUES:
+        raise InputError(
+            f"{path}: contains more than {_MOST_VALUES} different values, so it is a picture rather than a "
+            "label map; segment the structure first, or name a label"
+        )
+    if len(seen) > _MANY_VALUES and _differing(values) > _MOST_DIFFERENT:
+        raise InputError(
+            f"{path}: has {len(seen)} different values, and most neighbours differ, so it is a picture or a "
+            "map of probabilities rather than a label map; threshold it first, or name a label"
+        )
+    return int(np.count_nonzero(seen))
+
+
+def _differing(values: Array) -> float:
+    """Return the share of neighbours above 0 that differ, along the axis that lies together in memory."""
+    pairs = differ = 0
+    for entry in slices_of(values):
+        rows = entry if entry.strides[-1] <= entry.strides[0] else entry.T
+        both = (rows[:, 1:] > 0) & (rows[:, :-1] > 0)
+        pairs += int(np.count_nonzero(both))
+        differ += int(np.count_nonzero(both & (rows[:, 1:] != rows[:, :-1])))
+    return differ / max(pairs, 1)
