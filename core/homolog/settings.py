@@ -243,8 +243,13 @@ class OptimizeSettings(_Settings):
     ] = 0.0005
     split_iterations: Annotated[int, Field(ge=5, le=100000, description="Iterations after each split.")] = 50
     anneal_iterations: Annotated[
-        int, Field(ge=5, le=100000, description="Iterations of annealing with all particles.")
-    ] = 600
+        int,
+        Field(
+            ge=5,
+            le=100000,
+            description="Iterations of annealing: two thirds before the first split, then a third.",
+        ),
+    ] = 450
     settle_iterations: Annotated[
         int,
         Field(

@@ -18,6 +18,8 @@ MIN_FINE_PARTICLES = 300  # from which the fine meshes are used; the coarse ones
 MAX_INITIAL_PARTICLES = 256  # initialized by registration; the others come from splitting
 MEAN_WEIGHT = 0.02  # of the squared distance to the mean shape in the first stage [1 / squared length]
 MEAN_REGULARIZATION = 1.0e4  # under which H(Z) is the squared distance to the mean shape
+NORMALS_ANNEALING = (0.3, 0.01)  # regularization of H(V) [rad²]
+COARSE_ANNEALING = 2.0 / 3.0  # of the annealing, done before the first split, while iterations are cheap
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,33 +108,40 @@ def particle_counts(particles: int, fewest: int = MAX_INITIAL_PARTICLES) -> list
 
 
 def plan_stages(settings: OptimizeSettings, present: int | None = None) -> list[StagePlan]:
-    """Return the stages of an optimization, from the initial particles, or `present` ones, to all.
+    """Return the stages of an optimization, from the initial particles, or `present` ones, to all."""
+    weights = settings.ensemble_weight, settings.normals_weight if settings.method.uses_normals else 0.0
+    first, last = settings.regularization_start, settings.regularization_end
+    split = settings.split_iterations
 
-    The last stages depend on the final number of particles only.
-    """
-    normals = settings.normals_weight if settings.method.uses_normals else 0.0
-    ensemble_weight, split = settings.ensemble_weight, settings.split_iterations
-    stages = []
+    def annealing(count: int, begin: float, end: float, iterations: int | None = None) -> StagePlan:
+        """Return a stage from one share of the annealing to another."""
+        if iterations is None:
+            iterations = round((end - begin) * settings.anneal_iterations)
+        ensemble, normals = (
+            (high * (low / high) ** begin, high * (low / high) ** end)
+            for high, low in ((first, last), NORMALS_ANNEALING)
+        )
+        return StagePlan(Stage.OPTIMIZING, count, iterations, *weights, ensemble, normals)
+
+    def splitting(count: int) -> StagePlan:
+        return StagePlan(Stage.SPLITTING, count, split, *weights, (10.0, 0.2), (0.3, 0.03))
+
+    annealed = 0.0
     if present is None:
         counts = particle_counts(settings.particles)
-        mean_terms = (
-            MEAN_WEIGHT * MEAN_REGULARIZATION,
-            normals,
-            (MEAN_REGULARIZATION, MEAN_REGULARIZATION),
-            (0.3, 0.3),
-        )
-        stages.append(StagePlan(Stage.SPLITTING, counts[0], split, *mean_terms))
+        mean_weights, constant = (MEAN_WEIGHT * MEAN_REGULARIZATION, weights[1]), (MEAN_REGULARIZATION,) * 2
+        stages = [StagePlan(Stage.SPLITTING, counts[0], split, *mean_weights, constant, (0.3, 0.3))]
+        stages.append(splitting(counts[0]))
+        if len(counts) > 1:
+            annealed = COARSE_ANNEALING
+            stages.append(annealing(counts[0], 0.0, annealed))
+            stages += [annealing(count, annealed, annealed, split) for count in counts[1:-1]]
     else:
-        counts = particle_counts(settings.particles, present)[1:]
-    stages += [
-        StagePlan(Stage.SPLITTING, count, split, ensemble_weight, normals, (10.0, 0.2), (0.3, 0.03))
-        for count in counts
-    ]
-    begin, end = settings.regularization_start, settings.regularization_end
-    final = (settings.particles, settings.anneal_iterations, ensemble_weight, normals)
-    stages.append(StagePlan(Stage.OPTIMIZING, *final, (begin, end), (0.3, 0.01)))
-    final = (settings.particles, settings.settle_iterations, ensemble_weight, normals)
-    stages.append(StagePlan(Stage.OPTIMIZING, *final, (end, end), (0.01, 0.01), until_converged=True))
+        stages = [splitting(count) for count in particle_counts(settings.particles, present)[1:]]
+    stages.append(annealing(settings.particles, annealed, 1.0))
+    constants = (last,) * 2, (NORMALS_ANNEALING[1],) * 2
+    settling = (settings.particles, settings.settle_iterations, *weights, *constants)
+    stages.append(StagePlan(Stage.OPTIMIZING, *settling, until_converged=True))
     return stages
 
 
