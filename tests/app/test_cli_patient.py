@@ -56,6 +56,20 @@ def test_a_patient_gets_a_report_tables_and_surfaces(report):
     assert np.allclose(patient.vertices.mean(axis=0), expected.vertices.mean(axis=0), atol=1.0)
 
 
+def test_particles_of_a_patient_lie_where_the_run_puts_them(report, reference, finished_run):
+    from homolog.files.particles import read_particles
+    from homolog.files.results import read_result
+    from homolog.patient import Reference
+
+    known = Reference.load(reference)
+    assert known.placing is not None
+    run = read_result(finished_run)
+    there = run.local[run.names.index("a")]
+    here = read_particles(report / "patient_local.particles")
+    spacing = np.sqrt(known.surface.area / len(there))
+    assert np.median(np.linalg.norm(here - there, axis=1)) < 0.3 * spacing
+
+
 def test_every_page_says_research_use(report):
     page = (report / "report.html").read_text("utf-8")
     assert page.count("For research use only") >= 2

@@ -16,14 +16,15 @@ from homolog.patient import Change, FollowUp, Reference
 from homolog.patient.fit import vertex_areas
 from homolog.progress import Tick, no_tick
 from homolog_app.pictures.displacement import common_limit
-from homolog_app.pictures.layout import arrange
+from homolog_app.pictures.layout import Panel, arrange
 from homolog_app.rendering.colours import LIGHT
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page
 from homolog_app.report.patient_figures import change_pictures
-from homolog_app.report.patient_words import NOTICE
+from homolog_app.report.patient_pages import Sheet, write_sheets
+from homolog_app.report.patient_words import NOTICE, reference_rows
 
-__all__ = ["check_times", "error_words", "write_follow_up"]
+__all__ = ["change_sentence", "check_times", "error_words", "write_follow_up"]
 
 _METHOD = (
     "Each time was compared with the reference for itself. The first surface was then registered rigidly to "
@@ -32,6 +33,7 @@ _METHOD = (
     "taken off. The reference has no pairs of measurements, so that the change of healthy subjects over time "
     "is not known.",
 )
+_MAPS_A_PAGE = 3
 _COLUMNS = ("time", "volume (%)", "mean (mm)", "rms (mm)", "outward (mm)", "inward (mm)", "beyond (mm²)")
 
 
@@ -68,7 +70,7 @@ def error_words(follow_up: FollowUp) -> str:
 def write_follow_up(
     folder: Path, follow_up: FollowUp, reference: Reference, tick: Tick = no_tick
 ) -> list[str]:
-    """Write ``follow_up.html``, ``changes.csv``, ``change_regions.csv`` and ``changes.vtp``.
+    """Write ``follow_up.html`` and ``.pdf``, ``changes.csv``, ``change_regions.csv`` and ``changes.vtp``.
 
     Parameters
     ----------
@@ -90,13 +92,22 @@ def write_follow_up(
         If a file can't be written.
     """
     tick(0.0, "drawing the maps")
-    write_text(folder / "follow_up.html", _page(follow_up, reference).html)
+    first = follow_up.comparisons[0]
+    own = follow_up.surface.placed(inverse_matrices(first.placement))
+    scale = common_limit([change.distance for change in follow_up.changes])
+    rows_of_panels = [
+        change_pictures(own, change.distance, _beyond(change, follow_up.limit), scale)
+        for change in follow_up.changes
+    ]
+    write_text(folder / "follow_up.html", _page(follow_up, reference, rows_of_panels, scale).html)
+    write_sheets(
+        folder / "follow_up.pdf", _title(follow_up), _sheets(follow_up, reference, rows_of_panels, scale)
+    )
     areas = vertex_areas(follow_up.surface)
     columns = [
         "time", "since", "volume_percent", "mean_mm", "rms_mm", "outward_mm", "inward_mm", "beyond_mm2",
         "largest_z", "limit", "repeats",
     ]  # fmt: skip
-    first = follow_up.comparisons[0]
     rows = [
         [
             change.name, first.name, *_numbers(change, areas),
@@ -106,7 +117,6 @@ def write_follow_up(
     ]  # fmt: skip
     write_table(folder / "changes.csv", columns, rows)
     back = inverse_matrices(first.placement)
-    own = follow_up.surface.placed(back)
     write_table(
         folder / "change_regions.csv",
         ["time", "region", "area_mm2", "mean_mm", "peak_mm", "peak_z", "x_mm", "y_mm", "z_mm"],
@@ -127,41 +137,71 @@ def write_follow_up(
     if follow_up.error is not None:
         values["measurement_error_mm"] = follow_up.error
     write_mesh(folder / "changes.vtp", own, values)
-    return [_sentence(change, follow_up) for change in follow_up.changes] + [error_words(follow_up)]
+    return [change_sentence(change, follow_up) for change in follow_up.changes] + [error_words(follow_up)]
 
 
-def _page(follow_up: FollowUp, reference: Reference) -> Page:
-    first = follow_up.comparisons[0]
-    page = Page(f"Change of {first.name} over time", NOTICE, footer=NOTICE)
+def _title(follow_up: FollowUp) -> str:
+    return f"Change of {follow_up.comparisons[0].name} over time"
+
+
+def _times(follow_up: FollowUp, reference: Reference) -> str:
     about = reference.provenance
     times = ", ".join(item.name for item in follow_up.comparisons)
-    page.paragraph(f"Times: {times}. Reference: {about.project}, {about.controls} controls.")
-    page.heading("Finding")
-    for change in follow_up.changes:
-        page.paragraph(_sentence(change, follow_up))
-    page.caution(error_words(follow_up))
-    own = follow_up.surface.placed(inverse_matrices(first.placement))
-    limit = common_limit([change.distance for change in follow_up.changes])
-    rows = [
-        change_pictures(own, change.distance, _beyond(change, follow_up.limit), limit)
+    return f"Times: {times}. Reference: {about.project}, {about.controls} controls."
+
+
+def _number_rows(follow_up: FollowUp) -> list[tuple[str, ...]]:
+    areas = vertex_areas(follow_up.surface)
+    return [
+        (change.name, *("none" if value is None else f"{value:+.2f}" for value in _numbers(change, areas)))
         for change in follow_up.changes
     ]
-    figure = arrange(rows, row_labels=[change.name for change in follow_up.changes], limit=limit, theme=LIGHT)
+
+
+def _sheets(
+    follow_up: FollowUp, reference: Reference, panels: Sequence[Sequence[Panel]], limit: float
+) -> list[Sheet]:
+    """Return pages of A4: findings with maps of three times a page, then numbers and method."""
+    parts = [panels[start : start + _MAPS_A_PAGE] for start in range(0, len(panels), _MAPS_A_PAGE)]
+    names = [change.name for change in follow_up.changes]
+    sheets = []
+    for number, part in enumerate(parts, start=1):
+        sheet = Sheet(_title(follow_up), number, len(parts) + 1)
+        if number == 1:
+            sheet.text(_times(follow_up, reference))
+            sheet.heading("Finding")
+            for change in follow_up.changes:
+                sheet.text(change_sentence(change, follow_up), 9.0)
+            sheet.text(error_words(follow_up))
+        for row, name in zip(part, names[_MAPS_A_PAGE * (number - 1) :], strict=False):
+            sheet.heading(f"{name}: change (mm)")
+            sheet.panels(row, limit)
+        sheets.append(sheet)
+    last = Sheet(_title(follow_up), len(parts) + 1, len(parts) + 1)
+    last.heading("Numbers")
+    last.rows([_COLUMNS, *_number_rows(follow_up)], (0.0, 1.9, 2.8, 3.7, 4.5, 5.4, 6.2))
+    last.heading("Method")
+    for text in _METHOD:
+        last.text(text, 8.0)
+    last.heading("Reference")
+    last.rows([("", ""), *reference_rows(reference)], (0.0, 1.6))
+    return [*sheets, last]
+
+
+def _page(follow_up: FollowUp, reference: Reference, panels: Sequence[Sequence[Panel]], limit: float) -> Page:
+    page = Page(_title(follow_up), NOTICE, footer=NOTICE)
+    page.paragraph(_times(follow_up, reference))
+    page.heading("Finding")
+    for change in follow_up.changes:
+        page.paragraph(change_sentence(change, follow_up))
+    page.caution(error_words(follow_up))
+    labels = [change.name for change in follow_up.changes]
+    figure = arrange(panels, row_labels=labels, limit=limit, theme=LIGHT)
     faint = "" if follow_up.limit is None else ", faint within the limit"
     caption = f"Change in mm on the first surface: blue outward, yellow inward{faint}."
     page.figures([ReportFigure("changes", figure, caption)])
-    areas = vertex_areas(follow_up.surface)
     page.heading("Numbers")
-    page.table(
-        _COLUMNS,
-        [
-            (
-                change.name,
-                *("none" if value is None else f"{value:+.2f}" for value in _numbers(change, areas)),
-            )
-            for change in follow_up.changes
-        ],
-    )
+    page.table(_COLUMNS, _number_rows(follow_up))
     page.heading("Method")
     for text in _METHOD:
         page.paragraph(text)
@@ -185,7 +225,8 @@ def _numbers(change: Change, areas: Array) -> list[float | None]:
     ]
 
 
-def _sentence(change: Change, follow_up: FollowUp) -> str:
+def change_sentence(change: Change, follow_up: FollowUp) -> str:
+    """Say how much changed from the first time to a later one."""
     since = f"{change.name} since {follow_up.comparisons[0].name}"
     volume = f"volume {100.0 * (change.volume - 1.0):+.1f} %"
     if change.z is None:

@@ -29,7 +29,7 @@ from homolog_app.report.patient_words import (
     verdict,
 )
 
-__all__ = ["write_pdf"]
+__all__ = ["Sheet", "write_pdf", "write_sheets"]
 
 _WIDE, _HIGH = 8.27, 11.69  # A4 [inches]
 _EDGE = 0.6
@@ -38,19 +38,18 @@ _WRAP = 108  # characters of small text on a line
 _MOST_REGIONS = 12
 
 
-class _Sheet:
+class Sheet:
     """An A4 page that is filled from top to bottom; lengths in inches."""
 
-    def __init__(self, title: str, number: int) -> None:
+    def __init__(self, title: str, number: int, pages: int = 2) -> None:
         self.figure = Figure(figsize=(_WIDE, _HIGH), facecolor="white")
         FigureCanvasAgg(self.figure)
         self.y = _EDGE
         self.text(title, 13.0, bold=True)
         self.text(NOTICE, 8.5, colour="#a03c00", bold=True)
         self.y += 0.08
-        self.figure.text(
-            0.5, 0.35 / _HIGH, f"{NOTICE} Homolog {__version__}. Page {number} of 2", ha="center", fontsize=7
-        )
+        foot = f"{NOTICE} Homolog {__version__}. Page {number} of {pages}"
+        self.figure.text(0.5, 0.35 / _HIGH, foot, ha="center", fontsize=7)
 
     def text(self, content: str, size: float = 8.5, *, bold: bool = False, colour: str = "#1a1a1e") -> None:
         """Add a paragraph."""
@@ -136,8 +135,13 @@ def write_pdf(
         If the file can't be written.
     """
     sheets = [_first(comparison, reference, maps), _second(comparison, reference, groups)]
+    write_sheets(path, f"Shape of {comparison.name}", sheets)
+
+
+def write_sheets(path: Path, title: str, sheets: Sequence[Sheet]) -> None:
+    """Write pages to a PDF, whole or not at all; raises InputError if it can't be written."""
     drawn = io.BytesIO()
-    with PdfPages(drawn, metadata={"CreationDate": None, "Title": f"Shape of {comparison.name}"}) as pages:
+    with PdfPages(drawn, metadata={"CreationDate": None, "Title": title}) as pages:
         for sheet in sheets:
             complete_texts(sheet.figure)
             pages.savefig(sheet.figure)
@@ -149,8 +153,8 @@ def _title(comparison: PatientComparison) -> str:
     return f"Shape of {comparison.name} against a reference"
 
 
-def _first(comparison: PatientComparison, reference: Reference, maps: MapPictures) -> _Sheet:
-    sheet = _Sheet(_title(comparison), 1)
+def _first(comparison: PatientComparison, reference: Reference, maps: MapPictures) -> Sheet:
+    sheet = Sheet(_title(comparison), 1)
     about = reference.provenance
     given = ", ".join(f"{name} {value}" for name, value in comparison.covariates.items())
     sheet.text(
@@ -174,8 +178,8 @@ def _first(comparison: PatientComparison, reference: Reference, maps: MapPicture
     return sheet
 
 
-def _second(comparison: PatientComparison, reference: Reference, groups: Sequence[str]) -> _Sheet:
-    sheet = _Sheet(_title(comparison), 2)
+def _second(comparison: PatientComparison, reference: Reference, groups: Sequence[str]) -> Sheet:
+    sheet = Sheet(_title(comparison), 2)
     sheet.heading("Regions beyond the limit")
     rows = region_rows(comparison, reference)
     if rows:

@@ -74,7 +74,7 @@ class Sample:
 def _write_hearts(folder: Path, tick: Tick) -> None:
     from homolog.samples import make_study, write_study
 
-    write_study(folder, make_study("hearts", _HEARTS, _SEED), _SEED, tick)
+    write_study(folder, make_study("hearts", _HEARTS, _SEED), _SEED, tick, scans=True)
 
 
 def _write_beans(folder: Path, tick: Tick) -> None:
@@ -95,7 +95,7 @@ _HEART_STOPS = (
         "groom",
         "Smooth surfaces",
         "Grooming fills holes, smooths voxel steps and aligns the hearts. Switch between input and groomed "
-        "surface with 1 and 2, see slices with 4.",
+        "surface with 1 and 2, see both in the scan with 4.",
         "run.groom",
     ),
     Stop(

@@ -17,6 +17,7 @@ from homolog.patient.coding import Coding
 from homolog.patient.controls import Controls, read_controls
 from homolog.patient.left_out import LeftOut, fit_left_out
 from homolog.patient.local import LocalNorm, bands_of, maxima_left_out, prediction_limit
+from homolog.patient.placed import Placing
 from homolog.patient.reference import LEVEL, Provenance, Quality, Reference
 from homolog.patient.surface_model import SurfaceModel
 from homolog.progress import Tick, no_tick, part_of
@@ -127,7 +128,9 @@ def reference_of(
     left_out = fit_left_out(controls, columns, modes, fitted, workers=workers, tick=part_of(tick, 0.1, 0.95))
     tick(0.95, "limits")
     model = SurfaceModel.fit(controls.points, columns, fitted, controls.surface.faces)
-    return _reference(model, modes, coding, left_out, provenance)
+    jointly = controls.jointly
+    placing = None if jointly is None else Placing(jointly.ensemble, jointly.settings)
+    return _reference(model, modes, coding, left_out, provenance, placing)
 
 
 def scores_of_points(model: SurfaceModel, points: FloatArray, columns: FloatArray) -> FloatArray:
@@ -179,7 +182,12 @@ def _modes(controls: Controls, columns: FloatArray, tick: Tick) -> tuple[int, in
 
 
 def _reference(
-    model: SurfaceModel, modes: int, coding: Coding, left_out: LeftOut, provenance: Provenance
+    model: SurfaceModel,
+    modes: int,
+    coding: Coding,
+    left_out: LeftOut,
+    provenance: Provenance,
+    placing: Placing | None,
 ) -> Reference:
     maxima = maxima_left_out(left_out.residuals, model.faces)
     limit = prediction_limit(maxima, LEVEL)
@@ -197,7 +205,7 @@ def _reference(
     total = LocalNorm.of(left_out.totals, model.faces)
     return Reference(
         model=model, modes=modes, coding=coding, **values, maxima=maxima, limit=limit,
-        local=local, total=total, quality=quality, provenance=provenance,
+        local=local, total=total, quality=quality, provenance=provenance, placing=placing,
     )  # fmt: skip
 
 

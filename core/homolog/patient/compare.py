@@ -7,7 +7,8 @@ import numpy as np
 
 from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.cohort import Subject
-from homolog.errors import InputError
+from homolog.correspondence import Shape
+from homolog.errors import InputError, NumericalError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, groom_subject
 from homolog.patient.checks import check_fit, check_unit, cut_off
@@ -59,6 +60,8 @@ class PatientComparison:
         Where absolute z is above the reference's limit.
     remarks : tuple of str
         What a reader should know.
+    particles : (N, 3) array
+        The reference's particles on the patient, in the file's frame [mm].
     """
 
     name: str
@@ -78,23 +81,17 @@ class PatientComparison:
     total_z: FloatArray
     regions: tuple[Region, ...]
     remarks: tuple[str, ...]
+    particles: FloatArray
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("placement", "z", "total", "total_z"):
+        for name in ("placement", "z", "total", "total_z", "particles"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
     @property
     def residual(self) -> FloatArray:
         """Differences from the expected shape along its normals [mm], outward positive, (V,)."""
         return self.fit.residual
-
-    @property
-    def particles(self) -> FloatArray:
-        """The reference's particles on the patient, in the file's frame [mm], (N, 3)."""
-        back = inverse_matrices(self.placement) @ self.fit.pose
-        local: FloatArray = transform_points(back, self.fit.particles)
-        return local
 
     def place(self, region: Region) -> str:
         """Return where a region's centre is on the patient, in words: ``"left anterior"`` (LPS)."""
@@ -198,18 +195,20 @@ def compare_groomed(
     turn, side_remarks = _turn(reference, side)
     mesh = groomed.mesh.placed(turn)
     coarse = simplified(mesh, COARSE_VERTICES)
-    fit = fit_surface(model, mesh, coarse, columns, part_of(tick, 0.0, 0.8))
+    fit = fit_surface(model, mesh, coarse, columns, part_of(tick, 0.0, 0.3))
     measures, total = measures_of(model, fit, columns, reference.modes)
     remarks += [
         *side_remarks,
         *check_fit(
-            groomed.name, reference, mesh, fit, measures, columns, part_of(tick, 0.8, 1.0), force=force
+            groomed.name, reference, mesh, fit, measures, columns, part_of(tick, 0.3, 0.4), force=force
         ),
     ]
     z = scores_of(reference.local, fit.residual, bands_of(fit.residual, model.faces))
     surface = model.surface(fit.expected)
     cut = cut_off(groomed, reference, replace(fit, pose=fit.pose @ turn), z)
     remarks += cut
+    particles, unplaced = _particles(reference, groomed, fit, turn, part_of(tick, 0.4, 1.0))
+    remarks += unplaced
     largest = float(np.abs(z).max())
     return PatientComparison(
         name=groomed.name,
@@ -229,7 +228,25 @@ def compare_groomed(
         total_z=reference.total.standardised(total),
         regions=regions(surface, vertex_areas(surface), fit.residual, z, fit.met, reference.limit),
         remarks=(*groomed.report.notes, *remarks),
+        particles=particles,
     )
+
+
+def _particles(
+    reference: Reference, groomed: GroomedSubject, fit: SurfaceFit, turn: FloatArray, tick: Tick
+) -> tuple[FloatArray, list[str]]:
+    """Return the particles in the file's frame (N, 3), and a remark if the run does not place them so."""
+    back, placing = inverse_matrices(turn), reference.placing
+    if placing is None:
+        return transform_points(back, fit.particles), []
+    shape = Shape(groomed.name, groomed.field, groomed.mesh, groomed.coarse_mesh, np.eye(4))
+    try:
+        return transform_points(back, placing.placed(shape, fit, turn, tick)), []
+    except NumericalError:
+        words = (
+            "particles are those of the surface's fit; the run's objective does not hold them on this shape"
+        )
+        return transform_points(back, fit.particles), [words]
 
 
 def _turn(reference: Reference, side: str) -> tuple[FloatArray, list[str]]:

@@ -1,27 +1,58 @@
 """A project's subjects as controls: particles with pose taken out, and the dense surface they carry."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from homolog.analysis.procrustes import align
 from homolog.analysis.reconstruction import warp_surface
 from homolog.arrays import FloatArray, frozen
+from homolog.correspondence import Shape
+from homolog.correspondence.ensemble import Ensemble, ShapeState
+from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_surface
 from homolog.geometry import fit_similarity, inverse_matrices, transform_points
+from homolog.grooming.cache import read_groomed
 from homolog.patient.target import Target
 from homolog.progress import Tick, no_tick, part_of
+from homolog.run.core_set import joint_ensemble
+from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.mirroring import mirrors
+from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.surfaces.simplify import simplified
 
-__all__ = ["COARSE_VERTICES", "Controls", "read_controls"]
+__all__ = ["COARSE_VERTICES", "Controls", "Jointly", "read_controls"]
 
 SURFACE_VERTICES = 4000
 """Of the mean surface that carries the maps, at most."""
 COARSE_VERTICES = 1500
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Jointly:
+    """How the controls were placed, which places a patient's particles.
+
+    Attributes
+    ----------
+    shapes : tuple of M Shape
+        In their files' frames.
+    turns : tuple of M (4, 4) arrays
+        From there to the frames of `Controls.meshes`.
+    states : tuple of M ShapeState
+        Where the particles lie.
+    ensemble : Ensemble
+        Of all of them.
+    settings : OptimizeSettings
+        Of the run.
+    """
+
+    shapes: tuple[Shape, ...]
+    turns: tuple[FloatArray, ...]
+    states: tuple[ShapeState, ...]
+    ensemble: Ensemble
+    settings: OptimizeSettings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +71,8 @@ class Controls:
         Groomed surfaces in the subjects' own frames, mirrored where the result mirrors them.
     particles : (M, N, 3) array
         The joint run's, in the same frames [mm], read-only.
+    jointly : Jointly or None
+        None if grooming's distance fields are not kept.
     """
 
     names: tuple[str, ...]
@@ -47,6 +80,7 @@ class Controls:
     surface: TriangleMesh
     meshes: tuple[TriangleMesh, ...]
     particles: FloatArray
+    jointly: Jointly | None = None
 
 
 def read_controls(
@@ -74,25 +108,24 @@ def read_controls(
     """
     record = project.read().result
     assert record is not None, "a result was read"
-    mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
     meshes, particles, turned = [], [], []
     for number, index in enumerate(chosen):
-        tick(0.3 * number / len(chosen), f"reading {result.names[index]}")
+        tick(0.2 * number / len(chosen), f"reading {result.names[index]}")
         mesh, local, alignment = (
             read_surface(project, record.subjects[index]),
             result.local[index],
             result.alignments[index],
         )
         if mirrors(alignment):
-            mesh, local = mesh.placed(mirror), transform_points(mirror, local)
-            alignment = alignment @ mirror
+            mesh, local = mesh.placed(MIRROR), transform_points(MIRROR, local)
+            alignment = alignment @ MIRROR
         rotation = alignment[:3, :3] / np.cbrt(np.linalg.det(alignment[:3, :3]))
         meshes.append(mesh)
         particles.append(local)
         turned.append(local @ rotation.T)
     aligned = align(np.stack([shape - shape.mean(axis=0) for shape in turned]), scaling=False)
     template = _template(result, aligned)
-    points = _dense(template, aligned, meshes, np.stack(particles), part_of(tick, 0.3, 1.0))
+    points = _dense(template, aligned, meshes, np.stack(particles), part_of(tick, 0.2, 0.6))
     surface = TriangleMesh(points[:, : len(template.vertices)].mean(axis=0), template.faces)
     return Controls(
         tuple(result.names[index] for index in chosen),
@@ -100,7 +133,30 @@ def read_controls(
         surface,
         tuple(meshes),
         frozen(np.stack(particles)),
+        _jointly(project, result, chosen, record.settings.placing, part_of(tick, 0.6, 1.0)),
     )
+
+
+def _jointly(
+    project: ProjectFolder, result: Result, chosen: Sequence[int], settings: OptimizeSettings, tick: Tick
+) -> Jointly | None:
+    shapes = []
+    for index in chosen:
+        try:
+            groomed = read_groomed(project.groomed, result.names[index])
+        except InputError:
+            return None
+        shapes.append(
+            Shape(groomed.name, groomed.field, groomed.mesh, groomed.coarse_mesh, result.alignments[index])
+        )
+    tick(0.0, "normals of the controls")
+    states, ensemble = joint_ensemble(shapes, result.local[list(chosen)], settings, tick)
+    turns = tuple(MIRROR if mirrors(shape.alignment) else np.eye(4) for shape in shapes)
+    return Jointly(tuple(shapes), turns, tuple(states), _without_templates(ensemble), settings)
+
+
+def _without_templates(ensemble: Ensemble) -> Ensemble:
+    return replace(ensemble, templates=ensemble.templates[:0], placements=ensemble.placements[:0])
 
 
 def _template(result: Result, aligned: FloatArray) -> TriangleMesh:

@@ -46,6 +46,8 @@ class SurfaceFit:
         Of each vertex in the fit, in [0, 1].
     particles : (N, 3) array
         On the surface, in its own frame [mm].
+    registered : (N, 3) array
+        The mean's, on the surface where rigid registration alone puts them, in the same frame [mm].
     """
 
     pose: FloatArray
@@ -55,6 +57,7 @@ class SurfaceFit:
     met: BoolArray
     weights: FloatArray
     particles: FloatArray
+    registered: FloatArray
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -96,6 +99,7 @@ def fit_surface(
     areas = vertex_areas(model.surface(shape))
     share = _INDEPENDENT * areas / areas.sum()
     pose = first_pose(model.surface(shape), coarse) if pose is None else pose
+    first = _on_surface(model, target, pose, shape)
     scores = np.zeros(len(model.variances))
     weights = np.ones(model.vertices)
     points = shape
@@ -118,7 +122,7 @@ def fit_surface(
         moved += float(np.sqrt(np.square(points - before).sum(axis=1).mean()))
         if moved < _SETTLED * float(model.residual.mean()):
             break
-    return _measured(model, target, pose, scores, points, weights)
+    return _measured(model, target, pose, scores, points, weights, first)
 
 
 def first_pose(surface: TriangleMesh, coarse: TriangleMesh) -> FloatArray:
@@ -182,6 +186,7 @@ def _measured(
     scores: FloatArray,
     points: FloatArray,
     weights: FloatArray,
+    first: FloatArray,
 ) -> SurfaceFit:
     """Measure what is left, and put the particles onto the surface."""
     surface = model.surface(points)
@@ -198,4 +203,14 @@ def _measured(
     nearest = target.nearest(particles, above)
     planes = target.normals[nearest]
     off = np.einsum("ni,ni->n", particles - target.points[nearest], planes)
-    return SurfaceFit(pose, scores, points, residual, met, weights, particles - off[:, None] * planes)
+    particles = particles - off[:, None] * planes
+    return SurfaceFit(pose, scores, points, residual, met, weights, particles, first)
+
+
+def _on_surface(model: SurfaceModel, target: Target, pose: FloatArray, points: FloatArray) -> FloatArray:
+    """Return the surface's vertices nearest to particles in position and normal (N, 3)."""
+    surface, particles = model.surface(points), points[model.vertices :]
+    normals = surface.vertex_normals[np.asarray(KDTree(surface.vertices).query(particles)[1])]
+    return target.points[
+        target.nearest(transform_points(inverse_matrices(pose), particles), normals @ pose[:3, :3])
+    ]

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.arrays import FloatArray, frozen
+from homolog.correspondence import Shape
+from homolog.correspondence.ensemble import make_ensemble
 from homolog.device import cores
 from homolog.errors import NumericalError
 from homolog.geometry import rms_radius
 from homolog.patient.controls import COARSE_VERTICES, Controls
 from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
+from homolog.patient.placed import Placing
 from homolog.patient.surface_model import SurfaceModel
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
@@ -20,6 +23,8 @@ from homolog.workers import worker_processes
 __all__ = ["LeftOut", "Measures", "fit_left_out", "measures_of"]
 
 _PATIENCE = 0.1  # s between looks at the tick
+_MOST_PLACED = 24
+"""Controls whose particles are placed, evenly chosen: to state their error, more are not needed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +60,8 @@ class LeftOut:
         Local differences from the expected shape [mm].
     totals : (M, V) array
         Local differences from the mean [mm].
-    errors : (M, N) array
-        Distance of particles from their place in the joint run [spacings].
+    errors : (E, N) array
+        Distance of particles from their place in the joint run [spacings], of 24 controls at most.
     """
 
     measures: tuple[Measures, ...]
@@ -136,6 +141,7 @@ def fit_left_out(
         If a process died.
     """
     count = len(controls.names)
+    placed = set(range(0, count, -(-count // _MOST_PLACED)))
     with worker_processes(min(workers or cores(), count)) as executor:
         futures = {}
         for index in range(count):
@@ -143,6 +149,7 @@ def fit_left_out(
             job = _Job(
                 controls.points[others], columns[others], controls.surface, controls.meshes[index],
                 controls.particles[index], columns[index], modes, fitted_modes,
+                _placed(controls, index) if index in placed else None,
             )  # fmt: skip
             futures[executor.submit(_fitted, job)] = index
         done = _collected(futures, tick)
@@ -150,7 +157,7 @@ def fit_left_out(
         tuple(done[index][0] for index in range(count)),
         np.stack([done[index][1] for index in range(count)]),
         np.stack([done[index][2] for index in range(count)]),
-        np.stack([done[index][3] for index in range(count)]),
+        np.stack([done[index][3] for index in sorted(placed)]),
     )
 
 
@@ -167,6 +174,21 @@ class _Job:
     own: FloatArray
     modes: int
     fitted_modes: int
+    placed: tuple[Placing, Shape, FloatArray] | None
+
+
+def _placed(controls: Controls, index: int) -> tuple[Placing, Shape, FloatArray] | None:
+    """Return what places a control's particles: the ensemble of the others, its shape, and its reflection."""
+    jointly = controls.jointly
+    if jointly is None:
+        return None
+    ensemble = jointly.ensemble
+    others = make_ensemble(
+        [state for number, state in enumerate(jointly.states) if number != index], jointly.settings,
+        unit=float(ensemble.unit[0]), area=float(ensemble.area[0]),
+        opening_scale=float(ensemble.opening_scale[0]), templates=(),
+    )  # fmt: skip
+    return Placing(others, jointly.settings), jointly.shapes[index], jointly.turns[index]
 
 
 def _fitted(job: _Job) -> _Fitted:
@@ -175,7 +197,11 @@ def _fitted(job: _Job) -> _Fitted:
     fit = fit_surface(model, job.mesh, simplified(job.mesh, COARSE_VERTICES), job.own)
     measures, total = measures_of(model, fit, job.own, job.modes)
     spacing = np.sqrt(job.surface.area / len(job.particles))
-    errors = np.linalg.norm(fit.particles - job.particles, axis=1) / spacing
+    particles = fit.particles
+    if job.placed is not None:
+        placing, shape, turn = job.placed
+        particles = placing.placed(shape, fit, turn)
+    errors = np.linalg.norm(particles - job.particles, axis=1) / spacing
     return measures, fit.residual, total, errors
 
 

@@ -15,6 +15,7 @@ from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.patient.coding import Coding
 from homolog.patient.local import BANDS, LocalNorm
+from homolog.patient.placed import Placing
 from homolog.patient.surface_model import SurfaceModel
 from homolog.settings import GroomSettings
 from homolog.surfaces.mesh import TriangleMesh
@@ -133,6 +134,8 @@ class Reference:
         Of each control in the modes above chance [mm], read-only.
     names : tuple of str
         Of the controls in the order of their scores; empty if they are not kept.
+    placing : Placing or None
+        What places a patient's particles; None if the project does not keep what grooming made.
     """
 
     model: SurfaceModel
@@ -150,6 +153,7 @@ class Reference:
     provenance: Provenance
     scores: FloatArray | None = None
     names: tuple[str, ...] = ()
+    placing: Placing | None = None
 
     def __post_init__(self) -> None:
         """Sort and freeze the distributions."""
@@ -222,6 +226,7 @@ class Reference:
             "quality": {name: getattr(self.quality, name) for name in Quality.__dataclass_fields__},
             "provenance": self.provenance.record,
             "names": list(self.names),
+            "placing": None if self.placing is None else self.placing.settings.model_dump(mode="json"),
         }
         kept = {} if self.scores is None else {"scores": self.scores}
         write_arrays(Path(path), {**self._arrays(), **kept, "record": np.array(json.dumps(record))})
@@ -256,6 +261,7 @@ class Reference:
                 provenance=Provenance.from_record(record["provenance"]),
                 scores=stored.get("scores"),
                 names=tuple(map(str, record.get("names", ()))),
+                placing=Placing.from_arrays(stored, placing) if (placing := record.get("placing")) else None,
             )
         except InputError:
             raise
@@ -272,6 +278,7 @@ class Reference:
             "local_deviation": self.local.deviation,
             "total_mean": self.total.mean,
             "total_deviation": self.total.deviation,
+            **(self.placing.arrays if self.placing else {}),
         }
 
     def _check(self, path: str | PathLike[str]) -> None:
@@ -291,6 +298,7 @@ class Reference:
             and all(item.shape == (vertices,) for item in (self.total.mean, self.total.deviation))
             and all(getattr(self, name).shape == (self.provenance.controls,) for name in _DISTRIBUTIONS)
             and all(np.isfinite(item).all() for item in self._arrays().values())
+            and (self.placing is None or self.placing.is_of(self.provenance.particles))
             and len(self.names) in (0, self.provenance.controls)
             and (
                 (self.scores is None and not self.names)

@@ -38,7 +38,7 @@ from homolog.run.result import OnDemand, OptimizationInput, OptimizationOutcome
 from homolog.settings import OptimizeSettings, Procrustes, RunSettings
 from homolog.surfaces.mirroring import MIRROR
 
-__all__ = ["fit_others", "prepare_from_disk", "read_core", "write_core"]
+__all__ = ["first_placement", "fit_others", "joint_ensemble", "prepare_from_disk", "read_core", "write_core"]
 
 _log = logging.getLogger(__name__)
 
@@ -185,10 +185,14 @@ def fit_others(
     """
     fits = _Fits(shapes, names, folder, groomed, settings)
     templates = tuple(names[index] for index in core)
-    known, ensemble = _core_ensemble(outcome, fits.placing, part_of(tick, 0.0, 0.05))
+    placed = [
+        replace(shape, alignment=alignment)
+        for shape, alignment in zip(outcome.inputs.shapes, outcome.alignments, strict=True)
+    ]
+    known, ensemble = joint_ensemble(placed, outcome.local, fits.placing, part_of(tick, 0.0, 0.05))
     states = dict(zip(core.tolist(), known, strict=True))
     others = [index for index in range(len(shapes)) if index not in states]
-    begin = {index: (None, _placement(shapes[index], ensemble, fits.placing)) for index in others}
+    begin = {index: (None, first_placement(shapes[index], ensemble, fits.placing)) for index in others}
     states |= fits.run(ensemble, begin, templates, 0, part_of(tick, 0.05, 0.5))
     error = _error(states)
     for number in range(1, _MOST_PASSES + 1):
@@ -270,19 +274,26 @@ class _Fits:
         return states
 
 
-def _core_ensemble(
-    outcome: OptimizationOutcome, settings: OptimizeSettings, tick: Tick
+def joint_ensemble(
+    shapes: Sequence[Shape], local: FloatArray, settings: OptimizeSettings, tick: Tick = no_tick
 ) -> tuple[list[ShapeState], Ensemble]:
-    """Return the states and the ensemble of the core set, which is held in memory."""
-    shapes = [
-        replace(shape, alignment=alignment)
-        for shape, alignment in zip(outcome.inputs.shapes, outcome.alignments, strict=True)
-    ]
+    """Return the states and the ensemble of shapes whose particles were placed jointly.
+
+    Parameters
+    ----------
+    shapes : sequence of M Shape
+        Aligned.
+    local : (M, n, 3) array
+        Their particles in file coordinates [mm].
+    settings : OptimizeSettings
+        Of the run that placed them.
+    tick : Tick
+    """
     scaled = normalize_size(shapes) if settings.procrustes.takes_size_out else shapes
     unit = length_unit(scaled)
     placements = np.stack([shape.alignment for shape in scaled])
     placements[:, :3] /= unit
-    points = transform_points(placements, outcome.local)
+    points = transform_points(placements, local)
     poses = np.tile(np.eye(4), (len(shapes), 1, 1))
     if settings.procrustes is not Procrustes.OFF:
         scaling, free = settings.procrustes.takes_size_out, np.full(len(shapes), True)
@@ -301,7 +312,7 @@ def _core_ensemble(
         tick(0.2 + 0.8 * index / len(shapes), f"normals of {shape.name}")
         states.append(
             shape_state(
-                replace(shape, alignment=placement), settings, outcome.local[index],
+                replace(shape, alignment=placement), settings, local[index],
                 unit=unit, opening_scale=openings,
             )
         )  # fmt: skip
@@ -312,7 +323,7 @@ def _core_ensemble(
     )  # fmt: skip
 
 
-def _placement(shape: Shape, ensemble: Ensemble, settings: OptimizeSettings) -> FloatArray:
+def first_placement(shape: Shape, ensemble: Ensemble, settings: OptimizeSettings) -> FloatArray:
     """Return where a shape's fit begins: its alignment, in the ensemble's unit, size and centre."""
     placement = shape.alignment.copy()
     placement[:3] /= float(ensemble.unit[0])

@@ -112,3 +112,44 @@ def test_slices_show_the_map_and_go_to_a_region_that_is_looked_at(patient, explo
     assert np.linalg.norm(mesh - slices.place, axis=1).min() < 2.0
     assert patient.take_scan("a", tmp := patient.desk.home / "none.nrrd")
     assert slices._sliced.image == tmp
+
+
+def test_a_later_time_is_compared_with_the_first_and_a_repeat_tells_the_error(
+    patient, explored, ellipsoids, tmp_path, wait
+):
+    patient.further.add_time(ellipsoids / "b.nrrd", repeats=False)
+    wait(lambda: patient.further.times.follow_up is not None and not patient.desk.work.is_busy, 300.0)
+    scene = explored.views.stage.scene
+    assert [content.name for content in scene.shown] == ["b"]
+    assert "No measurement error is known" in patient.further.change.text()
+    patient.further.add_time(ellipsoids / "c.nrrd", repeats=True)
+    wait(lambda: len(patient.further.times.repeats) == 1 and not patient.desk.work.is_busy, 300.0)
+    follow_up = patient.further.times.follow_up
+    (change,) = follow_up.changes
+    assert follow_up.repeats == 1
+    assert len(patient._places) == len(change.regions)
+    patient.map.setCurrentIndex(0)
+    patient.map.activated.emit(0)
+    assert [content.name for content in scene.shown] == ["a"]
+    patient.write(tmp_path / "report")
+    wait(lambda: (tmp_path / "report").is_dir() and not patient.desk.work.is_busy, 300.0)
+    written = {str(path.relative_to(tmp_path / "report")) for path in (tmp_path / "report").rglob("*.*")}
+    assert {"follow_up.pdf", "changes.csv", "a/report.pdf", "b/report.pdf"} <= written
+
+
+def test_the_patient_is_set_beside_further_groups(patient, tmp_path, wait):
+    patient.keep_reference(tmp_path / "other.npz")
+    patient.further.compare_groups([tmp_path / "other.npz"])
+    wait(lambda: patient.further.groups and not patient.desk.work.is_busy, 300.0)
+    first, second = patient.further.groups
+    assert first[2:5] == pytest.approx(second[2:5])
+    assert patient.further.typical.text().count("p = ") == 2
+    assert "Not a diagnosis" in patient.further.caution.text()
+
+
+def test_a_file_that_is_no_shape_leaves_the_patient_as_it_is(patient, explored, tmp_path, wait):
+    (tmp_path / "notes.txt").write_text("nothing")
+    before = patient.comparison
+    patient.compare(tmp_path / "notes.txt")
+    wait(lambda: not patient.desk.work.is_busy)
+    assert patient.comparison is before

@@ -57,6 +57,9 @@ class Exploring(Part):
             "patient.open_reference": self.open_reference,
             "patient.keep_reference": self.keep_reference,
             "patient.open": self.open_patient,
+            "patient.groups": self.compare_groups,
+            "patient.later": lambda: self.add_time(repeats=False),
+            "patient.repeat": lambda: self.add_time(repeats=True),
             "patient.save": self.save_patient,
         }
 
@@ -109,6 +112,21 @@ class Exploring(Part):
         path, _ = QFileDialog.getOpenFileName(self._window, "Patient's segmentation or surface", "", FILES)
         if path:
             self._patient.compare(Path(path))
+
+    @reported
+    def compare_groups(self) -> None:
+        """Ask for references of further groups and say how typical the patient is of each."""
+        paths, _ = QFileDialog.getOpenFileNames(self._window, "References of further groups", "", _REFERENCES)
+        if paths:
+            self._patient.further.compare_groups([Path(path) for path in paths])
+
+    @reported
+    def add_time(self, *, repeats: bool) -> None:
+        """Ask for the file of a later time, or for another segmentation of the first one."""
+        title = "Another segmentation of the first time" if repeats else "The patient at a later time"
+        path, _ = QFileDialog.getOpenFileName(self._window, title, "", FILES)
+        if path:
+            self._patient.further.add_time(Path(path), repeats=repeats)
 
     @reported
     def save_patient(self) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QModelIndex, Qt
+from PySide6.QtGui import QStandardItemModel
 from PySide6.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -19,12 +20,16 @@ from PySide6.QtWidgets import (
     QTableView,
 )
 
+from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
 from homolog_app.window.explore.fitted import Fitted
+from homolog_app.window.explore.follow_up_part import FollowUpPart
 from homolog_app.window.explore.page import ExplorePage
+from homolog_app.window.explore.patient_texts import about_text, nearest_text, verdict_text
+from homolog_app.window.explore.patient_times import CHANGE, change_regions, change_scene
 from homolog_app.window.explore.patient_views import (
     EXPECTED,
     MEAN,
@@ -42,7 +47,7 @@ from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.widgets import ActionButton, choice, dress_table, label, rule
 
 if TYPE_CHECKING:
-    from homolog.patient import PatientComparison, Reference
+    from homolog.patient import FollowUp, PatientComparison, Reference
     from homolog_app.window.slices.planes import Sliced
 
 __all__ = ["PatientPage"]
@@ -52,6 +57,7 @@ _MAPS = {
     "Difference from the expected shape": EXPECTED,
     "… in standard deviations": Z,
     "Difference from the mean": MEAN,
+    "Change since the first time": CHANGE,
 }
 _VIEWS = {"Map on the patient": 1, "Mean, patient, expected, map": 4}
 _PATHS = {"Straight from the mean": False, "Mode by mode from the mean": True}
@@ -71,6 +77,7 @@ class PatientPage(ExplorePage):
         self.reference: Reference | None = None
         self.comparison: PatientComparison | None = None
         self._compared: Compared | None = None
+        self._places: list[tuple[FloatArray, FloatArray]] = []
         self.group = choice("Controls")
         self.adjust = QLineEdit()
         self.adjust.setPlaceholderText("adjust for columns, such as age sex")
@@ -96,6 +103,7 @@ class PatientPage(ExplorePage):
         self.bars = PercentileBars(desk.theme)
         self.table = SubjectTable(_HEADS, self)
         self.regions = QTableView()
+        self.further = FollowUpPart(desk, actions)
         self.save = ActionButton("Save report…", actions["patient.save"])
         self._lay_out()
         self._connect()
@@ -145,6 +153,7 @@ class PatientPage(ExplorePage):
         self.regions.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.regions.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
         self.body.addWidget(self.regions)
+        self.body.addWidget(self.further)
         self.body.addStretch()
         self.footer.addWidget(self.save)
 
@@ -152,7 +161,8 @@ class PatientPage(ExplorePage):
         self.desk.session.study_changed.connect(self._show_groups)
         self.regions.clicked.connect(self._go_to)
         for box in (self.map, self.views, self.path):
-            box.activated.connect(lambda _: self.shown_changed.emit())
+            box.activated.connect(lambda _: self._show_map())
+        self.further.changed.connect(self._show_change)
         self.way.valueChanged.connect(lambda _: self.shown_changed.emit())
         for check in (self.only_beyond, self.overlaid):
             check.toggled.connect(self.shown_changed)
@@ -160,7 +170,7 @@ class PatientPage(ExplorePage):
     @property
     def layouts(self) -> tuple[int, ...] | None:
         """1 or 4 views once there is a patient."""
-        if self.comparison is None:
+        if self.comparison is None or self._change is not None:
             return None
         return (self.views.currentData(), *_VIEWS.values())
 
@@ -173,6 +183,8 @@ class PatientPage(ExplorePage):
         """Return the patient, or the subjects until there is one."""
         if self.comparison is None or self.reference is None:
             return Shown(subjects)
+        if self._change is not None:
+            return change_scene(self._change, self.only_beyond.isChecked())
         return patient_scene(
             self.comparison,
             self.reference,
@@ -192,6 +204,12 @@ class PatientPage(ExplorePage):
         if compared is None or self.reference is None:
             return None
         return patient_slices(compared, self.reference)
+
+    @property
+    def _change(self) -> "FollowUp | None":
+        """The follow-up whose maps are shown."""
+        times = self.further.times
+        return times.follow_up if times is not None and self.map.currentData() == CHANGE else None
 
     def take_scan(self, name: str, path: Path) -> bool:
         """Take the patient's scan."""
@@ -250,10 +268,9 @@ class PatientPage(ExplorePage):
         reference = self.reference
         if reference is None:
             raise InputError(f"{path}: there is nothing to compare it with; make or open a reference first")
-        values = {name: field.text() for name, field in self.fields.items()}
         self.desk.work.compute(
             "patient",
-            partial(compared, reference, path, values),
+            partial(compared, reference, path, self._values()),
             "comparing the patient",
             self._take,
         )
@@ -263,13 +280,19 @@ class PatientPage(ExplorePage):
         comparison, reference = self.comparison, self.reference
         if comparison is None or reference is None:
             raise InputError("there is no patient yet; choose a file first")
+        times, groups = self.further.times, self.further.groups
+        follow_up = times.follow_up if times is not None else None
 
         def write(tick: Tick) -> None:
             from homolog.files.atomic import replace_folder
             from homolog_app.report.patient import write_patient
+            from homolog_app.report.patient_times import write_times
 
             with replace_folder(folder) as part:
-                write_patient(part, comparison, reference, tick)
+                if follow_up is None:
+                    write_patient(part, comparison, reference, tick, groups)
+                else:
+                    write_times(part, follow_up, reference, tick, groups)
 
         self.desk.work.compute("report", write, "writing the report", lambda _: None)
 
@@ -278,18 +301,14 @@ class PatientPage(ExplorePage):
         comparison = self.comparison = compared.comparison if compared else None
         reference = self.reference
         there = comparison is not None and reference is not None
-        self.verdict.setText(_verdict(comparison, reference))
+        self.verdict.setText(verdict_text(comparison, reference))
         self.remarks.setText("\n".join(comparison.remarks) if comparison else "")
         self.remarks.setVisible(bool(self.remarks.text()))
         self.bars.show_patient(comparison, reference)
-        self.nearest.setText(_nearest(comparison, reference))
+        self.nearest.setText(nearest_text(comparison, reference))
         self.nearest.setVisible(bool(self.nearest.text()))
-        rows: list[tuple[str | float, ...]] = []
-        for number, region in enumerate(comparison.regions if comparison else (), start=1):
-            assert comparison is not None
-            place = comparison.place(region)
-            rows.append((f"{number} {place}".strip(), region.area, region.mean, region.z))
-        self.table.show_rows(rows)
+        self.further.take_patient(compared, reference, self._values)
+        self._offer_change()
         for widget in (
             self.verdict,
             self.map,
@@ -302,7 +321,43 @@ class PatientPage(ExplorePage):
             self.regions,
         ):
             widget.setEnabled(there)
+        self._show_map()
+
+    def _offer_change(self) -> None:
+        """Let the map of change be chosen once there is a later time."""
+        times = self.further.times
+        there = times is not None and times.follow_up is not None
+        index = self.map.findData(CHANGE)
+        model = self.map.model()
+        assert isinstance(model, QStandardItemModel)
+        model.item(index).setEnabled(there)
+        if there != (self.map.currentIndex() == index):
+            self.map.setCurrentIndex(index if there else 0)
+
+    def _show_change(self) -> None:
+        self._offer_change()
+        self._show_map()
+
+    def _show_map(self) -> None:
+        """Show the chosen map, with its regions in the table."""
+        rows: list[tuple[str | float, ...]] = []
+        self._places = []
+        comparison = self.comparison
+        if self._change is not None:
+            for item in change_regions(self._change):
+                rows.append((item.time, item.region.area, item.region.mean, item.region.z))
+                self._places.append((item.place, item.seen_from))
+        elif comparison is not None and self._compared is not None:
+            for number, region in enumerate(comparison.regions, start=1):
+                place = f"{number} {comparison.place(region)}".strip()
+                rows.append((place, region.area, region.mean, region.z))
+                seen_from = self._compared.seen_from[number - 1]
+                self._places.append((place_of(comparison, region.centre), seen_from))
+        self.table.show_rows(rows)
         self.shown_changed.emit()
+
+    def _values(self) -> dict[str, str]:
+        return {name: field.text() for name, field in self.fields.items()}
 
     def _show_groups(self) -> None:
         """Offer the groups of the cohort as controls."""
@@ -313,7 +368,7 @@ class PatientPage(ExplorePage):
 
     def _show_reference(self) -> None:
         """Describe the reference, with a field for each covariate."""
-        self.about.setText(_about(self.reference))
+        self.about.setText(about_text(self.reference))
         while self.form.rowCount():
             self.form.removeRow(0)
         self.fields = {}
@@ -325,31 +380,5 @@ class PatientPage(ExplorePage):
 
     def _go_to(self, row: QModelIndex) -> None:
         """Look at a region."""
-        if self._compared is not None:
-            comparison = self._compared.comparison
-            place = place_of(comparison, comparison.regions[row.row()].centre)
-            self.place_wanted.emit(comparison.name, place, self._compared.seen_from[row.row()])
-
-
-def _verdict(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
-    if comparison is None or reference is None:
-        return ""
-    from homolog_app.report.patient_words import verdict
-
-    return verdict(comparison, reference)
-
-
-def _nearest(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
-    if comparison is None or reference is None:
-        return ""
-    from homolog_app.report.patient_words import nearest_words
-
-    return nearest_words(comparison, reference)
-
-
-def _about(reference: "Reference | None") -> str:
-    if reference is None:
-        return "None yet: make one of this result, or open a file."
-    from homolog_app.report.patient_words import reference_words
-
-    return "\n".join(reference_words(reference))
+        if self.comparison is not None:
+            self.place_wanted.emit(self.comparison.name, *self._places[row.row()])

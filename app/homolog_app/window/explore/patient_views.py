@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray
+from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.progress import Tick
@@ -28,6 +29,7 @@ __all__ = [
     "PatientLook",
     "Z",
     "compared",
+    "on_patient",
     "patient_scene",
     "patient_slices",
     "place_of",
@@ -76,16 +78,16 @@ def patient_scene(comparison: "PatientComparison", reference: "Reference", look:
     steps = _steps(comparison, reference) if look.by_modes else _straight(comparison)
     note, vertices = _on_the_way(comparison.mean.vertices, steps, look.way)
     shape = TriangleMesh(vertices, comparison.mean.faces)
-    mapped = _content(comparison, comparison.name, note, shape, scale, values, faded, beyond)
+    mapped = on_patient(comparison, comparison.name, note, shape, scale, values, faded, beyond)
     if look.overlaid:
         mean = comparison.mean.placed(inverse_matrices(comparison.placement))
         mapped = replace(mapped, raw=mean, overlaid=True)
     if count == 1:
         return Shown([mapped], 1, scale, {})
     plain = [
-        _content(comparison, "Mean", "of the reference, at the patient's covariates", comparison.mean),
+        on_patient(comparison, "Mean", "of the reference, at the patient's covariates", comparison.mean),
         Content("Patient", None, comparison.mesh, None, comparison.placement, comparison.name),
-        _content(comparison, "Expected", "by the reference, of this patient", comparison.expected),
+        on_patient(comparison, "Expected", "by the reference, of this patient", comparison.expected),
     ]
     return Shown([*plain, mapped], 2, scale, {})
 
@@ -145,6 +147,8 @@ class Compared:
     Attributes
     ----------
     comparison : PatientComparison
+    subject : Subject
+        Its file.
     seen_from : sequence of (3,) arrays
         From where each region is seen: other walls may hide it.
     image : Path or None
@@ -154,6 +158,7 @@ class Compared:
     """
 
     comparison: "PatientComparison"
+    subject: Subject
     seen_from: Sequence[FloatArray]
     image: Path | None
     voxels: "Segmentation | None"
@@ -174,7 +179,9 @@ def compared(reference: "Reference", path: Path, values: Mapping[str, str], tick
     views = [view_of_region(shape, region.vertices, region.centre) for region in comparison.regions]
     groom = reference.provenance.groom
     survey = survey_subject(subjects[0], groom.label, groom.segment)
-    return Compared(comparison, [view.axes[2] for view in views], subjects[0].image, survey.voxels)
+    return Compared(
+        comparison, subjects[0], [view.axes[2] for view in views], subjects[0].image, survey.voxels
+    )
 
 
 def patient_slices(compared: Compared, reference: "Reference") -> "Sliced":
@@ -208,7 +215,7 @@ def _scale(
     return displacement_scale(limit, "Difference from the expected shape", note), comparison.residual
 
 
-def _content(
+def on_patient(
     comparison: "PatientComparison",
     name: str,
     note: str,

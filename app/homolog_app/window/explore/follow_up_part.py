@@ -1,0 +1,129 @@
+"""The part of the Patient page that takes further times and further groups."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
+
+from homolog.errors import InputError
+from homolog.progress import Tick
+from homolog_app.window.actions import Actions
+from homolog_app.window.desk import Desk
+from homolog_app.window.explore.patient_times import Times, change_words, with_file
+from homolog_app.window.widgets import ActionButton, label
+
+if TYPE_CHECKING:
+    from homolog.patient import Reference
+    from homolog_app.report.patient_groups import GroupRow
+    from homolog_app.window.explore.patient_views import Compared
+
+__all__ = ["FollowUpPart"]
+
+
+class FollowUpPart(QWidget):
+    """Further groups and times of the patient, with what came of them in sentences.
+
+    Attributes
+    ----------
+    times : Times or None
+        The patient's; None while there is no patient.
+    groups : tuple of GroupRow
+        How typical the patient is of each group; empty while there is one reference only.
+    """
+
+    changed = Signal()
+
+    def __init__(self, desk: Desk, actions: Actions) -> None:
+        super().__init__()
+        self.desk = desk
+        self.times: Times | None = None
+        self.groups: tuple[GroupRow, ...] = ()
+        self._patient: tuple[Compared, Reference, Callable[[], Mapping[str, str]]] | None = None
+        self._others: dict[str, Reference] = {}
+        body = QVBoxLayout(self)
+        body.setContentsMargins(0, 0, 0, 0)
+        body.addWidget(label("Further groups", "SectionTitle"))
+        body.addWidget(ActionButton("Compare with groups…", actions["patient.groups"]))
+        self.typical = label("", wrap=True)
+        self.caution = label("", "FieldHelp", wrap=True)
+        body.addWidget(self.typical)
+        body.addWidget(self.caution)
+        body.addWidget(label("Follow-up", "SectionTitle"))
+        row = QHBoxLayout()
+        row.addWidget(ActionButton("Add later time…", actions["patient.later"]), 1)
+        row.addWidget(ActionButton("Add repeat…", actions["patient.repeat"]), 1)
+        body.addLayout(row)
+        self.change = label("", wrap=True)
+        body.addWidget(self.change)
+        for text in (self.typical, self.change):
+            text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self._show()
+
+    def take_patient(
+        self,
+        compared: "Compared | None",
+        reference: "Reference | None",
+        values: Callable[[], Mapping[str, str]],
+    ) -> None:
+        """Begin with another patient, or none; `values` returns the covariates that are typed in."""
+        self._patient = (compared, reference, values) if compared and reference else None
+        self.times = Times((compared.comparison,)) if compared else None
+        self.groups = ()
+        self._show()
+
+    def add_time(self, path: Path, *, repeats: bool) -> None:
+        """Compare a file of a later time, or another segmentation of the first one."""
+        if self._patient is None or self.times is None:
+            raise InputError(f"{path}: there is no patient yet; choose the file of the first time first")
+        _, reference, values = self._patient
+        work = partial(with_file, self.times, reference, path, dict(values()), repeats)
+        self.desk.work.compute("follow-up", work, "comparing the times", self._take_times)
+
+    def compare_groups(self, paths: list[Path]) -> None:
+        """Read references of further groups and say how typical the patient is of each."""
+        from homolog.patient import Reference
+
+        if self._patient is None:
+            raise InputError("there is no patient yet; choose a file first")
+        self._others |= {str(path): Reference.load(path) for path in paths}
+        compared, reference, values = self._patient
+        work = partial(_typical, compared, reference, tuple(self._others.values()), dict(values()))
+        self.desk.work.compute("groups", work, "comparing with groups", self._take_groups)
+
+    def _take_times(self, times: Times) -> None:
+        self.times = times
+        self._show()
+        self.changed.emit()
+
+    def _take_groups(self, groups: "tuple[GroupRow, ...]") -> None:
+        self.groups = groups
+        self._show()
+
+    def _show(self) -> None:
+        self.typical.setText("")
+        self.caution.setText("")
+        if self.groups:
+            from homolog_app.report.patient_groups import GROUP_CAUTION, group_sentence
+
+            self.typical.setText("\n".join(group_sentence(row) for row in self.groups))
+            self.caution.setText(GROUP_CAUTION)
+        self.change.setText(change_words(self.times) if self.times else "")
+        for text in (self.typical, self.caution, self.change):
+            text.setVisible(bool(text.text()))
+
+
+def _typical(
+    compared: "Compared",
+    reference: "Reference",
+    others: "tuple[Reference, ...]",
+    values: Mapping[str, str],
+    tick: Tick,
+) -> "tuple[GroupRow, ...]":
+    from homolog.patient import compare_patient
+    from homolog_app.report.patient_groups import group_rows
+
+    compare = partial(compare_patient, subject=compared.subject, covariates=values, tick=tick)
+    return tuple(group_rows(compared.comparison, reference, others, compare))

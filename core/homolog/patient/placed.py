@@ -1,0 +1,118 @@
+"""A patient's particles where the controls' run would put them: by its objective, with all controls held."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from homolog.arrays import Array, FloatArray
+from homolog.correspondence import Shape
+from homolog.correspondence.ensemble import Ensemble, ShapeState
+from homolog.correspondence.shape_fit import fit_shape
+from homolog.geometry import fit_similarity, inverse_matrices, transform_points
+from homolog.patient.fit import SurfaceFit
+from homolog.progress import Tick, no_tick, part_of
+from homolog.run.core_set import first_placement
+from homolog.settings import OptimizeSettings
+
+__all__ = ["Placing"]
+
+_PREFIX = "ensemble_"
+_NORMALS_REGULARIZATION = 0.01
+"""That of the last iterations."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placing:
+    """What places a patient's particles.
+
+    Attributes
+    ----------
+    ensemble : Ensemble
+        Of the controls, without templates.
+    settings : OptimizeSettings
+        Of their run.
+    """
+
+    ensemble: Ensemble
+    settings: OptimizeSettings
+
+    def placed(self, shape: Shape, fit: SurfaceFit, turn: FloatArray, tick: Tick = no_tick) -> FloatArray:
+        """Return the particles of a shape.
+
+        The pose of a shape that is nearly symmetric about an axis is hardly determined by its surface, so
+        that particles are placed from two starts: those of the surface's fit, and the mean's as registered
+        rigidly. Those with the lower objective are kept.
+
+        Parameters
+        ----------
+        shape : Shape
+            In its file's frame; its alignment is not looked at.
+        fit : SurfaceFit
+            Of the shape after `turn`.
+        turn : (4, 4) array
+            Reflection to the side of the controls, or the identity.
+        tick : Tick
+
+        Returns
+        -------
+        (n, 3) array
+            In the frame of the fit's particles [mm].
+
+        Raises
+        ------
+        NumericalError
+            If a particle is lost.
+        """
+        starts = (fit.particles, fit.registered)
+        states = [
+            self._placed(shape, start, turn, part_of(tick, number / len(starts), (number + 1) / len(starts)))
+            for number, start in enumerate(starts)
+        ]
+        return transform_points(turn, min(states, key=self._objective).local)
+
+    def _placed(self, shape: Shape, first: FloatArray, turn: FloatArray, tick: Tick) -> ShapeState:
+        mean = float(self.ensemble.unit[0]) * self.ensemble.mean
+        aligned = replace(shape, alignment=fit_similarity(first, mean, scaling=False) @ turn)
+        aligned = replace(aligned, alignment=first_placement(aligned, self.ensemble, self.settings))
+        local = transform_points(inverse_matrices(turn), first)
+        return fit_shape(aligned, self.settings, self.ensemble, local, tick=tick)
+
+    def _objective(self, state: ShapeState) -> float:
+        """Return what a shape adds to the weighted entropies H(Z) and H(V), up to a factor."""
+        ensemble, settings = self.ensemble, self.settings
+        position = ensemble.deviation(np.asarray(state.aligned, np.float64))
+        normals, openings = (np.asarray(item, np.float64) for item in (state.normals, state.openings))
+        normal = ensemble.logs(normals, openings).ravel()
+        a, b = settings.regularization_end, _NORMALS_REGULARIZATION
+        terms = (
+            (settings.ensemble_weight, position @ ensemble.rest_of_positions(position, a) / a),
+            (settings.normals_weight, normal @ ensemble.rest_of_normals(normal, b) / b),
+        )
+        return float(sum(weight * np.log1p(value / ensemble.scale) for weight, value in terms))
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """The ensemble as a file has it."""
+        return {f"{_PREFIX}{name}": array for name, array in self.ensemble.arrays.items()}
+
+    @classmethod
+    def from_arrays(cls, stored: Mapping[str, Array], settings: Mapping[str, Any]) -> "Placing":
+        """Return what `arrays` and the settings describe."""
+        names = Ensemble.__dataclass_fields__
+        ensemble = Ensemble(**{name: stored[f"{_PREFIX}{name}"] for name in names})
+        return cls(ensemble, OptimizeSettings.model_validate(settings))
+
+    def is_of(self, particles: int) -> bool:
+        """Whether the arrays belong together, and to so many particles."""
+        item = self.ensemble
+        rows = 3 * particles
+        return (
+            all(array.shape == (1,) for array in (item.unit, item.area, item.opening_scale, item.subjects))
+            and all(array.shape == (particles, 3) for array in (item.mean, item.normals))
+            and all(array.shape == (particles,) for array in (item.openings, item.angles))
+            and item.position_modes.shape == (len(item.position_variances), rows)
+            and item.normal_modes.shape == (len(item.normal_variances), rows)
+            and all(bool(np.isfinite(array).all()) for array in item.arrays.values())
+        )
