@@ -23,7 +23,7 @@ from homolog.workers import worker_processes
 __all__ = ["LeftOut", "Measures", "fit_left_out", "measures_of"]
 
 _PATIENCE = 0.1  # s between looks at the tick
-_MOST_PLACED = 24
+_MOST_PLACED = 12
 """Controls whose particles are placed, evenly chosen: to state their error, more are not needed."""
 
 
@@ -61,7 +61,7 @@ class LeftOut:
     totals : (M, V) array
         Local differences from the mean [mm].
     errors : (E, N) array
-        Distance of particles from their place in the joint run [spacings], of 24 controls at most.
+        Distance of particles from their place in the joint run [spacings], of 12 controls at most.
     """
 
     measures: tuple[Measures, ...]

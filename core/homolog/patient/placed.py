@@ -1,7 +1,9 @@
 """A patient's particles where the controls' run would put them: by its objective, with all controls held."""
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -9,10 +11,12 @@ import numpy as np
 from homolog.arrays import Array, FloatArray
 from homolog.correspondence import Shape
 from homolog.correspondence.ensemble import Ensemble, ShapeState
+from homolog.correspondence.launcher import load_kernels
 from homolog.correspondence.shape_fit import fit_shape
+from homolog.errors import Cancelled
 from homolog.geometry import fit_similarity, inverse_matrices, transform_points
 from homolog.patient.fit import SurfaceFit
-from homolog.progress import Tick, no_tick, part_of
+from homolog.progress import Tick, no_tick
 from homolog.run.core_set import first_placement
 from homolog.settings import OptimizeSettings
 
@@ -65,11 +69,21 @@ class Placing:
         NumericalError
             If a particle is lost.
         """
-        starts = (fit.particles, fit.registered)
-        states = [
-            self._placed(shape, start, turn, part_of(tick, number / len(starts), (number + 1) / len(starts)))
-            for number, start in enumerate(starts)
-        ]
+        load_kernels("cpu")
+        stopped = Event()
+
+        def stop(fraction: float, message: str = "") -> None:
+            del fraction, message
+            if stopped.is_set():
+                raise Cancelled
+
+        with ThreadPoolExecutor(1) as thread:
+            other = thread.submit(self._placed, shape, fit.registered, turn, stop)
+            try:
+                states = self._placed(shape, fit.particles, turn, tick), other.result()
+            except BaseException:
+                stopped.set()
+                raise
         return transform_points(turn, min(states, key=self._objective).local)
 
     def _placed(self, shape: Shape, first: FloatArray, turn: FloatArray, tick: Tick) -> ShapeState:
