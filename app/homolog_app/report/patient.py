@@ -44,6 +44,7 @@ from homolog_app.report.patient_words import (
     METHOD,
     NOTICE,
     REGION_COLUMNS,
+    detectable_words,
     measure_rows,
     nearest_words,
     reference_rows,
@@ -294,6 +295,7 @@ def write_patient(
     values: dict[str, Array] = {
         "difference_mm": comparison.residual, "z": comparison.z, "region": numbers,
         "difference_from_mean_mm": comparison.total, "z_from_mean": comparison.total_z,
+        "detectable_mm": reference.detectable,
     }  # fmt: skip
     write_mesh(folder / "map.vtp", comparison.expected.placed(back), values)
     write_mesh(folder / "patient.vtp", comparison.mesh)
@@ -316,6 +318,7 @@ def patient_page(
     )
     page.heading("Finding")
     page.paragraph(verdict(comparison, reference))
+    page.paragraph(detectable_words(reference))
     for text in comparison.remarks:
         page.caution(text)
     caption = (

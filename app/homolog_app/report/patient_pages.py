@@ -22,6 +22,7 @@ from homolog_app.report.patient_words import (
     METHOD,
     NOTICE,
     REGION_COLUMNS,
+    detectable_words,
     measure_rows,
     nearest_words,
     reference_rows,
@@ -163,6 +164,7 @@ def _first(comparison: PatientComparison, reference: Reference, maps: MapPicture
     )
     sheet.heading("Finding")
     sheet.text(verdict(comparison, reference), 9.0)
+    sheet.text(detectable_words(reference))
     sheet.heading("Difference from the shape that the reference expects of this subject (mm)")
     sheet.panels(maps.local, maps.limit)
     sheet.text("Within the limit colours are faint; beyond it they are full.", 7.5)

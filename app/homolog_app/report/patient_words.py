@@ -1,5 +1,7 @@
 """What is said of a reference and of a patient, in sentences."""
 
+import numpy as np
+
 from homolog.geometry import rms_radius
 from homolog.patient import PatientComparison, Percentile, Reference, Region
 
@@ -7,6 +9,7 @@ __all__ = [
     "METHOD",
     "NOTICE",
     "REGION_COLUMNS",
+    "detectable_words",
     "measure_rows",
     "nearest_words",
     "reference_rows",
@@ -100,6 +103,15 @@ def verdict(comparison: PatientComparison, reference: Reference) -> str:
         f"by up to {abs(first.peak):.1f} mm{f' ({where})' if where else ''}, |z| {abs(first.z):.1f} (limit "
         f"{reference.limit:.1f}; p = {comparison.local.p:.2g} against "
         f"{reference.provenance.controls} controls)."
+    )
+
+
+def detectable_words(reference: Reference) -> str:
+    """Say how small a difference is found at all."""
+    least, most = np.quantile(reference.detectable, (0.05, 0.95)).tolist()
+    return (
+        f"Differences below about {reference.quality.limit_mm:.1f} mm ({least:.1f} to {most:.1f}, by place) "
+        "are not found, and narrow ones must be larger: no region does not mean no lesion."
     )
 
 

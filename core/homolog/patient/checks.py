@@ -160,7 +160,15 @@ def _checked(
     ]
 
 
-def cut_off(groomed: GroomedSubject, reference: Reference, fit: SurfaceFit, z: FloatArray) -> list[str]:
+def cut_off(
+    groomed: GroomedSubject,
+    reference: Reference,
+    fit: SurfaceFit,
+    z: FloatArray,
+    gap: float,
+    *,
+    force: bool = False,
+) -> list[str]:
     """Return a remark on what the border of the image cuts off.
 
     Parameters
@@ -171,12 +179,27 @@ def cut_off(groomed: GroomedSubject, reference: Reference, fit: SurfaceFit, z: F
         Its pose from the file's frame.
     z : (V,) array
         Standardised differences.
+    gap : float
+        Median distance from the fitted model, over the size.
+    force : bool
+        Return what would be refused as a remark.
 
     Raises
     ------
     InputError
-        If so much is cut off that the rest is no basis.
+        If so much is cut off that the rest is no basis, or the rest fits as a whole, and badly.
     """
+    try:
+        return _cut_off(groomed, reference, fit, z, gap)
+    except InputError as error:
+        if not force:
+            raise
+        return [str(error).removeprefix(f"{groomed.name}: ")]
+
+
+def _cut_off(
+    groomed: GroomedSubject, reference: Reference, fit: SurfaceFit, z: FloatArray, gap: float
+) -> list[str]:
     if not groomed.report.padded:
         return []
     surface = reference.model.surface(fit.expected)
@@ -184,6 +207,11 @@ def cut_off(groomed: GroomedSubject, reference: Reference, fit: SurfaceFit, z: F
     missing = (z < -reference.limit) & _over_cap(groomed, fit, surface)
     share = float(areas[missing].sum() / areas.sum())
     if share < _LEAST_MISSING:
+        if gap > float(reference.gap[-1]):
+            raise InputError(
+                f"{groomed.name}: touches the border of its image and fits worse than every control: a part "
+                "is probably cut off; give an image that shows the whole structure"
+            )
         return []
     if share > _MOST_MISSING:
         raise InputError(

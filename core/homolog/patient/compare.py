@@ -205,7 +205,8 @@ def compare_groomed(
     ]
     z = scores_of(reference.local, fit.residual, bands_of(fit.residual, model.faces))
     surface = model.surface(fit.expected)
-    cut = cut_off(groomed, reference, replace(fit, pose=fit.pose @ turn), z)
+    in_file = replace(fit, pose=fit.pose @ turn)
+    cut = cut_off(groomed, reference, in_file, z, measures.gap, force=force)
     remarks += cut
     particles, unplaced = _particles(reference, groomed, fit, turn, part_of(tick, 0.4, 1.0))
     remarks += unplaced

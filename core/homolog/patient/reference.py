@@ -168,6 +168,12 @@ class Reference:
         return self.model.surface(self.model.mean)
 
     @property
+    def detectable(self) -> FloatArray:
+        """How large a broad difference must be at each vertex to exceed the limit [mm], (V,)."""
+        smallest: FloatArray = self.limit * self.local.deviation[0]
+        return smallest
+
+    @property
     def fingerprint(self) -> str:
         """A hash of all that numbers of patients depend on."""
         digest = hashlib.blake2b(digest_size=8)

@@ -197,6 +197,21 @@ def test_what_the_image_cuts_off_is_named_and_too_much_is_refused(reference, tem
     assert not any("cut off" in words for words in compare_groomed(reference, whole, AGE).remarks)
 
 
+def test_a_shape_at_the_border_of_its_image_that_fits_worse_than_every_control_is_refused(
+    reference, template
+):
+    _, faces = template
+    points = patient(template).mesh.vertices
+    rough = points * (1.0 + 0.06 * np.sin(0.6 * points[:, [1]]) * np.sin(0.6 * points[:, [2]]))
+    inside = compare_groomed(reference, groomed("p", TriangleMesh(rough, faces)), AGE)
+    assert inside.measures.gap > reference.gap[-1]
+    at_border = groomed("p", TriangleMesh(rough, faces), padded=True)
+    with pytest.raises(InputError, match="touches the border"):
+        compare_groomed(reference, at_border, AGE)
+    forced = compare_groomed(reference, at_border, AGE, force=True)
+    assert any("touches the border" in words for words in forced.remarks)
+
+
 def test_the_nearest_controls_are_told_only_by_a_reference_that_keeps_scores(reference, tmp_path):
     assert reference.nearest(np.zeros(9)) == []
     scores = np.random.default_rng(4).normal(size=(24, reference.modes)) * np.sqrt(

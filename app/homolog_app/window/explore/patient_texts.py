@@ -12,9 +12,9 @@ def verdict_text(comparison: "PatientComparison | None", reference: "Reference |
     """Say what was found; empty without a patient."""
     if comparison is None or reference is None:
         return ""
-    from homolog_app.report.patient_words import verdict
+    from homolog_app.report.patient_words import detectable_words, verdict
 
-    return verdict(comparison, reference)
+    return f"{verdict(comparison, reference)}\n{detectable_words(reference)}"
 
 
 def nearest_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
