@@ -16,6 +16,7 @@ from homolog.analysis.mode_test import ModeTest
 from homolog.analysis.pointwise_test import PointwiseTest
 from homolog.cohort import Subject
 from homolog.parameters import parameters
+from homolog.patient import Percentile, Region
 from homolog.settings import GroomSettings, OptimizeSettings
 
 PAGE = Path(__file__).with_name("api.md")
@@ -33,6 +34,14 @@ GROUPS: dict[str, list[Any]] = {
         Dispersion,
         Discriminant,
     ],
+    "One patient": [
+        hl.make_reference,
+        hl.Reference,
+        hl.compare_patient,
+        hl.PatientComparison,
+        Percentile,
+        Region,
+    ],
     "Geodesic distances": [hl.geodesic_distances],
     "Errors": [hl.InputError, hl.NumericalError, hl.Cancelled],
 }
@@ -47,7 +56,7 @@ return are read-only. Classes without `hl.` are what others consist of.
 
 Examples that run: [a model of meshes in memory](examples/meshes_to_model.py),
 [two groups](examples/two_groups.py), [geodesic distances](examples/geodesics.py),
-[a project opened](examples/open_project.py).
+[a project opened](examples/open_project.py), [one patient](examples/one_patient.py).
 """
 
 _SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}\n", re.MULTILINE)

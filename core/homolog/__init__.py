@@ -21,11 +21,14 @@ if TYPE_CHECKING:
     from homolog.analysis.shape_model import ShapeModel
     from homolog.api.compare import compare_groups
     from homolog.api.correspond import Correspondence, correspond
+    from homolog.api.patient import compare_patient, make_reference
     from homolog.api.project import Project
     from homolog.cohort import Cohort, read_cohort
     from homolog.errors import Cancelled, InputError, NumericalError
     from homolog.files.meshes import read_mesh, write_mesh
     from homolog.geodesics import geodesic_distances
+    from homolog.patient.compare import PatientComparison
+    from homolog.patient.reference import Reference
     from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = [
@@ -35,12 +38,16 @@ __all__ = [
     "Correspondence",
     "InputError",
     "NumericalError",
+    "PatientComparison",
     "Project",
+    "Reference",
     "ShapeModel",
     "TriangleMesh",
     "compare_groups",
+    "compare_patient",
     "correspond",
     "geodesic_distances",
+    "make_reference",
     "read_cohort",
     "read_mesh",
     "write_mesh",
@@ -55,12 +62,16 @@ _HOMES = {
     "Correspondence": "api.correspond",
     "InputError": "errors",
     "NumericalError": "errors",
+    "PatientComparison": "patient.compare",
     "Project": "api.project",
+    "Reference": "patient.reference",
     "ShapeModel": "analysis.shape_model",
     "TriangleMesh": "surfaces.mesh",
     "compare_groups": "api.compare",
+    "compare_patient": "api.patient",
     "correspond": "api.correspond",
     "geodesic_distances": "geodesics",
+    "make_reference": "api.patient",
     "read_cohort": "cohort",
     "read_mesh": "files.meshes",
     "write_mesh": "files.meshes",

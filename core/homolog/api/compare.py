@@ -16,7 +16,7 @@ from homolog.arrays import Array, ArrayLike, FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 
-__all__ = ["compare_groups"]
+__all__ = ["compare_groups", "tick_of"]
 
 _Alignment = Literal["rigid", "similarity", "as-it-lies"]
 _Covariates = Mapping[str, Sequence[str | float] | Array]
@@ -150,7 +150,7 @@ def compare_groups(
     if pairs is not None:
         _check_pairs(pairs, order)
     columns = _columns(covariates, chosen.tolist(), len(shapes), called)
-    own, here, tick = labels[chosen].tolist(), shapes[chosen], _tick(callback)
+    own, here, tick = labels[chosen].tolist(), shapes[chosen], tick_of(callback)
     answers = []
     for index, name in enumerate(alignments):
         options = Options(
@@ -216,7 +216,8 @@ def _columns(
     )
 
 
-def _tick(callback: Callable[[float, str], object] | None) -> Tick:
+def tick_of(callback: Callable[[float, str], object] | None) -> Tick:
+    """Return a tick that calls a user's function; without one, a tick that does nothing."""
     if callback is None:
         return no_tick
 

@@ -5,6 +5,8 @@ import re
 import runpy
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -52,6 +54,22 @@ def test_a_project_is_opened(example, finished_run):
     printed = example("open_project.py", finished_run.folder)
     assert "4 subjects, 48 particles, geodesic-normals" in printed
     assert re.search(r"a: group None, 1\.\d\d ml", printed)
+
+
+def test_a_control_is_compared_with_all_controls(example, finished_run, ellipsoids, monkeypatch, tmp_path):
+    from homolog.patient import build, left_out
+
+    @contextmanager
+    def threads(_):
+        with ThreadPoolExecutor(1) as executor:
+            yield executor
+
+    monkeypatch.setattr(left_out, "worker_processes", threads)
+    monkeypatch.setattr(build, "FEWEST", 4)
+    printed = example("one_patient.py", finished_run.folder, ellipsoids / "a.nrrd")
+    values = re.search(r"largest \|z\| ([\d.]+), limit ([\d.]+)", printed)
+    assert float(values[1]) < float(values[2])
+    assert (tmp_path / "reference.npz").is_file()
 
 
 @pytest.mark.timeout(300)

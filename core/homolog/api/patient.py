@@ -1,0 +1,111 @@
+"""One patient against the controls of a project."""
+
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+
+from homolog.api.compare import tick_of
+from homolog.api.inputs import cohort_of
+from homolog.files.project import ProjectFolder
+from homolog.grooming import GroomedSubject, groom_subject
+from homolog.grooming.subject import check_source, groom
+from homolog.patient import PatientComparison, Reference, compare_groomed
+from homolog.patient.build import make_reference as _make
+from homolog.progress import Tick, part_of, run_in_background
+
+__all__ = ["compare_patient", "make_reference"]
+
+
+def make_reference(
+    project: str | PathLike[str],
+    *,
+    group: str | None = None,
+    adjust: Sequence[str] = (),
+    workers: int | None = None,
+    callback: Callable[[float, str], object] | None = None,
+) -> Reference:
+    """Freeze the shape model of a project's controls, as ``homolog reference`` does.
+
+    Each control is fitted as a patient to the model of the others, so that limits and percentiles hold for
+    new subjects.
+
+    Parameters
+    ----------
+    project : path
+        Folder with a result.
+    group : str, optional
+        Who the controls are, in the column group; all subjects by default.
+    adjust : sequence of str
+        Columns of the cohort's table to adjust for, such as age.
+    workers : int, optional
+        Processes; one per core by default.
+    callback : callable, optional
+        Called with the fraction done and a message; whatever it raises ends the work.
+
+    Returns
+    -------
+    Reference
+
+    Raises
+    ------
+    InputError
+        If the project has no result, its controls are fewer than eight, or a covariate is missing.
+    """
+    return _make(
+        ProjectFolder(Path(project)), group=group, adjust=adjust, workers=workers, tick=tick_of(callback)
+    )
+
+
+def compare_patient(
+    reference: Reference,
+    shape: object,
+    covariates: Mapping[str, object] | None = None,
+    *,
+    side: str = "",
+    voxel_size: float | Sequence[float] | None = None,
+    force: bool = False,
+    callback: Callable[[float, str], object] | None = None,
+) -> PatientComparison:
+    """Compare one shape with a reference: how unusual it is, and where.
+
+    For research use only; not for diagnosis.
+
+    Parameters
+    ----------
+    reference : Reference
+    shape : path, mesh, image or array
+        As `correspond` takes each of its shapes; groomed as the controls were.
+    covariates : mapping of str to value, optional
+        The patient's values of what the reference is adjusted for.
+    side : str
+        ``"left"`` or ``"right"``: the shape is mirrored if the controls are of the other one.
+    voxel_size : float or three floats, optional
+        Of a label array [mm].
+    force : bool
+        Compare even what looks like another structure or side.
+    callback : callable, optional
+        Called with the fraction done and a message; whatever it raises ends the work.
+
+    Returns
+    -------
+    PatientComparison
+
+    Raises
+    ------
+    InputError
+        If the shape is empty, of another unit, side or structure, cut off, or a covariate is missing.
+    """
+    values = {name: str(value) for name, value in (covariates or {}).items()}
+    reference.coding.columns(values)  # refuses before anything is computed
+    settings, tick = reference.provenance.groom, tick_of(callback)
+    cohort, sources = cohort_of([shape], voxel_size, settings)
+    (subject,) = cohort.subjects
+
+    def work(_: Tick) -> GroomedSubject:
+        source = sources.get(subject.name)
+        if source is None:
+            return groom_subject(subject, settings)
+        return groom(subject.name, check_source(source, settings, subject.name), settings)
+
+    groomed = run_in_background(work, part_of(tick, 0.0, 0.3), "grooming")
+    return compare_groomed(reference, groomed, values, side=side, force=force, tick=part_of(tick, 0.3, 1.0))
