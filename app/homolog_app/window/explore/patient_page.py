@@ -309,17 +309,7 @@ class PatientPage(ExplorePage):
         self.nearest.setVisible(bool(self.nearest.text()))
         self.further.take_patient(compared, reference, self._values)
         self._offer_change()
-        for widget in (
-            self.verdict,
-            self.map,
-            self.views,
-            self.path,
-            self.way,
-            self.overlaid,
-            self.only_beyond,
-            self.bars,
-            self.regions,
-        ):
+        for widget in (self.verdict, self.map, self.only_beyond, self.bars, self.regions):
             widget.setEnabled(there)
         self._show_map()
 
@@ -340,6 +330,8 @@ class PatientPage(ExplorePage):
 
     def _show_map(self) -> None:
         """Show the chosen map, with its regions in the table."""
+        for widget in (self.views, self.path, self.way, self.overlaid):
+            widget.setEnabled(self.comparison is not None and self._change is None)
         rows: list[tuple[str | float, ...]] = []
         self._places = []
         comparison = self.comparison
