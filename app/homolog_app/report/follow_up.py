@@ -179,7 +179,7 @@ def _sheets(
         sheets.append(sheet)
     last = Sheet(_title(follow_up), len(parts) + 1, len(parts) + 1)
     last.heading("Numbers")
-    last.rows([_COLUMNS, *_number_rows(follow_up)], (0.0, 1.9, 2.8, 3.7, 4.5, 5.4, 6.2))
+    last.rows([_COLUMNS, *_number_rows(follow_up)], (0.0, 1.5, 2.4, 3.3, 4.1, 5.1, 6.05))
     last.heading("Method")
     for text in _METHOD:
         last.text(text, 8.0)
