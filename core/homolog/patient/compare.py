@@ -244,10 +244,10 @@ def _particles(
     try:
         return transform_points(back, placing.placed(shape, fit, turn, tick)), []
     except NumericalError:
-        words = (
+        remark = (
             "particles are those of the surface's fit; the run's objective does not hold them on this shape"
         )
-        return transform_points(back, fit.particles), [words]
+        return transform_points(back, fit.particles), [remark]
 
 
 def _turn(reference: Reference, side: str) -> tuple[FloatArray, list[str]]:
