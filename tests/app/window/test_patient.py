@@ -44,7 +44,8 @@ def test_a_dropped_file_is_compared_and_not_added_to_the_study(patient, explored
     assert "percentile" in patient.bars.accessibleDescription()
     assert explored.commands["patient.save"].isEnabled()
     patient.write(tmp_path / "report")
-    wait(lambda: (tmp_path / "report" / "report.pdf").is_file() and not patient.desk.work.is_busy)
+    written = tmp_path / "report" / "report.pdf"
+    wait(lambda: written.is_file() and not patient.desk.work.is_busy, 300.0)
     patient.keep_reference(tmp_path / "ref.npz")
     first = patient.reference
     patient.open_reference(tmp_path / "ref.npz")
