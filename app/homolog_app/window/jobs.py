@@ -4,7 +4,7 @@ What they need of the core is slow to import, so they do it themselves.
 """
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +29,7 @@ __all__ = [
     "Devices",
     "RunJob",
     "groom",
+    "groom_again",
     "groomed_before",
     "import_model",
     "prepare",
@@ -99,6 +100,34 @@ def groom(
         )
     tick(0.9, "aligning")
     return align_cohort(cohort, groomed, settings.groom, part_of(tick, 0.9, 1.0))
+
+
+def groom_again(
+    cohort: Cohort,
+    name: str,
+    others: Mapping[str, "GroomedSubject"],
+    settings: RunSettings,
+    project: ProjectFolder,
+    tick: Tick,
+) -> "GroomedSubject":
+    """Groom one subject of a cohort again, and note what its place among the others says of it."""
+    from homolog.cluster import subject_executor
+    from homolog.grooming import align_cohort, groom_cohort
+
+    alone = Cohort(tuple(item for item in cohort.subjects if item.name == name), cohort.folder)
+    with subject_executor(1, settings.cluster) as executor:
+        (again,) = groom_cohort(
+            alone, settings.groom, executor=executor, cache=project.groomed, tick=part_of(tick, 0.0, 0.9)
+        )
+    shapes = {**others, name: again}
+    among = tuple(item for item in cohort.subjects if item.name in shapes)
+    aligned, _ = align_cohort(
+        Cohort(among, cohort.folder),
+        [shapes[item.name] for item in among],
+        settings.groom,
+        part_of(tick, 0.9, 1.0),
+    )
+    return next(item for item in aligned if item.name == name)
 
 
 def groomed_before(

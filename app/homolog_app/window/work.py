@@ -17,6 +17,7 @@ from homolog_app.window.jobs import (
     Devices,
     RunJob,
     groom,
+    groom_again,
     groomed_before,
     import_model,
     prepare,
@@ -30,6 +31,7 @@ from homolog_app.window.session import Session
 from homolog_app.window.subjects import Groomed
 
 if TYPE_CHECKING:
+    from homolog.grooming import GroomedSubject
     from homolog_app.window.survey import Survey
 
 __all__ = ["Work"]
@@ -150,19 +152,19 @@ class Work(QObject):
 
     def groom_one(self, name: str, project: ProjectFolder) -> None:
         """Groom one subject again; its place among the others stays."""
-        settings = self._session.study.settings
-        cohort = Cohort(
-            tuple(subject for subject in self._session.study.included if subject.name == name), project.folder
-        )
+        study, others = self._session.study, self._session.groomed
+        shapes = {other: item.subject for other, item in others.items()}
+
+        def work(tick: Tick) -> "GroomedSubject":
+            return groom_again(study.cohort, name, shapes, study.settings, project, tick)
 
         def take(ended: Ended) -> None:
-            (groomed,), _ = ended.result
             before = self._session.groomed[name]
-            self._session.groomed[name] = Groomed(groomed, before.alignment, settings.groom)
+            self._session.groomed[name] = Groomed(ended.result, before.alignment, study.settings.groom)
             _log.info("groomed %s again", name)
             self._session.facts_changed.emit()
 
-        self._order("groom", Task(lambda tick: groom(cohort, settings, project, tick), "grooming"), take)
+        self._order("groom", Task(work, "grooming"), take)
 
     def run(self, project: ProjectFolder, *, resume: bool = False, from_result: bool = False) -> None:
         """Place the particles, or go on from a checkpoint or from the result."""

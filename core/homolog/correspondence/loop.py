@@ -151,13 +151,14 @@ class OptimizationLoop:
             self._set_particles(count, points)
             return
         start = self.poses
-        self._register(count, TANGENTIAL_WEIGHT)
+        first = 0.5 if self.aligns else 1.0  # of the progress; the rest is of a second try, if one is made
+        self._register(count, TANGENTIAL_WEIGHT, part_of(self.initial_tick, 0.0, first))
         if not self.aligns or largest_turn(self.poses) < DOUBTFUL_TURN:
             return
         # The surface of a shape that differs much from the mean may lie nearest when it is turned over.
         turned, engine, most = self.poses, self.engine, CLEARLY_LOWER * self._ensemble_entropy()
         self.poses, self.log.tangential_weight = start, 1.0
-        self._register(count, 1.0)
+        self._register(count, 1.0, part_of(self.initial_tick, first, 1.0))
         if self._ensemble_entropy() > most:
             self.poses, self.engine, self.log.tangential_weight = turned, engine, TANGENTIAL_WEIGHT
 
@@ -165,12 +166,12 @@ class OptimizationLoop:
         rows = self.engine.aligned_positions().reshape(len(self.poses), -1)
         return entropy(covariance(rows - rows.mean(axis=0)), MAX_POSE_REGULARIZATION)
 
-    def _register(self, count: int, tangential_weight: float) -> None:
+    def _register(self, count: int, tangential_weight: float, progress: Tick) -> None:
         """Place particles by registration, and align the shapes by them."""
         rounds = INITIAL_ROUNDS if self.aligns else 1
         for number in range(rounds):
             meshes = posed_meshes(self.cohort.surface_set(count).meshes, self.poses)
-            tick = part_of(self.initial_tick, number / rounds, (number + 1) / rounds)
+            tick = part_of(progress, number / rounds, (number + 1) / rounds)
             landmarks = None if self.landmarks is None else transform_points(self.poses, self.landmarks)
             aligned = initial_particles(meshes, count, self.settings.seed, tick, landmarks)
             self._set_particles(count, transform_points(inverse_matrices(self.poses), aligned))
