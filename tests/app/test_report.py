@@ -114,6 +114,19 @@ def test_three_groups_are_analyzed_with_and_without_size_and_written_as_tables(p
     assert (project.folder / "analysis" / "groups_group_A_B_C_without_size" / "tests.csv").is_file()
 
 
+def test_regions_say_where_the_difference_is_how_large_and_which_way(project):
+    assert _analyze(project, "--between", "A", "C", "--alignment", "as-it-lies") == 0
+    (row,) = _rows(project.folder / "analysis" / "groups_group_A_C_as_it_lies" / "regions.csv")
+    assert row["peak_place"] == "superior"
+    assert float(row["peak_z_mm"]) > 15.0
+    low, value, high = (float(row[f"peak_outward{end}_mm"]) for end in ("_low_95", "", "_high_95"))
+    assert 0.0 < low < value < high
+    assert value == pytest.approx(4.0, abs=1.5)
+    assert float(row["peak_p_fwe_corrected"]) <= 0.05
+    (tests,) = _rows(project.folder / "analysis" / "groups_group_A_C_as_it_lies" / "tests.csv")
+    assert row["particles"] == tests["particles_p_fwe_corrected_05"]
+
+
 def test_regression_and_pairs_are_analyzed(project, capsys):
     assert _analyze(project, "--regress", "age", "--covariates", "sex", "--size", "with") == 0
     assert "effect of age, adjusted for sex" in capsys.readouterr().out
@@ -121,11 +134,11 @@ def test_regression_and_pairs_are_analyzed(project, capsys):
     assert "pair 't0' has two subjects that are 'A'" in capsys.readouterr().err
 
 
-def test_a_subject_that_lies_far_from_all_others_is_named_first(project, capsys):
+def test_a_subject_that_lies_far_from_all_others_is_named(project, capsys):
     broken = 60.0 * np.random.default_rng(3).normal(size=(60, 3))
     write_particles(particle_file(project, "s3", "world"), broken)
     assert _analyze(project, "--size", "with") == 0
-    assert capsys.readouterr().out.startswith("Caution: subject 3: lies far from all other shapes.")
+    assert "Caution: A, B, C: subject 3 lies far from the others" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

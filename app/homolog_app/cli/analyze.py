@@ -83,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the tests; returns the exit code."""
     from homolog.files.results import read_result
     from homolog.progress import part_of
-    from homolog_app.report.findings import cautions, findings, outlier_words
+    from homolog_app.report.findings import cautions, findings
     from homolog_app.report.keep import keep_study
     from homolog_app.report.seeds import answer_by_seed, spread_words, write_spread
     from homolog_app.report.study import run_study
@@ -121,7 +121,6 @@ def run(arguments: argparse.Namespace) -> int:
             for request, folder, spread in zip(requests, folders, answers, strict=True):
                 write_spread(folder, spread)
                 lines += [request.title, *(f"  {line}" for line in spread_words(spread))]
-    lines = [*(f"Caution: {caution}" for caution in outlier_words(result)), *lines]
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
     stream.write("\n".join(lines) + "\n")
     return 0

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.shape_model import ShapeModel
@@ -18,6 +17,7 @@ from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import mirrors
+from homolog.surfaces.nearest import nearest_particles
 from homolog_app.exports.glb import write_glb
 from homolog_app.exports.groups import compare
 from homolog_app.exports.settings import MeshFormat, MeshSettings
@@ -113,7 +113,7 @@ def _group_surfaces(
         result, groups, settings.permutations, settings.seed, tick, alignment=Alignment.AS_IT_LIES
     )
     local = study.overall.pointwise
-    nearest = KDTree(result.world.mean(axis=0)).query(result.mean_surface.vertices)[1]
+    nearest = nearest_particles(result.mean_surface, result.world.mean(axis=0))
     tests = {"p": local.p[nearest], "p_fwe": local.p_fwe[nearest], "q": local.q[nearest]}
     column, *names = groups
     return [
@@ -135,7 +135,7 @@ def _subject_surfaces(project: ProjectFolder, result: Result) -> list[_Named]:
     for name, mesh, particles, moved, odd in zip(
         result.names, read_surfaces(project), result.world, away, mirrored, strict=True
     ):
-        nearest = KDTree(particles).query(mesh.vertices)[1]
+        nearest = nearest_particles(mesh, particles)
         values = {"displacement_mm": outward_displacement(mesh, moved[nearest])}
         surfaces.append(
             _Named(

@@ -228,7 +228,7 @@ def _map_caption(study: Study, comparison: Comparison) -> str:
     if comparison.discriminant is not None:
         caption += (
             " Third row: the way between the groups along the linear discriminant, only where 95 % bootstrap "
-            "intervals exclude zero."
+            "intervals exclude zero, and nowhere if no difference of the whole shape can be shown."
         )
     return caption
 

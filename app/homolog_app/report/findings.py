@@ -1,13 +1,12 @@
 """What was found, in plain language with its numbers: effects with intervals, then p-values."""
 
 from dataclasses import dataclass
-from math import ceil, log10
 
 import numpy as np
 
+from homolog.analysis.cautions import LEVEL, cautions_of, p_words
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.effects import Effect
-from homolog.analysis.null_simulation import WHOLE_SHAPE_F, WHOLE_SHAPE_PERMUTATION
 from homolog.analysis.outliers import shape_outliers
 from homolog.files.results import Result
 from homolog_app.report.study import Study
@@ -21,43 +20,10 @@ __all__ = [
     "findings",
     "interval_words",
     "outlier_words",
-    "outliers_by_group",
     "p_words",
     "percent_words",
     "region_words",
 ]
-
-LEVEL = 0.05
-"""Corrected p-values up to this are called significant."""
-
-_LOOSE = 0.02
-"""Excess of false alarms that is worth a warning."""
-_FAR = 3.0
-"""Scaled median absolute deviations from which a subject is an outlier of its group."""
-_UNLIKE = 1.5
-"""Ratio of two groups' dispersions, or sizes, from which they are called different."""
-
-
-def p_words(p: float, permutations: int | None = None) -> str:
-    """Return a p-value as papers print it, such as ``"p = 0.034"`` or ``"p < 0.001"``.
-
-    Parameters
-    ----------
-    p : float
-        The p-value.
-    permutations : int, optional
-        Relabellings that it was counted over: no more digits are given than these can tell.
-    """
-    if p < 0.001:
-        return "p < 0.001"
-    digits = 3 if p < 0.0995 else 2
-    if permutations is not None:
-        digits = min(digits, max(1, ceil(log10(permutations + 1))))
-    if round(p, digits) >= 1.0:
-        return f"p > {1.0 - 10.0**-digits:.{digits}f}"
-    if round(p, digits) == 0.0:
-        return f"p < {10.0**-digits:.{digits}f}"
-    return f"p = {p:.{digits}f}"
 
 
 def interval_words(effect: Effect, digits: int = 2) -> str:
@@ -139,85 +105,32 @@ def outlier_words(result: Result) -> list[str]:
     ]
 
 
-def outliers_by_group(study: Study, comparison: Comparison) -> list[str]:
-    """Return the subjects that lie far from their own group's centroid, or from their fitted shape."""
-    dispersion = comparison.dispersion
-    if dispersion is None:
-        return []
-    labels = np.array([study.labels[subject] for subject in comparison.subjects])
-    far = []
-    for members in [labels == name for name in dispersion.by_group] or [np.full(len(labels), True)]:
-        own = dispersion.distances[members]
-        above = own - np.median(own)
-        limit = _FAR * 1.4826 * np.median(np.abs(above))
-        far += comparison.subjects[members][(above > limit) & (limit > 0.0)].tolist()
-    return [study.names[subject] for subject in far]
-
-
 def cautions(study: Study) -> list[str]:
     """Return what a reader should be careful about."""
-    thin = [
-        f"{comparison.title}: {warning}"
-        for comparison in study.comparisons
-        for warning in comparison.test.warnings
-    ]
-    unlike = [caution for comparison in study.comparisons if (caution := _dispersion_words(comparison))]
-    loose = [
-        f"{comparison.title}: the type I error rate of the F test is {100 * excess:.1f} % higher than that "
-        "of the permutation test; trust the latter."
-        for comparison in study.comparisons
-        if (excess := _excess(comparison)) > _LOOSE
-    ]
-    notes = [f"{comparison.title}: {note}." for comparison in study.comparisons for note in comparison.notes]
-    return [*thin, *unlike, *loose, *notes, *study.notes]
+    found = [caution for comparison in study.comparisons for caution in cautions_of(comparison, study.names)]
+    return [*found, *study.notes]
 
 
-def _dispersion_words(comparison: Comparison) -> str:
-    dispersion = comparison.dispersion
-    if dispersion is None:
-        return ""
-    counts = [comparison.counts[name] for name in dispersion.by_group]
-    uneven = bool(counts) and max(counts) >= _UNLIKE * min(counts)
-    if dispersion.p > LEVEL and not (uneven and dispersion.ratio >= _UNLIKE):
-        return ""
-    p = p_words(dispersion.p, dispersion.permutations)
-    if not counts:
-        return (
-            f"{comparison.title}: how far subjects scatter changes with the variable (test of dispersion "
-            f"{p}). The permutation tests account for that only approximately, T² and F not at all."
-        )
-    mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())
-    sentence = (
-        f"{comparison.title}: the groups differ in dispersion (mean distance to the centroid: {mean}; {p})"
-    )
-    if uneven:
-        sentence += " and in size"
-    return (
-        f"{sentence}. Hotelling's T², Wilks' lambda, F and the interval of D assume equal dispersion: do not "
-        "rely on them. The permutation tests restore each group's dispersion and hold approximately; with "
-        "few subjects or skewed shapes their type I error rate may still differ from the nominal one."
-    )
-
-
-def _excess(comparison: Comparison) -> float:
-    """Return how much more often F than the permutation test has false positives, on the same permutations.
-
-    The permutation test is exact; both rates are of the same permutations.
-    """
-    rates = {test.test: test.rate for test in comparison.false_positives}
-    return rates.get(WHOLE_SHAPE_F, 0.0) - rates.get(WHOLE_SHAPE_PERMUTATION, 0.0)
+_NOTHING = {
+    ("groups", False): "no difference in shape can be shown",
+    ("groups", True): "no difference of the whole shape can be shown, but single particles differ",
+    ("regression", False): "no change of shape with it can be shown",
+    ("regression", True): "no change of the whole shape with it can be shown, but single particles change",
+}
+"""What is said without an effect on the whole shape: without and with significant particles."""
 
 
 def _verdict(study: Study, comparison: Comparison) -> str:
     significant = comparison.p_adjusted <= LEVEL
+    local = bool((comparison.p_fwe <= LEVEL).any())
     who = ", ".join(f"{count} {name}" for name, count in comparison.counts.items())
     if study.request.kind == "regression":
-        verdict = "shape changes with it" if significant else "no change of shape with it can be shown"
+        verdict = "shape changes with it" if significant else _NOTHING["regression", local]
         return f"{comparison.title} ({comparison.counts['all']} subjects): {verdict}."
     if len(comparison.counts) > 2:
-        verdict = "the groups differ in shape" if significant else "no difference in shape can be shown"
+        verdict = "the groups differ in shape" if significant else _NOTHING["groups", local]
         return f"{who}: {verdict}."
-    verdict = "the shapes differ" if significant else "no difference in shape can be shown"
+    verdict = "the shapes differ" if significant else _NOTHING["groups", local]
     return f"{comparison.title} ({who}): {verdict}."
 
 

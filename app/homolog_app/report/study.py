@@ -2,10 +2,9 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from homolog.analysis.comparison import Comparison, Options
 from homolog.analysis.covariates import covariate_columns, is_missing, lookalikes, numbers
@@ -15,6 +14,7 @@ from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.errors import InputError
 from homolog.files.results import Result
 from homolog.progress import Tick, no_tick
+from homolog.surfaces.nearest import areas_of_particles, nearest_particles
 from homolog_app.report.request import StudyRequest, category_of
 
 __all__ = ["SHAPE_SIZE", "Study", "column_of", "compared_shapes", "levels", "run_study", "study_options"]
@@ -286,11 +286,7 @@ def _regression(question: _Question) -> _Answer:
         names=[names[index] for index in members],
         tick=question.tick,
     )
-    return _renumbered(regression, members), ()
-
-
-def _renumbered(comparison: Comparison, members: IntArray) -> Comparison:
-    return replace(comparison, subjects=members[comparison.subjects])
+    return regression.renumbered(members), ()
 
 
 def _pairs(question: _Question) -> _Answer:
@@ -345,13 +341,8 @@ def _covariates(question: _Question, members: IntArray) -> FloatArray | None:
 
 def _areas(result: Result) -> FloatArray:
     """Return the area of the mean surface nearest to each particle [mm²]."""
-    mesh = result.mean_surface
-    corners = mesh.vertices[mesh.faces]
-    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    face_area = np.linalg.norm(sides, axis=1) / 2.0
-    nearest = KDTree(result.world.mean(axis=0)).query(corners.mean(axis=1))[1]
-    areas = np.bincount(np.asarray(nearest, np.int64), face_area, result.world.shape[1])
-    return np.asarray(areas, np.float64)
+    nearest = nearest_particles(result.mean_surface, result.world.mean(axis=0))
+    return areas_of_particles(result.mean_surface, nearest, result.world.shape[1])
 
 
 def _notes(result: Result, request: StudyRequest) -> tuple[str, ...]:

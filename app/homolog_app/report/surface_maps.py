@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
+from homolog.analysis.cautions import LEVEL
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.thin_plate import MOST_CENTRES, farthest_points, thin_plate_operator
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.files.results import Result
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.nearest import nearest_particles
 from homolog_app.pictures import outward_displacement
 
 __all__ = ["SurfaceCarrier"]
@@ -28,7 +30,7 @@ class SurfaceCarrier:
     centres : (n,) int array
         Which particles those are.
     nearest : (V,) int array
-        The particle nearest to each vertex.
+        The particle nearest to each vertex, of those on its side of a wall.
     """
 
     mesh: TriangleMesh
@@ -43,7 +45,7 @@ class SurfaceCarrier:
         centres = farthest_points(mean, MOST_CENTRES)
         vertices = result.mean_surface.vertices
         operator = thin_plate_operator(mean[centres], vertices, smoothing=result.smoothing[centres])
-        nearest = np.asarray(KDTree(mean).query(vertices)[1], dtype=np.int64)
+        nearest = nearest_particles(result.mean_surface, mean)
         return cls(result.mean_surface, operator, centres, nearest)
 
     def mean_of(self, comparison: Comparison) -> TriangleMesh:
@@ -61,12 +63,12 @@ class SurfaceCarrier:
         return significant
 
     def discriminant_is_firm(self, comparison: Comparison) -> BoolArray:
-        """Return whether the bootstrap bounds of the discriminant's map leave zero out, (V,)."""
+        """Return where the discriminant's map is unlike zero, (V,); nowhere if no whole shape differs."""
         assert comparison.discriminant is not None
         mesh = self.mean_of(comparison)
         maps = [outward_displacement(mesh, self.moved(mode)) for mode in comparison.discriminant.modes]
         low, high = comparison.discriminant.bounds(np.array(maps))
-        return np.asarray((low > 0.0) | (high < 0.0))
+        return np.asarray(((low > 0.0) | (high < 0.0)) & (comparison.p_adjusted <= LEVEL))
 
     def outward_at_particles(self, comparison: Comparison, displacement: FloatArray) -> FloatArray:
         """Return the outward part of displacements of the particles (..., N, 3) [mm], shape (..., N)."""

@@ -15,6 +15,7 @@ from homolog.files.results import Result
 from homolog.files.tables import write_table
 from homolog_app.report.dictionary import MEANINGS
 from homolog_app.report.findings import LEVEL
+from homolog_app.report.regions import significant_regions
 from homolog_app.report.request import Answered, StudyRequest, category_of
 from homolog_app.report.study import SHAPE_SIZE, Study, column_of, compared_shapes, study_options
 from homolog_app.report.surface_maps import SurfaceCarrier
@@ -84,6 +85,7 @@ def write_study_tables(
         ["group", "variable", "category", "n", "mean", "standard_deviation"],
         (list(row) for row in sample_rows(study, result)),
     )
+    write("regions.csv", _REGION_COLUMNS, _regions(study, carrier))
     stems = file_stems([comparison.title for comparison in study.comparisons])
     for item, stem in zip(study.comparisons, stems, strict=True):
         columns, lines = _particles(study, item, result, carrier)
@@ -242,6 +244,23 @@ def _particles(
         values += [np.column_stack([welch.t, welch.p, welch.p_fwe, welch.q])]
     table = np.hstack(values).tolist()
     return columns, ([number, *row] for number, row in enumerate(table))
+
+
+_REGION_COLUMNS = (
+    "comparison", "region", "particles", "area_mm2", "mean_outward_mm", "peak_particle",
+    "peak_x_mm", "peak_y_mm", "peak_z_mm", "peak_place", "peak_outward_mm",
+    "peak_outward_low_95_mm", "peak_outward_high_95_mm", "peak_displacement_mm", "peak_p_fwe_corrected",
+)  # fmt: skip
+
+
+def _regions(study: Study, carrier: SurfaceCarrier) -> Iterator[list[_Cell]]:
+    for comparison in study.comparisons:
+        for number, region in enumerate(significant_regions(study, comparison, carrier), start=1):
+            yield [
+                comparison.title, number, len(region.particles), region.area, region.mean_outward,
+                region.peak, *region.position.tolist(), region.place, region.outward.value,
+                region.outward.low, region.outward.high, region.length, region.p,
+            ]  # fmt: skip
 
 
 def _outward_test(study: Study, comparison: Comparison, result: Result, carrier: SurfaceCarrier) -> WelchMap:

@@ -23,7 +23,6 @@ from homolog_app.report.findings import (
     findings,
     interval_words,
     outlier_words,
-    outliers_by_group,
     p_words,
     percent_words,
     region_words,
@@ -32,6 +31,7 @@ from homolog_app.report.keep import keep_study
 from homolog_app.report.landmarks import write_landmarks
 from homolog_app.report.methods import methods, references, settings_rows
 from homolog_app.report.page import Page
+from homolog_app.report.regions import significant_regions
 from homolog_app.report.request import read_requests, study_folder
 from homolog_app.report.seeds import read_spread, spread_words
 from homolog_app.report.study import SHAPE_SIZE, Study, run_study
@@ -86,7 +86,9 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
         keep_study(project, study, result, carrier)
         own = list(study_figures(study, carrier, part, clip))
-        _study_section(page, study, result, own, (study_folder(project, study.request), record.fingerprint))
+        _study_section(
+            page, study, result, carrier, own, (study_folder(project, study.request), record.fingerprint)
+        )
         figures += own
     tick(0.9, "writing the report")
     write_landmarks(page, project)
@@ -118,9 +120,9 @@ def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence
             f"{record.mirrored_words}: {names}. Means, modes and differences are shown in the common frame."
         )
     page.heading("Findings")
-    for text in outlier_words(result):
-        page.caution(text)
     if not studies:
+        for text in outlier_words(result):
+            page.caution(text)
         page.paragraph("No study yet: homolog analyze PROJECT --group COLUMN.")
     for study in studies:
         page.heading(study.request.title, 3)
@@ -173,6 +175,7 @@ def _study_section(
     page: Page,
     study: Study,
     result: Result,
+    carrier: SurfaceCarrier,
     figures: Sequence[ReportFigure],
     kept: tuple[Path, str],
 ) -> None:
@@ -192,6 +195,7 @@ def _study_section(
         + "p (F) assumes normal data and equal covariances and is not corrected."
     )
     page.table(_COLUMNS, (_row(study, comparison) for comparison in study.comparisons))
+    _where(page, study, carrier)
     spread = spread_words(read_spread(folder, fingerprint))
     page.paragraph(
         "The seed of the correspondence is part of the uncertainty. "
@@ -205,8 +209,9 @@ def _study_section(
         page.paragraph(
             "Permutation tests assume that without an effect subjects are exchangeable between the groups "
             "(with covariates: their residuals). Equal dispersion is tested by the permuted distance to the "
-            "group centroid (PERMDISP). Outliers are subjects whose distance is above the median of their "
-            "group by more than three scaled median absolute deviations."
+            "group centroid (PERMDISP). Outliers are subjects whose distance from the mean "
+            "of their group, divided by the group's median distance, is above the median of all by more than "
+            "five scaled median absolute deviations."
         )
         page.table(["comparison", "dispersion (mm)", "F", "p", "outliers"], checks, as_text=True)
     for figure in figures:
@@ -233,6 +238,44 @@ def _study_section(
             "see Assumptions."
         )
         page.table(["comparison", "test", "type I error (%)", "95 % bounds"], false_positives, as_text=True)
+
+
+def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
+    """Add the regions where particles are significant."""
+    per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
+    rows = [
+        (
+            comparison.title,
+            f"{len(region.particles)}",
+            f"{region.area:.0f}",
+            region.place,
+            f"{interval_words(region.outward)}, {region.direction}",
+            f"{region.length:.2f}",
+            f"{region.mean_outward:.2f}",
+            _p(region.p, comparison.pointwise.permutations),
+        )
+        for comparison in study.comparisons
+        for region in significant_regions(study, comparison, carrier)
+    ]
+    if not rows:
+        return
+    page.heading("Where", 3)
+    page.paragraph(
+        f"Connected regions of particles with family-wise p ≤ {LEVEL:g}, corrected. The peak is the "
+        "particle with the largest studentized statistic. Outward is along the normal of the mean surface, "
+        "positive out of the tissue. Intervals are of the peak by itself, not corrected over the surface; "
+        "since the peak was chosen by its statistic, its effect is overestimated. Places are by patient "
+        "coordinates, from the middle of the mean shape; they are right if those of the input files are."
+    )
+    page.table(
+        [
+            "comparison", "particles", "area (mm²)", "place of the peak",
+            f"outward at the peak (mm{per}, 95 % CI)", f"displacement of the peak (mm{per})",
+            f"mean outward (mm{per})", "p at the peak",
+        ],
+        rows,
+        as_text=True,
+    )  # fmt: skip
 
 
 _COLUMNS = (
@@ -280,7 +323,7 @@ def _check_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
         mean,
         f"{dispersion.f:.2f}",
         _p(dispersion.p, dispersion.permutations),
-        ", ".join(outliers_by_group(study, comparison)) or "none",
+        ", ".join(study.names[index] for index in comparison.outliers) or "none",
     )
 
 

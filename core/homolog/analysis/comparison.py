@@ -1,17 +1,20 @@
 """All results about one effect: whole shape, every particle, size, discriminant."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from homolog.analysis.cautions import cautions_of
 from homolog.analysis.design import Design
 from homolog.analysis.discriminant import Discriminant
 from homolog.analysis.dispersion import Dispersion, dispersion_test
 from homolog.analysis.effects import Effect, corrected_distance, size_effect
 from homolog.analysis.mode_test import ModeTest, mode_test
 from homolog.analysis.null_simulation import FalsePositives, null_simulation
+from homolog.analysis.outliers import outliers_in_groups
 from homolog.analysis.pointwise_test import PointwiseTest, pointwise_test
 from homolog.analysis.procrustes import Alignment, aligned, rms_radii
+from homolog.analysis.skewness import SizeSkewness, size_skewness
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.progress import Tick, part_of
 
@@ -96,8 +99,13 @@ class Comparison:
         (Bonferroni).
     false_positives : tuple of FalsePositives
         What the same tests find on this cohort when labels mean nothing; empty without a null simulation.
+    size_skewness : SizeSkewness or None
+        Whether sizes are skewed; None for a continuous variable.
+    outliers : (n,) int array
+        Indices of subjects that lie far from the mean of their group, the farthest first; of pairs, of their
+        first.
     notes : tuple of str
-        What was done another way than asked for.
+        What was done another way than asked for, in sentences.
     pairs : tuple of Comparison
         Each two groups, of three or more that `homolog.compare_groups` compared.
     """
@@ -116,6 +124,8 @@ class Comparison:
     p_fwe: FloatArray
     size_p_adjusted: float | None
     false_positives: tuple[FalsePositives, ...]
+    size_skewness: SizeSkewness | None
+    outliers: IntArray
     notes: tuple[str, ...] = ()
     accuracy_p_adjusted: float | None = None
     auc_p_adjusted: float | None = None
@@ -123,8 +133,17 @@ class Comparison:
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("subjects", "mean", "p_fwe"):
+        for name in ("subjects", "mean", "p_fwe", "outliers"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    def renumbered(self, members: IntArray) -> "Comparison":
+        """Return it with the indices of a larger cohort, of which those compared are the members."""
+        return replace(self, subjects=members[self.subjects], outliers=members[self.outliers])
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What to be careful about, in sentences; those of the pairs are not among them."""
+        return cautions_of(self)
 
 
 def run_comparison(
@@ -201,6 +220,8 @@ def run_comparison(
         p_fwe=np.minimum(options.answers * pointwise.p_fwe, 1.0),
         size_p_adjusted=None if effect is None else effect.p,
         false_positives=false_positives,
+        size_skewness=size_skewness(size, design, members),
+        outliers=subjects[outliers_in_groups(data, design, list(members.values()))],
     )
 
 

@@ -148,7 +148,7 @@ def _varying(covariates: FloatArray | None, members: BoolArray) -> tuple[FloatAr
     varies = np.ptp(covariates[members], axis=0) > 0.0
     if varies.all():
         return covariates, ()
-    note = "a covariate is the same for all subjects of these two groups and is not adjusted for here"
+    note = "a covariate is the same for all subjects of these two groups and is not adjusted for here."
     return (covariates[:, varies] if varies.any() else None), (note,)
 
 

@@ -171,8 +171,8 @@ def compare_groups(
             overall, each = compare_several(
                 here, own, order, pairs=pairs, covariates=columns, options=options, names=called, tick=part
             )
-        each = tuple(replace(pair, subjects=chosen[pair.subjects]) for pair in each)
-        answers.append(replace(overall, subjects=chosen[overall.subjects], pairs=each))
+        each = tuple(pair.renumbered(chosen) for pair in each)
+        answers.append(replace(overall.renumbered(chosen), pairs=each))
     return answers[0] if isinstance(alignment, str) else tuple(answers)
 
 

@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from homolog.analysis.comparison import Comparison, prepare_shapes
 from homolog.arrays import BoolArray, Float32Array, FloatArray
 from homolog.errors import InputError
 from homolog.files.results import Result
 from homolog.progress import Tick, part_of
+from homolog.surfaces.nearest import nearest_particles
 from homolog_app.pictures import common_limit
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.request import StudyRequest
@@ -146,7 +146,7 @@ def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, 
     start, ways = carried[0], carried[1]
     middle = start + np.float32(way.share) * ways
     normals = shape.normals(shape.mean.vertices.astype(np.float32) + middle)
-    nearest = KDTree(shape.model.mean).query(shape.mean.vertices)[1]
+    nearest = nearest_particles(shape.mean, shape.model.mean)
     outward = np.einsum("...vi,vi->...v", carried[1:], normals)
     difference = GroupMap(ways, outward[0], pair.p_fwe[nearest] <= LEVEL)
     discriminant = places = None

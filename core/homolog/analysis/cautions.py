@@ -1,0 +1,141 @@
+"""What a reader of a comparison should be careful about, in the words of every interface."""
+
+from collections.abc import Mapping, Sequence
+from math import ceil, log10
+from typing import TYPE_CHECKING
+
+from homolog.analysis.dispersion import Dispersion
+from homolog.analysis.null_simulation import WHOLE_SHAPE_F, WHOLE_SHAPE_PERMUTATION
+from homolog.analysis.skewness import SizeSkewness
+from homolog.arrays import IntArray
+
+if TYPE_CHECKING:
+    from homolog.analysis.comparison import Comparison
+
+__all__ = ["LEVEL", "cautions_of", "dispersion_caution", "outlier_caution", "p_words", "size_caution"]
+
+LEVEL = 0.05
+"""Corrected p-values up to this are called significant."""
+_LOOSE = 0.02
+"""Excess of false positives of F that is worth a caution."""
+_UNLIKE = 1.5
+"""Ratio of two groups' dispersions, or numbers of subjects, from which they are called different."""
+
+
+def cautions_of(comparison: "Comparison", names: Sequence[str] | None = None) -> tuple[str, ...]:
+    """Return what to be careful about in a comparison, in sentences.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Without its pairs, which have cautions of their own.
+    names : sequence of str, optional
+        Of all subjects; they are called subject 1, 2 … without.
+    """
+    found = [
+        *comparison.test.warnings,
+        dispersion_caution(comparison.dispersion, comparison.counts),
+        size_caution(comparison.size_skewness, comparison.counts) if comparison.size is not None else "",
+        outlier_caution(comparison.outliers, names),
+        _f_caution(comparison),
+        *comparison.notes,
+    ]
+    return tuple(f"{comparison.title}: {sentence}" for sentence in found if sentence)
+
+
+def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int]) -> str:
+    """Return a caution if groups differ in dispersion, or it changes with the variable; empty otherwise."""
+    if dispersion is None:
+        return ""
+    numbers = [counts[name] for name in dispersion.by_group]
+    uneven = _unlike(numbers)
+    if dispersion.p > LEVEL and not (uneven and dispersion.ratio >= _UNLIKE):
+        return ""
+    p = p_words(dispersion.p, dispersion.permutations)
+    if not numbers:
+        return (
+            f"how far subjects scatter changes with the variable (test of dispersion {p}). The permutation "
+            "tests account for that only approximately, T² and F not at all."
+        )
+    mean = ", ".join(f"{name} {value:.2f} mm" for name, value in dispersion.by_group.items())
+    return (
+        f"the groups differ in dispersion (mean distance to the centroid: {mean}; {p})"
+        f"{' and in number of subjects' if uneven else ''}. Hotelling's T², Wilks' lambda, F and the "
+        "interval of D assume equal dispersion: do not rely on them. The permutation tests restore each "
+        "group's dispersion and hold approximately; with few subjects or skewed shapes their type I error "
+        "rate may still differ from the nominal one."
+    )
+
+
+def size_caution(skewness: SizeSkewness | None, counts: Mapping[str, int]) -> str:
+    """Return a caution if sizes are skewed where the test of size relies on symmetry; empty otherwise."""
+    if skewness is None or skewness.p > LEVEL:
+        return ""
+    told = f"sizes are skewed (skewness {skewness.value:.1f}, {p_words(skewness.p)})"
+    if not skewness.deviations:
+        return f"differences in {told}. The test of size assumes that they are symmetric without an effect."
+    unlike = [
+        word
+        for word, values in (
+            ("number of subjects", [counts[name] for name in skewness.deviations]),
+            ("dispersion of size", list(skewness.deviations.values())),
+        )
+        if _unlike(values)
+    ]
+    if not unlike:
+        return ""
+    return (
+        f"{told} and the groups differ in {' and '.join(unlike)}. The type I error rate of the test of size "
+        "and its interval may then differ from the nominal ones, up to twice as large; compare logarithms or "
+        "medians of size as well."
+    )
+
+
+def outlier_caution(outliers: IntArray, names: Sequence[str] | None = None) -> str:
+    """Return a caution that names the subjects that lie far from the others of their group."""
+    if not len(outliers):
+        return ""
+    who = ", ".join(f"subject {index + 1}" if names is None else names[index] for index in outliers)
+    return (
+        f"{who} {'lies' if len(outliers) == 1 else 'lie'} far from the others, or from the rest of the "
+        "group. Look at segmentation and particles before trusting any test, and test without as well; F "
+        "distributions are wrong with such subjects."
+    )
+
+
+def p_words(p: float, permutations: int | None = None) -> str:
+    """Return a p-value as papers print it, such as ``"p = 0.034"`` or ``"p < 0.001"``.
+
+    Parameters
+    ----------
+    p : float
+        The p-value.
+    permutations : int, optional
+        Permutations that it was counted over: no more digits are given than these can tell.
+    """
+    if p < 0.001:
+        return "p < 0.001"
+    digits = 3 if p < 0.0995 else 2
+    if permutations is not None:
+        digits = min(digits, max(1, ceil(log10(permutations + 1))))
+    if round(p, digits) >= 1.0:
+        return f"p > {1.0 - 10.0**-digits:.{digits}f}"
+    if round(p, digits) == 0.0:
+        return f"p < {10.0**-digits:.{digits}f}"
+    return f"p = {p:.{digits}f}"
+
+
+def _unlike(values: Sequence[float]) -> bool:
+    return bool(values) and max(values) >= _UNLIKE * min(values)
+
+
+def _f_caution(comparison: "Comparison") -> str:
+    """Return a caution if F has more false positives than the permutation test, on the same permutations."""
+    rates = {test.test: test.rate for test in comparison.false_positives}
+    excess = rates.get(WHOLE_SHAPE_F, 0.0) - rates.get(WHOLE_SHAPE_PERMUTATION, 0.0)
+    if excess <= _LOOSE:
+        return ""
+    return (
+        f"the type I error rate of the F test is {100 * excess:.1f} percentage points higher than that of "
+        "the permutation test; trust the latter."
+    )

@@ -1,0 +1,66 @@
+"""Cautions: raised where a test's assumptions fail, and only there."""
+
+import numpy as np
+import pytest
+
+import homolog as hl
+from homolog.analysis.cautions import size_caution
+from homolog.analysis.design import group_design, paired_design
+from homolog.analysis.outliers import outliers_in_groups
+from homolog.analysis.skewness import size_skewness
+
+LABELS = 8 * ["a"] + 14 * ["b"] + 20 * ["c"]
+
+
+def _shapes(spread, seed=0):
+    """Return particles (42, 30, 3) [mm] of which each subject differs from the mean by its spread."""
+    generator = np.random.default_rng(seed)
+    directions = generator.normal(size=(30, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return 20.0 * directions + np.asarray(spread)[:, None, None] * generator.normal(size=(42, 30, 3))
+
+
+def test_three_groups_of_unequal_dispersion_raise_a_caution_in_the_api():
+    shapes = _shapes(np.where(np.array(LABELS) == "a", 2.0, 1.0))
+    found = hl.compare_groups(shapes, LABELS, modes=3, permutations=99)
+    assert found.title == "a, b, c"
+    assert any("differ in dispersion" in caution for caution in found.cautions)
+    raised = {
+        pair.title: any("differ in dispersion" in item for item in pair.cautions) for pair in found.pairs
+    }
+    assert raised == {"b - a": True, "c - a": True, "c - b": False}
+
+
+@pytest.mark.parametrize(
+    ("first", "factor", "raised"),
+    [(8, 1.0, "number of subjects"), (21, 3.0, "dispersion of size"), (21, 1.0, None)],
+)
+def test_skewed_sizes_raise_a_caution_where_groups_differ_in_number_or_dispersion(first, factor, raised):
+    labels = np.array(first * ["a"] + (42 - first) * ["b"])
+    skewed = np.concatenate([_quantiles(first) * factor, _quantiles(42 - first)])
+    design, members = group_design(labels.tolist(), ["a", "b"]), {name: labels == name for name in "ab"}
+    counts = {"a": first, "b": 42 - first}
+    caution = size_caution(size_skewness(50.0 + skewed, design, members), counts)
+    assert (raised in caution) if raised else caution == ""
+    even = size_skewness(50.0 + np.arange(42.0), design, members)
+    assert size_caution(even, counts) == ""
+
+
+def _quantiles(count):
+    """Return values (count,) that are distributed exponentially."""
+    return -np.log(1.0 - (np.arange(count) + 0.5) / count)
+
+
+def test_skewed_differences_of_pairs_raise_a_caution():
+    assert "symmetric" in size_caution(size_skewness(_quantiles(15), paired_design(15), {}), {"pairs": 15})
+
+
+def test_an_outlier_is_found_in_its_group_whatever_the_groups_differ_by():
+    shapes = _shapes(np.where(np.arange(42) == 3, 6.0, 1.0))
+    shapes[8:] += 40.0
+    two = ["a" if label == "a" else "b" for label in LABELS]
+    members = [np.array(two) == name for name in "ab"]
+    assert outliers_in_groups(shapes, group_design(two, ["a", "b"]), members).tolist() == [3]
+    found = hl.compare_groups(shapes, [None, *two[1:]], modes=2, permutations=99, alignment="as-it-lies")
+    assert found.outliers.tolist() == [3]
+    assert any("subject 4 lies far" in caution for caution in found.cautions)
