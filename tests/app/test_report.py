@@ -80,6 +80,7 @@ def _project(folder, unit_sphere):
         finished="2025-01-01T00:00:00+00:00", ended="converged", iterations=20, particles=60,
         metric="geodesic", folded_faces=0, settings=RunSettings(), device="cpu",
         versions={"homolog": "9.9"}, seconds={}, fingerprint="abc", subjects=subjects,
+        excluded=["scan.nrrd: is empty"],
     )  # fmt: skip
     project.write(ProjectRecord(result=result))
     return project
@@ -148,6 +149,7 @@ def test_a_subject_that_lies_far_from_all_others_is_named(project, capsys):
         (["--between", "A", "Z"], "no subject is in 'Z'; groups are: A, B, C"),
         (["--group", "site"], "one group only"),
         (["--regress", "sex"], "contains words"),
+        (["--regress", "code:c"], "compare the groups of 'code' instead"),
         (["--regress", "site"], "is the same for all subjects"),
         (["--regress", "grade"], "no value for subject 7"),
         (["--covariates", "grade"], "no value for subject 7"),
@@ -366,7 +368,7 @@ class _Page(HTMLParser):
 def report(tmp_path_factory, unit_sphere):
     """The report's path, after a study of two groups."""
     project = _project(tmp_path_factory.mktemp("report") / "study", unit_sphere)
-    assert _analyze(project, "--between", "A", "C", "--size", "with") == 0
+    assert _analyze(project, "--between", "A", "C") == 0
     assert main(["report", str(project.folder), "--progress", "none"]) == 0
     return project.folder / "report" / "report.html"
 
@@ -394,8 +396,15 @@ def test_the_report_says_what_was_found_how_and_that_it_is_for_research(report):
         "parallel analysis",
         "permutations",
         "fingerprint",
+        "Where",
+        "smoothing 1.0 voxels",
+        "one-sided",
+        "2 questions were asked of this result",
+        "Excluded before the run: 1. scan.nrrd: is empty",
+        "sex f",
     ):
         assert part in words, part
+    assert words.count("Equality of dispersion was tested") == 1  # what studies share is told once
     assert "nan" not in words.lower().split()
 
 

@@ -199,7 +199,7 @@ def map_figure(
     if comparison.discriminant is not None:
         way = carrier.moved(comparison.discriminant.displacement)
         firm = carrier.discriminant_is_firm(comparison)
-        rows["discriminant, where firm"] = (mesh, way * firm[:, None])
+        rows["discriminant, 95 % bounds"] = (mesh, way * firm[:, None])
     views = [VIEWS[name] for name in _VIEWS]
     return draw_differences(rows, views=views, clip=clip, theme=theme, width=300)
 

@@ -187,4 +187,8 @@ def _size_words(study: Study, comparison: Comparison) -> list[str]:
         return [f"Size alone: {sentence}."]
     unit = f"mm per unit of {study.request.column}" if study.request.kind == "regression" else "mm"
     value, low, high = (f"{bound:+.3g}" for bound in (size.value, size.low, size.high))
-    return [f"Size alone: {value} {unit} (95 % CI {low} to {high}), {sentence}."]
+    larger = ""
+    if study.request.kind != "regression":
+        first, second = study.request.between if study.request.kind == "pairs" else comparison.counts
+        larger = f", {second if size.value > 0.0 else first} larger"
+    return [f"Size alone: {value} {unit}{larger} (95 % CI {low} to {high}), {sentence}."]

@@ -1,6 +1,8 @@
 """Methods text and settings: what a reader needs to repeat the analysis."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+
+from pydantic import BaseModel
 
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.procrustes import Alignment
@@ -58,14 +60,24 @@ _REFERENCES = {
     "discriminant": (
         "Ledoit O, Wolf M. A well-conditioned estimator for large-dimensional covariance matrices. J "
         "Multivar Anal 2004; 88: 365-411. DeLong ER, DeLong DM, Clarke-Pearson DL. Comparing the areas under "
-        "two or more correlated receiver operating characteristic curves. Biometrics 1988; 44: 837-845."
+        "two or more correlated receiver operating characteristic curves. Biometrics 1988; 44: 837-845. "
+        "Newcombe RG. Interval estimation for the difference between independent proportions: comparison of "
+        "eleven methods. Stat Med 1998; 17: 873-890."
     ),
 }
 
 
 def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
-    """Return paragraphs for the methods section of a paper: the model, then what each study did."""
-    return [_placed(record), _groomed(record), _MODEL, *(_statistics(study) for study in studies)]
+    """Return paragraphs for the methods section of a paper: the model, what studies share, what each did."""
+    told = [_statistics(study) for study in studies]
+    shared = [sentence for sentence in told[0] if all(sentence in each for each in told)] if told else []
+    own = [" ".join(sentence for sentence in each if sentence not in shared) for each in told]
+    if len(studies) > 1:
+        shared.append(
+            f"{len(studies)} questions were asked of this result; p-values were corrected for pairs and "
+            "answers within a question, not for the number of questions."
+        )
+    return [text for text in (_placed(record), _groomed(record), _MODEL, " ".join(shared), *own) if text]
 
 
 def references(record: ResultRecord, studies: list[Study]) -> list[str]:
@@ -98,10 +110,7 @@ def references(record: ResultRecord, studies: list[Study]) -> list[str]:
 def _groomed(record: ResultRecord) -> str:
     if record.source:
         return "Surfaces and their alignment are those of that program."
-    groom = record.settings.groom.model_dump(mode="json")
-    listed = ", ".join(
-        f"{name.replace('_', ' ')} {'automatic' if value is None else value}" for name, value in groom.items()
-    )
+    listed = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in _values(record.settings.groom))
     return f"Segmentations were groomed with these settings: {listed}."
 
 
@@ -138,16 +147,20 @@ _ALIGNED = {
 }
 
 
-def _statistics(study: Study) -> str:
-    """Return the paragraph on a study's tests, one function a subject of it."""
+def _statistics(study: Study) -> list[str]:
+    """Return the sentences on a study's tests, one function a subject of them."""
     sentences = [
-        _test_of_the_shape(study),
+        *_test_of_the_shape(study),
         _ALIGNED[study.request.alignment],
-        "At every particle the position was tested by the same statistic; p-values were corrected over the "
-        "surface by the permutation distribution of the largest statistic (family-wise error, Westfall and "
-        "Young), and false discovery rates of the permutation p-values were computed by the method of "
-        f"Benjamini and Hochberg. The level was alpha = {LEVEL:g}, two-sided.",
-        "Size is the root mean square distance of a shape's particles from their centroid.",
+        "At every particle the position was tested by the same statistic as the whole shape; p-values were "
+        "corrected over the surface by the permutation distribution of the largest statistic (family-wise "
+        "error, Westfall and Young), and false discovery rates of the permutation p-values were computed by "
+        "the method of Benjamini and Hochberg.",
+        f"The level was alpha = {LEVEL:g}; tests are two-sided, those of accuracy and AUC one-sided.",
+        "Size is the root mean square distance of a shape's particles from their centroid; it was tested by "
+        "permutation of its studentized difference or slope.",
+        "95 % intervals of size and of displacements at particles are those of Welch (with covariates and "
+        "for variables: with HC2 standard errors); they are not corrected over the surface or for pairs.",
         *_adjustments(study),
         *_further_measures(study),
         *_discriminants(study),
@@ -157,10 +170,11 @@ def _statistics(study: Study) -> str:
             f"Labels were permuted {study.request.null_repeats} times to estimate type I error rates on this "
             "cohort."
         )
-    return " ".join(sentences)
+    return sentences
 
 
-def _test_of_the_shape(study: Study) -> str:
+def _test_of_the_shape(study: Study) -> Iterator[str]:
+    """Yield what was compared, in which modes and by which statistic."""
     request, first = study.request, study.overall
     modes = (
         f"the first {request.modes} modes (chosen beforehand)"
@@ -169,16 +183,26 @@ def _test_of_the_shape(study: Study) -> str:
         f"{first.test.parallel.repeats} data sets without correlation)"
     )
     tested = {
-        "groups": f"Groups of {request.column} ({', '.join(request.between)}) were compared",
-        "regression": f"The linear effect of {request.column} was tested",
-        "pairs": f"{' and '.join(request.between)} were compared in pairs by {request.pairs}, with random "
+        "groups": f"the groups {_listed(request.between)} of the column {request.column!r} were compared; "
+        "differences are the second named group minus the first",
+        "regression": f"the linear effect of {request.column} was tested; effects are per unit of it",
+        "pairs": f"{_listed(request.between)} were compared in pairs by {request.pairs}, with random "
         "signs of the differences under the null",
     }[request.kind]
-    return (
-        f"{request.title}. {tested} in {modes}, by permutation of a studentized statistic: "
-        f"{_statistic(study)}. {_permutations(first)}; seed {request.seed}. Hotelling's T² or Wilks' lambda "
-        "with the F distribution are given as well and assume equal covariances."
+    yield f"Study {request.title!r}: {tested}."
+    yield (
+        f"The whole shape was tested in {modes}, by permutation of a studentized statistic: "
+        f"{_statistic(study)}."
     )
+    yield f"{_permutations(first)}; seed {request.seed}."
+    yield (
+        "Hotelling's T² or Wilks' lambda with the F distribution are given as well and assume equal "
+        "covariances."
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _adjustments(study: Study) -> Iterator[str]:
@@ -200,6 +224,10 @@ def _adjustments(study: Study) -> Iterator[str]:
         )
     else:
         yield "P-values were not corrected for other questions."
+    yield (
+        "The tests of the whole shape, of particles, of size and of the discriminant were not corrected for "
+        "each other."
+    )
 
 
 def _further_measures(study: Study) -> Iterator[str]:
@@ -207,12 +235,12 @@ def _further_measures(study: Study) -> Iterator[str]:
     if study.overall.dispersion is not None:
         yield (
             "Equality of dispersion was tested by the distances of subjects to their group's centroid (or "
-            "fitted shape) in these modes, by permutation."
+            "fitted shape) in the tested modes, by permutation."
         )
     if any(comparison.distance is not None for comparison in study.comparisons):
         yield (
             "Mahalanobis distances were corrected for bias; their intervals come from the noncentral F "
-            "distribution."
+            "distribution and assume equal covariances."
         )
 
 
@@ -228,7 +256,9 @@ def _discriminants(study: Study) -> Iterator[str]:
         f"Ledoit and Wolf. Balanced accuracy and area under the curve (AUC) come from {folds}-fold "
         f"stratified cross-validation, repeated {fits[0].repeats} times, with modes, covariates' "
         "effects and direction fitted without the left-out subjects; their intervals are those of Wilson "
-        f"and of DeLong, their p-values come from {fits[0].auc.permutations} permutations. Bounds of "
+        "(joined as by Newcombe) and of DeLong. Their p-values come from "
+        f"{fits[0].auc.permutations} permutations and are no smaller than "
+        f"{1.0 / (fits[0].auc.permutations + 1):.2g} before correction. Bounds of "
         f"the discriminant's map come from {len(fits[0].bootstrap)} bootstrap cohorts drawn within "
         "groups."
     )
@@ -255,17 +285,33 @@ def _permutations(comparison: Comparison) -> str:
     return f"{comparison.test.permutations} random permutations"
 
 
+def _values(settings: BaseModel) -> Iterator[tuple[str, str]]:
+    """Yield the name and the value, with its unit, of each setting."""
+    for name, value in settings.model_dump(mode="json").items():
+        extra = type(settings).model_fields[name].json_schema_extra
+        unit = f" {extra['unit']}" if isinstance(extra, dict) and "unit" in extra else ""
+        if value is None:
+            yield name, "automatic"
+        elif isinstance(value, bool):
+            yield name, "yes" if value else "no"
+        elif isinstance(value, list):
+            yield name, ", ".join(map(str, value)) or "none"
+        else:
+            yield name, f"{value}{unit}"
+
+
 def settings_rows(record: ResultRecord, studies: list[Study]) -> list[tuple[str, str, str]]:
     """Return every setting and version: part, name, value."""
     rows = [
-        (part, name, "automatic" if value is None else str(value))
+        (part, name, value)
         for part, model in (("groom", record.settings.groom), ("optimize", record.settings.optimize))
-        for name, value in model.model_dump(mode="json").items()
+        for name, value in _values(model)
     ]
     rows += [("run", "device", record.device), ("run", "fingerprint", record.fingerprint)]
     for study in studies:
         rows += [
-            (study.request.name, name, "automatic" if value is None else str(value))
-            for name, value in study.request.model_dump(mode="json").items()
+            (study.request.name, name, "none" if name == "pairs" and value == "automatic" else value)
+            for name, value in _values(study.request)
+            if name != "earlier"
         ]
     return rows + [("version", name, number) for name, number in record.versions.items()]

@@ -199,6 +199,12 @@ def _check(result: Result, request: StudyRequest) -> None:
         raise InputError(f"the covariate {twice[0]!r} is given twice; give it once")
     if request.kind == "pairs" and (len(request.between) != 2 or request.covariates):
         raise InputError("a paired comparison is between two values of a column and takes no covariates")
+    plain, is_category = category_of(request.column, known)
+    if is_category:
+        raise InputError(
+            f"{request.column!r}: only covariates are declared categories; compare the groups of {plain!r} "
+            "instead"
+        )
     labels = column_of(result, request.column)
     there = levels(labels)
     for group in request.between:

@@ -10,6 +10,7 @@ from homolog.analysis.comparison import Comparison, prepare_shapes
 from homolog.analysis.covariates import numbers
 from homolog.analysis.effects import Effect
 from homolog.analysis.welch_map import WelchMap, welch_map
+from homolog.errors import InputError
 from homolog.files.names import file_stems
 from homolog.files.results import Result
 from homolog.files.tables import write_table
@@ -22,6 +23,8 @@ from homolog_app.report.surface_maps import SurfaceCarrier
 
 __all__ = ["SampleRow", "sample_rows", "write_study_tables"]
 
+_MOST_CATEGORIES = 8
+"""Of a column that is not asked for, for it to be in the description of the sample."""
 _Cell = str | float | int | None
 SampleRow = tuple[str, str, str, int, float | None, float | None]
 """Group, variable, category, number of subjects, mean and standard deviation."""
@@ -100,7 +103,7 @@ def write_study_tables(
 
 
 def sample_rows(study: Study, result: Result) -> list[SampleRow]:
-    """Describe those who take part: numbers, size of the shapes, covariates, by group."""
+    """Describe those who take part by group: numbers, size of the shapes, covariates, other columns."""
     request = study.request
     taking = [index for index, name in enumerate(result.names) if name not in study.left_out]
     groups: dict[str, list[int]] = {"all": taking}
@@ -113,21 +116,40 @@ def sample_rows(study: Study, result: Result) -> list[SampleRow]:
     variables += [
         covariate for covariate in request.covariates if category_of(covariate, known)[0] not in variables
     ]
+    named = {category_of(variable, known)[0] for variable in variables} | {request.column, request.pairs}
+    for column in sorted(known - named):
+        cells = column_of(result, column)
+        if _describes({cells[index] for index in taking} - {""}):
+            variables.append(column)
     rows: list[SampleRow] = []
     for group, members in groups.items():
         rows.append((group, "subjects", "", len(members), None, None))
         for variable in variables:
             column, is_category = category_of(variable, known)
             cells = column_of(result, column)
-            values = None if is_category else numbers([cells[index] for index in taking])
-            if values is None:
-                for level in sorted({cells[index] for index in taking}):
+            there = {cells[index] for index in taking} - {""}
+            if is_category or numbers(sorted(there)) is None:
+                for level in sorted(there):
                     count = sum(cells[index] == level for index in members)
                     rows.append((group, column, level, count, None, None))
                 continue
-            own = values[[taking.index(index) for index in members]]
-            rows.append((group, column, "", len(own), float(own.mean()), float(own.std(ddof=1))))
+            own = numbers([cells[index] for index in members if cells[index]])
+            if own is not None and len(own):
+                spread = float(own.std(ddof=1)) if len(own) > 1 else None
+                rows.append((group, column, "", len(own), float(own.mean()), spread))
     return rows
+
+
+def _describes(values: set[str]) -> bool:
+    """Return whether values of a column describe a sample: numbers, or few categories."""
+    try:
+        found = numbers(sorted(values))
+        several = len(values) > 1
+        return several and (
+            len(values) <= _MOST_CATEGORIES if found is None else bool(np.isfinite(found).all())
+        )
+    except InputError:  # commas that may be between thousands
+        return False
 
 
 def _provenance(request: StudyRequest, answered: Answered) -> dict[str, _Cell]:

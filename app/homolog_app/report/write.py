@@ -114,6 +114,8 @@ def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence
         f"{len(groups)} subjects{f' ({counts})' if any(groups) else ''} with {record.particles} "
         f"corresponding particles each; {record.metric} distances; surface: {record.surface_words}."
     )
+    if record.excluded:
+        page.paragraph(f"Excluded before the run: {len(record.excluded)}. {' '.join(record.excluded)}")
     if record.mirrored_words:
         names = ", ".join(subject.name for subject in record.subjects if subject.is_mirrored)
         page.paragraph(
@@ -209,11 +211,14 @@ def _study_section(
         page.paragraph(
             "Permutation tests assume that without an effect subjects are exchangeable between the groups "
             "(with covariates: their residuals). Equal dispersion is tested by the permuted distance to the "
-            "group centroid (PERMDISP). Outliers are subjects whose distance from the mean "
+            "group centroid (PERMDISP), skewness of size "
+            "within groups by the test of D'Agostino. Outliers are subjects whose distance from the mean "
             "of their group, divided by the group's median distance, is above the median of all by more than "
             "five scaled median absolute deviations."
         )
-        page.table(["comparison", "dispersion (mm)", "F", "p", "outliers"], checks, as_text=True)
+        page.table(
+            ["comparison", "dispersion (mm)", "F", "p", "skewness of size", "outliers"], checks, as_text=True
+        )
     for figure in figures:
         if figure.heading:
             page.heading(figure.heading, 3)
@@ -312,7 +317,7 @@ def _p(p: float, permutations: int | None = None) -> str:
 
 
 def _check_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
-    dispersion = comparison.dispersion
+    dispersion, skewness = comparison.dispersion, comparison.size_skewness
     assert dispersion is not None
     mean = (
         ", ".join(f"{name} {value:.2f}" for name, value in dispersion.by_group.items())
@@ -323,6 +328,7 @@ def _check_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
         mean,
         f"{dispersion.f:.2f}",
         _p(dispersion.p, dispersion.permutations),
+        "–" if skewness is None else f"{skewness.value:.2f} ({p_words(skewness.p)})",
         ", ".join(study.names[index] for index in comparison.outliers) or "none",
     )
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from homolog.analysis.design import Design, Exchange
-from homolog.analysis.permutation import draw_permutations, permutation_count, permutation_p_value
+from homolog.analysis.permutation import null_distribution, permutation_p_value
 from homolog.analysis.shape_model import leading_scores
 from homolog.analysis.studentized import observed_design
 from homolog.arrays import BoolArray, FloatArray, frozen
@@ -99,14 +99,12 @@ def dispersion_test(
     # Permuting what nuisance columns leave holds the level better than permuting residuals of all columns.
     values = design.residuals(distances[:, None])[:, 0]
     observed = _ratio(values, design, observed_design(design).tested)
-    count, _ = permutation_count(design, permutations)
-    null_statistics, done = np.empty(count), 0
-    for some in draw_permutations(design, permutations, chunk=_CHUNK, seed=seed):
-        null_statistics[done : done + len(some.tested)] = _ratio(values, design, some.tested)
-        done += len(some.tested)
+    null_statistics = null_distribution(
+        lambda some: _ratio(values, design, some.tested), design, permutations, chunk=_CHUNK, seed=seed
+    )
     by_group = {name: float(distances[own].mean()) for name, own in members.items()}
     p = float(permutation_p_value(observed, null_statistics)[0])
-    return Dispersion(distances, by_group, float(observed[0]), p, count)
+    return Dispersion(distances, by_group, float(observed[0]), p, len(null_statistics))
 
 
 def _ratio(values: FloatArray, design: Design, tested: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from scipy import optimize, stats
 from homolog.analysis.design import Design
 from homolog.analysis.permutation import (
     PermutedDesigns,
-    draw_permutations,
+    null_distribution,
     permutation_count,
     permutation_p_value,
 )
@@ -183,8 +183,7 @@ def size_effect(
         rest = rest - some.covariates @ (np.swapaxes(some.covariates, 1, 2) @ rest)
         return studentized_ratio(rest, some, design)
 
-    some = draw_permutations(design, permutations, chunk=_CHUNK, seed=seed)
-    null_statistics = np.concatenate([statistic(each) for each in some])
+    null_statistics = null_distribution(statistic, design, permutations, chunk=_CHUNK, seed=seed)
     p = float(permutation_p_value(statistic(observed_design(design)), null_statistics)[0])
     if design.tested.shape[1] > 1:
         return Effect(float("nan"), float("nan"), float("nan"), p, count)

@@ -20,7 +20,7 @@ from homolog.analysis.design import Design, Exchange
 from homolog.analysis.parallel import Null, ParallelAnalysis, parallel_analysis
 from homolog.analysis.permutation import (
     PermutedDesigns,
-    draw_permutations,
+    null_distribution,
     permutation_count,
     permutation_p_value,
 )
@@ -270,13 +270,15 @@ def mode_test(
     original = observed_design(design)
     projected, _ = statistic.projections(original)
     wilks = float(_wilks(projected)[0])
-    null_statistics = np.empty(count)
-    done = 0
-    chunk = max(1, min(_CHUNK, _CHUNK_VALUES // (len(shapes) * max(n_modes, 1))))
-    for some in draw_permutations(design, permutations, chunk=chunk, seed=seed):
-        tick(0.3 + 0.7 * done / max(count, 1), "permutations of the whole shape")
-        null_statistics[done : done + len(some.tested)] = statistic.studentized(some)
-        done += len(some.tested)
+    null_statistics = null_distribution(
+        statistic.studentized,
+        design,
+        permutations,
+        chunk=max(1, min(_CHUNK, _CHUNK_VALUES // (len(shapes) * max(n_modes, 1)))),
+        seed=seed,
+        tick=part_of(tick, 0.3, 1.0),
+        message="permutations of the whole shape",
+    )
     observed = _log_p(np.array([wilks]), np.array([n_modes]), design)
     columns = design.tested.shape[1]
     f, between, within = (

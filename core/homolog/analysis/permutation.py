@@ -1,7 +1,7 @@
 """Permutations under the null hypothesis, and p-values from them."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import factorial, prod
 
@@ -9,10 +9,12 @@ import numpy as np
 
 from homolog.analysis.design import Design, Exchange
 from homolog.arrays import FloatArray, IntArray
+from homolog.progress import Tick, no_tick
 
 __all__ = [
     "PermutedDesigns",
     "draw_permutations",
+    "null_distribution",
     "permutation_count",
     "permutation_p_value",
     "subtract_rounding",
@@ -86,6 +88,38 @@ def draw_permutations(
             order = generator.random((some, subjects)).argsort(axis=1)
             drawn = of_signs.choice(np.array([-1.0, 1.0]), size=(some, subjects))
             yield PermutedDesigns(design.tested[order], design.covariates[order], drawn)
+
+
+def null_distribution(
+    statistic: Callable[[PermutedDesigns], FloatArray],
+    design: Design,
+    permutations: int,
+    *,
+    chunk: int,
+    seed: int,
+    tick: Tick = no_tick,
+    message: str = "permutations",
+) -> FloatArray:
+    """Return a statistic of each permutation, shape (P,); as many as `permutation_count` says.
+
+    Parameters
+    ----------
+    statistic : callable
+        Returns its values (c,) for c permuted designs.
+    design, permutations, chunk, seed
+        See `draw_permutations`.
+    tick : Tick
+        Progress and cancelling.
+    message : str
+        What is told meanwhile.
+    """
+    count, _ = permutation_count(design, permutations)
+    values, done = np.empty(count), 0
+    for some in draw_permutations(design, permutations, chunk=chunk, seed=seed):
+        tick(done / max(count, 1), message)
+        values[done : done + len(some.tested)] = statistic(some)
+        done += len(some.tested)
+    return values
 
 
 def permutation_p_value(observed: FloatArray | float, null_statistics: FloatArray) -> FloatArray:

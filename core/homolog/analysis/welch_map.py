@@ -6,7 +6,7 @@ import numpy as np
 from scipy import stats
 
 from homolog.analysis.design import group_design
-from homolog.analysis.permutation import draw_permutations, permutation_count, permutation_p_value
+from homolog.analysis.permutation import null_distribution, permutation_count, permutation_p_value
 from homolog.analysis.studentized import WelchStatistic, equalize_groups, observed_design
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
@@ -88,20 +88,22 @@ def welch_map(
     centred = values - values.mean(axis=0)
     floor = np.sqrt(np.square(centred).mean(axis=0))
     centred = centred / np.where(floor > 0.0, floor, 1.0)
-    count, exact = permutation_count(design, permutations)
+    _, exact = permutation_count(design, permutations)
     groups = equalize_groups(centred, design, scaled=not exact)
     assert groups is not None
     welch = WelchStatistic(groups.values[None], np.ones(values.shape[1]), groups, design)
     original = observed_design(design)
     (f,), (dof,) = welch.f(original)
     difference = values[second].mean(axis=0) - values[~second].mean(axis=0)
-    largest, done = np.empty(count), 0
-    for some in draw_permutations(
-        design, permutations, chunk=max(1, _CHUNK_VALUES // values.shape[1]), seed=seed
-    ):
-        tick(done / max(count, 1), "permutations of the outward map")
-        largest[done : done + len(some.tested)] = welch.deviate(some).max(axis=1)
-        done += len(some.tested)
+    largest = null_distribution(
+        lambda some: welch.deviate(some).max(axis=1),
+        design,
+        permutations,
+        chunk=max(1, _CHUNK_VALUES // values.shape[1]),
+        seed=seed,
+        tick=tick,
+        message="permutations of the outward map",
+    )
     t = np.copysign(np.sqrt(f), difference)
     p = np.asarray(2.0 * stats.t.sf(np.abs(t), dof), np.float64)
     p_fwe = permutation_p_value(welch.deviate(original)[0], largest)

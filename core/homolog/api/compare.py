@@ -88,7 +88,8 @@ def compare_groups(
         Of three or more groups the pairs that are compared, such as each with the controls; differences are
         the second minus the first. By default each two groups.
     covariates : mapping of str to sequence, optional
-        What is adjusted for: M numbers or words for each covariate, such as ``{"age": ages}``.
+        What is adjusted for: M numbers or words for each covariate, such as ``{"age": ages}``. Numbers of a
+        name that ends in ``:c``, such as ``site:c``, are codes of categories.
     alignment : {"rigid", "similarity", "as-it-lies"}, or several of them
         How shapes are aligned before they are compared: rigidly (size and shape are compared: form), by
         similarities (shape alone), or not at all. Several are several questions, whose p values are
@@ -211,9 +212,8 @@ def _columns(
             raise InputError(
                 f"covariate {title!r}: {len(values)} values for {subjects} subjects; give one for each"
             )
-    return covariate_columns(
-        {title: [values[index] for index in chosen] for title, values in covariates.items()}, names
-    )
+    table = {title: [values[index] for index in chosen] for title, values in covariates.items()}
+    return covariate_columns(table, names, categories=[title for title in table if title.endswith(":c")])
 
 
 def tick_of(callback: Callable[[float, str], object] | None) -> Tick:

@@ -65,7 +65,8 @@ class ResultRecord(_Record):
     `ended` says why the optimizer stopped, `metric` which distance kept particles on a surface apart,
     `folded_faces` counts those of the mean surface, `smoothed_particles` those which it follows only on the
     average, for it or a mode would have folds otherwise, `fingerprint` is a hash of the settings and of every
-    groomed surface, `seconds` the time by phase, `source` where an imported model comes from.
+    groomed surface, `seconds` the time by phase, `source` where an imported model comes from, `excluded`
+    why subjects of the cohort were excluded, a line each.
     """
 
     finished: str
@@ -81,6 +82,7 @@ class ResultRecord(_Record):
     seconds: dict[str, float]
     fingerprint: str
     source: str = ""
+    excluded: list[str] = []
     subjects: Annotated[list[ResultSubject], Field(min_length=2)]
 
     @property

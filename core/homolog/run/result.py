@@ -167,7 +167,12 @@ def model_of(outcome: OptimizationOutcome, tick: Tick) -> tuple[ShapeModel, Mean
 
 
 def write_result(
-    project: ProjectFolder, outcome: OptimizationOutcome, model: ShapeModel, surface: MeanSurface, tick: Tick
+    project: ProjectFolder,
+    outcome: OptimizationOutcome,
+    model: ShapeModel,
+    surface: MeanSurface,
+    tick: Tick,
+    excluded: Sequence[str] = (),
 ) -> None:
     """Let the outcome take the place of the project's last result.
 
@@ -179,6 +184,8 @@ def write_result(
     model, surface : ShapeModel, MeanSurface
         As `model_of` made them.
     tick : Tick
+    excluded : sequence of str
+        Why subjects of the cohort were excluded, a line each.
 
     Raises
     ------
@@ -202,7 +209,7 @@ def write_result(
                 subjects=project.describe(inputs.cohort),
                 settings=inputs.settings,
                 unfinished=outcome.ended == CANCELLED,
-                result=_record(outcome, stems, surface),
+                result=_record(outcome, stems, surface, excluded),
             )
         )
 
@@ -217,7 +224,9 @@ def _write_subjects(
         write_mesh(surface_file(project, stem), shape.mesh)
 
 
-def _record(outcome: OptimizationOutcome, stems: Sequence[str], surface: MeanSurface) -> ResultRecord:
+def _record(
+    outcome: OptimizationOutcome, stems: Sequence[str], surface: MeanSurface, excluded: Sequence[str]
+) -> ResultRecord:
     inputs = outcome.inputs
     mirror = inputs.settings.groom.mirror
     sides: Mapping[str, Any] = {} if mirror is Mirror.OFF else sides_of(inputs.cohort).of
@@ -249,5 +258,6 @@ def _record(outcome: OptimizationOutcome, stems: Sequence[str], surface: MeanSur
         versions=versions(),
         seconds=dict(outcome.seconds),
         fingerprint=inputs.fingerprint,
+        excluded=list(excluded),
         subjects=subjects,
     )

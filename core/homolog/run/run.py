@@ -210,7 +210,7 @@ class Run:
                 lambda tick: model_of(outcome, tick), self._control.tick, "principal components"
             )
             self._control.enter(Phase.WRITING, "writing")
-            write_result(self.project, outcome, model, surface, self._control.tick)
+            write_result(self.project, outcome, model, surface, self._control.tick, self.notes)
             self.project.checkpoint.unlink(missing_ok=True)
             shutil.rmtree(self.project.geodesics, ignore_errors=True)
             shutil.rmtree(self.project.fits, ignore_errors=True)

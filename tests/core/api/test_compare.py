@@ -41,6 +41,16 @@ def test_two_groups_are_compared_as_the_analysis_does(shapes):
     assert found.pairs == ()
 
 
+def test_numbers_of_a_covariate_that_ends_in_c_are_codes_of_categories(shapes):
+    codes = np.arange(18) % 3
+    words = hl.compare_groups(
+        shapes, GROUPS, ("a", "c"), covariates={"site": [f"s{code}" for code in codes]}, **QUICK
+    )
+    found = hl.compare_groups(shapes, GROUPS, ("a", "c"), covariates={"site:c": codes}, **QUICK)
+    assert found.p_adjusted == words.p_adjusted
+    assert found.test.dof == words.test.dof
+
+
 def test_several_groups_are_tested_together_and_each_two_of_them(shapes):
     found = hl.compare_groups(shapes, GROUPS, **QUICK)
     assert [pair.title for pair in found.pairs] == ["b - a", "c - a", "c - b"]

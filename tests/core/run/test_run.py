@@ -217,6 +217,7 @@ def test_what_grooming_cannot_use_is_left_out_too(start, groomed, monkeypatch):
     assert read_result(groomed).names == ("a", "c", "d")
     assert [subject.name for subject in groomed.read().subjects] == ["a", "c", "d"]
     assert run.notes == ("b: is too small for a surface",)
+    assert groomed.read().result.excluded == list(run.notes)
 
 
 def test_a_cohort_of_one_is_refused(start, project):
