@@ -107,8 +107,8 @@ def outlier_words(result: Result) -> list[str]:
 
 def cautions(study: Study) -> list[str]:
     """Return what a reader should be careful about."""
-    found = [caution for comparison in study.comparisons for caution in cautions_of(comparison, study.names)]
-    return [*found, *study.notes]
+    raised = [caution for comparison in study.comparisons for caution in cautions_of(comparison, study.names)]
+    return [*raised, *study.notes]
 
 
 _NOTHING = {

@@ -69,12 +69,14 @@ _REFERENCES = {
 
 def methods(record: ResultRecord, studies: list[Study]) -> list[str]:
     """Return paragraphs for the methods section of a paper: the model, what studies share, what each did."""
-    told = [_statistics(study) for study in studies]
-    shared = [sentence for sentence in told[0] if all(sentence in each for each in told)] if told else []
-    own = [" ".join(sentence for sentence in each if sentence not in shared) for each in told]
-    if len(studies) > 1:
+    sentences = [_statistics(study) for study in studies]
+    shared = [text for text in sentences[0] if all(text in each for each in sentences)] if studies else []
+    own = [" ".join(text for text in each if text not in shared) for each in sentences]
+    rigid = {"alignment": Alignment.RIGID}
+    questions = {study.request.model_copy(update=rigid).question for study in studies}
+    if len(questions) > 1:
         shared.append(
-            f"{len(studies)} questions were asked of this result; p-values were corrected for pairs and "
+            f"{len(questions)} questions were asked of this result; p-values were corrected for pairs and "
             "answers within a question, not for the number of questions."
         )
     return [text for text in (_placed(record), _groomed(record), _MODEL, " ".join(shared), *own) if text]
@@ -257,8 +259,8 @@ def _discriminants(study: Study) -> Iterator[str]:
         f"stratified cross-validation, repeated {fits[0].repeats} times, with modes, covariates' "
         "effects and direction fitted without the left-out subjects; their intervals are those of Wilson "
         "(joined as by Newcombe) and of DeLong. Their p-values come from "
-        f"{fits[0].auc.permutations} permutations and are no smaller than "
-        f"{1.0 / (fits[0].auc.permutations + 1):.2g} before correction. Bounds of "
+        f"{fits[0].auc.permutations} permutations: before correction the least possible is "
+        f"{1.0 / (fits[0].auc.permutations + 1):.2g}. Bounds of "
         f"the discriminant's map come from {len(fits[0].bootstrap)} bootstrap cohorts drawn within "
         "groups."
     )

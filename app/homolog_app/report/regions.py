@@ -78,12 +78,12 @@ def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCa
     effect = comparison.pointwise.effect[0]
     outward = (effect * normals).sum(axis=1)
     low, high = comparison.pointwise.bounds(normals)
-    found = []
+    regions = []
     for label in np.unique(labels[inside]):
         own = np.flatnonzero(inside & (labels == label))
         areas = study.areas[own]
         peak = int(own[comparison.pointwise.studentized[own].argmax()])
-        found.append(
+        regions.append(
             Region(
                 particles=own,
                 area=float(areas.sum()),
@@ -96,7 +96,7 @@ def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCa
                 p=float(comparison.p_fwe[peak]),
             )
         )
-    return sorted(found, key=lambda region: -region.area)
+    return sorted(regions, key=lambda region: -region.area)
 
 
 def _place(mean: FloatArray, normals: FloatArray, particle: int) -> str:
@@ -104,8 +104,8 @@ def _place(mean: FloatArray, normals: FloatArray, particle: int) -> str:
     middle = (mean.min(axis=0) + mean.max(axis=0)) / 2.0
     offset = mean[particle] - middle
     share = offset / np.maximum(np.ptp(mean, axis=0) / 2.0, 1e-300)
-    words = [
+    sides = [
         pair[int(part > 0.0)] for pair, part in zip(_SIDES, share, strict=True) if abs(part) > _OFF_THE_MIDDLE
     ]
     facing = ", facing the middle" if normals[particle] @ offset < 0.0 else ""
-    return (" ".join(words) or "middle") + facing
+    return (" ".join(sides) or "middle") + facing

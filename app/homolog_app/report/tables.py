@@ -143,10 +143,10 @@ def sample_rows(study: Study, result: Result) -> list[SampleRow]:
 def _describes(values: set[str]) -> bool:
     """Return whether values of a column describe a sample: numbers, or few categories."""
     try:
-        found = numbers(sorted(values))
+        as_numbers = numbers(sorted(values))
         several = len(values) > 1
         return several and (
-            len(values) <= _MOST_CATEGORIES if found is None else bool(np.isfinite(found).all())
+            len(values) <= _MOST_CATEGORIES if as_numbers is None else bool(np.isfinite(as_numbers).all())
         )
     except InputError:  # commas that may be between thousands
         return False

@@ -268,7 +268,8 @@ def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
     page.paragraph(
         f"Connected regions of particles with family-wise p ≤ {LEVEL:g}, corrected. The peak is the "
         "particle with the largest studentized statistic. Outward is along the normal of the mean surface, "
-        "positive out of the tissue. Intervals are of the peak by itself, not corrected over the surface; "
+        "positive out of the tissue. The position was tested in all directions: the interval of its outward "
+        "part alone may hold zero. Intervals are of the peak by itself, not corrected over the surface; "
         "since the peak was chosen by its statistic, its effect is overestimated. Places are by patient "
         "coordinates, from the middle of the mean shape; they are right if those of the input files are."
     )

@@ -32,7 +32,7 @@ def cautions_of(comparison: "Comparison", names: Sequence[str] | None = None) ->
     names : sequence of str, optional
         Of all subjects; they are called subject 1, 2 … without.
     """
-    found = [
+    sentences = [
         *comparison.test.warnings,
         dispersion_caution(comparison.dispersion, comparison.counts),
         size_caution(comparison.size_skewness, comparison.counts) if comparison.size is not None else "",
@@ -40,7 +40,7 @@ def cautions_of(comparison: "Comparison", names: Sequence[str] | None = None) ->
         _f_caution(comparison),
         *comparison.notes,
     ]
-    return tuple(f"{comparison.title}: {sentence}" for sentence in found if sentence)
+    return tuple(f"{comparison.title}: {sentence}" for sentence in sentences if sentence)
 
 
 def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int]) -> str:
@@ -71,9 +71,9 @@ def size_caution(skewness: SizeSkewness | None, counts: Mapping[str, int]) -> st
     """Return a caution if sizes are skewed where the test of size relies on symmetry; empty otherwise."""
     if skewness is None or skewness.p > LEVEL:
         return ""
-    told = f"sizes are skewed (skewness {skewness.value:.1f}, {p_words(skewness.p)})"
+    skewed = f"sizes are skewed (skewness {skewness.value:.1f}, {p_words(skewness.p)})"
     if not skewness.deviations:
-        return f"differences in {told}. The test of size assumes that they are symmetric without an effect."
+        return f"differences in {skewed}. The test of size assumes that they are symmetric without an effect."
     unlike = [
         word
         for word, values in (
@@ -85,8 +85,8 @@ def size_caution(skewness: SizeSkewness | None, counts: Mapping[str, int]) -> st
     if not unlike:
         return ""
     return (
-        f"{told} and the groups differ in {' and '.join(unlike)}. The type I error rate of the test of size "
-        "and its interval may then differ from the nominal ones, up to twice as large; compare logarithms or "
+        f"{skewed} and the groups differ in {' and '.join(unlike)}. The type I error rate of the test of "
+        "size and its interval may then differ from the nominal ones, up to twice as large; compare logarithms or "
         "medians of size as well."
     )
 
