@@ -86,8 +86,8 @@ def size_caution(skewness: SizeSkewness | None, counts: Mapping[str, int]) -> st
         return ""
     return (
         f"{skewed} and the groups differ in {' and '.join(unlike)}. The type I error rate of the test of "
-        "size and its interval may then differ from the nominal ones, up to twice as large; compare logarithms or "
-        "medians of size as well."
+        "size and its interval may then differ from the nominal ones, up to twice as large; compare "
+        "logarithms or medians of size as well."
     )
 
 
