@@ -21,6 +21,8 @@ __all__ = ["LabelTable", "label_table", "matching", "near", "read_label_table", 
 _LARGEST = 2**20
 """Bytes; larger files are no tables of labels."""
 _KINDS = (".txt", ".ctbl", ".label", ".labels", ".lut", ".json", ".tsv", ".csv")
+_INHERITED = 5
+"""Folders above a file in which BIDS' tables are looked for."""
 _NEAR = 6
 """Names that a message offers, at most."""
 
@@ -141,6 +143,10 @@ def _places(path: Path) -> Iterable[list[LabelTable]]:
         tables = [Path(entry) for entry in entries if Path(entry).suffix.lower() in _KINDS]
         yield _read(folder / table for table in tables if table.stem == stem)
         yield _read(folder / table for table in tables if table.stem not in images)
+    for folder in path.parents[
+        2:_INHERITED
+    ]:  # BIDS: a table above holds for files whose names end like its own
+        yield _read(table for table in sorted(folder.glob("*dseg.tsv")) if stem.endswith(table.stem))
 
 
 @lru_cache(maxsize=64)

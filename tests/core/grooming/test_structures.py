@@ -219,3 +219,12 @@ def test_folders_of_masks_are_listed_without_the_empty_ones(patients):
     found = list_structures(read_cohort(patients)).structures
     assert {item.title: len(item.by_subject) for item in found} == {"kidney_left": 2, "liver": 2, "spleen": 1}
     assert all(item.values == () for item in found)
+
+
+def test_bids_table_at_the_top_of_the_data_set_names_the_labels(nifti, brain, tmp_path):
+    (tmp_path / "sub-1" / "ses-1" / "anat").mkdir(parents=True)
+    path = nifti("sub-1/ses-1/anat/sub-1_ses-1_desc-own_dseg.nii.gz", (brain == 17).astype(np.int32))
+    for table, name in (("desc-own_dseg.tsv", "Cerebellum"), ("desc-other_dseg.tsv", "Liver")):
+        (tmp_path / table).write_text(f"index\tname\n1\t{name}\n", encoding="utf-8")
+    (structure,) = structures_of(Subject("sub-1", path))
+    assert structure.name == "Cerebellum"
