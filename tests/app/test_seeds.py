@@ -57,6 +57,7 @@ def test_the_spread_is_between_the_smallest_and_the_largest(tmp_path):
     (words,) = spread_words(answers)
     assert "p = 0.011 to p = 0.080 (1 of 2 significant)" in words
     assert "3.1 to 4.7 % of the surface" in words
+    assert "balanced accuracy 80 %" in words  # of both seeds
 
 
 def test_answers_that_version_0_2_wrote_are_read(tmp_path):

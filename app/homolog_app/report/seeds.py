@@ -156,19 +156,25 @@ def spread_words(answers: Sequence[SeedAnswer]) -> list[str]:
         low, high = min(item.p for item in own), max(item.p for item in own)
         significant = sum(item.p <= LEVEL for item in own)
         text = (
-            f"{title}: over {len(own)} seeds of the correspondence {p_words(low, own[0].permutations)} to "
-            f"{p_words(high, own[0].permutations)} ({significant} of {len(own)} significant)"
+            f"{title}: over {len(own)} seeds of the correspondence "
+            f"{_range(p_words(low, own[0].permutations), p_words(high, own[0].permutations))} "
+            f"({significant} of {len(own)} significant)"
         )
         distances = [item.distance for item in own if item.distance is not None]
         if distances:
-            text += f", D {min(distances):.2f} to {max(distances):.2f} SD"
+            text += f", D {_range(f'{min(distances):.2f}', f'{max(distances):.2f}')} SD"
         percents = [item.percent for item in own]
-        text += f", {min(percents):.1f} to {max(percents):.1f} % of the surface"
+        text += f", {_range(f'{min(percents):.1f}', f'{max(percents):.1f}')} % of the surface"
         accuracies = [item.accuracy for item in own if item.accuracy is not None]
         if accuracies:
-            text += f", balanced accuracy {100 * min(accuracies):.0f} to {100 * max(accuracies):.0f} %"
+            lowest, highest = (f"{100 * limit:.0f}" for limit in (min(accuracies), max(accuracies)))
+            text += f", balanced accuracy {_range(lowest, highest)} %"
         sentences.append(f"{text}.")
     return sentences
+
+
+def _range(low: str, high: str) -> str:
+    return low if low == high else f"{low} to {high}"
 
 
 def _repeated(project: ProjectFolder, record: ResultRecord, seed: int, tick: Tick) -> ProjectFolder:
