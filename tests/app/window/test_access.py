@@ -350,6 +350,10 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
                 enlarged.show()
                 yield "a plot enlarged", enlarged
                 enlarged.close()
+                page.kind.setCurrentText("One against another")
+                page._choose_plots()
+                yield "two measures", page
+                yield "one measure against another", page.charts
 
     for places in (steps, around, pages):
         look_through(places)
