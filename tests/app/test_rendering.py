@@ -184,3 +184,13 @@ def test_what_needs_opengl_is_refused_where_there_is_none(monkeypatch):
     with pytest.raises(InputError, match="install a graphics driver"):
         _Choice().with_opengl(len, "abc")
     assert _opengl().call(len, "abc") == 3
+
+
+def test_balls_leave_half_of_the_surface_free_and_keep_their_size_within_bounds():
+    from homolog_app.rendering.scene import ball_radius
+
+    cube = (0.0, 100.0, -50.0, 50.0, 10.0, 110.0)
+    assert ball_radius(cube, 1024) == pytest.approx(0.42 * 100.0 / 32.0)
+    assert ball_radius(cube, 4096) == pytest.approx(ball_radius(cube, 1024) / 2.0)
+    assert ball_radius(cube, 1) == pytest.approx(3.5)
+    assert ball_radius(cube, 10**6) == pytest.approx(0.6)

@@ -7,23 +7,15 @@ from matplotlib.figure import Figure
 
 from homolog.arrays import Array, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.clipping import extent_of
 from homolog_app.pictures.layout import Panel, arrange
 from homolog_app.rendering.colours import LIGHT, Theme, colours_by_place
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.hollows import shaded
-from homolog_app.rendering.scene import Balls, Scene
+from homolog_app.rendering.scene import Balls, Scene, ball_radius
 from homolog_app.rendering.views import View, frame_around, three_quarter_view
 
-__all__ = ["ball_radius", "draw_particles", "draw_subjects"]
-
-_BALL = 0.22  # of the particles' mean spacing
-_MOST_BALL = 0.012  # of the shape's diagonal
-
-
-def ball_radius(mesh: TriangleMesh, particles: FloatArray) -> float:
-    """Return the radius [mm] at which balls of N particles stand clear of one another and hide little."""
-    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    return min(_BALL * float(np.sqrt(mesh.area / len(particles))), _MOST_BALL * size)
+__all__ = ["draw_particles", "draw_subjects"]
 
 
 def draw_particles(
@@ -56,7 +48,7 @@ def draw_particles(
         Pixels of a panel's width.
     """
     colours = colours_by_place(particles) if colours is None else colours
-    radius = ball_radius(mesh, particles)
+    radius = ball_radius(extent_of(mesh.vertices), len(particles))
     scene = Scene((shaded(mesh, np.array(theme.surface)),), Balls(particles, radius, colours))
     front = three_quarter_view(particles)
     frames = [
@@ -100,7 +92,7 @@ def draw_subjects(
     mean = particles.mean(axis=0)
     colours = colours_by_place(mean)
     view = view or three_quarter_view(mean, particles.var(axis=0).sum(axis=1))
-    radius = max(ball_radius(mesh, mean) for mesh in meshes)
+    radius = ball_radius(extent_of(np.concatenate([mesh.vertices for mesh in meshes])), len(mean))
     frame = frame_around([mesh.vertices for mesh in meshes], view, border=radius)
     size = columns * rows
     pages = -(-len(meshes) // size)

@@ -6,7 +6,7 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray, frozen
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.clipping import Cut
+from homolog_app.clipping import Box, Cut
 
 __all__ = [
     "AMBIENT", "CAP", "DIFFUSE", "LIGHTS", "Arrows", "Balls", "Colour", "Scene", "Surface", "bytes_of",
@@ -137,6 +137,21 @@ def surface(mesh: TriangleMesh, colours: FloatArray, light: FloatArray | None = 
     """
     shaded = colours if light is None else np.broadcast_to(colours, mesh.vertices.shape) * light[:, None]
     return Surface(mesh.vertices, mesh.vertex_normals, mesh.faces, bytes_of(shaded))
+
+
+def ball_radius(extent: Box, count: int) -> float:
+    """Return the radius [mm] of the balls of so many particles: half of the surface stays free.
+
+    Parameters
+    ----------
+    extent : tuple of 6 float
+        Of all the shapes that are seen [mm].
+    count : int
+        Number of particles of a shape; at least 1.
+    """
+    low, high = np.reshape(extent, (3, 2)).T
+    size = float((high - low).mean())
+    return float(np.clip(0.42 * size / np.sqrt(count), 0.006 * size, 0.035 * size))
 
 
 def bytes_of(colours: FloatArray) -> Array:

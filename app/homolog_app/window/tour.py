@@ -9,7 +9,8 @@ from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout
 
 from homolog_app.window.samples import BEANS, HEARTS, Sample, Stop
-from homolog_app.window.widgets import GRID, button, label
+from homolog_app.window.steps import steps_of
+from homolog_app.window.widgets import GRID, button, label, set_primary
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
@@ -84,14 +85,15 @@ class Tour(QObject):
             return
         stop = self._stops[self._at]
         offer = self._window.commands[stop.offer] if stop.offer else None
-        following = self._stops[self._at + 1].step if self._at + 1 < len(self._stops) else ""
-        reachable = not following or self._window.commands[f"view.{following}"].isEnabled()
-        last = self._at + 1 == len(self._stops)
-        done = last or offer is None or (reachable and not self._window.desk.work.is_busy)
+        last, work = self._at + 1 == len(self._stops), self._window.desk.work
+        carried_out = steps_of(self._window.desk.session, work)[stop.step].done and not work.is_busy
+        done = last or offer is None or carried_out
         self.card.show_stop(stop, f"{self._at + 1} of {len(self._stops)}", self._at > 0, done, last)
         if offer is not None:
             self.card.offer.setText(offer.text())
             self.card.offer.setEnabled(offer.isEnabled())
+            set_primary(self.card.offer, not carried_out)
+        set_primary(self.card.go_on, offer is None or carried_out)
 
 
 class _Card(QFrame):

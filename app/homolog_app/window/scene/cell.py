@@ -20,7 +20,7 @@ __all__ = ["Cell"]
 
 _OVER = 0.5
 """Opacity of a surface that is overlaid on another."""
-_MARGIN, _SPARSE = 1.22, 5
+_MARGIN, _LEAST_MARGIN, _SPARSE = 1.22, 1.15, 5
 _SURFACES = ("raw", "groomed", "coarse")
 
 
@@ -189,11 +189,14 @@ class Cell:
         camera.SetParallelScale(_MARGIN * max(along, across / shape, 1e-6))
 
     def widen(self, points: FloatArray, shape: float) -> None:
-        """Zoom out if points (n, 3) would be cut; the view's middle stays, so that what moves is seen to."""
+        """Zoom out if points (n, 3) would reach the letters at the edges; the view's middle stays.
+
+        So what moves is seen to move.
+        """
         camera = self.renderer.GetActiveCamera()
         across, along, _ = np.abs((points - camera.GetFocalPoint()) @ self._axes.T).max(axis=0)
         needed = max(along, across / shape)
-        if needed > camera.GetParallelScale():
+        if _LEAST_MARGIN * needed > camera.GetParallelScale():
             camera.SetParallelScale(_MARGIN * needed)
 
     @property

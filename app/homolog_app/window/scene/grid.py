@@ -9,6 +9,7 @@ from vtkmodules.vtkRenderingCore import vtkRenderer
 from homolog.arrays import Array, FloatArray
 from homolog_app.clipping import Box, Clip, around
 from homolog_app.rendering.colours import colours_by_place
+from homolog_app.rendering.scene import ball_radius
 from homolog_app.scheme import Colours, rgb
 from homolog_app.window.scene.cameras import Cameras
 from homolog_app.window.scene.cell import Cell
@@ -196,9 +197,6 @@ class Grid:
         return self.tints
 
     def _ball_radius(self, count: int) -> float:
-        """Return a radius that leaves half of the surface free, whatever the number of particles."""
+        """Return the radius of so many particles on the shapes of the page."""
         bounds = self.bounds
-        if bounds is None or not count:
-            return 1.0
-        size = float(np.mean([bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4]]))
-        return float(np.clip(0.42 * size / np.sqrt(count), 0.006 * size, 0.035 * size))
+        return 1.0 if bounds is None or not count else ball_radius(bounds, count)
