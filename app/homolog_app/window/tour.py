@@ -33,6 +33,9 @@ class Tour(QObject):
         self.card.end.clicked.connect(self.card.hide)
         self.card.offer.clicked.connect(self._take_offer)
         window.desk.work.changed.connect(self._refresh)
+        offers = {stop.offer for sample in (BEANS, HEARTS) for stop in sample.stops if stop.offer}
+        for offer in sorted(offers):
+            window.commands[offer].changed.connect(self._refresh)
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of the tour do."""

@@ -26,6 +26,7 @@ class PlotCanvas(FigureCanvasQTAgg):
         super().__init__(Figure(dpi=DPI, layout="constrained"))  # type: ignore[no-untyped-call]
         self._plot = plot
         self._is_new = self._is_due = True
+        self._drawn: object = None
         self._ground: object | None = None
         self._moving: list[Artist] = []
         self.setAccessibleName(plot.accessibleName())
@@ -41,7 +42,7 @@ class PlotCanvas(FigureCanvasQTAgg):
 
     def move_over(self) -> None:
         """Draw what moves over what stays."""
-        if self._is_due or self._ground is None:
+        if self._is_due or self._ground is None or self._drawn != self._extent:
             self.draw_idle()
             return
         self.restore_region(self._ground)  # type: ignore[no-untyped-call]
@@ -64,15 +65,22 @@ class PlotCanvas(FigureCanvasQTAgg):
 
     def paintEvent(self, event: QPaintEvent) -> None:
         """Draw what is due, and paint it."""
-        if self._is_due and self.width() > 0 and self.height() > 0:
-            self._is_due = False
+        extent = self._extent
+        if (self._is_due or extent != self._drawn) and self.width() > 0 and self.height() > 0:
+            self._is_new |= extent != self._drawn  # the size decides which texts are shortened
+            self._is_due, self._drawn = False, extent
             self.draw()
         super().paintEvent(event)  # type: ignore[no-untyped-call]
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Draw anew: the size decides which texts are shortened."""
-        self._is_new = True
+        """Keep the picture: a dock that is opened again passes through other sizes to the one it had."""
+        is_due = self._is_due
         super().resizeEvent(event)  # type: ignore[no-untyped-call]
+        self._is_due = is_due
+
+    @property
+    def _extent(self) -> tuple[int, int, float]:
+        return self.width(), self.height(), self.devicePixelRatioF()
 
     def wheelEvent(self, event: QWheelEvent) -> None:
         """Leave the wheel to what the plot stands in."""
