@@ -5,8 +5,8 @@
     python tests/benchmarks/geodesic_orders.py table RUNS.jsonl              medians over seeds, side by side
 
 The first two take --cohorts, the second also --distances, --particles, --seeds and --device; a run whose line
-is in the file is not repeated. Distances are *planar* (fronts of the paper), *circular* (virtual sources),
-*second-order* (corrected for curvature, the default), and *straight* (Euclidean) for comparison.
+is in the file is not repeated. Distances are *planar* (fronts of the paper), *circular* (virtual sources, the
+default), and *straight* (Euclidean) for comparison. Commit a065c72 also has *second-order* ones.
 """
 
 import argparse
@@ -51,7 +51,7 @@ REAL = {
 }
 DENSE = ("femora", "hips", "scapulae")  # vertices of the files correspond
 KEYS = ("cohort", "distances", "particles", "seed")
-ELEMENTS = {"planar": "linear", "circular": "circular", "second-order": "point"}
+ELEMENTS = {"planar": "linear", "circular": "point"}
 
 
 class TimedSolver:

@@ -25,8 +25,7 @@ from homolog.surfaces.mesh import TriangleMesh
 
 PHASES = {
     "advance_front": "solve", "build_patches": "patches", "count_patch_vertices": "patches",
-    "sort_reached": "sort", "find_arrivals": "arrivals",
-    "relax_corrections": "corrections", "store_front": "store", "mark_reached": "store",
+    "store_front": "store", "mark_reached": "store",
     "symmetrize": "symmetrize", "corners": "fans", "memset": "fill", "memtile": "fill", "memcpy": "copy",
 }  # fmt: skip
 

@@ -15,7 +15,7 @@ import scipy.sparse
 from meshlib import mrmeshnumpy, mrmeshpy
 from scipy.sparse.csgraph import dijkstra
 
-from homolog.geodesics import Element, geodesic_distances, solve_tables
+from homolog.geodesics import geodesic_distances, solve_tables
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import edges
 
@@ -30,19 +30,10 @@ def homolog(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
     return matrix[sources].toarray(), time.process_time() - begin
 
 
-def homolog_circular(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
-    """The same without the second-order correction."""
-    return _by_element("circular", mesh, d_max, sources)
-
-
 def homolog_linear(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
     """The same with the paper's planar element."""
-    return _by_element("linear", mesh, d_max, sources)
-
-
-def _by_element(element: Element, mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Rows:
     begin = time.process_time()
-    matrix = solve_tables([mesh], d_max, element=element)[0].to_csr()
+    matrix = solve_tables([mesh], d_max, element="linear")[0].to_csr()
     return matrix[sources].toarray(), time.process_time() - begin
 
 
@@ -129,7 +120,6 @@ def meshlib_surface(mesh: TriangleMesh, d_max: float, sources: np.ndarray) -> Ro
 
 PEERS: dict[str, Callable[[TriangleMesh, float, np.ndarray], Rows]] = {
     "homolog": homolog,
-    "homolog, circular element": homolog_circular,
     "homolog, planar element": homolog_linear,
     "gdist (exact)": exact,
     "scipy Dijkstra": dijkstra_edges,

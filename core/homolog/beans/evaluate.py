@@ -25,7 +25,7 @@ class BeanMetrics:
     ----------
     leak : float
         Share of the total variance outside the first two modes.
-    linear_in_truth : float
+    ground_truth_r2 : float
         Share of the total variance that a linear regression of all coordinates on the true slot position
         and width explains: the best single figure, as it also falls when particles scramble.
     r2_position, r2_width : float
@@ -80,7 +80,7 @@ def evaluate(particles: FloatArray, beans: Sequence[Bean]) -> BeanMetrics:
 
     Returns
     -------
-    BeanFigures
+    BeanMetrics
 
     Notes
     -----

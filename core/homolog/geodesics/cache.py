@@ -17,7 +17,7 @@ from homolog.geodesics.table import GeodesicTable
 
 __all__ = ["load_table", "save_table", "table_path"]
 
-VERSION = 9
+VERSION = 10
 """Goes up with every change of the solver that changes distances, or of the file."""
 _INDEX = ("row", "start", "slot")
 

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 import homolog.device  # noqa: F401 - starts Warp
 from homolog.arrays import Float32Array
 from homolog.errors import InputError
-from homolog.geodesics.cuda.front import advance, clear, correct, make_corrections, make_front
+from homolog.geodesics.cuda.front import advance, clear, make_front
 from homolog.geodesics.cuda.kernels import block as block_kernels
 from homolog.geodesics.kernels import local_solver
 from homolog.geodesics.mesh.fans import build_fans
@@ -82,12 +82,7 @@ def distances_from(
         clusters.fan = fans.start
         clusters.corners = fans.corners
         clusters.bounds = fans.bounds
-        clusters.shortest_side = fans.shortest_side
         tick(0.0, f"geodesic distances of {name}")
         advance(front, clusters, range(1), planar=False)
-        limits.max_encoded = float(values.max())
-        clusters.limits = wp.array([limits], dtype=local_solver.DistanceLimits)
-        tick(0.5, f"geodesic distances of {name}")
-        correct(front, make_corrections(1, n, n, lanes=1), clusters, fans.angles, range(1))
     distances: Float32Array = values.copy()
     return distances

@@ -20,8 +20,8 @@ from homolog.surfaces.topology import check_mesh, edges
 
 __all__ = ["Element", "TablePlan", "Task", "block_rows", "plan_tables"]
 
-Element = Literal["point", "circular", "linear"]
-"""Local solver: circular fronts with second-order correction, the same without it, or planar fronts."""
+Element = Literal["point", "linear"]
+"""Local solver: circular fronts, as from a point, or the paper's planar fronts, which err by some percent."""
 DENSE_BUDGET = 1_500_000_000
 """Limit [bytes] up to which a cohort's tables are dense, which is faster to read than blocks."""
 DENSE_TABLE_LIMIT = 250_000_000
@@ -60,7 +60,6 @@ class Task:
         limits.unit = self.max_distance / int(local_solver.D_MAX_CODE)
         limits.max_encoded = (MISSING - 1) * limits.unit
         limits.propagation_limit = max(limits.max_encoded, self.max_distance + self.mean_edge)
-        limits.mean_edge = self.mean_edge
         return limits
 
 
@@ -72,7 +71,7 @@ class TablePlan:
     ----------
     tasks : tuple of Task
         One for each table.
-    element : {"point", "circular", "linear"}
+    element : {"point", "linear"}
         Local solver.
     dense : bool
         Dense tables, or blocks.
@@ -89,11 +88,6 @@ class TablePlan:
     def is_planar(self) -> bool:
         """Whether fronts are planar, not circular."""
         return self.element == "linear"
-
-    @property
-    def is_corrected(self) -> bool:
-        """Whether distances get the second-order correction."""
-        return self.element == "point"
 
 
 def plan_tables(

@@ -45,7 +45,7 @@ def solve_tables(
         to r between arbitrary points need r plus two longest edges.
     device : str
         ``"auto"``, ``"cpu"`` or ``"cuda:<n>"``: where to solve and where the tables stay.
-    element : {"point", "circular", "linear"}
+    element : {"point", "linear"}
         Local solver.
     memory_limit : int, optional
         Ceiling for all tables together [bytes].

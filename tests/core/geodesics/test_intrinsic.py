@@ -35,7 +35,8 @@ def test_flips_keep_the_area_and_the_angle_around_every_vertex(slivers):
     ahead, behind = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     cosine = (ahead * behind).sum(axis=2) / np.linalg.norm(ahead, axis=2) / np.linalg.norm(behind, axis=2)
     turn = np.bincount(slivers.faces.ravel(), np.arccos(cosine).ravel())
-    assert np.allclose(flipped.angle_sum, turn, atol=1e-9)
+    at_tails = np.roll(facing_angles(flipped.length).reshape(-1, 3), -1, axis=1)
+    assert np.allclose(np.bincount(flipped.tail, at_tails.ravel()), turn, atol=1e-6)
 
 
 def test_the_angles_that_face_an_edge_sum_to_at_most_180_degrees(slivers):
@@ -77,3 +78,13 @@ def test_flipped_edges_of_a_flat_plate_are_straight_lines(plate):
     assert (within & new).sum() > 50
     straight = np.linalg.norm(flat[jittered.tail] - flat[head], axis=1)
     assert np.allclose(jittered.length[within], straight[within])
+
+
+def test_ranks_number_the_sides_around_a_vertex_counterclockwise(slotted):
+    delaunay = triangulate([slotted])
+    for v in (0, 7, 100):
+        sides = np.flatnonzero(delaunay.tail == v)
+        in_order = sides[np.argsort(delaunay.rank[sides])]
+        assert delaunay.rank[in_order].tolist() == list(range(len(sides)))
+        before = in_order - in_order % 3 + (in_order + 2) % 3  # the side of the same face that ends at v
+        assert delaunay.twin[before].tolist() == np.roll(in_order, -1).tolist()

@@ -10,7 +10,6 @@ import numpy as np
 import warp as wp
 
 from homolog.errors import InputError
-from homolog.geodesics.cpu.kernels import correction as correction_kernels
 from homolog.geodesics.cpu.kernels import patch as patch_kernels
 from homolog.geodesics.cpu.kernels import store as store_kernels
 from homolog.geodesics.cpu.kernels import sweep as sweep_kernels
@@ -45,7 +44,6 @@ class PreparedMesh:
     margin: Any  # (K,) see `fan_kernels.find_margins`
     limits: Any
     planar: bool
-    corrected: bool
 
     @property
     def n_vertices(self) -> int:
@@ -68,34 +66,7 @@ class PreparedMesh:
         fans = self.fans
         inputs = [scratch, fans.position, fans.start, fans.corners, self.margin, self.limits, self.groups]
         sweep = _recorded(sweep_kernels.sweep_cluster, 1, [*inputs, int(self.planar), 0])
-        if not self.corrected:
-            return scratch, lambda cluster: _launch(sweep, cluster)
-        inputs = [scratch, self._corrections(), fans.start, fans.corners, fans.angles, self.limits]
-        correct = _recorded(correction_kernels.correct_cluster, 1, inputs)
-
-        def solve(cluster: int) -> None:
-            _launch(sweep, cluster)
-            correct.launch()
-
-        return scratch, solve
-
-    def _corrections(self) -> Any:  # noqa: ANN401
-        corrections = correction_kernels.Corrections()
-        n_stencils = len(self.fans.corners)
-        for size, kind, names in (
-            (self.n_vertices, patch_kernels.Lanes, ("arrival", "confidence", "correction")),
-            (
-                self.n_vertices,
-                wp.int32,
-                ("unsorted", "order", "candidates", "changed_at", "updated_at", "stencil_end"),
-            ),
-            (n_stencils, wp.int32, ("a", "b")),
-            (n_stencils, patch_kernels.Lanes, ("weight_b", "offset")),
-        ):
-            for name in names:
-                setattr(corrections, name, wp.zeros(size, dtype=kind, device="cpu"))
-        corrections.shortest_side = self.fans.shortest_side
-        return corrections
+        return scratch, lambda cluster: _launch(sweep, cluster)
 
 
 def _prepare(plan: TablePlan, task: Task, delaunay: Triangulation, clusters: Clusters) -> PreparedMesh:
@@ -106,7 +77,7 @@ def _prepare(plan: TablePlan, task: Task, delaunay: Triangulation, clusters: Clu
     mesh = TriangleMesh(task.mesh.vertices[mesh_vertex], number[task.mesh.faces])
     fans = build_fans(
         [mesh],
-        replace(delaunay, tail=number[delaunay.tail], angle_sum=delaunay.angle_sum[mesh_vertex]),
+        replace(delaunay, tail=number[delaunay.tail]),
         "cpu",
     )
     is_member = clusters.members >= 0
@@ -125,9 +96,7 @@ def _prepare(plan: TablePlan, task: Task, delaunay: Triangulation, clusters: Clu
     inputs = [fans.start, fans.corners, margin]
     wp.launch(fan_kernels.find_margins, len(mesh_vertex), inputs=inputs, device="cpu")
     limits = task.kernel_limits()
-    return PreparedMesh(
-        task, fans, clusters, mesh_vertex_array, groups, margin, limits, plan.is_planar, plan.is_corrected
-    )
+    return PreparedMesh(task, fans, clusters, mesh_vertex_array, groups, margin, limits, plan.is_planar)
 
 
 def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> GeodesicTable:
@@ -155,7 +124,7 @@ def solve_on_cpu(plan: TablePlan, which: int, threads: int, tick: Tick) -> Geode
 
     report(0.0)
     # before the threads, which would each load them
-    for module in (local_solver, sweep_kernels, correction_kernels, store_kernels):
+    for module in (local_solver, sweep_kernels, store_kernels):
         wp.load_module(module, device="cpu")
     delaunay = triangulate([task.mesh])
     clusters = find_clusters(delaunay)

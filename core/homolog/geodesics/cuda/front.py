@@ -1,12 +1,10 @@
-"""The front of a batch of clusters: allocation, and launches of the kernels that advance and correct it."""
+"""The front of a batch of clusters: allocation, and launches of the kernels that advance it."""
 
 from typing import Any
 
 import warp as wp
 
-from homolog.geodesics.cuda.kernels import arrival as arrival_kernels
 from homolog.geodesics.cuda.kernels import block as block_kernels
-from homolog.geodesics.cuda.kernels import correction as correction_kernels
 from homolog.geodesics.cuda.kernels import front as front_kernels
 from homolog.geodesics.kernels.local_solver import UNREACHED
 from homolog.geodesics.kernels.lookup import LANES
@@ -14,10 +12,8 @@ from homolog.geodesics.kernels.lookup import LANES
 __all__ = [
     "advance",
     "clear",
-    "correct",
     "largest_batch",
     "largest_patch",
-    "make_corrections",
     "make_front",
     "start",
 ]
@@ -36,11 +32,10 @@ def largest_batch(n: int, capacity: int, scratch: int) -> int:
     capacity : int
         Vertices of the largest patch.
     """
-    max_stencils = int(arrival_kernels.MAX_STENCILS)
-    bytes_per_vertex = 4 * 4 * LANES + 4  # u, arrival, confidence, correction; pending
-    bytes_per_item = 4 * 2 * max_stencils * LANES + 4 * 2  # stencils; patch, order
+    bytes_per_vertex = 4 * LANES + 4  # u; pending
+    bytes_per_item = 4  # patch
     fitting = scratch // (bytes_per_vertex * n + bytes_per_item * capacity)
-    return max(1, min(fitting, _LAST_INT // (LANES * max(n, max_stencils * capacity))))
+    return max(1, min(fitting, _LAST_INT // (LANES * n)))
 
 
 def largest_patch(sources: Any, n_clusters: int, halo: float) -> int:  # noqa: ANN401 - a wp.struct has no type
@@ -69,19 +64,6 @@ def make_front(batch: int, n: int, capacity: int, lanes: int = LANES) -> Any:  #
     return front
 
 
-def make_corrections(batch: int, n: int, capacity: int, lanes: int = LANES) -> Any:  # noqa: ANN401
-    """Allocate what `correct` needs in addition to such a front."""
-    corrections = arrival_kernels.FrontCorrections()
-    for name in ("arrival", "confidence", "correction"):
-        setattr(corrections, name, wp.empty((batch, n, lanes), dtype=wp.float32))
-    max_stencils = int(arrival_kernels.MAX_STENCILS)
-    corrections.stencil_offset = wp.empty((batch, capacity, max_stencils * lanes), dtype=wp.float32)
-    corrections.stencil_word = wp.empty((batch, capacity, max_stencils * lanes), dtype=wp.uint32)
-    corrections.order = wp.empty((batch, capacity), dtype=wp.int32)
-    corrections.n_reached = wp.empty(batch, dtype=wp.int32)
-    return corrections
-
-
 def clear(front: Any) -> None:  # noqa: ANN401
     """Reset all distances to UNREACHED."""
     front.u.fill_(float(UNREACHED))
@@ -106,17 +88,6 @@ def advance(front: Any, sources: Any, clusters: range, planar: bool) -> None:  #
     block_dim = _block_dim(front)
     inputs = [front, sources, clusters.start, int(planar), block_dim]
     wp.launch(front_kernels.advance_front, (len(clusters), block_dim), inputs=inputs, block_dim=block_dim)
-
-
-def correct(front: Any, corrections: Any, sources: Any, angles: Any, clusters: range) -> None:  # noqa: ANN401
-    """Add second-order corrections to the distances of some clusters whose front has converged."""
-    block_dim = _block_dim(front)
-    dim = (len(clusters), block_dim)
-    order = [front, corrections, sources, clusters.start, block_dim]
-    wp.launch(arrival_kernels.sort_reached, dim, order, block_dim=block_dim)
-    inputs = [front, corrections, sources, angles, clusters.start, block_dim]
-    for kernel in (arrival_kernels.find_arrivals, correction_kernels.relax_corrections):
-        wp.launch(kernel, dim, inputs=inputs, block_dim=block_dim)
 
 
 def _block_dim(front: Any) -> int:  # noqa: ANN401

@@ -10,10 +10,8 @@ from homolog.errors import InputError
 from homolog.geodesics.cuda.front import (
     advance,
     clear,
-    correct,
     largest_batch,
     largest_patch,
-    make_corrections,
     make_front,
     start,
 )
@@ -44,7 +42,6 @@ class DeviceCohort:
     limits: list[Any]
     halo: float
     planar: bool
-    corrected: bool
 
     @property
     def max_vertices(self) -> int:
@@ -71,7 +68,7 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
         batch = min(
             largest_batch(n, capacity, scratch), max(1, _WORK_PER_LAUNCH * n_multiprocessors // n), n_clusters
         )
-        front, corrections = make_front(batch, n, capacity), make_corrections(batch, n, capacity)
+        front = make_front(batch, n, capacity)
         store = _DenseStore if plan.dense else _BlockStore
         stores = [store(cohort, task, k, ends[k], ends[k + 1]) for k, task in enumerate(plan.tasks)]
         for begin in range(0, n_clusters, batch):
@@ -79,7 +76,7 @@ def solve_on_cuda(plan: TablePlan, device: str, scratch: int, tick: Tick) -> lis
             shapes = range(int(cohort.clusters.shape[begin]), int(cohort.clusters.shape[end - 1]) + 1)
             message = f"geodesic distances of {plan.tasks[shapes[0]].name}"
             tick(begin / n_clusters, message)
-            _solve((front, corrections), cohort, range(begin, end), plan.dense)
+            _solve(front, cohort, range(begin, end), plan.dense)
             for k in shapes:
                 low, high = max(begin, ends[k]), min(end, ends[k + 1])
                 stores[k].add(front, slice(low - begin, high - begin), low - ends[k])
@@ -107,20 +104,16 @@ def _upload(plan: TablePlan, device: str) -> DeviceCohort:
         sources.fan = fans.start
         sources.corners = fans.corners
         sources.bounds = fans.bounds
-        sources.shortest_side = fans.shortest_side
     halo = float(delaunay.length.max())
-    return DeviceCohort(fans, clusters, sources, limits, halo, plan.is_planar, plan.is_corrected)
+    return DeviceCohort(fans, clusters, sources, limits, halo, plan.is_planar)
 
 
-def _solve(state: Any, cohort: DeviceCohort, clusters: range, dense: bool) -> None:  # noqa: ANN401
+def _solve(front: Any, cohort: DeviceCohort, clusters: range, dense: bool) -> None:  # noqa: ANN401
     """Solve some clusters; their distances are in the front's u."""
-    front, corrections = state
     if dense:
         clear(front)  # all distances are read
     start(front, cohort.sources, clusters, cohort.halo)
     advance(front, cohort.sources, clusters, cohort.planar)
-    if cohort.corrected:
-        correct(front, corrections, cohort.sources, cohort.fans.angles, clusters)
 
 
 class _DenseStore:

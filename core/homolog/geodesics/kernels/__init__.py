@@ -1,1 +1,1 @@
-"""Kernel functions of both solvers: local solver, second order, memory access, lookup, mesh preparation."""
+"""Kernel functions of both solvers: local solver, memory access, lookup, mesh preparation."""

@@ -6,7 +6,6 @@ import homolog.device  # noqa: F401 - starts Warp
 from homolog.geodesics.kernels.intrinsic import Sides, apex, next_side
 from homolog.geodesics.kernels.local_solver import LAST_TRIANGLE_BIT, Corner, PropagationBound
 from homolog.geodesics.kernels.lookup import LANES
-from homolog.geodesics.kernels.second_order import CornerAngles
 
 wp.set_module_options({"enable_backward": False})
 
@@ -20,15 +19,12 @@ def fill_corners(
     first: wp.array(dtype=wp.int32),
     start: wp.array(dtype=wp.int32),
     corners: wp.array(dtype=Corner),
-    angles: wp.array(dtype=CornerAngles),
     bounds: wp.array(dtype=PropagationBound),
-    shortest_side: wp.array(dtype=float),
 ):
     """Write the corners of every vertex contiguously and counterclockwise; thread (side of a triangle)."""
     side = wp.tid()
     base = next_side(side)
     after = next_side(base)
-    twin = sides.twin[base]
     before = first[side // 3]
     a = sides.tail[base]
     b = sides.tail[after]
@@ -43,7 +39,6 @@ def fill_corners(
     corner.y = float(c[1])
     corner.ac = float(sides.length[side])
     corner.bc = float(sides.length[after])
-    wp.atomic_min(shortest_side, sides.tail[side], corner.ac)
     index = start[sides.tail[side]] + sides.rank[side]
     corners[index] = corner
     twice_area = corner.length * corner.y
@@ -55,14 +50,6 @@ def fill_corners(
     rank_b = wp.min(sides.rank[after], LAST_TRIANGLE_BIT)
     bound.ranks = rank_a + 256 * rank_b
     bounds[index] = bound
-    corner_angles = CornerAngles()
-    corner_angles.angle_a = float(sides.angle[base])
-    corner_angles.cone_angle_a = float(sides.angle_sum[a])
-    corner_angles.angle_b = float(sides.angle[twin])
-    corner_angles.cone_angle_b = float(sides.angle_sum[b])
-    corner_angles.cone_angle_c = float(sides.angle_sum[sides.tail[side]])
-    corner_angles.angle_c = float(sides.angle[side])
-    angles[index] = corner_angles
 
 
 @wp.kernel

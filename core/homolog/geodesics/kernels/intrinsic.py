@@ -22,9 +22,7 @@ class Sides:
     tail: wp.array(dtype=wp.int32)  # (3F,) vertex that a side starts from, counted through all shapes
     twin: wp.array(dtype=wp.int32)  # (3F,) the same edge in the neighbouring face
     length: wp.array(dtype=wp.float64)  # (3F,)
-    angle: wp.array(dtype=wp.float64)  # (3F,) direction of the side at its tail
     rank: wp.array(dtype=wp.int32)  # (3F,) number of the side among those that leave its tail
-    angle_sum: wp.array(dtype=wp.float64)  # (N,) sum of the angles around each vertex
 
 
 @wp.func
@@ -151,17 +149,12 @@ def flip_to_delaunay(sides: Sides, queued: wp.array(dtype=wp.int32), stack: wp.a
 
 
 @wp.kernel
-def assign_angles(sides: Sides, leaving_side: wp.array(dtype=wp.int32)):
-    """Give each side its rank and angle at its tail, counterclockwise from one of the sides there."""
+def assign_ranks(sides: Sides, leaving_side: wp.array(dtype=wp.int32)):
+    """Give each side its rank at its tail, counterclockwise from one of the sides there."""
     v = wp.tid()
     side = leaving_side[v]
-    total = wp.float64(0.0)
     rank = int(0)
     while side != leaving_side[v] or rank == 0:
-        sides.angle[side] = total
         sides.rank[side] = rank
-        c = apex(sides, side)
-        total += wp.atan2(c[1], c[0])
         side = sides.twin[next_side(next_side(side))]
         rank += 1
-    sides.angle_sum[v] = total

@@ -52,49 +52,7 @@ class DistanceLimits:
     max_encoded: float  # longest distance that has a code
     # One mean edge beyond d_max: a value within d_max may depend on one beyond it.
     propagation_limit: float
-    mean_edge: float
     unit: float  # length of one code step
-
-
-@wp.struct
-class Ray:
-    """The straight path to a corner's c from the virtual source that explains the distances at a and b."""
-
-    distance: float  # at c
-    crossing: float  # where the path crosses ab, measured from a
-    to_crossing: float  # length of the path up to there
-    source_x: float  # position of the virtual source along ab …
-    source_depth: float  # … and its distance from the line ab
-    via_edge: int  # 0; if no straight path crosses ab, 1 for the path along ac, 2 for that along bc
-
-
-@wp.func
-def trace(corner: Corner, da: float, db: float) -> Ray:
-    """Return the path from the virtual source below ab that explains da and db (Novotni and Klein 2002).
-
-    Exact where the surface is flat, in acute and obtuse triangles; the distance is monotone in da and db.
-    """
-    ray = Ray()
-    via_a = da + corner.ac
-    via_b = db + corner.bc
-    side = wp.min(via_a, via_b)
-    # Factored to limit cancellation in slivers.
-    ray.source_x = ((da - db) * (da + db) + corner.length * corner.length) * corner.half
-    squared = da * da - ray.source_x * ray.source_x
-    ray.source_depth = wp.sqrt(wp.max(squared, 0.0))
-    height = wp.max(ray.source_depth + corner.y, 1.0e-30)
-    crossing = ray.source_x * corner.y + corner.x * ray.source_depth
-    inside = squared >= 0.0 and crossing >= 0.0 and crossing <= corner.length * height
-    inside = inside and wp.min(da, db) > 0.0  # from a source the path follows the edge
-    inverse = 1.0 / height
-    dx = corner.x - ray.source_x
-    straight = wp.where(inside, wp.sqrt(dx * dx + height * height), UNREACHED)
-    # Not "straight < side": rounding would decide it where the path passes an end, and arrivals would jump.
-    ray.via_edge = wp.where(inside, 0, wp.where(via_a <= via_b, 1, 2))
-    ray.distance = wp.min(straight, side)
-    ray.to_crossing = straight * ray.source_depth * inverse
-    ray.crossing = wp.where(inside, crossing * inverse, wp.where(via_a <= via_b, 0.0, corner.length))
-    return ray
 
 
 @wp.func
@@ -105,9 +63,10 @@ def edge_path(corner: Corner, da: float, db: float) -> float:
 
 @wp.func
 def straight_path_squared(corner: Corner, da: float, db: float) -> float:
-    """Return the squared length of the straight path of `trace`; UNREACHED squared if none crosses ab.
+    """Return the squared length of the straight path to c; UNREACHED squared if none crosses ab.
 
-    Together with `edge_path` this equals `trace`, at one square root less for each triangle.
+    The path comes from the virtual source below ab that explains da and db (Novotni and Klein 2002). It is
+    exact where the surface is flat, in acute and obtuse triangles, and monotone in da and db.
     """
     source_x = ((da - db) * (da + db) + corner.length * corner.length) * corner.half
     # NaN, hence not inside, where no virtual source explains both distances.

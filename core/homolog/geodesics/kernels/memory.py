@@ -48,16 +48,6 @@ def set_bits(flags: wp.array2d(dtype=wp.int32), index: int, bits: int):
     ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    asm volatile("prefetch.global.L1 [%0];" ::"l"(values.data + index));
-#endif
-""")
-def prefetch(values: wp.array3d(dtype=wp.float32), index: int):
-    """Prefetch a value into the L1 cache."""
-    ...
-
-
 @wp.func_native("return corners.data[index].a;")
 def corner_a(corners: wp.array(dtype=Corner), index: int) -> int:
     """Load a corner's vertex a."""
@@ -118,26 +108,4 @@ def load_bound(bounds: wp.array(dtype=PropagationBound), index: int) -> wp.vec4:
 @wp.func_native("return bounds.data[index].ranks;")
 def load_ranks(bounds: wp.array(dtype=PropagationBound), index: int) -> int:
     """Load a bound's ranks."""
-    ...
-
-
-@wp.func_native("return values.data[index];")
-def load_word(values: wp.array3d(dtype=wp.uint32), index: int) -> wp.uint32:
-    """Load a word by its linear index."""
-    ...
-
-
-@wp.func_native("values.data[index] = value;")
-def store_word(values: wp.array3d(dtype=wp.uint32), index: int, value: wp.uint32):
-    """Store a word by its linear index."""
-    ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    asm volatile("prefetch.global.L1 [%0];" ::"l"(values.data + index));
-#endif
-""")
-def prefetch_word(values: wp.array3d(dtype=wp.uint32), index: int):
-    """Prefetch a word into the L1 cache."""
     ...

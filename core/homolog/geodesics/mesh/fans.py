@@ -11,9 +11,8 @@ import warp as wp
 from homolog.arrays import IntArray, frozen
 from homolog.device import cores
 from homolog.geodesics.kernels.fans import UNVISITED, fill_corners, grow_clusters
-from homolog.geodesics.kernels.local_solver import UNREACHED, Corner, PropagationBound
+from homolog.geodesics.kernels.local_solver import Corner, PropagationBound
 from homolog.geodesics.kernels.lookup import LANES
-from homolog.geodesics.kernels.second_order import CornerAngles
 from homolog.geodesics.mesh.intrinsic import Triangulation
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -39,21 +38,15 @@ class Fans:
         First corner of each vertex.
     corners : (K,) Corner wp.array
         Triangles as seen from each vertex; vertex indices are local to their shape.
-    angles : (K,) CornerAngles wp.array
-        Directions of each triangle's edges at their ends.
     bounds : (K,) PropagationBound wp.array
         Bounds that decide which neighbours a decrease can affect.
-    shortest_side : (N,) float32 wp.array
-        Shortest edge at each vertex [mm].
     """
 
     first: IntArray
     position: Any
     start: Any
     corners: Any
-    angles: Any
     bounds: Any
-    shortest_side: Any
 
 
 def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: str) -> Fans:
@@ -79,14 +72,12 @@ def build_fans(meshes: Sequence[TriangleMesh], delaunay: Triangulation, device: 
     with wp.ScopedDevice(device):
         start = wp.array(delaunay.starts(), dtype=wp.int32)
         corners = wp.empty(len(delaunay.tail), dtype=Corner)
-        angles = wp.empty(len(delaunay.tail), dtype=CornerAngles)
         faces_first = wp.array(face_first.astype(np.int32), dtype=wp.int32)
         bounds = wp.empty(len(delaunay.tail), dtype=PropagationBound)
-        shortest_side = wp.full(len(centred), float(UNREACHED), dtype=float)
-        inputs = [sides, faces_first, start, corners, angles, bounds, shortest_side]
+        inputs = [sides, faces_first, start, corners, bounds]
         wp.launch(fill_corners, len(delaunay.tail), inputs=inputs)
         position = wp.array(centred.astype(np.float32), dtype=wp.vec3)
-    return Fans(first, position, start, corners, angles, bounds, shortest_side)
+    return Fans(first, position, start, corners, bounds)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,7 +16,7 @@ import warp as wp
 
 from homolog.arrays import FloatArray, IntArray
 from homolog.device import cores
-from homolog.geodesics.kernels.intrinsic import Sides, assign_angles, flip_to_delaunay, pair_sides
+from homolog.geodesics.kernels.intrinsic import Sides, assign_ranks, flip_to_delaunay, pair_sides
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Triangulation", "triangulate"]
@@ -25,9 +25,7 @@ SIDES = {
     "tail": wp.int32,
     "twin": wp.int32,
     "length": wp.float64,
-    "angle": wp.float64,
     "rank": wp.int32,
-    "angle_sum": wp.float64,
 }
 """Arrays of a triangulation, and their types in kernels."""
 
@@ -46,25 +44,19 @@ class Triangulation:
         The same edge as a side of the neighbouring face.
     length : (3F,) float64 array
         Length of each side [mm].
-    angle : (3F,) float64 array
-        Direction of each side at its tail [rad], counterclockwise from one of the sides there.
     rank : (3F,) int32 array
-        Number of each side among those that leave its tail, in that order.
-    turn : (N,) float64 array
-        Sum of the angles around each vertex; a full turn where the surface is flat.
+        Number of each side among those that leave its tail, counterclockwise from one of them.
     """
 
     first: IntArray
     tail: IntArray
     twin: IntArray
     length: FloatArray
-    angle: FloatArray
     rank: IntArray
-    angle_sum: FloatArray
 
     def starts(self) -> IntArray:
         """Return the first entry of each vertex, (N + 1,), in a list of the sides that leave it."""
-        return _starts(self.tail, len(self.angle_sum))
+        return _starts(self.tail, int(self.first[-1]))
 
     def on_device(self, device: str) -> Any:  # noqa: ANN401 - a wp.struct has no type
         """Return the `Sides` for kernels."""
@@ -82,16 +74,14 @@ def triangulate(meshes: Sequence[TriangleMesh]) -> Triangulation:
     wp.load_module(flip_to_delaunay.module, device="cpu")  # before the threads, which would each load it
     with ThreadPoolExecutor(min(cores(), len(meshes))) as pool:
         parts = list(pool.map(_triangulate, meshes))
-    first = np.concatenate([[0], np.cumsum([len(part.angle_sum) for part in parts])])
+    first = np.concatenate([[0], np.cumsum([len(mesh.vertices) for mesh in meshes])])
     sides = np.concatenate([[0], np.cumsum([len(part.tail) for part in parts])])
     return Triangulation(
         first,
         np.concatenate([part.tail + at for part, at in zip(parts, first[:-1], strict=True)], dtype=np.int32),
         np.concatenate([part.twin + at for part, at in zip(parts, sides[:-1], strict=True)], dtype=np.int32),
         np.concatenate([part.length for part in parts]),
-        np.concatenate([part.angle for part in parts]),
         np.concatenate([part.rank for part in parts]),
-        np.concatenate([part.angle_sum for part in parts]),
     )
 
 
@@ -102,13 +92,12 @@ def _triangulate(mesh: TriangleMesh) -> Triangulation:
     start = _starts(tail, n)
     leaving_sides = np.argsort(tail, kind="stable").astype(np.int32)
     wp.launch(pair_sides, len(tail), inputs=[tail, start, leaving_sides, twin], device="cpu")
-    angle, rank, angle_sum = np.zeros(len(tail)), np.zeros(len(tail), np.int32), np.zeros(n)
     first = np.array([0, n])
-    sides = Triangulation(first, tail, twin, _lengths(mesh), angle, rank, angle_sum).on_device("cpu")
+    sides = Triangulation(first, tail, twin, _lengths(mesh), np.zeros_like(tail)).on_device("cpu")
     wp.launch(flip_to_delaunay, 1, inputs=[sides, queued, stack], device="cpu")
     leaving = np.zeros(n, np.int32)
     leaving[sides.tail.numpy()] = np.arange(len(tail))
-    wp.launch(assign_angles, n, inputs=[sides, leaving], device="cpu")
+    wp.launch(assign_ranks, n, inputs=[sides, leaving], device="cpu")
     return Triangulation(first, *(getattr(sides, name).numpy() for name in SIDES))
 
 

@@ -33,9 +33,7 @@ N_BUCKETS = wp.constant(256)
 BLOCK_DIM = 256
 """Threads that share one cluster on a GPU: sixteen vertices at a time."""
 BAND_SIZE = wp.constant(512)
-"""Vertices, in patch order, that converge together in the first order; a multiple of BLOCK_DIM."""
-CORRECTION_BAND_SIZE = wp.constant(256)
-"""The same for corrections, which depend on each other less."""
+"""Vertices, in patch order, that converge together; a multiple of BLOCK_DIM."""
 ALL_TRIANGLES = wp.constant(2**15 - 1)
 """The bits of all triangles."""
 
@@ -65,7 +63,6 @@ class Sources:
     fan: wp.array(dtype=wp.int32)
     corners: wp.array(dtype=Corner)
     bounds: wp.array(dtype=PropagationBound)
-    shortest_side: wp.array(dtype=float)  # at each vertex
 
 
 @wp.struct
