@@ -16,25 +16,32 @@ __all__ = ["euler_number", "fill_tunnels"]
 
 _CORNERS = list(np.ndindex(2, 2, 2))
 _ANY_NEIGHBOUR = np.ones((3, 3, 3), dtype=bool)
+_NEAR = np.argwhere(_ANY_NEIGHBOUR) - 1
 _RADII = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)  # voxels: of the balls of successive closings
 
 
-def _octant_table() -> IntArray:
-    """Return eight times what each pattern of 2 x 2 x 2 voxels adds to the Euler number.
+def _octant_tables() -> IntArray:
+    """Return eight times what each pattern of 2 x 2 x 2 voxels adds to two Euler numbers, (2, 256).
 
-    Voxels are the points of a complex, neighbours at a face its edges, full squares its faces and full cubes
-    its cells; a pattern has an eighth of each of its voxels, a quarter of its edges, half of its faces.
+    For the first, voxels are the points of a complex, neighbours at a face its edges, full squares its faces
+    and full cubes its cells; a pattern has an eighth of each of its voxels, a quarter of its edges, half of
+    its faces. For the second, voxels are closed cubes, which meet at edges and corners too; a pattern has its
+    corner, half of six edges, a quarter of twelve squares, an eighth of each of its voxels.
     """
-    table = np.zeros(256, dtype=np.int64)
+    table = np.zeros((2, 256), dtype=np.int64)
     for pattern in range(256):
         bits = np.array([pattern >> place & 1 for place in range(8)], dtype=bool).reshape(2, 2, 2)
-        edges = sum(np.count_nonzero(np.all(bits, axis=axis)) for axis in range(3))
-        squares = sum(np.count_nonzero(np.all(bits, axis=axes)) for axes in ((0, 1), (0, 2), (1, 2)))
-        table[pattern] = np.count_nonzero(bits) - 2 * edges + 4 * squares - 8 * bool(bits.all())
+        for row, of, sign in ((0, np.all, 1), (1, np.any, -1)):
+            pairs = sum(np.count_nonzero(of(bits, axis=axis)) for axis in range(3))
+            squares = sum(np.count_nonzero(of(bits, axis=axes)) for axes in ((0, 1), (0, 2), (1, 2)))
+            cube = bool(of(bits))
+            table[row, pattern] = sign * (np.count_nonzero(bits) - 2 * pairs + 4 * squares - 8 * cube)
     return table
 
 
-_OCTANTS = _octant_table()
+_BY_FACES, _BY_CORNERS = _octant_tables()
+_EITHER = _BY_FACES + _BY_CORNERS
+"""A zero level joins some nodes that touch at an edge or corner: tunnels of either kind count."""
 
 
 def euler_number(solid: BoolArray) -> int:
@@ -54,7 +61,13 @@ def euler_number(solid: BoolArray) -> int:
     """
     padded = np.pad(solid, 1).astype(np.uint8)
     counts = np.bincount(_patterns(padded).ravel(), minlength=256)
-    return int(counts @ _OCTANTS) // 8
+    return int(counts @ _BY_FACES) // 8
+
+
+def _euler_numbers(solid: BoolArray) -> int:
+    """Return the sum of the Euler numbers with voxels connected at faces, and at corners too."""
+    padded = np.pad(solid, 1).astype(np.uint8)
+    return int(np.bincount(_patterns(padded).ravel(), minlength=256) @ _EITHER) // 8
 
 
 def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, int]:
@@ -77,36 +90,42 @@ def fill_tunnels(solid: BoolArray, width: float) -> tuple[BoolArray, int]:
     int
         Number of tunnels that were filled.
     """
-    before = euler_number(solid)
-    if before == 1 or width <= 0.0:
+    if _euler_numbers(solid) == 2 or width <= 0.0:
         return solid, 0
     result = _plugged(solid)
     for radius in _RADII:
-        if 2.0 * radius > width or euler_number(result) == 1:
+        if 2.0 * radius > width or _euler_numbers(result) == 2:
             break
         result = _plugged(_patched(result, radius))
-    return result, euler_number(result) - before
+    by_faces = euler_number(result) - euler_number(solid)
+    return result, max(by_faces, _euler_numbers(result) - _euler_numbers(solid) - by_faces)
 
 
 def _plugged(solid: BoolArray) -> BoolArray:
     """Return a solid with every single voxel added that fills a tunnel, again and again until none does."""
     padded = np.pad(solid, 1).astype(np.uint8)
     inner = (slice(1, -1),) * 3
-    fills = True
-    while fills:
-        fills = False
-        beside = np.zeros(padded.shape, dtype=bool)
-        beside[inner] = ndimage.binary_dilation(padded[inner] > 0) & (padded[inner] == 0)
-        places = np.argwhere(beside)
-        places = places[_gains(padded, places) > 0]
+    places = np.argwhere(np.pad(ndimage.binary_dilation(solid), 1) & (padded == 0))
+    while len(places := places[_gains(padded, places) > 0]):
+        changed = []
         parity = places % 2 @ (4, 2, 1)
         for kind in range(8):  # voxels that are no neighbours change independently
             some = places[parity == kind]
             some = some[_gains(padded, some) > 0]
             padded[tuple(some.T)] = 1
-            fills |= len(some) > 0
+            changed.append(some)
+        places = _beside(padded, np.concatenate(changed))
     filled: BoolArray = ndimage.binary_fill_holes(padded[inner] > 0)
     return filled
+
+
+def _beside(padded: Array, changed: IntArray) -> IntArray:
+    """Return the empty voxels near changed ones that have a neighbour at a face."""
+    near = np.unique((changed[:, None] + _NEAR).reshape(-1, 3), axis=0)
+    near = near[((near > 0) & (near < np.array(padded.shape) - 1)).all(axis=1)]
+    near = near[padded[tuple(near.T)] == 0]
+    faces = near[:, None] + _NEAR[np.abs(_NEAR).sum(axis=1) == 1]
+    return near[padded[tuple(faces.transpose(2, 0, 1))].any(axis=1)]
 
 
 def _patched(solid: BoolArray, radius: float) -> BoolArray:
@@ -117,7 +136,7 @@ def _patched(solid: BoolArray, radius: float) -> BoolArray:
     result = solid.copy()
     for box, patch in _patches(closed[inner] & ~solid):
         old = result[box]
-        if euler_number(old | patch) > euler_number(old):
+        if _euler_numbers(old | patch) > _euler_numbers(old):
             result[box] = old | patch
     filled: BoolArray = ndimage.binary_fill_holes(result)
     return filled
@@ -139,7 +158,7 @@ def _gains(padded: Array, places: IntArray) -> IntArray:
         for place, shift in enumerate(_CORNERS):
             pattern |= padded[tuple((places - 1 + corner + shift).T)] << place
         own = _CORNERS.index(tuple(1 - step for step in corner))
-        gains += _OCTANTS[pattern | 1 << own] - _OCTANTS[pattern]
+        gains += _EITHER[pattern | 1 << own] - _EITHER[pattern]
     return gains // 8
 
 

@@ -25,6 +25,17 @@ def test_the_euler_number_is_that_of_scikit_image(seed):
     assert euler_number(solid) == measure.euler_number(np.pad(solid, 1), 1)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_filled_solid_has_no_more_tunnels_by_faces_and_corners_together(seed):
+    solid = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=(20, 24, 18)), 0.8) > 0.0
+    labels, _ = ndimage.label(solid)
+    solid = ndimage.binary_fill_holes(np.pad(labels == 1 + np.argmax(np.bincount(labels.ravel())[1:]), 1))
+    filled, _ = fill_tunnels(solid, 3.0)
+    before, after = (sum(measure.euler_number(item, kind) for kind in (1, 3)) for item in (solid, filled))
+    assert after > before
+    assert ndimage.label(filled)[1] == 1
+
+
 @pytest.mark.parametrize("width", [1, 2])
 def test_a_narrow_tunnel_is_filled_and_nothing_else_is_changed(width):
     filled, count = fill_tunnels(bored(width), 3.0)
@@ -32,6 +43,15 @@ def test_a_narrow_tunnel_is_filled_and_nothing_else_is_changed(width):
     assert euler_number(filled) == 1
     assert not (filled & ~block(20, 20, 6)).any()
     assert (filled | ~bored(width)).all()
+
+
+def test_a_hole_whose_rim_touches_at_an_edge_only_is_filled():
+    solid = block(8, 8, 1)
+    solid[2, 2] = solid[3, 3] = False  # a corner, and the voxel across from it
+    filled, count = fill_tunnels(solid, 3.0)
+    assert count == 1
+    assert filled[3, 3, 2]
+    assert not filled[2, 2, 2]
 
 
 def test_a_wide_tunnel_stays():
