@@ -105,7 +105,7 @@ def _plugged(solid: BoolArray) -> BoolArray:
     """Return a solid with every single voxel added that fills a tunnel, again and again until none does."""
     padded = np.pad(solid, 1).astype(np.uint8)
     inner = (slice(1, -1),) * 3
-    places = np.argwhere(np.pad(ndimage.binary_dilation(solid), 1) & (padded == 0))
+    places: IntArray = np.argwhere(np.pad(ndimage.binary_dilation(solid), 1) & (padded == 0))
     while len(places := places[_gains(padded, places) > 0]):
         changed = []
         parity = places % 2 @ (4, 2, 1)
@@ -125,7 +125,8 @@ def _beside(padded: Array, changed: IntArray) -> IntArray:
     near = near[((near > 0) & (near < np.array(padded.shape) - 1)).all(axis=1)]
     near = near[padded[tuple(near.T)] == 0]
     faces = near[:, None] + _NEAR[np.abs(_NEAR).sum(axis=1) == 1]
-    return near[padded[tuple(faces.transpose(2, 0, 1))].any(axis=1)]
+    beside: BoolArray = padded[tuple(faces.transpose(2, 0, 1))].any(axis=1)
+    return np.asarray(near[beside])
 
 
 def _patched(solid: BoolArray, radius: float) -> BoolArray:
@@ -136,10 +137,15 @@ def _patched(solid: BoolArray, radius: float) -> BoolArray:
     result = solid.copy()
     for box, patch in _patches(closed[inner] & ~solid):
         old = result[box]
-        if _euler_numbers(old | patch) > _euler_numbers(old):
-            result[box] = old | patch
+        new = old | patch
+        if _euler_numbers(new) > _euler_numbers(old) and _pieces(new) <= _pieces(old):
+            result[box] = new
     filled: BoolArray = ndimage.binary_fill_holes(result)
     return filled
+
+
+def _pieces(solid: BoolArray) -> int:
+    return int(ndimage.label(solid)[1])
 
 
 def _patches(voxels: BoolArray) -> Iterator[tuple[tuple[slice, ...], BoolArray]]:
