@@ -148,15 +148,16 @@ def level_of_solid(solid: Solid, spacing: float | None) -> Level:
     boundary = TriangleMesh(solid.mesh.vertices, solid.mesh.faces[solid.bounds])
     shape, start, step, affine = _grid_around(boundary, spacing)
     values = mesh_level(solid.mesh, start, step, shape, bounds=solid.bounds)
+    is_large = values.size > MANY_NODES
     if solid.bounds.all() and solid.is_closed:
-        return Level(values, affine, step)
+        return Level(values, affine, step, is_large=is_large)
     inside = values < 0.0 if solid.is_closed else mesh_sides(solid.mesh, start, step, values)
     if inside.any():
         apart = np.clip(np.abs(values) - 1.0, 0.0, 1.0)
         even = np.clip(antialiased(inside), -REACH, REACH)
         exact = np.where(inside, -1.0, 1.0) * np.abs(values)
         values = ((1.0 - apart) * exact + apart * even).astype(np.float32)
-    return Level(_closed_at_border(values), affine, step)
+    return Level(_closed_at_border(values), affine, step, is_large=is_large)
 
 
 def _grid_around(
