@@ -22,7 +22,7 @@ from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, no_tick, run_in_threads
 from homolog.settings import Alignment, GroomSettings
 
-__all__ = ["Registration", "align", "medoid", "register"]
+__all__ = ["Registration", "align", "medoid", "of_other_units", "register"]
 
 _OTHER_UNIT = 100.0
 _FEWEST = 3  # subjects that it takes to say which is the odd one
@@ -95,7 +95,8 @@ def register(
     """
     oriented_shapes = [oriented_points(item.coarse_mesh) for item in groomed]
     names, sizes = [item.name for item in groomed], np.array([shape.size for shape in oriented_shapes])
-    _check_units(names, sizes.tolist())
+    if strange := of_other_units(names, sizes.tolist()):
+        raise InputError(next(iter(strange.values())))
     goals = np.full(len(sizes), np.exp(np.log(sizes).mean())) if settings.scaling else sizes
     units = [shape.scaled(1.0 / shape.size) for shape in oriented_shapes]
     reference = units[medoid(units)]
@@ -200,14 +201,30 @@ def _notes(alignments: FloatArray, distances: FloatArray) -> tuple[str | None, .
     return tuple(notes)
 
 
-def _check_units(names: Sequence[str], sizes: Sequence[float]) -> None:
-    middle = float(np.median(sizes))
+def of_other_units(names: Sequence[str], sizes: Sequence[float]) -> dict[str, str]:
+    """Return what is to be said of shapes so much larger or smaller than the others that their unit differs.
+
+    Parameters
+    ----------
+    names : sequence of str
+    sizes : sequence of float
+        Lengths that stand for the shapes' sizes, in their common unit.
+
+    Returns
+    -------
+    dict of str to str
+        A message for each such shape, by name.
+    """
+    middle = float(np.median(sizes)) if len(sizes) else 0.0
+    messages = {}
     for name, size in zip(names, sizes, strict=True):
         if not middle / _OTHER_UNIT < size < middle * _OTHER_UNIT:
             times, word = (size / middle, "large") if size > middle else (middle / size, "small")
-            raise InputError(
-                f"{name}: is {times:.0f} times as {word} as the others; if its unit differs, export it in mm"
+            messages[name] = (
+                f"{name}: is {times:.0f} times as {word} as the others; if its unit differs, export "
+                "it in mm, or leave it out"
             )
+    return messages
 
 
 def medoid(oriented_shapes: Sequence[OrientedPoints]) -> int:

@@ -8,10 +8,13 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from homolog.cohort import Cohort, Subject
 from homolog.device import cores
 from homolog.errors import InputError, NumericalError
 from homolog.files.markups import read_markups
+from homolog.grooming.align import of_other_units
 from homolog.grooming.cache import content_key, is_outdated, load_groomed, save_groomed
 from homolog.grooming.images import Segmentation
 from homolog.grooming.subject import GroomedSubject, Source, check_source, groom, read_source
@@ -122,7 +125,8 @@ def groom_cohort(
     tick : Tick
         Called at least every 0.1 s.
     left_out : list of Problem, optional
-        Subjects that fail are added to it and excluded from the result; without it the first one is raised.
+        Subjects that fail, or whose unit differs, are added to it and excluded from the result; without it
+        the first one that fails is raised.
     sources : mapping of str to Segmentation or TriangleMesh, optional
         Shapes in memory, by subject, in place of their files; not for a cache.
     keys : dict, optional
@@ -170,6 +174,11 @@ def groom_cohort(
                 if cache:
                     save_groomed(cache, done, key)
     ordered = [groomed[subject.name] for subject in cohort.subjects if subject.name in groomed]
+    if left_out is not None:
+        sizes = [float(np.cbrt(subject.report.volume_after)) for subject in ordered]
+        strange = of_other_units([subject.name for subject in ordered], sizes)
+        left_out += [Problem(name, message) for name, message in strange.items()]
+        ordered = [subject for subject in ordered if subject.name not in strange]
     return _with_twins(ordered, cached)
 
 

@@ -138,13 +138,9 @@ def add_repair_notes(inputs: OptimizationInput, optimized: OptimizedParticles) -
     if not optimized.repaired.any():
         return inputs
     subjects: BoolArray = np.any(optimized.repaired > 0, axis=1)
-    objective = optimized.energies[:, 1:].sum(axis=1)
-    first = optimized.repaired[optimized.repaired > 0].min()
-    before = objective[np.searchsorted(optimized.energies[:, 0], first)]
     note = (
         "misplaced particles (normals that disagreed with most subjects, exchanged, or off the surface) were "
-        f"repaired: {np.count_nonzero(optimized.repaired)} on {subjects.sum()} subjects in total "
-        f"(objective {before:.4f} at the first repair, {objective[-1]:.4f} at the end)"
+        f"repaired: {np.count_nonzero(optimized.repaired)} on {subjects.sum()} subjects in total"
     )
     groomed = [
         add_note(item, note) if odd else item for item, odd in zip(inputs.groomed, subjects, strict=True)

@@ -208,3 +208,16 @@ def test_a_worker_that_dies_is_explained(cohort):
 
     with pytest.raises(NumericalError, match="fewer workers"):
         groom_cohort(cohort, SETTINGS, executor=Dying())
+
+
+def test_a_subject_in_another_unit_is_left_out_like_one_that_cannot_be_groomed(cohort):
+    problems = []
+    subject = groom_cohort(cohort, SETTINGS, executor=Here())[0]
+    huge = replace(subject.report, volume_after=1e7 * subject.report.volume_after)
+
+    def enlarged(item):
+        return replace(item, report=huge) if item.name == "b" else item
+
+    groomed = groom_cohort(cohort, SETTINGS, executor=Here(), left_out=problems, reduced=enlarged)
+    assert [item.name for item in groomed] == ["a", "c"]
+    assert [problem.subject for problem in problems] == ["b"]
