@@ -49,3 +49,8 @@ def test_a_seed_makes_the_same_mesh(family):
     first, again = random_mesh(family, SEED, 500.0), random_mesh(family, SEED, 500.0)
     assert np.array_equal(first.vertices, again.vertices)
     assert np.array_equal(first.faces, again.faces)
+
+
+def test_interpolated_slices_that_reach_beyond_the_grid_give_a_closed_surface(tmp_path):
+    trial = attempt("tubes", 600260, tmp_path)
+    assert trial.outcome == "groomed", trial.reason

@@ -109,7 +109,7 @@ def level_of_voxels(segmentation: Segmentation, spacing: float | None, sigma: fl
     affine = np.eye(4)
     affine[:3, :3] = segmentation.rotation * step
     affine[:3, 3] = segmentation.origin + segmentation.rotation @ start
-    return Level(values, affine, step, notes + further, is_large)
+    return Level(_closed_at_border(values), affine, step, notes + further, is_large)
 
 
 def level_of_mesh(mesh: TriangleMesh, spacing: float | None) -> Level:
@@ -178,7 +178,7 @@ def _grid_around(
 
 
 def _closed_at_border(values: Array) -> Array:
-    """Return values that are outside at the grid's border: an open mesh may wind around more than its box."""
+    """Return values that are outside at the border: open meshes and interpolated slices may reach it."""
     result = np.full_like(values, REACH)
     inner = (slice(PADDING // 2, -(PADDING // 2)),) * 3
     result[inner] = values[inner]

@@ -7,6 +7,7 @@ from homolog.correspondence.initialization.registration import (
     initial_particles,
     registration_tree,
     shape_distances,
+    spread_vertices,
 )
 from homolog.geometry import farthest_point_sampling
 from homolog.surfaces.mesh import TriangleMesh
@@ -49,6 +50,17 @@ def test_spread_points_are_farther_apart_than_random_ones():
     some = np.linalg.norm(points[:20, None] - points[None, :20], axis=-1)[np.triu_indices(20, 1)]
     assert len(set(map(tuple, chosen))) == 20
     assert gaps.min() > 2.0 * some.min()
+
+
+def test_particles_are_spread_over_the_inside_of_a_thin_bowl_as_over_its_outside(ball):
+    inward = np.where(ball.mesh.vertices[:, 2:] > 0.0, [0.8, 0.8, -0.8], 1.0)
+    bowl = TriangleMesh(ball.mesh.vertices * inward, ball.mesh.faces)
+    inside = inward[:, 2] < 0.0
+    by_paths = spread_vertices(bowl, 24, np.array([0]))
+    by_straight_lines = farthest_point_sampling(bowl.vertices, 24)
+    assert len(set(by_paths.tolist())) == 24
+    assert 7 <= inside[by_paths].sum() <= 12  # 0.39 of the area
+    assert inside[by_straight_lines].sum() < 5
 
 
 def test_the_medoid_is_the_shape_in_the_middle(ellipsoid_shapes):

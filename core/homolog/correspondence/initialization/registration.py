@@ -12,6 +12,7 @@ from functools import partial
 from typing import Self
 
 import numpy as np
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
@@ -21,8 +22,9 @@ from homolog.device import cores
 from homolog.geometry import farthest_point_sampling
 from homolog.progress import Tick, no_tick, part_of, run_in_background, run_in_threads
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import edges
 
-__all__ = ["initial_particles", "registration_tree", "shape_distances", "snap_to_mesh"]
+__all__ = ["initial_particles", "registration_tree", "shape_distances", "snap_to_mesh", "spread_vertices"]
 
 N_CONTROL_POINTS = 400  # of the thin-plate map, on the reference
 N_ROUNDS = 12  # of closest points
@@ -106,10 +108,10 @@ def initial_particles(
     control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
     landmark_vertices = _landmark_vertices(meshes, landmarks)
     if len(landmark_vertices[reference]):
-        chosen = farthest_point_sampling(source.vertices, count, landmark_vertices[reference])
+        chosen = spread_vertices(source, count, landmark_vertices[reference])
     else:
         begin = int(np.random.default_rng(seed).integers(len(source.vertices)))
-        chosen = farthest_point_sampling(source.vertices, count, [begin])
+        chosen = spread_vertices(source, count, np.array([begin]))
     maps = run_in_background(
         lambda _: ThinPlateMap.fit(source.vertices[control], source.vertices),
         part_of(tick, 0.1, 0.1),
@@ -137,6 +139,35 @@ def initial_particles(
         result[index] = snap_to_mesh(mesh.vertices[chosen], mesh.vertex_normals[chosen], meshes[index])
         result[index, : len(own)] = meshes[index].vertices[own]
     return result
+
+
+def spread_vertices(mesh: TriangleMesh, count: int, begin: IntArray) -> IntArray:
+    """Return vertices far from each other along the surface, so that both sides of a wall get some.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    count : int
+        How many are chosen.
+    begin : (k,) int array
+        The first of them.
+
+    Returns
+    -------
+    (count,) int array
+        In the order in which they are chosen: each is the farthest from those before by paths along edges
+        (Gonzalez 1985).
+    """
+    pairs = edges(mesh.faces)
+    lengths = np.linalg.norm(np.diff(mesh.vertices[pairs], axis=1)[:, 0], axis=1)
+    rows, columns = np.concatenate([pairs, pairs[:, ::-1]]).T
+    graph = coo_array((np.tile(lengths, 2), (rows, columns)), shape=(len(mesh.vertices),) * 2).tocsr()
+    chosen = [int(vertex) for vertex in begin]
+    gap = dijkstra(graph, indices=chosen, min_only=True)
+    while len(chosen) < count:
+        chosen.append(int(gap.argmax()))
+        gap = np.minimum(gap, dijkstra(graph, indices=chosen[-1], limit=gap[chosen[-1]]))
+    return np.array(chosen)
 
 
 def _landmark_vertices(meshes: Sequence[TriangleMesh], landmarks: FloatArray | None) -> list[IntArray]:
