@@ -166,7 +166,7 @@ def spread_vertices(mesh: TriangleMesh, count: int, begin: IntArray) -> IntArray
     gap = dijkstra(graph, indices=chosen, min_only=True)
     while len(chosen) < count:
         chosen.append(int(gap.argmax()))
-        gap = np.minimum(gap, dijkstra(graph, indices=chosen[-1], limit=gap[chosen[-1]]))
+        gap = np.minimum(gap, dijkstra(graph, indices=[chosen[-1]], min_only=True, limit=float(gap.max())))
     return np.array(chosen)
 
 
