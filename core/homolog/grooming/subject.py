@@ -276,6 +276,6 @@ def _refuse_lost(held: float, settings: GroomSettings) -> None:
 def _kept(share: float, dropped: int, loose: int) -> list[str]:
     """Return a note on how much of a structure's volume is left, if pieces of it were dropped."""
     pieces = [f"the largest of {dropped + 1} separate pieces"] if dropped else []
-    pieces += [f"without {loose} small piece(s) that came loose in smoothing"] if loose else []
-    share = 100.0 * min(share, 1.0)
-    return [f"{share:.3g} % of the structure's volume was kept: {', '.join(pieces)}"] if pieces else []
+    pieces += [f"{loose} small piece{'s' if loose > 1 else ''} came loose in smoothing"] if loose else []
+    kept = "more than 99.9 %" if share > 0.999 else f"{100.0 * share:.3g} %"
+    return [f"{kept} of the structure's volume was kept: {', '.join(pieces)}"] if pieces else []
