@@ -1,6 +1,6 @@
 """Methods text and settings: what a reader needs to repeat the analysis."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from pydantic import BaseModel
 
@@ -184,11 +184,12 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
         else "the modes that Horn's parallel analysis retained (variance above the 95th percentile of "
         f"{first.test.parallel.repeats} data sets without correlation)"
     )
+    names = f"{', '.join(request.between[:-1])} and {request.between[-1]}" if request.between else ""
     tested = {
-        "groups": f"the groups {_listed(request.between)} of the column {request.column!r} were compared; "
+        "groups": f"the groups {names} of the column {request.column!r} were compared; "
         "differences are the second named group minus the first",
         "regression": f"the linear effect of {request.column} was tested; effects are per unit of it",
-        "pairs": f"{_listed(request.between)} were compared in pairs by {request.pairs}, with random "
+        "pairs": f"{names} were compared in pairs by {request.pairs}, with random "
         "signs of the differences under the null",
     }[request.kind]
     yield f"Study {request.title!r}: {tested}."
@@ -201,10 +202,6 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
         "Hotelling's T² or Wilks' lambda with the F distribution are given as well and assume equal "
         "covariances."
     )
-
-
-def _listed(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _adjustments(study: Study) -> Iterator[str]:

@@ -26,7 +26,7 @@ def found(inputs):
     return OptimizedParticles(points, points, points, energies, poses, 60, Reason.CONVERGED, repaired)
 
 
-def test_subjects_with_repaired_particles_say_so_and_what_became_of_the_objective(inputs, found):
+def test_subjects_with_repaired_particles_say_so(inputs, found):
     repaired = found.repaired.copy()
     repaired[1, [2, 5]] = 40
     repaired[2, 3] = 60
@@ -36,8 +36,7 @@ def test_subjects_with_repaired_particles_say_so_and_what_became_of_the_objectiv
         for item, old in zip(add_note.groomed, inputs.groomed, strict=True)
     ]
     assert [len(each) for each in notes] == [int(k in (1, 2)) for k in range(len(inputs.shapes))]
-    for part in ("3 on 2 subjects", "-0.4000", "-0.6000"):
-        assert part in notes[1][0]
+    assert "3 on 2 subjects" in notes[1][0]
 
 
 def test_where_nothing_was_repaired_nothing_is_noted(inputs, found):
