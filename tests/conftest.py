@@ -121,7 +121,7 @@ def pytest_xdist_make_scheduler(config, log):
 def pytest_handlecrashitem(crashitem, report):
     """Count the first crash of a window test as a crash, not as a failure: pytest-xdist runs the test again.
 
-    In about one run of the suite in eight a process crashes while Qt deletes a window; the cause is not known.
+    In about one run of the suite in eight a process crashes while Qt deletes a window, for an unknown cause.
     A test that crashes again fails.
     """
     if crashitem.startswith(WINDOWS) and crashitem not in CRASHED:
