@@ -29,6 +29,14 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         "--adjust", nargs="+", metavar="COLUMN", default=[], help="covariates to adjust for, such as age sex"
     )
     parser.add_argument(
+        "--pairs",
+        metavar="COLUMN",
+        help="column that names the person, if controls were seen twice: the change that a follow-up expects",
+    )
+    parser.add_argument(
+        "--time", metavar="COLUMN", default="time", help="column that orders a person's times (default time)"
+    )
+    parser.add_argument(
         "--out",
         type=Path,
         required=True,
@@ -58,6 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
             group=arguments.group,
             column=arguments.column,
             adjust=arguments.adjust,
+            pairs=arguments.pairs,
+            time=arguments.time,
             scores=arguments.scores,
             names=arguments.names,
             workers=arguments.workers,

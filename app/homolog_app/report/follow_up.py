@@ -18,20 +18,29 @@ from homolog.progress import Tick, no_tick
 from homolog_app.pictures.displacement import common_limit
 from homolog_app.pictures.layout import Panel, arrange
 from homolog_app.rendering.colours import LIGHT
+from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page
 from homolog_app.report.patient_figures import change_pictures
-from homolog_app.report.patient_pages import Sheet, write_sheets
-from homolog_app.report.patient_words import NOTICE, reference_rows
+from homolog_app.report.patient_words import reference_rows
+from homolog_app.report.sheets import Sheet, write_sheets
 
-__all__ = ["change_sentence", "check_times", "error_words", "write_follow_up"]
+__all__ = [
+    "beyond_limit", "change_sentence", "check_times", "error_words", "expected_sentence", "limit_words",
+    "write_follow_up",
+]  # fmt: skip
 
 _METHOD = (
     "Each time was compared with the reference for itself. The first surface was then registered rigidly to "
     "each later one with robust weights (Geman and McClure), and the distance to it was taken along the "
     "first one's normals, outward positive. What the same registration makes of the first surface itself was "
-    "taken off. The reference has no pairs of measurements, so that the change of healthy subjects over time "
-    "is not known.",
+    "taken off.",
+)
+_UNKNOWN = "No control of the reference was seen twice, so that the change of healthy subjects is not known."
+_EXPECTED = (
+    "The change of controls who were seen twice was measured in the same way, each by a model without that "
+    "person. z is the patient's change, less their mean change, in their standard deviations; one healthy "
+    "subject in twenty exceeds the limit anywhere."
 )
 _MAPS_A_PAGE = 3
 _COLUMNS = ("time", "volume (%)", "mean (mm)", "rms (mm)", "outward (mm)", "inward (mm)", "beyond (mm²)")
@@ -96,7 +105,7 @@ def write_follow_up(
     own = follow_up.surface.placed(inverse_matrices(first.placement))
     scale = common_limit([change.distance for change in follow_up.changes])
     rows_of_panels = [
-        change_pictures(own, change.distance, _beyond(change, follow_up.limit), scale)
+        change_pictures(own, change.distance, beyond_limit(change, follow_up), scale)
         for change in follow_up.changes
     ]
     write_text(folder / "follow_up.html", _page(follow_up, reference, rows_of_panels, scale).html)
@@ -106,12 +115,15 @@ def write_follow_up(
     areas = vertex_areas(follow_up.surface)
     columns = [
         "time", "since", "volume_percent", "mean_mm", "rms_mm", "outward_mm", "inward_mm", "beyond_mm2",
-        "largest_z", "limit", "repeats",
+        "largest_z", "limit", "repeats", "controls_twice",
+        "beyond_expected_rms_mm", "beyond_expected_percentile", "volume_percentile", "expected_largest_z",
+        "expected_limit", "expected_regions",
     ]  # fmt: skip
     rows = [
         [
             change.name, first.name, *_numbers(change, areas),
             None if change.z is None else float(np.abs(change.z).max()), follow_up.limit, follow_up.repeats,
+            *_expected_numbers(change, follow_up),
         ]
         for change in follow_up.changes
     ]  # fmt: skip
@@ -119,14 +131,18 @@ def write_follow_up(
     back = inverse_matrices(first.placement)
     write_table(
         folder / "change_regions.csv",
-        ["time", "region", "area_mm2", "mean_mm", "peak_mm", "peak_z", "x_mm", "y_mm", "z_mm"],
+        ["time", "against", "region", "area_mm2", "mean_mm", "peak_mm", "peak_z", "x_mm", "y_mm", "z_mm"],
         (
             [
-                change.name, number, region.area, region.mean, region.peak, region.z,
+                change.name, against, number, region.area, region.mean, region.peak, region.z,
                 *transform_points(back, follow_up.surface.vertices[region.centre][None])[0].tolist(),
             ]
             for change in follow_up.changes
-            for number, region in enumerate(change.regions, start=1)
+            for against, beyond in (
+                ("measurement error", change.regions),
+                ("controls", () if change.expected is None else change.expected.regions),
+            )
+            for number, region in enumerate(beyond, start=1)
         ),
     )  # fmt: skip
     values: dict[str, Array] = {}
@@ -134,10 +150,12 @@ def write_follow_up(
         values[f"change_mm_{number}"] = change.distance
         if change.z is not None:
             values[f"z_{number}"] = change.z
+        if change.expected is not None:
+            values[f"expected_z_{number}"] = change.expected.z
     if follow_up.error is not None:
         values["measurement_error_mm"] = follow_up.error
     write_mesh(folder / "changes.vtp", own, values)
-    return [change_sentence(change, follow_up) for change in follow_up.changes] + [error_words(follow_up)]
+    return _sentences(follow_up)
 
 
 def _title(follow_up: FollowUp) -> str:
@@ -166,22 +184,21 @@ def _sheets(
     names = [change.name for change in follow_up.changes]
     sheets = []
     for number, part in enumerate(parts, start=1):
-        sheet = Sheet(_title(follow_up), number, len(parts) + 1)
+        sheet = Sheet(_title(follow_up))
         if number == 1:
             sheet.text(_times(follow_up, reference))
             sheet.heading("Finding")
-            for change in follow_up.changes:
-                sheet.text(change_sentence(change, follow_up), 9.0)
-            sheet.text(error_words(follow_up))
+            for sentence in _sentences(follow_up):
+                sheet.text(sentence, 9.0)
         for row, name in zip(part, names[_MAPS_A_PAGE * (number - 1) :], strict=False):
             sheet.heading(f"{name}: change (mm)")
             sheet.panels(row, limit)
         sheets.append(sheet)
-    last = Sheet(_title(follow_up), len(parts) + 1, len(parts) + 1)
+    last = Sheet(_title(follow_up))
     last.heading("Numbers")
     last.rows([_COLUMNS, *_number_rows(follow_up)], (0.0, 1.5, 2.4, 3.3, 4.1, 5.1, 6.05))
     last.heading("Method")
-    for text in _METHOD:
+    for text in _method(follow_up):
         last.text(text, 8.0)
     last.heading("Reference")
     last.rows([("", ""), *reference_rows(reference)], (0.0, 1.6))
@@ -192,24 +209,81 @@ def _page(follow_up: FollowUp, reference: Reference, panels: Sequence[Sequence[P
     page = Page(_title(follow_up), NOTICE, footer=NOTICE)
     page.paragraph(_times(follow_up, reference))
     page.heading("Finding")
-    for change in follow_up.changes:
-        page.paragraph(change_sentence(change, follow_up))
-    page.caution(error_words(follow_up))
+    *changes, error = _sentences(follow_up)
+    for sentence in changes:
+        page.paragraph(sentence)
+    page.caution(error)
     labels = [change.name for change in follow_up.changes]
     figure = arrange(panels, row_labels=labels, limit=limit, theme=LIGHT)
-    faint = "" if follow_up.limit is None else ", faint within the limit"
+    known = beyond_limit(follow_up.changes[0], follow_up) is not None
+    faint = f", faint within the limit of {limit_words(follow_up)}" if known else ""
     caption = f"Change in mm on the first surface: blue outward, yellow inward{faint}."
     page.figures([ReportFigure("changes", figure, caption)])
     page.heading("Numbers")
     page.table(_COLUMNS, _number_rows(follow_up))
     page.heading("Method")
-    for text in _METHOD:
+    for text in _method(follow_up):
         page.paragraph(text)
     return page
 
 
-def _beyond(change: Change, limit: float | None) -> BoolArray | None:
-    return None if change.z is None or limit is None else np.abs(change.z) > limit
+def beyond_limit(change: Change, follow_up: FollowUp) -> BoolArray | None:
+    """Return where a change is beyond that of the controls, else beyond the error of measuring, (V,).
+
+    None if neither is known.
+    """
+    if change.expected is not None and follow_up.expected is not None:
+        return np.abs(change.expected.z) > follow_up.expected.limit
+    if change.z is not None and follow_up.limit is not None:
+        return np.abs(change.z) > follow_up.limit
+    return None
+
+
+def limit_words(follow_up: FollowUp) -> str:
+    """Say of what the limit is that maps show."""
+    return "controls' change" if follow_up.expected is not None else "measuring"
+
+
+def expected_sentence(change: Change, follow_up: FollowUp) -> str:
+    """Say how a change lies among those of controls; empty if these are not known."""
+    against, expected = change.expected, follow_up.expected
+    if against is None or expected is None:
+        return ""
+    rms, volume = against.beyond, against.volume
+    local = "no part of the surface is beyond their limit"
+    if against.regions:
+        most, count = against.regions[0], len(against.regions)
+        local = (
+            f"{count} region{'s' * (count != 1)} beyond their limit, the most extreme by {most.peak:+.1f} mm "
+            f"(|z| {abs(most.z):.1f}, limit {expected.limit:.1f})"
+        )
+    return (
+        f"Against {expected.pairs} controls seen twice ({expected.between}): {rms.value:.2f} mm (rms) from "
+        f"their mean change, percentile {rms.percent:.0f} ({rms.low:.0f} to {rms.high:.0f}); volume "
+        f"percentile {volume.percent:.0f} ({volume.low:.0f} to {volume.high:.0f}); {local}."
+    )
+
+
+def _sentences(follow_up: FollowUp) -> list[str]:
+    """Return what was found, and last what is known of the error of measuring."""
+    said = []
+    for change in follow_up.changes:
+        said += [change_sentence(change, follow_up), expected_sentence(change, follow_up)]
+    return [*filter(None, said), error_words(follow_up)]
+
+
+def _method(follow_up: FollowUp) -> list[str]:
+    return [*_METHOD, _UNKNOWN if follow_up.expected is None else _EXPECTED]
+
+
+def _expected_numbers(change: Change, follow_up: FollowUp) -> list[float | None]:
+    against, expected = change.expected, follow_up.expected
+    if against is None or expected is None:
+        return [0, *[None] * 6]
+    return [
+        expected.pairs, against.beyond.value, against.beyond.percent, against.volume.percent,
+        float(np.abs(against.z).max()), expected.limit, len(against.regions),
+    ]  # fmt: skip
 
 
 def _numbers(change: Change, areas: Array) -> list[float | None]:

@@ -28,6 +28,7 @@ from homolog.geometry import inverse_matrices
 from homolog.patient import PatientComparison, Reference, compare_patient, compare_times
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
+from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.follow_up import check_times, write_follow_up
 from homolog_app.report.page import Page
@@ -42,7 +43,6 @@ from homolog_app.report.patient_groups import (
 from homolog_app.report.patient_pages import write_pdf
 from homolog_app.report.patient_words import (
     METHOD,
-    NOTICE,
     REGION_COLUMNS,
     detectable_words,
     measure_rows,
@@ -172,7 +172,7 @@ def write_patients(
             for path in request.repeats
             for item in patients_of([path])
         ]
-        follow_up = compare_times(times, again, part_of(whole, 0.8, 0.95))
+        follow_up = compare_times(times, again, part_of(whole, 0.8, 0.95), expected=reference.change)
         lines += write_follow_up(folder, follow_up, reference, part_of(whole, 0.95, 1.0))
     return PatientSummary(tuple(lines), tuple(problems))
 

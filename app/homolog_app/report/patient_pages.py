@@ -1,26 +1,15 @@
 """A patient's report as two A4 pages of PDF."""
 
-import io
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import PdfPages
-from matplotlib.figure import Figure
-
-from homolog import __version__
-from homolog.files.atomic import atomic_write
 from homolog.patient import PatientComparison, Reference
-from homolog_app.fonts import complete_texts
-from homolog_app.pictures.layout import Panel, draw_displacement_bar
 from homolog_app.plots import draw_percentiles
 from homolog_app.rendering.colours import LIGHT, page_colours
 from homolog_app.report.patient_figures import MapPictures
 from homolog_app.report.patient_groups import GROUP_CAUTION
 from homolog_app.report.patient_words import (
     METHOD,
-    NOTICE,
     REGION_COLUMNS,
     detectable_words,
     measure_rows,
@@ -29,96 +18,11 @@ from homolog_app.report.patient_words import (
     region_rows,
     verdict,
 )
+from homolog_app.report.sheets import EDGE, HIGH, WIDE, Sheet, write_sheets
 
-__all__ = ["Sheet", "write_pdf", "write_sheets"]
+__all__ = ["write_pdf"]
 
-_WIDE, _HIGH = 8.27, 11.69  # A4 [inches]
-_EDGE = 0.6
-_LINE = 0.17
-_WRAP = 108  # characters of small text on a line
 _MOST_REGIONS = 12
-
-
-class Sheet:
-    """An A4 page that is filled from top to bottom; lengths in inches."""
-
-    def __init__(self, title: str, number: int, pages: int = 2) -> None:
-        self.figure = Figure(figsize=(_WIDE, _HIGH), facecolor="white")
-        FigureCanvasAgg(self.figure)
-        self.y = _EDGE
-        self.text(title, 13.0, bold=True)
-        self.text(NOTICE, 8.5, colour="#a03c00", bold=True)
-        self.y += 0.08
-        foot = f"{NOTICE} Homolog {__version__}. Page {number} of {pages}"
-        self.figure.text(0.5, 0.35 / _HIGH, foot, ha="center", fontsize=7)
-
-    def text(self, content: str, size: float = 8.5, *, bold: bool = False, colour: str = "#1a1a1e") -> None:
-        """Add a paragraph."""
-        for line in textwrap.wrap(content, int(_WRAP * 8.5 / size)) or [""]:
-            self.figure.text(
-                _EDGE / _WIDE, 1.0 - self.y / _HIGH, line, fontsize=size, va="top", color=colour,
-                weight="bold" if bold else "normal",
-            )  # fmt: skip
-            self.y += _LINE * size / 8.5
-        self.y += 0.05
-
-    def heading(self, content: str) -> None:
-        """Add a heading."""
-        self.y += 0.1
-        self.text(content, 10.5, bold=True)
-
-    def rows(self, rows: Sequence[Sequence[str]], starts: Sequence[float]) -> None:
-        """Add a table; columns start at these places [inches from the left edge]."""
-        for number, row in enumerate(rows):
-            lines = 1
-            for cell, start, end in zip(row, starts, [*starts[1:], _WIDE - 2 * _EDGE], strict=True):
-                parts = textwrap.wrap(cell, max(4, int((end - start) * 15.0))) or [""]
-                lines = max(lines, len(parts))
-                self.figure.text(
-                    (_EDGE + start) / _WIDE, 1.0 - self.y / _HIGH, "\n".join(parts), fontsize=8, va="top",
-                    weight="bold" if number == 0 else "normal", linespacing=1.3,
-                )  # fmt: skip
-            self.y += _LINE * lines
-        self.y += 0.05
-
-    def panels(self, panels: Sequence[Panel], limit: float) -> None:
-        """Add a row of pictures with the colour bar."""
-        room = _WIDE - 2.0 * _EDGE - 1.05
-        width = room / len(panels)
-        tall = max(panel.image.shape[0] / panel.image.shape[1] for panel in panels) * (width - 0.06)
-        for index, panel in enumerate(panels):
-            high = panel.image.shape[0] / panel.image.shape[1] * (width - 0.06)
-            left, top = _EDGE + index * width, self.y + (tall - high) / 2.0
-            place = self.figure.add_axes(
-                (left / _WIDE, 1.0 - (top + high) / _HIGH, (width - 0.06) / _WIDE, high / _HIGH)
-            )
-            place.imshow(panel.image, interpolation="antialiased", aspect="auto")
-            place.axis("off")
-            self.figure.text(
-                (left + width / 2.0) / _WIDE, 1.0 - (self.y + tall + 0.03) / _HIGH, panel.caption,
-                fontsize=7.5, ha="center", va="top",
-            )  # fmt: skip
-        long = max(min(tall, 1.6) - 0.5, 0.5)
-        bar = self.figure.add_axes(
-            (
-                (_WIDE - _EDGE - 0.6) / _WIDE,
-                1.0 - (self.y + (tall + long) / 2.0) / _HIGH,
-                0.11 / _WIDE,
-                long / _HIGH,
-            )
-        )
-        draw_displacement_bar(bar, limit, LIGHT, 6.5)
-        self.y += max(tall, long + 0.5) + 0.28
-
-    def bars(self, comparison: PatientComparison, reference: Reference) -> None:
-        """Add the patient among the controls."""
-        places = []
-        for _ in range(4):
-            width, high = _WIDE - 2.0 * _EDGE, 0.16
-            bottom = 1.0 - (self.y + 0.16 + high) / _HIGH  # below the title
-            places.append(self.figure.add_axes((_EDGE / _WIDE, bottom, width / _WIDE, high / _HIGH)))
-            self.y += high + 0.38
-        draw_percentiles(places, comparison, reference, page_colours(LIGHT))
 
 
 def write_pdf(
@@ -139,23 +43,12 @@ def write_pdf(
     write_sheets(path, f"Shape of {comparison.name}", sheets)
 
 
-def write_sheets(path: Path, title: str, sheets: Sequence[Sheet]) -> None:
-    """Write pages to a PDF, whole or not at all; raises InputError if it can't be written."""
-    drawn = io.BytesIO()
-    with PdfPages(drawn, metadata={"CreationDate": None, "Title": title}) as pages:
-        for sheet in sheets:
-            complete_texts(sheet.figure)
-            pages.savefig(sheet.figure)
-    with atomic_write(path) as part:
-        part.write_bytes(drawn.getvalue())
-
-
 def _title(comparison: PatientComparison) -> str:
     return f"Shape of {comparison.name} against a reference"
 
 
 def _first(comparison: PatientComparison, reference: Reference, maps: MapPictures) -> Sheet:
-    sheet = Sheet(_title(comparison), 1)
+    sheet = Sheet(_title(comparison))
     about = reference.provenance
     given = ", ".join(f"{name} {value}" for name, value in comparison.covariates.items())
     sheet.text(
@@ -171,7 +64,7 @@ def _first(comparison: PatientComparison, reference: Reference, maps: MapPicture
     sheet.heading("Difference from the mean of the reference (mm)")
     sheet.panels(maps.total, maps.total_limit)
     sheet.heading("Among the controls")
-    sheet.bars(comparison, reference)
+    _add_bars(sheet, comparison, reference)
     sheet.text(
         "Marks: controls fitted as patients; band: their middle 90 %; diamond: this subject, red "
         "where p is 0.05 or less; dashed: limit.",
@@ -181,7 +74,7 @@ def _first(comparison: PatientComparison, reference: Reference, maps: MapPicture
 
 
 def _second(comparison: PatientComparison, reference: Reference, groups: Sequence[str]) -> Sheet:
-    sheet = Sheet(_title(comparison), 2)
+    sheet = Sheet(_title(comparison))
     sheet.heading("Regions beyond the limit")
     rows = region_rows(comparison, reference)
     if rows:
@@ -209,3 +102,14 @@ def _second(comparison: PatientComparison, reference: Reference, groups: Sequenc
     sheet.heading("Reference")
     sheet.rows([("", ""), *reference_rows(reference)], (0.0, 1.6))
     return sheet
+
+
+def _add_bars(sheet: Sheet, comparison: PatientComparison, reference: Reference) -> None:
+    """Add the patient among the controls."""
+    places = []
+    for _ in range(4):
+        width, high = WIDE - 2.0 * EDGE, 0.16
+        bottom = 1.0 - (sheet.y + 0.16 + high) / HIGH  # below the title
+        places.append(sheet.figure.add_axes((EDGE / WIDE, bottom, width / WIDE, high / HIGH)))
+        sheet.y += high + 0.38
+    draw_percentiles(places, comparison, reference, page_colours(LIGHT))

@@ -7,7 +7,6 @@ from homolog.patient import PatientComparison, Percentile, Reference, Region
 
 __all__ = [
     "METHOD",
-    "NOTICE",
     "REGION_COLUMNS",
     "detectable_words",
     "measure_rows",
@@ -17,8 +16,6 @@ __all__ = [
     "region_rows",
     "verdict",
 ]
-
-NOTICE = "For research use only. Not a medical device; not for diagnosis or treatment."
 
 _COARSE = 0.12
 """Of the size (root mean square radius): a limit above it finds gross changes only."""
@@ -48,12 +45,20 @@ def reference_words(reference: Reference) -> list[str]:
         f"{100.0 * quality.near:.0f} % of particles within 0.3 spacings of their place in the joint run",
         f"limit: |z| = {reference.limit:.2f}, on average {quality.limit_mm:.1f} mm",
     ]
+    if (change := reference.change) is not None:
+        usual = float(change.limit * change.local.deviation.mean())
+        lines.append(
+            f"{change.pairs} controls seen twice ({change.between}): a change of {usual:.1f} mm on average "
+            "is beyond theirs"
+        )
     size = float(rms_radius(reference.surface.vertices))
     if quality.limit_mm > _COARSE * size:
         lines.append(
             f"caution: controls vary much where the modes do not explain it; only differences of about "
             f"{quality.limit_mm:.1f} mm are found (size {size:.0f} mm); more controls or particles may help"
         )
+    if reference.mirrored is not None and reference.side_limit is None:
+        lines.append("the side can't be told from the shape: controls fit about as well mirrored")
     if about.controls < 20:
         lines.append(
             f"caution: {about.controls} controls are few; limits are wide and percentiles coarse (20 or "
@@ -79,6 +84,10 @@ def reference_rows(reference: Reference) -> list[tuple[str, str]]:
         ("Scores of controls", "kept, with names" if reference.names else "kept")
         if reference.scores is not None
         else ("Scores of controls", "not kept"),
+        (
+            "Controls seen twice",
+            "none" if reference.change is None else f"{reference.change.pairs}, {reference.change.between}",
+        ),
         ("Limit of |z|", f"{reference.limit:.2f} (5 % of healthy subjects anywhere)"),
         ("Structure", structure),
         ("Made", f"{about.made}, Homolog {about.versions.get('homolog', '')}"),

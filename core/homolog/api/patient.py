@@ -21,6 +21,8 @@ def make_reference(
     *,
     group: str | None = None,
     adjust: Sequence[str] = (),
+    pairs: str | None = None,
+    time: str = "time",
     workers: int | None = None,
     callback: Callable[[float, str], object] | None = None,
 ) -> Reference:
@@ -37,6 +39,11 @@ def make_reference(
         Who the controls are, in the column group; all subjects by default.
     adjust : sequence of str
         Columns of the cohort's table to adjust for, such as age.
+    pairs : str, optional
+        Column that names a person, if controls were seen twice: the first time is the control, the change to
+        the next one is what `homolog.patient.compare_times` expects of a patient.
+    time : str
+        Column that orders a person's times.
     workers : int, optional
         Processes; one per core by default.
     callback : callable, optional
@@ -49,11 +56,13 @@ def make_reference(
     Raises
     ------
     InputError
-        If the project has no result, its controls are fewer than eight, or a covariate is missing.
+        If the project has no result, its controls, or those seen twice, are fewer than eight, or a value is
+        missing.
     """
     return _make(
-        ProjectFolder(Path(project)), group=group, adjust=adjust, workers=workers, tick=tick_of(callback)
-    )
+        ProjectFolder(Path(project)), group=group, adjust=adjust, pairs=pairs, time=time, workers=workers,
+        tick=tick_of(callback),
+    )  # fmt: skip
 
 
 def compare_patient(

@@ -1,6 +1,6 @@
 """A reference made from a finished project."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
@@ -13,6 +13,7 @@ from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.files.records import IMPORTED, ResultRecord
 from homolog.files.results import Result, read_result
+from homolog.patient.change import ExpectedChange
 from homolog.patient.coding import Coding
 from homolog.patient.controls import Controls, read_controls
 from homolog.patient.left_out import LeftOut, fit_left_out
@@ -20,6 +21,7 @@ from homolog.patient.local import LocalNorm, bands_of, maxima_left_out, predicti
 from homolog.patient.placed import Placing
 from homolog.patient.reference import LEVEL, Provenance, Quality, Reference
 from homolog.patient.surface_model import SurfaceModel
+from homolog.patient.times import seen_twice
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run.fingerprints import versions
 
@@ -39,6 +41,8 @@ def make_reference(
     group: str | None = None,
     column: str = _COLUMN,
     adjust: Sequence[str] = (),
+    pairs: str | None = None,
+    time: str = "time",
     scores: bool = False,
     names: bool = False,
     workers: int | None = None,
@@ -56,6 +60,9 @@ def make_reference(
         Of the cohort's table, where groups are.
     adjust : sequence of str
         Covariates to adjust for: columns of the table.
+    pairs, time : str
+        Columns that name a person and order that person's times, if controls were seen twice. The first
+        time of each is the control; the change to the next one is what is expected of a patient.
     scores, names : bool
         Whether to keep each control's scores, and its name with them, so that those most like a patient can
         be told. They are data of single subjects.
@@ -70,7 +77,7 @@ def make_reference(
     Raises
     ------
     InputError
-        If the project has no result, its controls are too few, or a covariate is missing.
+        If the project has no result, its controls or those seen twice are too few, or a value is missing.
     """
     result = read_result(project)
     record = project.read().result
@@ -81,6 +88,10 @@ def make_reference(
             "not known; run it here"
         )
     chosen = _chosen(result, group, column, project)
+    twice = None if pairs is None else seen_twice(result, chosen, pairs, time, project)
+    later: Mapping[int, int] = {}
+    if twice is not None:
+        chosen, later = twice.first, twice.later
     table = {name: [_cell(result, index, name, project) for index in chosen] for name in adjust}
     coding, columns = Coding.of(table, [result.names[index] for index in chosen])
     if len(chosen) - columns.shape[1] < FEWEST:
@@ -88,9 +99,12 @@ def make_reference(
             f"{project.folder}: {len(chosen)} controls are too few for a reference; {FEWEST} "
             "and one for each covariate is the least, 20 and more give useful limits"
         )
-    controls = read_controls(project, result, chosen, part_of(tick, 0.0, 0.15))
+    controls = read_controls(project, result, chosen, part_of(tick, 0.0, 0.15), later=later)
     about = _provenance(project, record, result, chosen, group)
-    reference = reference_of(controls, coding, columns, about, workers=workers, tick=part_of(tick, 0.15, 1.0))
+    reference = reference_of(
+        controls, coding, columns, about,
+        between="" if twice is None else twice.between, workers=workers, tick=part_of(tick, 0.15, 1.0),
+    )  # fmt: skip
     if not (scores or names):
         return reference
     own = scores_of_points(reference.model, controls.points, columns)[:, : reference.modes]
@@ -103,6 +117,7 @@ def reference_of(
     columns: FloatArray,
     provenance: Provenance,
     *,
+    between: str = "",
     workers: int | None = None,
     tick: Tick = no_tick,
 ) -> Reference:
@@ -116,6 +131,8 @@ def reference_of(
     columns : (M, c) array
         Theirs, as `coding` makes them.
     provenance : Provenance
+    between : str
+        What lies between the times of controls that were seen twice, in words.
     workers : int, optional
         Processes; one per core by default.
     tick : Tick
@@ -130,7 +147,11 @@ def reference_of(
     model = SurfaceModel.fit(controls.points, columns, fitted, controls.surface.faces)
     jointly = controls.jointly
     placing = None if jointly is None else Placing(jointly.ensemble, jointly.settings)
-    return _reference(model, modes, coding, left_out, provenance, placing)
+    made = _reference(model, modes, coding, left_out, provenance, placing)
+    if not controls.later:
+        return made
+    change = ExpectedChange.of(left_out.changes, left_out.volumes, controls.surface, between)
+    return replace(made, change=change)
 
 
 def scores_of_points(model: SurfaceModel, points: FloatArray, columns: FloatArray) -> FloatArray:
@@ -206,6 +227,7 @@ def _reference(
     return Reference(
         model=model, modes=modes, coding=coding, **values, maxima=maxima, limit=limit,
         local=local, total=total, quality=quality, provenance=provenance, placing=placing,
+        mirrored=left_out.mirrored,
     )  # fmt: skip
 
 

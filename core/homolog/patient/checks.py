@@ -7,15 +7,12 @@ from homolog.arrays import BoolArray, FloatArray
 from homolog.errors import InputError
 from homolog.geometry import inverse_matrices, rms_radius, transform_points
 from homolog.grooming import GroomedSubject
-from homolog.patient.controls import COARSE_VERTICES
-from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
-from homolog.patient.left_out import Measures, measures_of
+from homolog.patient.fit import SurfaceFit, vertex_areas
+from homolog.patient.left_out import Measures, gap_of_image
 from homolog.patient.reference import Reference
 from homolog.patient.surface_model import SurfaceModel
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.mirroring import MIRROR
-from homolog.surfaces.simplify import simplified
 
 __all__ = ["check_fit", "check_unit", "cut_off"]
 
@@ -137,18 +134,19 @@ def _checked(
             f"from its mean, controls at most {usual_modes:.1f}; check that it shows the same structure "
             "(label) as a whole"
         )
-    if measures.gap <= usual:
+    limit, percent = reference.side_limit, f"{100.0 * measures.gap:.1f} % of its size"
+    if limit is None and measures.gap <= usual:
         return []
-    image = mesh.placed(MIRROR)
-    fit = fit_surface(reference.model, image, simplified(image, COARSE_VERTICES), columns, tick)
-    other = measures_of(reference.model, fit, columns, reference.modes)[0].gap
-    percent = f"{100.0 * measures.gap:.1f} % of its size"
-    if other < _MIRRORED_BETTER * measures.gap:
+    other = gap_of_image(reference.model, mesh, columns, reference.modes, tick)
+    is_clear = limit is not None and other < limit * measures.gap
+    if is_clear or (measures.gap > usual and other < _MIRRORED_BETTER * measures.gap):
         side = f"{reference.provenance.side} " if reference.provenance.side else ""
         raise InputError(
-            f"{name}: fits the {side}controls far better mirrored ({100.0 * other:.1f} % of its size away, "
+            f"{name}: fits the {side}controls better mirrored ({100.0 * other:.1f} % of its size away, "
             f"not {percent}): it is of the other side; give its side (left or right), or correct the file"
         )
+    if measures.gap <= usual:
+        return []
     if measures.gap > max(_OTHER_SHAPE, _ODD_SHAPE * usual):
         raise InputError(
             f"{name}: does not look like the reference: {percent} away after fitting, controls at most "

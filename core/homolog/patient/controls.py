@@ -1,7 +1,7 @@
 """A project's subjects as controls: particles with pose taken out, and the dense surface they carry."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from homolog.correspondence import Shape
 from homolog.correspondence.ensemble import Ensemble, ShapeState
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
+from homolog.files.records import ResultRecord
 from homolog.files.results import Result, read_surface
 from homolog.geometry import fit_similarity, inverse_matrices, transform_points
 from homolog.grooming.cache import read_groomed
@@ -73,6 +74,8 @@ class Controls:
         The joint run's, in the same frames [mm], read-only.
     jointly : Jointly or None
         None if grooming's distance fields are not kept.
+    later : mapping of int to TriangleMesh
+        Groomed surfaces of the next time of those who were seen twice, in frames of their own.
     """
 
     names: tuple[str, ...]
@@ -81,10 +84,16 @@ class Controls:
     meshes: tuple[TriangleMesh, ...]
     particles: FloatArray
     jointly: Jointly | None = None
+    later: Mapping[int, TriangleMesh] = field(default_factory=dict)
 
 
 def read_controls(
-    project: ProjectFolder, result: Result, chosen: Sequence[int], tick: Tick = no_tick
+    project: ProjectFolder,
+    result: Result,
+    chosen: Sequence[int],
+    tick: Tick = no_tick,
+    *,
+    later: Mapping[int, int] | None = None,
 ) -> Controls:
     """Read the surfaces of some subjects of a result and give them corresponding vertices.
 
@@ -96,6 +105,8 @@ def read_controls(
     chosen : sequence of int
         Subjects, by their place in the result.
     tick : Tick
+    later : mapping of int to int, optional
+        Who of `chosen`, by place in it, was seen again, and as which subject of the result.
 
     Returns
     -------
@@ -111,16 +122,12 @@ def read_controls(
     meshes, particles, turned = [], [], []
     for number, index in enumerate(chosen):
         tick(0.2 * number / len(chosen), f"reading {result.names[index]}")
-        mesh, local, alignment = (
-            read_surface(project, record.subjects[index]),
-            result.local[index],
-            result.alignments[index],
-        )
+        local, alignment = result.local[index], result.alignments[index]
         if mirrors(alignment):
-            mesh, local = mesh.placed(MIRROR), transform_points(MIRROR, local)
+            local = transform_points(MIRROR, local)
             alignment = alignment @ MIRROR
         rotation = alignment[:3, :3] / np.cbrt(np.linalg.det(alignment[:3, :3]))
-        meshes.append(mesh)
+        meshes.append(_mesh(project, record, result, index))
         particles.append(local)
         turned.append(local @ rotation.T)
     aligned = align(np.stack([shape - shape.mean(axis=0) for shape in turned]), scaling=False)
@@ -134,7 +141,14 @@ def read_controls(
         tuple(meshes),
         frozen(np.stack(particles)),
         _jointly(project, result, chosen, record.settings.placing, part_of(tick, 0.6, 1.0)),
+        {who: _mesh(project, record, result, index) for who, index in (later or {}).items()},
     )
+
+
+def _mesh(project: ProjectFolder, record: ResultRecord, result: Result, index: int) -> TriangleMesh:
+    """Return a subject's groomed surface, mirrored where the result mirrors it."""
+    mesh = read_surface(project, record.subjects[index])
+    return mesh.placed(MIRROR) if mirrors(result.alignments[index]) else mesh
 
 
 def _jointly(

@@ -7,11 +7,11 @@ import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
+from homolog.patient.change import AVERAGED, AgainstExpected, ExpectedChange, distances_to_times
 from homolog.patient.compare import PatientComparison
-from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
+from homolog.patient.fit import SurfaceFit, vertex_areas
 from homolog.patient.local import Region, prediction_limit, regions
 from homolog.patient.mesh_graph import ring_mean
-from homolog.patient.surface_model import SurfaceModel
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -22,13 +22,9 @@ _POINTWISE = 1.96
 """Standard deviations between which 95 % of differences of two measurements lie (Bland and Altman 1999)."""
 _FEWEST_REPEATS = 3
 """From where on a limit holds for the whole surface."""
-_AVERAGED = 4
-"""Rounds of averaging over neighbours before a change is judged: about 1.3 edges."""
 _SMOOTHED = 3
 _PRIOR_DOF = 4.0
 """Weight of the surface's mean variance against a vertex's own (Smyth 2004)."""
-_TOLERANCE = 0.25
-"""Of the mean edge: distances that count fully in the registration."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +45,8 @@ class Change:
         Where absolute z is above the limit.
     volume : float
         Of the later shape over the first one's.
+    expected : AgainstExpected or None
+        The change against that of the controls; None if none of them was seen twice.
     """
 
     name: str
@@ -57,6 +55,7 @@ class Change:
     z: FloatArray | None
     regions: tuple[Region, ...]
     volume: float
+    expected: AgainstExpected | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +81,8 @@ class FollowUp:
     everywhere : bool
         Whether the limit holds for the whole surface (exceeded anywhere in 5 % of repeated measurements), or
         for each place alone.
+    expected : ExpectedChange or None
+        What changes in controls; None if none of them was seen twice.
     """
 
     comparisons: tuple[PatientComparison, ...]
@@ -91,12 +92,15 @@ class FollowUp:
     error: FloatArray | None
     limit: float | None
     everywhere: bool
+    expected: ExpectedChange | None = None
 
 
 def compare_times(
     comparisons: Sequence[PatientComparison],
     repeats: Sequence[PatientComparison] = (),
     tick: Tick = no_tick,
+    *,
+    expected: ExpectedChange | None = None,
 ) -> FollowUp:
     """Compare later times of a patient with the first one.
 
@@ -110,6 +114,8 @@ def compare_times(
     repeats : sequence of PatientComparison
         Of further segmentations of the first time.
     tick : Tick
+    expected : ExpectedChange, optional
+        ``reference.change`` of the reference that they are compared with.
 
     Returns
     -------
@@ -128,39 +134,32 @@ def compare_times(
         raise InputError("the times are compared with several references; compare them with one")
     there = first.expected.vertices + first.residual[:, None] * first.expected.vertex_normals
     surface = TriangleMesh(there, faces)
-    model = _rigid(surface)
-    total = len(comparisons) + len(repeats)
+    others = (*comparisons[1:], *repeats)
+    mesh = first.mesh.placed(first.placement)
     fits = [
-        _fitted(model, item, part_of(tick, number / total, (number + 1) / total))
-        for number, item in enumerate((*comparisons, *repeats))
+        distances_to_times(
+            surface,
+            mesh,
+            item.mesh.placed(item.placement),
+            part_of(tick, n / len(others), (n + 1) / len(others)),
+        )
+        for n, item in enumerate(others)
     ]
-    own, later, again = fits[0], fits[1 : len(comparisons)], fits[len(comparisons) :]
+    own, later = fits[0][0], [fit for _, fit in fits]
+    later, again = later[: len(comparisons) - 1], later[len(comparisons) - 1 :]
     error, limit = None, None
     if again:
-        maps = ring_mean(np.stack([fit.residual - own.residual for fit in again]), faces, _AVERAGED)
+        maps = ring_mean(np.stack([fit.residual - own.residual for fit in again]), faces, AVERAGED)
         error = _deviation(maps, surface)
         limit = _limit(maps, surface) if len(again) >= _FEWEST_REPEATS else _POINTWISE
     changes = [
-        _change(first, item, surface, own, fit, error, limit)
+        _change(first, item, surface, own, fit, error, limit, expected)
         for item, fit in zip(comparisons[1:], later, strict=True)
     ]
     return FollowUp(
         tuple(comparisons), surface, tuple(changes), len(again),
-        None if error is None else frozen(error), limit, len(again) >= _FEWEST_REPEATS,
+        None if error is None else frozen(error), limit, len(again) >= _FEWEST_REPEATS, expected,
     )  # fmt: skip
-
-
-def _rigid(surface: TriangleMesh) -> SurfaceModel:
-    """Return a model that only moves rigidly; its particles are its vertices."""
-    points = np.concatenate([surface.vertices, surface.vertices])
-    none = np.zeros((0, *points.shape))
-    tolerance = np.full(len(surface.vertices), _TOLERANCE * surface.mean_edge)
-    return SurfaceModel(points, none, np.zeros(0), none, tolerance, surface.faces)
-
-
-def _fitted(model: SurfaceModel, comparison: PatientComparison, tick: Tick) -> SurfaceFit:
-    mesh = comparison.mesh.placed(comparison.placement)
-    return fit_surface(model, mesh, mesh, np.zeros(0), tick, pose=np.eye(4))
 
 
 def _change(
@@ -171,16 +170,20 @@ def _change(
     fit: SurfaceFit,
     error: FloatArray | None,
     limit: float | None,
+    expected: ExpectedChange | None,
 ) -> Change:
     distance = fit.residual - own.residual
     met = fit.met & own.met
     z: FloatArray | None = None
     beyond: tuple[Region, ...] = ()
     if error is not None and limit is not None:
-        z = ring_mean(distance, surface.faces, _AVERAGED) / error
+        z = ring_mean(distance, surface.faces, AVERAGED) / error
         beyond = regions(surface, vertex_areas(surface), distance, z, met, limit)
     volume = abs(later.mesh.volume) / abs(first.mesh.volume)
-    return Change(later.name, frozen(distance), frozen(met), None if z is None else frozen(z), beyond, volume)
+    against = None if expected is None else expected.against(fit, own, volume, surface)
+    return Change(
+        later.name, frozen(distance), frozen(met), None if z is None else frozen(z), beyond, volume, against
+    )
 
 
 def _deviation(maps: FloatArray, surface: TriangleMesh) -> FloatArray:

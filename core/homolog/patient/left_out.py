@@ -11,16 +11,18 @@ from homolog.correspondence.ensemble import make_ensemble
 from homolog.device import cores
 from homolog.errors import NumericalError
 from homolog.geometry import rms_radius
+from homolog.patient.change import distances_to_times
 from homolog.patient.controls import COARSE_VERTICES, Controls
 from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
 from homolog.patient.placed import Placing
 from homolog.patient.surface_model import SurfaceModel
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.mirroring import MIRROR
 from homolog.surfaces.simplify import simplified
 from homolog.workers import worker_processes
 
-__all__ = ["LeftOut", "Measures", "fit_left_out", "measures_of"]
+__all__ = ["LeftOut", "Measures", "fit_left_out", "gap_of_image", "measures_of"]
 
 _PATIENCE = 0.1  # s between looks at the tick
 _MOST_PLACED = 12
@@ -62,16 +64,25 @@ class LeftOut:
         Local differences from the mean [mm].
     errors : (E, N) array
         Distance of particles from their place in the joint run [spacings], of 12 controls at most.
+    changes : (P, V) array
+        Of controls with a later time, from the first one to it [mm].
+    volumes : (P,) array
+        Of those: later over first.
+    mirrored : (M,) array
+        How far the model fitted to the mirror image lies from it, over the same of the control as it is.
     """
 
     measures: tuple[Measures, ...]
     residuals: FloatArray
     totals: FloatArray
     errors: FloatArray
+    changes: FloatArray
+    volumes: FloatArray
+    mirrored: FloatArray
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        for name in ("residuals", "totals", "errors"):
+        for name in ("residuals", "totals", "errors", "changes", "volumes", "mirrored"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
 
 
@@ -105,6 +116,15 @@ def measures_of(
         gap=float(np.median(np.abs(fit.residual)) / sizes[1]),
     )
     return measures, total
+
+
+def gap_of_image(
+    model: SurfaceModel, mesh: TriangleMesh, columns: FloatArray, modes: int, tick: Tick = no_tick
+) -> float:
+    """Return how far the model fitted to a surface's mirror image lies from it (`Measures.gap`)."""
+    image = mesh.placed(MIRROR)
+    fit = fit_surface(model, image, simplified(image, COARSE_VERTICES), columns, tick)
+    return measures_of(model, fit, columns, modes)[0].gap
 
 
 def fit_left_out(
@@ -149,7 +169,7 @@ def fit_left_out(
             job = _Job(
                 controls.points[others], columns[others], controls.surface, controls.meshes[index],
                 controls.particles[index], columns[index], modes, fitted_modes,
-                _placed(controls, index) if index in placed else None,
+                _placed(controls, index) if index in placed else None, controls.later.get(index),
             )  # fmt: skip
             futures[executor.submit(_fitted, job)] = index
         done = _collected(futures, tick)
@@ -158,10 +178,18 @@ def fit_left_out(
         np.stack([done[index][1] for index in range(count)]),
         np.stack([done[index][2] for index in range(count)]),
         np.stack([done[index][3] for index in sorted(placed)]),
+        np.array([done[index][4] for index in sorted(controls.later)]),
+        np.array(
+            [
+                abs(mesh.volume / controls.meshes[index].volume)
+                for index, mesh in sorted(controls.later.items())
+            ]
+        ),
+        np.array([done[index][5] for index in range(count)]),
     )
 
 
-_Fitted = tuple[Measures, FloatArray, FloatArray, FloatArray]
+_Fitted = tuple[Measures, FloatArray, FloatArray, FloatArray, FloatArray | None, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,6 +203,7 @@ class _Job:
     modes: int
     fitted_modes: int
     placed: tuple[Placing, Shape, FloatArray] | None
+    later: TriangleMesh | None
 
 
 def _placed(controls: Controls, index: int) -> tuple[Placing, Shape, FloatArray] | None:
@@ -202,7 +231,21 @@ def _fitted(job: _Job) -> _Fitted:
         placing, shape, turn = job.placed
         particles = placing.placed(shape, fit, turn)
     errors = np.linalg.norm(particles - job.particles, axis=1) / spacing
-    return measures, fit.residual, total, errors
+    image = gap_of_image(model, job.mesh, job.own, job.modes)
+    return measures, fit.residual, total, errors, _changed(job, model, fit), image / measures.gap
+
+
+def _changed(job: _Job, model: SurfaceModel, first: SurfaceFit) -> FloatArray | None:
+    """Return the change to the later time (V,) [mm], measured as a patient's is."""
+    if job.later is None:
+        return None
+    fit = fit_surface(model, job.later, simplified(job.later, COARSE_VERTICES), job.own)
+    expected = model.surface(first.expected)
+    there = expected.vertices + first.residual[:, None] * expected.vertex_normals
+    meshes = job.mesh.placed(first.pose), job.later.placed(fit.pose)
+    before, after = distances_to_times(TriangleMesh(there, expected.faces), *meshes)
+    change: FloatArray = after.residual - before.residual
+    return change
 
 
 def _collected(futures: dict[Future[_Fitted], int], tick: Tick) -> dict[int, _Fitted]:

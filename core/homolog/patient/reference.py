@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
+from homolog.patient.change import ExpectedChange
 from homolog.patient.coding import Coding
 from homolog.patient.local import BANDS, LocalNorm
 from homolog.patient.placed import Placing
@@ -26,6 +28,9 @@ SUFFIX = ".npz"
 FORMAT_VERSION = 1
 LEVEL = 0.05
 """Share of healthy people with a region anywhere."""
+
+_RECOGNISED = 0.8
+"""Of mirrored controls, whose side must be recognised for a check of it to be worth its time."""
 
 _MODEL = ("mean", "components", "variances", "effects", "residual", "faces")
 _DISTRIBUTIONS = ("mahalanobis", "outside", "size", "gap", "maxima")
@@ -136,6 +141,11 @@ class Reference:
         Of the controls in the order of their scores; empty if they are not kept.
     placing : Placing or None
         What places a patient's particles; None if the project does not keep what grooming made.
+    change : ExpectedChange or None
+        What changes in controls that were seen twice; None if it is not known.
+    mirrored : (M,) array or None
+        Sorted, read-only: how far controls' mirror images are from their fits, over the same of the controls
+        as they are; None in files of an older Homolog.
     """
 
     model: SurfaceModel
@@ -154,12 +164,14 @@ class Reference:
     scores: FloatArray | None = None
     names: tuple[str, ...] = ()
     placing: Placing | None = None
+    change: ExpectedChange | None = None
+    mirrored: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Sort and freeze the distributions."""
         if self.scores is not None:
             object.__setattr__(self, "scores", frozen(self.scores, np.float64))
-        for name in _DISTRIBUTIONS:
+        for name in (*_DISTRIBUTIONS, *([] if self.mirrored is None else ["mirrored"])):
             object.__setattr__(self, name, frozen(np.sort(getattr(self, name)), np.float64))
 
     @property
@@ -172,6 +184,21 @@ class Reference:
         """How large a broad difference must be at each vertex to exceed the limit [mm], (V,)."""
         smallest: FloatArray = self.limit * self.local.deviation[0]
         return smallest
+
+    @property
+    def side_limit(self) -> float | None:
+        """Below which ratio of the mirror image's fit to that of a shape the shape is of the other side.
+
+        One of 200 controls would be below (normal distribution of the logarithm), none of these is, and the
+        mirror image fits better. None if so few mirrored controls would be found that the side can't be told.
+        """
+        if self.mirrored is None:
+            return None
+        logs, count = np.log(self.mirrored), len(self.mirrored)
+        spread = logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / count)
+        limit = min(0.0, logs.mean() - float(stats.t.ppf(0.995, count - 1)) * spread, float(logs.min()))
+        recognised = float(np.mean(-logs < limit))  # of controls, had they been given mirrored
+        return float(np.exp(limit)) if recognised >= _RECOGNISED else None
 
     @property
     def fingerprint(self) -> str:
@@ -233,8 +260,10 @@ class Reference:
             "provenance": self.provenance.record,
             "names": list(self.names),
             "placing": None if self.placing is None else self.placing.settings.model_dump(mode="json"),
+            "change_between": None if self.change is None else self.change.between,
         }
-        kept = {} if self.scores is None else {"scores": self.scores}
+        both = (("scores", self.scores), ("mirrored", self.mirrored))
+        kept = {name: array for name, array in both if array is not None}
         write_arrays(Path(path), {**self._arrays(), **kept, "record": np.array(json.dumps(record))})
 
     @classmethod
@@ -266,8 +295,12 @@ class Reference:
                 quality=Quality(**record["quality"]),
                 provenance=Provenance.from_record(record["provenance"]),
                 scores=stored.get("scores"),
+                mirrored=stored.get("mirrored"),
                 names=tuple(map(str, record.get("names", ()))),
                 placing=Placing.from_arrays(stored, placing) if (placing := record.get("placing")) else None,
+                change=None
+                if (between := record.get("change_between")) is None
+                else ExpectedChange.from_arrays(stored, str(between)),
             )
         except InputError:
             raise
@@ -285,6 +318,7 @@ class Reference:
             "total_mean": self.total.mean,
             "total_deviation": self.total.deviation,
             **(self.placing.arrays if self.placing else {}),
+            **(self.change.arrays if self.change else {}),
         }
 
     def _check(self, path: str | PathLike[str]) -> None:
@@ -305,6 +339,8 @@ class Reference:
             and all(getattr(self, name).shape == (self.provenance.controls,) for name in _DISTRIBUTIONS)
             and all(np.isfinite(item).all() for item in self._arrays().values())
             and (self.placing is None or self.placing.is_of(self.provenance.particles))
+            and (self.change is None or self.change.is_of(vertices))
+            and (self.mirrored is None or _are_ratios(self.mirrored, self.provenance.controls))
             and len(self.names) in (0, self.provenance.controls)
             and (
                 (self.scores is None and not self.names)
@@ -319,6 +355,10 @@ class Reference:
             raise InputError(
                 f"{path}: is damaged: its arrays do not belong together; make the reference again"
             )
+
+
+def _are_ratios(values: FloatArray, count: int) -> bool:
+    return values.shape == (count,) and bool(np.isfinite(values).all()) and float(values.min()) > 0.0
 
 
 def check_name(path: str | PathLike[str]) -> None:

@@ -79,7 +79,7 @@ def reference(template, provenance):
     return build(template, provenance)
 
 
-def build(template, provenance, count=24, make=None):
+def build(template, provenance, count=24, make=None, later=None):
     directions, faces = template
     random = np.random.default_rng(3)
     ages = random.integers(40, 80, count)
@@ -92,6 +92,7 @@ def build(template, provenance, count=24, make=None):
         TriangleMesh(points.mean(axis=0), faces),
         tuple(TriangleMesh(item, faces) for item in points),
         particles,
+        later={} if later is None else {index: later(points[index], faces) for index in range(count)},
     )
     table = {"age": [str(age) for age in ages]} if make is None else {}
     coding, columns = Coding.of(table, controls.names)
@@ -104,4 +105,4 @@ def build(template, provenance, count=24, make=None):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(left_out, "worker_processes", threads)
         about = replace(provenance, controls=count, particles=particles.shape[1])
-        return reference_of(controls, coding, columns, about, workers=1)
+        return reference_of(controls, coding, columns, about, between="year apart by 1", workers=1)

@@ -1,15 +1,17 @@
 """A patient at several times: the change is found, the pose is none, and limits come from repeats only."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog.patient import compare_groomed, compare_times
+from homolog.patient import Reference, compare_groomed, compare_times
+from homolog.patient.times import seen_twice
 from homolog.surfaces.mesh import TriangleMesh
 
-from .conftest import groomed, moved, shape
+from .conftest import build, groomed, moved, shape
 
 AGE = {"age": "60"}
 
@@ -76,3 +78,94 @@ def test_one_time_or_another_reference_is_refused(times):
     expected = TriangleMesh(times[1].expected.vertices, times[1].expected.faces[::-1])
     with pytest.raises(InputError, match="one"):
         compare_times([times[0], replace(times[1], expected=expected)])
+
+
+GROWTH = 1.5  # mm, at the end where x is positive
+CASES = {"as controls": (1.0, 0.0), "not at all": (0.0, 0.0), "at the top": (1.0, 4.0)}
+
+
+def grown(points, faces, share, random):
+    """Return a surface that has grown at one end, in another pose."""
+    at_end = np.clip(points[:, 0] / 30.0, 0.0, 1.0) ** 2
+    normals = TriangleMesh(points, faces).vertex_normals
+    return moved(points + (share * GROWTH * at_end)[:, None] * normals, random)
+
+
+@pytest.fixture(scope="module")
+def seen_again(template, provenance):
+    """Return a reference whose controls grow at one end until their second time, some more than others."""
+    random = np.random.default_rng(5)
+
+    def later(points, faces):
+        return TriangleMesh(grown(points, faces, random.normal(1.0, 0.2), random), faces)
+
+    return build(template, provenance, later=later)
+
+
+@pytest.fixture(scope="module", params=CASES)
+def changed(request, seen_again, template):
+    """Return a follow-up of a patient who grows as a case says."""
+    share, bump = CASES[request.param]
+    directions, faces = template
+    points, random = shape(directions, np.random.default_rng(11)), np.random.default_rng(7)
+    later = points.copy()
+    centre = later[np.argmax(directions[:, 2])]
+    gaussian = np.exp(-0.5 * np.square(later - centre).sum(axis=1) / 36.0)
+    later += bump * gaussian[:, None] * TriangleMesh(points, faces).vertex_normals
+    both = TriangleMesh(moved(points, random), faces), TriangleMesh(grown(later, faces, share, random), faces)
+    times = [compare_groomed(seen_again, groomed(f"t{n}", mesh), AGE) for n, mesh in enumerate(both)]
+    return request.param, compare_times(times, expected=seen_again.change)
+
+
+def test_a_change_is_judged_by_that_of_controls_seen_twice(changed, seen_again):
+    case, follow_up = changed
+    (change,) = follow_up.changes
+    found = change.expected
+    assert seen_again.change.pairs == 24
+    assert 0.5 * GROWTH < seen_again.change.local.mean.max() < 1.2 * GROWTH
+    if case == "as controls":
+        assert not found.regions
+        assert found.beyond.value < 0.3
+        assert change.distance.max() > 0.5 * GROWTH  # the rigid motion takes a part
+    elif case == "not at all":
+        assert np.abs(change.distance).max() < 0.3
+        assert found.volume.percent < 10.0
+        assert found.beyond.percent > 90.0
+    else:
+        assert found.regions[0].peak == pytest.approx(3.5, abs=1.0)
+        top = np.argmax(follow_up.surface.vertices[:, 2])
+        assert top in found.regions[0].vertices
+
+
+def test_the_expected_change_is_kept_in_the_file(seen_again, tmp_path):
+    seen_again.save(tmp_path / "ref.npz")
+    kept = Reference.load(tmp_path / "ref.npz")
+    assert kept.fingerprint == seen_again.fingerprint
+    assert kept.change.between == "year apart by 1"
+    assert kept.change.limit == seen_again.change.limit
+
+
+def cohort(cells):
+    names = tuple(f"s{number}" for number in range(len(cells)))
+    return SimpleNamespace(names=names, columns=tuple({"who": who, "year": year} for who, year in cells))
+
+
+def test_first_times_are_controls_and_next_ones_their_change():
+    cells = [(f"p{number // 3}", str(10 - number % 3)) for number in range(24)] + [("alone", "5")]
+    found = seen_twice(cohort(cells), range(25), "who", "year", SimpleNamespace(folder="study"))
+    assert found.first == [*range(2, 24, 3), 24]
+    assert found.later == {number: 3 * number + 1 for number in range(8)}
+    assert found.between == "year apart by 1"
+
+
+@pytest.mark.parametrize(
+    ("cells", "words"),
+    [
+        ([("p", "1"), ("p", "1.0")], "p has two files of one year"),
+        ([("p", "1"), ("", "2")], "s1 has no value in column who"),
+        ([("p", "1"), ("p", "2"), ("q", "1")], "1 of 2 controls were seen twice"),
+    ],
+)
+def test_times_that_do_not_pair_are_refused(cells, words):
+    with pytest.raises(InputError, match=words):
+        seen_twice(cohort(cells), range(len(cells)), "who", "year", SimpleNamespace(folder="study"))

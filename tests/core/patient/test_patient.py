@@ -170,13 +170,44 @@ def test_the_other_side_is_recognised_and_mirrored_if_it_is_said(template, prove
 
     sided = build(template, replace(provenance, side="right"), 14, subject)
     other = groomed("p", TriangleMesh(moved(subject(-1.0), random), faces))
-    with pytest.raises(InputError, match="far better mirrored"):
+    with pytest.raises(InputError, match="better mirrored"):
         compare_groomed(sided, other)
     found = compare_groomed(sided, other, side="left")
     assert found.outside.value < 2.0 * sided.outside[-1]
     assert np.linalg.det(found.placement[:3, :3]) < 0.0
     forced = compare_groomed(sided, other, force=True)
     assert any("mirrored" in words for words in forced.remarks)
+
+
+@pytest.mark.parametrize(
+    ("least", "most", "told"),
+    [(1.3, 1.9, True), (0.9, 1.2, False), (1.15, 1.8, True), (1.0, 1.8, False), (0.5, 0.7, False)],
+)
+def test_a_side_is_checked_only_where_the_shape_tells_it_and_no_control_is_flagged(
+    reference, least, most, told
+):
+    ratios = np.exp(np.linspace(np.log(least), np.log(most), 24))
+    limit = replace(reference, mirrored=ratios).side_limit
+    assert (limit is not None) is told
+    assert limit is None or limit <= min(1.0, ratios.min())
+
+
+def test_a_sided_shape_that_fits_no_worse_than_controls_is_recognised_by_its_mirror_image(
+    template, provenance
+):
+    directions, faces = template
+    random = np.random.default_rng(5)
+
+    def subject(side):  # notches of much smaller depth
+        points = shape(directions, random)
+        return points - 0.25 * notched(template, side)[:, None] * directions
+
+    sided = build(template, provenance, 14, subject)
+    assert sided.side_limit is not None
+    other = groomed("p", TriangleMesh(moved(subject(-1.0), random), faces))
+    with pytest.raises(InputError, match="better mirrored"):
+        compare_groomed(sided, other)
+    assert compare_groomed(sided, groomed("q", TriangleMesh(moved(subject(1.0), random), faces))) is not None
 
 
 def test_what_the_image_cuts_off_is_named_and_too_much_is_refused(reference, template):

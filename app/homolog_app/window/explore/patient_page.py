@@ -77,11 +77,14 @@ class PatientPage(ExplorePage):
         self.reference: Reference | None = None
         self.comparison: PatientComparison | None = None
         self._compared: Compared | None = None
-        self._places: list[tuple[FloatArray, FloatArray]] = []
+        self.places: list[tuple[FloatArray, FloatArray]] = []
         self.group = choice("Controls")
         self.adjust = QLineEdit()
         self.adjust.setPlaceholderText("adjust for columns, such as age sex")
         self.adjust.setAccessibleName("Columns to adjust for")
+        self.twice = QLineEdit()
+        self.twice.setPlaceholderText("if seen twice: columns of person and time")
+        self.twice.setAccessibleName("Columns of person and time")
         self.make = ActionButton("Make reference", actions["patient.reference"])
         self.open = ActionButton("Open…", actions["patient.open_reference"])
         self.keep = ActionButton("Save…", actions["patient.keep_reference"])
@@ -119,6 +122,7 @@ class PatientPage(ExplorePage):
             self.body.addLayout(row)
             if self.make in widgets:
                 self.body.addWidget(self.adjust)
+                self.body.addWidget(self.twice)
         self.body.addWidget(self.single)
         self.body.addWidget(self.about)
         self.body.addWidget(label("Patient", "SectionTitle"))
@@ -231,11 +235,15 @@ class PatientPage(ExplorePage):
         project = self.desk.project
         group = None if self.group.currentIndex() <= 0 else self.group.currentText()
         columns = self.adjust.text().replace(",", " ").split()
+        person, time, *_ = [*self.twice.text().replace(",", " ").split(), "", ""]
 
         def make(tick: Tick) -> "Reference":
             from homolog.patient import make_reference
 
-            return make_reference(project, group=group, adjust=columns, names=True, tick=tick)
+            return make_reference(
+                project, group=group, adjust=columns, pairs=person or None, time=time or "time", names=True,
+                tick=tick,
+            )  # fmt: skip
 
         self.desk.work.compute("reference", make, "fitting controls one by one", self.take_reference)
 
@@ -333,18 +341,18 @@ class PatientPage(ExplorePage):
         for widget in (self.views, self.path, self.way, self.overlaid):
             widget.setEnabled(self.comparison is not None and self._change is None)
         rows: list[tuple[str | float, ...]] = []
-        self._places = []
+        self.places = []
         comparison = self.comparison
         if self._change is not None:
             for item in change_regions(self._change):
                 rows.append((item.time, item.region.area, item.region.mean, item.region.z))
-                self._places.append((item.place, item.seen_from))
+                self.places.append((item.place, item.seen_from))
         elif comparison is not None and self._compared is not None:
             for number, region in enumerate(comparison.regions, start=1):
                 place = f"{number} {comparison.place(region)}".strip()
                 rows.append((place, region.area, region.mean, region.z))
                 seen_from = self._compared.seen_from[number - 1]
-                self._places.append((place_of(comparison, region.centre), seen_from))
+                self.places.append((place_of(comparison, region.centre), seen_from))
         self.table.show_rows(rows)
         self.shown_changed.emit()
 
@@ -373,4 +381,4 @@ class PatientPage(ExplorePage):
     def _go_to(self, row: QModelIndex) -> None:
         """Look at a region."""
         if self.comparison is not None:
-            self.place_wanted.emit(self.comparison.name, *self._places[row.row()])
+            self.place_wanted.emit(self.comparison.name, *self.places[row.row()])

@@ -77,34 +77,42 @@ def with_file(
         times = replace(times, comparisons=(*times.comparisons, added))
     if len(times.comparisons) < 2:
         return times
-    return replace(times, follow_up=compare_times(times.comparisons, times.repeats, part_of(tick, 0.8, 1.0)))
+    return replace(
+        times,
+        follow_up=compare_times(
+            times.comparisons, times.repeats, part_of(tick, 0.8, 1.0), expected=reference.change
+        ),
+    )
 
 
 def change_words(times: Times) -> str:
     """Say what changed, and what is known of the error of measuring."""
-    from homolog_app.report.follow_up import change_sentence, error_words
+    from homolog_app.report.follow_up import change_sentence, error_words, expected_sentence
 
     if times.follow_up is None:
         count = len(times.repeats)
         return f"{count} repeated segmentation{'s' * (count != 1)}; add a later time." if count else ""
-    said = [change_sentence(change, times.follow_up) for change in times.follow_up.changes]
-    return "\n".join([*said, error_words(times.follow_up)])
+    said = []
+    for change in times.follow_up.changes:
+        said += [change_sentence(change, times.follow_up), expected_sentence(change, times.follow_up)]
+    return "\n".join([*filter(None, said), error_words(times.follow_up)])
 
 
 def change_scene(follow_up: "FollowUp", only_beyond: bool) -> Shown:
     """Return the first surface with the map of change of each later time."""
     from homolog_app.pictures.displacement import common_limit
+    from homolog_app.report.follow_up import beyond_limit, limit_words
 
     first = follow_up.comparisons[0]
     limit = common_limit([change.distance for change in follow_up.changes])
-    note = "lines: limit of measuring" if follow_up.limit is not None else "without a limit"
+    known, cause = beyond_limit(follow_up.changes[0], follow_up) is not None, limit_words(follow_up)
+    note = f"lines: limit of {cause}" if known else "without a limit"
     scale = displacement_scale(limit, f"Change since {first.name}", note)
-    if only_beyond and follow_up.limit is not None:
-        scale = replace(scale, grey_words="within the error of measuring")
+    if only_beyond and known:
+        scale = replace(scale, grey_words=f"within the limit of {cause}")
     contents = []
     for change in follow_up.changes:
-        known = change.z is not None and follow_up.limit is not None
-        beyond = np.abs(np.asarray(change.z)) > follow_up.limit if known else None
+        beyond = beyond_limit(change, follow_up)
         faded = ~beyond if only_beyond and beyond is not None else None
         title = f"since {first.name}: volume {100.0 * (change.volume - 1.0):+.1f} %"
         contents.append(
@@ -126,5 +134,5 @@ def change_regions(follow_up: "FollowUp") -> Sequence[ChangeRegion]:
             view_of_region(surface, region.vertices, region.centre).axes[2],
         )
         for change in follow_up.changes
-        for region in change.regions
+        for region in (change.regions if change.expected is None else change.expected.regions)
     ]

@@ -1,0 +1,191 @@
+"""Change of one subject between two times, and the change that controls show between theirs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from homolog.arrays import Array, FloatArray, frozen
+from homolog.patient.distribution import Percentile, percentile
+from homolog.patient.fit import SurfaceFit, fit_surface, vertex_areas
+from homolog.patient.local import LocalNorm, Region, prediction_limit, regions
+from homolog.patient.mesh_graph import ring_mean
+from homolog.patient.surface_model import SurfaceModel
+from homolog.progress import Tick, no_tick
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["AVERAGED", "AgainstExpected", "ExpectedChange", "distances_to_times"]
+
+AVERAGED = 4
+"""Rounds of averaging over neighbours before a change is judged: about 1.3 edges."""
+_LEVEL = 0.05
+_TOLERANCE = 0.25
+"""Of the mean edge: distances that count fully in the registration."""
+_PREFIX = "change_"
+
+
+def distances_to_times(
+    surface: TriangleMesh, first: TriangleMesh, later: TriangleMesh, tick: Tick = no_tick
+) -> tuple[SurfaceFit, SurfaceFit]:
+    """Register a first surface rigidly to the meshes of two times, robustly.
+
+    Parameters
+    ----------
+    surface : TriangleMesh
+        The first time's, with the faces of the reference.
+    first, later : TriangleMesh
+        Groomed, about in the surface's frame.
+    tick : Tick
+
+    Returns
+    -------
+    tuple of 2 SurfaceFit
+        Their residuals are distances along the surface's normals [mm], outward positive; the change is the
+        second one's less the first one's, which is what registration alone makes.
+    """
+    points = np.concatenate([surface.vertices, surface.vertices])
+    none = np.zeros((0, *points.shape))
+    tolerance = np.full(len(surface.vertices), _TOLERANCE * surface.mean_edge)
+    model = SurfaceModel(points, none, np.zeros(0), none, tolerance, surface.faces)
+    fits = [fit_surface(model, mesh, mesh, np.zeros(0), tick, pose=np.eye(4)) for mesh in (first, later)]
+    return fits[0], fits[1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AgainstExpected:
+    """A patient's change against that of the controls; arrays are read-only.
+
+    Attributes
+    ----------
+    z : (V,) array
+        Averaged over neighbours, less the controls' mean change, in their standard deviations.
+    regions : tuple of Region
+        Where absolute z is above the controls' limit; their mm are beyond the mean change.
+    beyond : Percentile
+        Root mean square of the change beyond the controls' mean change [mm].
+    volume : Percentile
+        Of the later volume over the first one.
+    """
+
+    z: FloatArray
+    regions: tuple[Region, ...]
+    beyond: Percentile
+    volume: Percentile
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExpectedChange:
+    """What changes in P controls from their first time to the next; arrays are read-only.
+
+    Attributes
+    ----------
+    local : LocalNorm
+        Of the change at each vertex, averaged over neighbours.
+    beyond, volume, maxima : (P,) arrays
+        Sorted each by itself: root mean square of a control's change beyond the mean of the others [mm], its
+        later volume over the first one, its largest absolute z by the others.
+    limit : float
+        Of absolute z, which 5 % of healthy people exceed anywhere.
+    between : str
+        What lies between the two times, in words.
+    """
+
+    local: LocalNorm
+    beyond: FloatArray
+    volume: FloatArray
+    maxima: FloatArray
+    limit: float
+    between: str
+
+    def __post_init__(self) -> None:
+        """Sort and freeze the distributions."""
+        for name in ("beyond", "volume", "maxima"):
+            object.__setattr__(self, name, frozen(np.sort(getattr(self, name)), np.float64))
+
+    @property
+    def pairs(self) -> int:
+        """How many controls were seen twice."""
+        return len(self.volume)
+
+    @classmethod
+    def of(
+        cls, changes: FloatArray, volumes: FloatArray, surface: TriangleMesh, between: str
+    ) -> "ExpectedChange":
+        """Return what is expected by the changes of controls.
+
+        Parameters
+        ----------
+        changes : (P, V) array
+            Of each [mm].
+        volumes : (P,) array
+            Later over first.
+        surface : TriangleMesh
+            Of the reference.
+        between : str
+            What lies between the times.
+        """
+        maps, everyone = ring_mean(changes, surface.faces, AVERAGED), np.arange(len(changes))
+        norms = [LocalNorm.of(maps[everyone != index], surface.faces) for index in everyone.tolist()]
+        maxima = [np.abs(norm.standardised(own)).max() for norm, own in zip(norms, maps, strict=True)]
+        beyond = [_rms(own - norm.mean, surface) for norm, own in zip(norms, maps, strict=True)]
+        return cls(
+            LocalNorm.of(maps, surface.faces), np.array(beyond), volumes, np.array(maxima),
+            prediction_limit(np.array(maxima), _LEVEL), between,
+        )  # fmt: skip
+
+    def against(
+        self, fit: SurfaceFit, own: SurfaceFit, volume: float, surface: TriangleMesh
+    ) -> AgainstExpected:
+        """Return a patient's change against the controls'.
+
+        Parameters
+        ----------
+        fit, own : SurfaceFit
+            Of the later time, and of the first one (`distances_to_times`).
+        volume : float
+            Later over first.
+        surface : TriangleMesh
+            The patient's first one.
+        """
+        change = fit.residual - own.residual
+        averaged = ring_mean(change, surface.faces, AVERAGED)
+        z, rest = self.local.standardised(averaged), averaged - self.local.mean
+        met = fit.met & own.met
+        beyond = regions(surface, vertex_areas(surface), change - self.local.mean, z, met, self.limit)
+        return AgainstExpected(
+            frozen(z),
+            beyond,
+            percentile(_rms(rest, surface), self.beyond),
+            percentile(volume, self.volume, both_sides=True),
+        )
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """As a file has it."""
+        stored = {name: getattr(self, name) for name in ("beyond", "volume", "maxima")}
+        stored |= {"mean": self.local.mean, "deviation": self.local.deviation}
+        stored["limit"] = np.array([self.limit])
+        return {f"{_PREFIX}{name}": array for name, array in stored.items()}
+
+    @classmethod
+    def from_arrays(cls, stored: Mapping[str, Array], between: str) -> "ExpectedChange":
+        """Return what `arrays` and the words describe."""
+        part = {
+            name.removeprefix(_PREFIX): array for name, array in stored.items() if name.startswith(_PREFIX)
+        }
+        local = LocalNorm(part["mean"], part["deviation"])
+        return cls(local, part["beyond"], part["volume"], part["maxima"], float(part["limit"][0]), between)
+
+    def is_of(self, vertices: int) -> bool:
+        """Whether the arrays belong together, and to so many vertices."""
+        lists = (self.beyond, self.volume, self.maxima)
+        return (
+            all(array.shape == (vertices,) for array in (self.local.mean, self.local.deviation))
+            and all(array.shape == (self.pairs,) for array in lists)
+            and all(bool(np.isfinite(array).all()) for array in self.arrays.values())
+        )
+
+
+def _rms(values: FloatArray, surface: TriangleMesh) -> float:
+    areas = vertex_areas(surface)
+    return float(np.sqrt(areas @ np.square(values) / areas.sum()))
