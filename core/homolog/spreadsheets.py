@@ -12,10 +12,12 @@ from pathlib import Path
 
 from homolog.errors import InputError
 
-__all__ = ["TABLE_SUFFIXES", "Row", "read_rows"]
+__all__ = ["MISSING", "TABLE_SUFFIXES", "Row", "read_rows"]
 
 Row = dict[str, str]
 
+MISSING = ("", "na", "n/a", "nan", "none", "null")
+"""What stands, in any case, in a cell that holds no value."""
 TABLE_SUFFIXES = (".csv", ".tsv", ".xlsx")
 """Of files that are taken for tables."""
 

@@ -5,6 +5,9 @@ import pytest
 from homolog.cohort import mask_files, read_cohort
 from homolog.errors import InputError
 
+ENDS = ("first", "corr", "flirt")
+KINDS = (("labels", ".nrrd"), ("meshes", ".ply"))
+
 
 def cohort_of(folder, *names):
     for name in names:
@@ -89,6 +92,35 @@ def test_first_s_maps_of_all_structures_are_taken(tmp_path):
     assert len(found.notes) == 2
 
 
+def test_first_s_corrected_file_of_one_structure_goes_before_the_other(tmp_path):
+    found = cohort_of(
+        tmp_path, *(f"con{i}-L_Caud_{file}.nii.gz" for i in (1, 2, 3) for file in ("first", "corr"))
+    )
+    assert [subject.path.name for subject in found.subjects] == [
+        f"con{i}-L_Caud_corr.nii.gz" for i in (1, 2, 3)
+    ]
+    assert "con1-L_Caud_first.nii.gz" in found.notes[0]
+    folders = cohort_of(
+        tmp_path / "each", *(f"a{i}/a{i}-L_Caud_{end}.nii.gz" for i in (1, 2) for end in ENDS)
+    )
+    assert list(mask_files(folders.subjects[0].path)) == ["L_Caud", "L_Caud_flirt"]
+
+
+def test_parcellations_of_freesurfer_and_fastsurfer_are_read_where_there_is_no_aseg(tmp_path):
+    names = {"a": "aparc+aseg.mgz", "b": "aparc.DKTatlas+aseg.deep.mgz"}
+    found = cohort_of(tmp_path, *(f"{name}/mri/{file}" for name, file in names.items()))
+    assert files_of(found) == {name: f"{name}/mri/{file}" for name, file in names.items()}
+
+
+def test_files_one_folder_deeper_are_their_patients(tmp_path):
+    found = cohort_of(tmp_path, *(f"p{i}/2020-0{i}/heart.nii.gz" for i in (1, 2)))
+    assert files_of(found) == {f"p{i}": f"p{i}/2020-0{i}/heart.nii.gz" for i in (1, 2)}
+    (tmp_path / "p3" / "empty").mkdir(parents=True)
+    assert read_cohort(tmp_path).notes == ("skipped, without a segmentation or mesh: p3",)
+    with pytest.raises(InputError, match="several folders have folders of subjects: x, y"):
+        cohort_of(tmp_path / "p3", *(f"{place}/p{i}/a.stl" for place in "xy" for i in (1, 2)))
+
+
 def test_a_folder_for_each_group_gives_the_groups(tmp_path):
     found = cohort_of(tmp_path, "controls/c1.stl", "controls/c2.stl", "patients/p1.stl", "patients/p2.stl")
     assert [(one.name, one.group) for one in found.subjects] == [
@@ -99,6 +131,12 @@ def test_a_folder_for_each_group_gives_the_groups(tmp_path):
 def test_a_folder_for_each_structure_with_the_same_subjects_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"liver \(3\), spleen \(3\); give one of them"):
         cohort_of(tmp_path, *(f"{item}/p{i}.nii.gz" for item in ("liver", "spleen") for i in (1, 2, 3)))
+
+
+def test_folders_with_files_of_the_same_subjects_are_no_groups(tmp_path):
+    ends = {"labels_native": "", "myo_iso": "_myo"}
+    with pytest.raises(InputError, match=r"labels_native \(2\), myo_iso \(2\); give one of them"):
+        cohort_of(tmp_path, *(f"{item}/p0{i}_ED{end}.nrrd" for item, end in ends.items() for i in (1, 2)))
 
 
 def test_several_structures_of_each_subject_in_one_folder_are_refused(tmp_path):
@@ -120,11 +158,25 @@ def test_meshes_beside_segmentations_of_their_names_are_left_out(tmp_path):
     assert "h1.stl" in found.notes[0]
 
 
+def test_a_folder_of_meshes_beside_one_of_segmentations_of_their_names_is_left_out(tmp_path):
+    found = cohort_of(tmp_path, *(f"{kind}/h{i}{end}" for i in (1, 2) for kind, end in KINDS))
+    assert files_of(found) == {"h1": "h1.nrrd", "h2": "h2.nrrd"}
+    assert found.notes == ("skipped, next to segmentations of the same names: meshes",)
+
+
 def test_a_table_of_groups_only_belongs_to_the_files_beside_it(tmp_path):
     (tmp_path / "cohort.csv").write_text("participant_id,group\na,x\nb,y\n", encoding="utf-8")
     found = cohort_of(tmp_path, "a.nrrd", "b.nrrd")
     assert [(one.name, one.group) for one in found.subjects] == [("a", "x"), ("b", "y")]
     assert found.notes == ()
+
+
+def test_a_table_of_another_name_is_left_alone_and_said(tmp_path):
+    found = cohort_of(tmp_path, "a.stl", "b.stl", "Kohorte.csv", "~$Kohorte.xlsx")
+    assert list(files_of(found)) == ["a", "b"]
+    (note,) = found.notes
+    assert "Kohorte.csv; " in note
+    assert "cohort.csv" in note
 
 
 def test_columns_of_a_table_may_have_other_names(tmp_path):
@@ -137,3 +189,19 @@ def test_a_subjects_structures_are_named_without_the_names_of_its_folders(tmp_pa
     names = [f"sub-1/ses-2/anat/sub-1_ses-2_{item}.nii.gz" for item in ("liver", "spleen")]
     cohort_of(tmp_path, *names)
     assert set(mask_files(tmp_path / "sub-1" / "ses-2" / "anat")) == {"liver", "spleen"}
+
+
+def dicom(path, kind=b"1.2.840.10008.5.1.4.1.1.2"):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(bytes(128) + b"DICM" + kind)
+
+
+@pytest.mark.parametrize("places", [("", ""), ("study/ct/", "study/seg/")])
+def test_a_dicom_seg_beside_the_scan_is_the_subject(tmp_path, places):
+    for patient in ("p1", "p2"):
+        for index in range(3):
+            dicom(tmp_path / patient / f"{places[0]}{index}.dcm")
+        dicom(tmp_path / patient / f"{places[1]}heart.dcm", b"1.2.840.10008.5.1.4.1.1.66.4")
+    assert files_of(read_cohort(tmp_path)) == {
+        patient: f"{patient}/{places[1]}heart.dcm" for patient in ("p1", "p2")
+    }

@@ -38,6 +38,30 @@ def test_new_columns_and_groups_are_added_and_replaced(read):
     ]
 
 
+def test_a_row_of_types_declares_categories_and_checks_numbers(read):
+    found = read("name,age,site\ntype,number,category\np01_ED,62,1\np02_ED,NA,2\n")
+    assert found.subjects[0].columns == {"age": "62", "site:c": "1"}
+    assert found.unknown == ()
+    for text in ("name,age\ntype,number\np01_ED,62 y\n", "name,age,site\ntype,number,place\np01_ED,62,1\n"):
+        with pytest.raises(InputError, match=r"line 3.*'62 y'.*age|line 2.*'place'.*site"):
+            read(text)
+
+
+def test_a_column_that_is_there_is_declared_without_becoming_two(read, tmp_path):
+    (tmp_path / "again.csv").write_text("name,age\np02_ED,56\n", encoding="utf-8")
+    found = read("name,age\ntype,category\np02_ED,55\n")
+    assert [subject.columns for subject in found.subjects] == [{"age:c": "61"}, {"age:c": "55"}, {}]
+    assert found.added == {"age:c": 2}
+    again = with_table(found.subjects, tmp_path / "again.csv")
+    assert again.subjects[1].columns == {"age:c": "56"}
+
+
+def test_a_subject_may_be_called_type(tmp_path):
+    (tmp_path / "table.csv").write_text("name,sex\ntype,F\n", encoding="utf-8")
+    found = with_table([Subject("type", Path("type.nrrd"))], tmp_path / "table.csv")
+    assert found.subjects[0].columns == {"sex": "F"}
+
+
 def test_rows_and_subjects_without_the_other_are_told(read):
     found = read("name,sex\np01_ED,F\nstranger,M\n")
     assert (found.matched, found.without_row, found.unknown) == (

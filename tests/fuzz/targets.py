@@ -142,7 +142,6 @@ def good_preferences(folder: Path) -> None:
     preferences = Preferences(folder / "preferences.ini")
     preferences.scheme = "dark"
     preferences.remember(folder)
-    preferences._store.sync()
 
 
 def read_preferences(folder: Path) -> object:

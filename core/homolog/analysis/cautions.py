@@ -68,12 +68,14 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
 
 
 def size_caution(skewness: SizeSkewness | None, counts: Mapping[str, int]) -> str:
-    """Return a caution if sizes are skewed where the test of size relies on symmetry; empty otherwise."""
-    if skewness is None or skewness.p > LEVEL:
+    """Return a caution if skewness of sizes or shapes matters for the test of size; empty otherwise."""
+    if skewness is None or min(skewness.p, skewness.shape_p) > LEVEL:
         return ""
     skewed = f"sizes are skewed (skewness {skewness.value:.1f}, {p_words(skewness.p)})"
+    if skewness.p > LEVEL:
+        skewed = f"shapes are skewed ({p_words(skewness.shape_p)}), which sizes may be too,"
     if not skewness.deviations:
-        return f"differences in {skewed}. The test of size assumes that they are symmetric without an effect."
+        return f"differences of {skewed}. The test of size assumes symmetric differences without an effect."
     unlike = [
         word
         for word, values in (

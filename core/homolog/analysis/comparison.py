@@ -106,7 +106,7 @@ class Comparison:
         first.
     notes : tuple of str
         What was done another way than asked for, in sentences.
-    pairs : tuple of Comparison
+    pairwise : tuple of Comparison
         Each two groups, of three or more that `homolog.compare_groups` compared.
     """
 
@@ -129,7 +129,7 @@ class Comparison:
     notes: tuple[str, ...] = ()
     accuracy_p_adjusted: float | None = None
     auc_p_adjusted: float | None = None
-    pairs: tuple["Comparison", ...] = ()
+    pairwise: tuple["Comparison", ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -220,7 +220,7 @@ def run_comparison(
         p_fwe=np.minimum(options.answers * pointwise.p_fwe, 1.0),
         size_p_adjusted=None if effect is None else effect.p,
         false_positives=false_positives,
-        size_skewness=size_skewness(size, design, members),
+        size_skewness=size_skewness(size, data, design, members),
         outliers=subjects[outliers_in_groups(data, design, list(members.values()))],
     )
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
+from homolog.spreadsheets import MISSING
 
 __all__ = ["covariate_columns", "is_missing", "lookalikes", "numbers"]
 
@@ -17,7 +18,7 @@ _COMMA = re.compile(r"[+-]?\d+,\d+")
 def is_missing(value: str | float) -> bool:
     """Return whether a cell holds no value: empty, ``NA``, ``n/a``, ``nan``, ``none`` or ``null``."""
     if isinstance(value, str):
-        return value.strip().lower() in ("", "na", "n/a", "nan", "none", "null")
+        return value.strip().lower() in MISSING
     return bool(np.isnan(value))
 
 

@@ -15,7 +15,7 @@ from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 
-__all__ = ["compare_groups", "compare_pairs", "compare_two_groups", "holm", "regress"]
+__all__ = ["compare_groups", "compare_pairs", "compare_two_groups", "holm", "pair_members", "regress"]
 
 
 def compare_two_groups(
@@ -92,7 +92,7 @@ def compare_groups(
     groups: Sequence[str],
     order: Sequence[str],
     *,
-    pairs: Sequence[tuple[str, str]] | None = None,
+    comparisons: Sequence[tuple[str, str]] | None = None,
     covariates: FloatArray | None = None,
     options: Options = DEFAULT,
     names: Sequence[str] | None = None,
@@ -106,8 +106,8 @@ def compare_groups(
         As in `compare_two_groups`.
     order : sequence of str
         The groups.
-    pairs : sequence of (str, str), optional
-        The pairs that are compared; by default each two groups.
+    comparisons : sequence of (str, str), optional
+        The pairs of groups that are compared; by default each two groups.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def compare_groups(
     own = None if covariates is None else covariates[subjects]
     design = group_design(list(labels[subjects]), order, own)
     counts = {item: int(np.count_nonzero(labels == item)) for item in order}
-    pairs = list(combinations(order, 2)) if pairs is None else pairs
+    pairs = list(combinations(order, 2)) if comparisons is None else comparisons
     share = 1.0 / (len(pairs) + 1)
     title = ", ".join(order)
     members = {item: labels[subjects] == item for item in order}
@@ -264,6 +264,54 @@ def compare_pairs(
         data=both[len(first) :] - both[: len(first)],
         size=rms_radii(shapes[second]) - rms_radii(shapes[first]),
     )
+
+
+def pair_members(
+    pairs: Sequence[str],
+    labels: Sequence[str],
+    between: tuple[str, str],
+    names: Sequence[str] | None = None,
+    *,
+    column: str = "",
+) -> tuple[IntArray, IntArray]:
+    """Return the indices of the first and the second of each pair, (P,) each.
+
+    Parameters
+    ----------
+    pairs : sequence of str
+        The pair of each of the M subjects; empty for none.
+    labels : sequence of str
+        The group of each.
+    between : (str, str)
+        The groups of the first and the second of each pair.
+    names : sequence of str, optional
+        Subject names, for messages.
+    column : str
+        What names the pairs, for messages.
+
+    Raises
+    ------
+    InputError
+        If a pair has two subjects of a group, or one subject only, or there is but one pair.
+    """
+    by_pair: dict[str, dict[str, int]] = {}
+    for index, (pair, label) in enumerate(zip(pairs, labels, strict=True)):
+        if label in between and pair:
+            if label in by_pair.setdefault(pair, {}):
+                who = f"subject {index + 1}" if names is None else names[index]
+                raise InputError(f"{who}: pair {pair!r} has two subjects that are {label!r}")
+            by_pair[pair][label] = index
+    alone = [pair for pair, both in by_pair.items() if len(both) < 2]
+    if alone:
+        raise InputError(
+            f"pair {alone[0]!r} has one subject only; add the other one, or exclude such pairs "
+            "(complete cases)"
+        )
+    if len(by_pair) < 2:
+        where = f"column {column!r} names" if column else "there is"
+        raise InputError(f"a paired comparison needs at least two pairs; {where} {len(by_pair)}")
+    first, second = (np.array([both[label] for both in by_pair.values()], np.int64) for label in between)
+    return first, second
 
 
 def holm(p: FloatArray) -> FloatArray:

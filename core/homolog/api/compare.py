@@ -11,8 +11,8 @@ from homolog.analysis.comparison import Comparison, Options
 from homolog.analysis.covariates import covariate_columns, is_missing
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.studies import compare_groups as compare_several
-from homolog.analysis.studies import compare_two_groups
-from homolog.arrays import Array, ArrayLike, FloatArray
+from homolog.analysis.studies import compare_pairs, compare_two_groups, pair_members
+from homolog.arrays import Array, ArrayLike, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of
 
@@ -28,7 +28,8 @@ def compare_groups(
     groups: Sequence[str | None],
     between: Sequence[str] | None = None,
     *,
-    pairs: Sequence[tuple[str, str]] | None = None,
+    pairs: Sequence[str | None] | None = None,
+    comparisons: Sequence[tuple[str, str]] | None = None,
     covariates: _Covariates | None = None,
     alignment: _Alignment = "rigid",
     modes: int | None = None,
@@ -46,7 +47,8 @@ def compare_groups(
     groups: Sequence[str | None],
     between: Sequence[str] | None = None,
     *,
-    pairs: Sequence[tuple[str, str]] | None = None,
+    pairs: Sequence[str | None] | None = None,
+    comparisons: Sequence[tuple[str, str]] | None = None,
     covariates: _Covariates | None = None,
     alignment: tuple[_Alignment, ...] | list[_Alignment],
     modes: int | None = None,
@@ -63,7 +65,8 @@ def compare_groups(
     groups: Sequence[str | None],
     between: Sequence[str] | None = None,
     *,
-    pairs: Sequence[tuple[str, str]] | None = None,
+    pairs: Sequence[str | None] | None = None,
+    comparisons: Sequence[tuple[str, str]] | None = None,
     covariates: _Covariates | None = None,
     alignment: _Alignment | Sequence[_Alignment] = "rigid",
     modes: int | None = None,
@@ -84,9 +87,12 @@ def compare_groups(
     between : sequence of str, optional
         The groups that are compared, two or more; differences are those from the first. By default all, in
         the order in which they appear. Subjects of other groups, or of none, are excluded.
-    pairs : sequence of (str, str), optional
-        Of three or more groups the pairs that are compared, such as each with the controls; differences are
-        the second minus the first. By default each two groups.
+    pairs : sequence of str or None, optional
+        Of two groups the pair of each of the M subjects, such as the patient with a left and a right bone:
+        the two of a pair are compared, as by ``homolog analyze --pairs``. Subjects without one are excluded.
+    comparisons : sequence of (str, str), optional
+        Of three or more groups those that are compared with each other, such as each with the controls;
+        differences are the second minus the first. By default each two groups.
     covariates : mapping of str to sequence, optional
         What is adjusted for: M numbers or words for each covariate, such as ``{"age": ages}``. Numbers of a
         name that ends in ``:c``, such as ``site:c``, are codes of categories.
@@ -111,8 +117,9 @@ def compare_groups(
     Returns
     -------
     Comparison, or tuple of Comparison
-        Of two groups; of more, the test for any difference between them, with the pairs of groups, corrected
-        for their number (Holm), in its `pairs`. One for each alignment if several are given.
+        Of two groups, or the two of each pair; of more groups, the test for any difference between them, with
+        each two, corrected for their number (Holm), in its `pairwise`. One for each alignment, if several
+        are given.
 
     Raises
     ------
@@ -148,8 +155,9 @@ def compare_groups(
     order = tuple(between) if between is not None else tuple(dict.fromkeys(labels[labels != ""].tolist()))
     chosen = np.flatnonzero(np.isin(labels, order))
     called = None if names is None else [names[index] for index in chosen.tolist()]
-    if pairs is not None:
-        _check_pairs(pairs, order)
+    if comparisons is not None:
+        _check_comparisons(comparisons, order)
+    both = None if pairs is None else _members_of(pairs, labels, order, covariates, names)
     columns = _columns(covariates, chosen.tolist(), len(shapes), called)
     own, here, tick = labels[chosen].tolist(), shapes[chosen], tick_of(callback)
     answers = []
@@ -163,6 +171,10 @@ def compare_groups(
             seed=seed,
         )
         part = part_of(tick, index / len(alignments), (index + 1) / len(alignments))
+        if both is not None:
+            title = f"{order[1]} - {order[0]}"
+            answers.append(compare_pairs(shapes, *both, title, options=options, names=names, tick=part))
+            continue
         if len(order) == 2:
             overall = compare_two_groups(
                 here, own, (order[0], order[1]), covariates=columns, options=options, names=called, tick=part
@@ -170,10 +182,17 @@ def compare_groups(
             each: tuple[Comparison, ...] = ()
         else:
             overall, each = compare_several(
-                here, own, order, pairs=pairs, covariates=columns, options=options, names=called, tick=part
+                here,
+                own,
+                order,
+                comparisons=comparisons,
+                covariates=columns,
+                options=options,
+                names=called,
+                tick=part,
             )
         each = tuple(pair.renumbered(chosen) for pair in each)
-        answers.append(replace(overall.renumbered(chosen), pairs=each))
+        answers.append(replace(overall.renumbered(chosen), pairwise=each))
     return answers[0] if isinstance(alignment, str) else tuple(answers)
 
 
@@ -188,14 +207,35 @@ def _check(alignments: Sequence[str], permutations: int) -> None:
         raise InputError(f"permutations={permutations}: a permutation test needs at least one")
 
 
-def _check_pairs(pairs: Sequence[tuple[str, str]], order: Sequence[str]) -> None:
+def _check_comparisons(comparisons: Sequence[tuple[str, str]], order: Sequence[str]) -> None:
     if len(order) < 3:
-        raise InputError("pairs are chosen among three or more groups; give two groups by `between`")
-    if not pairs or len({frozenset(pair) for pair in pairs}) < len(pairs):
-        raise InputError("pairs: give one or more, each once")
-    for pair in pairs:
+        raise InputError("comparisons are chosen among three or more groups; give two groups by `between`")
+    if not comparisons or len({frozenset(pair) for pair in comparisons}) < len(comparisons):
+        raise InputError("comparisons: give one or more, each once")
+    for pair in comparisons:
         if len(set(pair)) != 2 or not set(pair) <= set(order):
-            raise InputError(f"pairs: {tuple(pair)} are not two of the groups {', '.join(order)}")
+            raise InputError(f"comparisons: {tuple(pair)} are not two of the groups {', '.join(order)}")
+
+
+def _members_of(
+    pairs: Sequence[str | None],
+    labels: Array,
+    order: Sequence[str],
+    covariates: _Covariates | None,
+    names: Sequence[str] | None,
+) -> tuple[IntArray, IntArray]:
+    """Return the first and the second of each pair of subjects."""
+    if any(isinstance(pair, tuple | list) for pair in pairs):
+        raise InputError(
+            "pairs: names the pair of each subject; which of several groups are compared is said by "
+            f"comparisons={list(pairs)!r}"
+        )
+    if len(pairs) != len(labels):
+        raise InputError(f"pairs: {len(pairs)} given for {len(labels)} subjects; give one for each")
+    if len(order) != 2 or covariates:
+        raise InputError("pairs: a paired comparison is between two groups and takes no covariates")
+    called = ["" if pair is None or is_missing(pair) else str(pair) for pair in pairs]
+    return pair_members(called, labels.tolist(), (order[0], order[1]), names)
 
 
 def _columns(

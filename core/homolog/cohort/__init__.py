@@ -91,10 +91,23 @@ def read_cohort(path: str | PathLike[str]) -> Cohort:
 
 def _read_folder(folder: Path, manifest: Path) -> Cohort:
     if not manifest.is_file():
-        return read_folder(folder)
+        cohort = read_folder(folder)
+        return Cohort(cohort.subjects, cohort.folder, (*cohort.notes, *_unused_tables(folder)))
     if names_files(manifest):
         return read_manifest(manifest)
     cohort = read_folder(folder)
     changes = with_table(cohort.subjects, manifest)
     remarks = [f"{MANIFEST}: {line}" for line in changes.lines if changes.without_row or changes.unknown]
     return Cohort(changes.subjects, folder, (*cohort.notes, *remarks))
+
+
+def _unused_tables(folder: Path) -> list[str]:
+    """Return a note on the tables of a folder that lacks a table of the name that is looked for."""
+    tables = sorted(
+        entry.name
+        for entry in folder.iterdir()
+        if entry.suffix.lower() in TABLE_SUFFIXES and entry.is_file() and entry.name[0] not in ".~"
+    )
+    listed = f"{tables[0]} and {len(tables) - 1} more" if len(tables) > 1 else "".join(tables)
+    use = f"to take groups and covariates from a table, call it {MANIFEST}, or: homolog table PROJECT TABLE"
+    return [f"not used: {listed}; {use}"] if tables else []

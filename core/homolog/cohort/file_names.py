@@ -11,9 +11,11 @@ from homolog.cohort.subject import IMAGE_SUFFIXES, MESH_SUFFIXES, stem_of, suffi
 __all__ = [
     "are_times",
     "best_label_maps",
+    "corrected",
     "is_picture",
     "known_files",
     "maps_of_all",
+    "owner_of",
     "scans_beside",
     "structures_in_names",
 ]
@@ -98,6 +100,19 @@ def maps_of_all(files: Sequence[Path]) -> list[Path]:
     return [file for file in files if not _LABEL_MAPS.isdisjoint(_words(stem_of(file)))]
 
 
+def corrected(files: Sequence[Path]) -> list[Path]:
+    """Return files without those that FSL FIRST wrote a second time, with the voxels at the border decided.
+
+    ``L_Hipp_first.nii.gz`` has these as values of their own, ``L_Hipp_corr.nii.gz`` has the structure only.
+    """
+    better = {stem_of(file).removesuffix("_corr") for file in files if stem_of(file).endswith("_corr")}
+    return [
+        file
+        for file in files
+        if not (stem_of(file).endswith("_first") and stem_of(file).removesuffix("_first") in better)
+    ]
+
+
 def best_label_maps(files: Mapping[str, Path]) -> dict[str, Path]:
     """Return those of a subject's files that hold all its structures, as their names say; else all files.
 
@@ -128,13 +143,18 @@ def structures_in_names(stems: Sequence[str]) -> list[str]:
     """
     owners: dict[str, set[str]] = defaultdict(set)
     for stem in stems:
-        numbered = re.match(r".*\d[^\W_]*", stem)
-        whose = numbered[0] if numbered else stem
+        whose = owner_of(stem)
         owners[stem[len(whose) :].strip("_-. ")].add(whose)
     subjects = set().union(*owners.values())
     whole = all(len(whose) >= _FULL * len(subjects) for whose in owners.values())
     kinds = {kind for name in owners if (kind := _kind(name))}
     return list(owners) if whole and len(kinds) > 1 and len(subjects) >= _FEWEST else []
+
+
+def owner_of(stem: str) -> str:
+    """Return whose a file is: its name up to the end of the last word with a number, else all of it."""
+    numbered = re.match(r".*\d[^\W_]*", stem)
+    return numbered[0] if numbered else stem
 
 
 def _kind(text: str) -> tuple[str, ...]:

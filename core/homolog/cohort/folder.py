@@ -7,9 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from homolog.cohort.file_names import (
+    corrected,
     known_files,
     maps_of_all,
     meshes_beside,
+    owner_of,
     scans_beside,
     structures_in_names,
 )
@@ -41,6 +43,8 @@ _TEMPLATE = re.compile(r"fsaverage.*|[lr]h\.EC_average|cvs_avg.*", re.IGNORECASE
 _SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7")
 """Of segments that may overlap, and of label maps."""
 
+_SAME_NAMES = "next to segmentations of the same names"
+
 _Files = Mapping[str, Path]
 """Of a subject, by structure."""
 
@@ -55,7 +59,7 @@ def read_folder(folder: Path) -> Cohort:
     ]
     files = known_files(entries)
     folders = [entry for entry in entries if entry.is_dir()]
-    series = {item: item for item in folders if dicom_files(item)}
+    series = {item: _of_series(item) for item in folders if dicom_files(item)}
     if slices or not (files or series or not dicom_files(folder)):
         raise InputError(
             f"{folder}: contains the slices of a DICOM series; give the folder above it, which contains one "
@@ -74,7 +78,7 @@ def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[
     """Return the subjects of the files in one folder, and a note of those that are none."""
     scans, meshes = scans_beside(files), meshes_beside(files)
     labels = [file for file in files if file not in scans and file not in meshes]
-    chosen = maps_of_all(labels) or labels
+    chosen = maps_of_all(labels) or corrected(labels)
     if several := structures_in_names([stem_of(file) for file in chosen]):
         raise InputError(
             f"{folder}: contains several structures of each subject: {_listed(several)} ({chosen[0].name}, "
@@ -84,8 +88,10 @@ def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[
     scan_of = {label: scan for scan, label in scans.items()}
     skipped = {
         "next to label maps of the same subjects": list(scans),
-        "next to segmentations of the same names": meshes,
-        "next to maps of all structures": [file for file in labels if file not in chosen],
+        _SAME_NAMES: meshes,
+        f"next to {'maps of all structures' if maps_of_all(labels) else 'corrected ones'}": [
+            file for file in labels if file not in chosen
+        ],
     }
     notes = [_skipped(where, items) for where, items in skipped.items() if items]
     return [_with_scan(file, scan_of.get(file)) for file in chosen], notes
@@ -122,23 +128,33 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     if several and len(by_place) == 1:
         return read_folder(several[0])
     if several and (labels := _label_folder(by_folder)):
-        return read_folder(labels)
+        left = [item for item in by_folder if _MESH_FOLDER.fullmatch(item.name)]
+        labelled = read_folder(labels)
+        return replace(labelled, notes=(*labelled.notes, *([_skipped(_SAME_NAMES, left)] if left else [])))
     if several and not _are_subjects(by_folder):
         return _of_groups(folder, by_folder)
     if not by_place:
-        return read_folder(_only_folder_above_subjects(folder, below))
+        inner = {item: _subjects_below(item) for item in below}
+        by_place = {item: places[0] for item, places in inner.items() if [*map(len, places)] == [1]}
+        above = [item for item, places in inner.items() if places]
+        if len(above) == 1 or by_place.keys() != set(above) or not above:
+            return read_folder(_only_folder_above_subjects(folder, above))
     every = {name: files for subjects in by_place.values() for name, files in subjects.items()}
     by_structure = any(len(files) > 1 for files in every.values())
     cohort = tuple(_subject_of(name, files, by_structure) for name, files in every.items())
-    notes = (_skipped("FreeSurfer's own", templates),) if templates else ()
-    return Cohort(cohort, folder, notes)
+    empty = [item for item in below if item not in by_place and item not in templates]
+    skipped = {"FreeSurfer's own": templates, "without a segmentation or mesh": empty}
+    return Cohort(cohort, folder, tuple(_skipped(why, items) for why, items in skipped.items() if items))
 
 
-def _only_folder_above_subjects(folder: Path, below: Sequence[Path]) -> Path:
+def _subjects_below(folder: Path) -> list[dict[str, dict[str, Path]]]:
+    """Return what the folders in a folder hold, under the name of that folder."""
+    inner = [subjects_in(entry, folder.name) for entry in entries_of(folder) if entry.is_dir()]
+    return [subjects for subjects in inner if subjects]
+
+
+def _only_folder_above_subjects(folder: Path, above: Sequence[Path]) -> Path:
     """Return the one folder that has folders of subjects; raises InputError if none or several have."""
-    above = [
-        item for item in below if any(entry.is_dir() and subjects_in(entry) for entry in entries_of(item))
-    ]
     if len(above) > 1:
         raise InputError(
             f"{folder}: several folders have folders of subjects: {_listed([item.name for item in above])}; "
@@ -165,11 +181,17 @@ def _subject(name: str, file: Path) -> Subject:
 
 
 def _label_folder(by_folder: Mapping[Path, _Files]) -> Path | None:
-    """Return the folder of label maps where all others hold pictures, as in imagesTr and labelsTr."""
+    """Return the folder of label maps where all others hold pictures (imagesTr) or meshes of their names."""
     labels = [item for item in by_folder if _LABEL_FOLDER.fullmatch(item.name)]
-    others = [item for item in by_folder if item not in labels]
-    pictures = all(_IMAGE_FOLDER.fullmatch(other.name) for other in others)
-    return labels[0] if len(labels) == 1 and others and pictures else None
+    if len(labels) != 1 or len(by_folder) == 1:
+        return None
+    names = by_folder[labels[0]].keys()
+    known = [
+        _IMAGE_FOLDER.fullmatch(item.name) or (_MESH_FOLDER.fullmatch(item.name) and files.keys() <= names)
+        for item, files in by_folder.items()
+        if item != labels[0]
+    ]
+    return labels[0] if all(known) else None
 
 
 def _are_subjects(by_folder: Mapping[Path, _Files]) -> bool:
@@ -193,7 +215,9 @@ def _say_what_is_in_them(folders: Iterable[Path]) -> bool:
 
 def _of_groups(folder: Path, by_folder: Mapping[Path, _Files]) -> Cohort:
     """Return the cohort of a folder for each group (controls, patients): its name is the subjects' group."""
-    names = Counter(name.casefold() for files in by_folder.values() for name in files)
+    names = Counter(
+        owner for files in by_folder.values() for owner in {owner_of(name.casefold()) for name in files}
+    )
     mixed = max(names.values()) > 1 or any(re.search(r"\d", item.name) for item in by_folder)
     if mixed or _say_what_is_in_them(by_folder):
         counts = _listed(
@@ -213,16 +237,25 @@ def _of_groups(folder: Path, by_folder: Mapping[Path, _Files]) -> Cohort:
 
 
 def _series_below(folder: Path) -> Path | None:
-    """Return where a patient's one series lies, as hospitals export it: PATIENT/STUDY/SERIES."""
+    """Return where a patient's one series or DICOM SEG lies, as hospitals export it: PATIENT/STUDY/SERIES."""
     for pattern in ("*/", "*/*/"):
-        series = [path for path in sorted(folder.glob(pattern)) if path.is_dir() and dicom_files(path)]
-        if len(series) > 1:
+        series = [
+            _of_series(path) for path in sorted(folder.glob(pattern)) if path.is_dir() and dicom_files(path)
+        ]
+        segmentations = [path for path in series if path.is_file()]
+        if len(segmentations or series) > 1:
             raise InputError(
                 f"{folder}: contains {len(series)} DICOM series; give a cohort.csv that names one of them"
             )
         if series:
-            return series[0]
+            return (segmentations or series)[0]
     return None
+
+
+def _of_series(folder: Path) -> Path:
+    """Return the one DICOM SEG that lies among the slices of a scan, else the folder."""
+    segmentations = [file for file in dicom_files(folder) if is_dicom_seg(file)]
+    return segmentations[0] if len(segmentations) == 1 else folder
 
 
 def dicom_files(folder: Path) -> list[Path]:

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
+from homolog.cohort.column_types import read_typed_rows
 from homolog.cohort.subject import Cohort, Subject, checked_path, image_beside, landmarks_beside
 from homolog.errors import InputError
-from homolog.spreadsheets import read_rows
 
 __all__ = ["MANIFEST", "names_files", "place_of", "read_manifest"]
 
@@ -18,12 +18,13 @@ _OTHER_NAMES = {
     "path": ("file", "filename", "file_name", "filepath", "file_path", "mask", "mesh", "segmentation"),
 }
 """What tables call the columns that they must have."""
+_KNOWN = (*_OWN_COLUMNS, *(name for names in _OTHER_NAMES.values() for name in names))
 _BAD_IN_NAMES = set('/\\:*?"<>|') | {chr(code) for code in range(32)}
 
 
 def read_manifest(path: Path) -> Cohort:
     """Return the cohort of a table; raises InputError if a column or value is missing or bad."""
-    columns, rows = read_rows(path)
+    columns, rows = read_typed_rows(path, _KNOWN)
     own = _own_columns(columns)
     missing = [name for name in ("name", "path") if name not in own.values()]
     if missing:
@@ -46,7 +47,7 @@ def read_manifest(path: Path) -> Cohort:
 
 def names_files(path: Path) -> bool:
     """Return whether a table has a column with the subjects' files."""
-    return "path" in _own_columns(read_rows(path)[0]).values()
+    return "path" in _own_columns(read_typed_rows(path, _KNOWN)[0]).values()
 
 
 def _own_columns(columns: Sequence[str]) -> dict[str, str]:

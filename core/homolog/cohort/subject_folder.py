@@ -3,13 +3,24 @@
 import re
 from pathlib import Path
 
-from homolog.cohort.file_names import are_times, best_label_maps, is_picture, known_files, scans_beside
+from homolog.cohort.file_names import (
+    are_times,
+    best_label_maps,
+    corrected,
+    is_picture,
+    known_files,
+    scans_beside,
+)
 from homolog.cohort.subject import IMAGE_ENDING, stem_of, suffix_of
 
 __all__ = ["entries_of", "mask_files", "subjects_in"]
 
-_FREESURFER = ("mri/aseg.mgz", "mri/aseg.mgh", "mri/aseg.nii.gz")
-"""Where FreeSurfer keeps a subject's structures."""
+_FREESURFER = tuple(
+    f"mri/{name}.{suffix}"
+    for name in ("aseg", "aparc+aseg", "aparc.DKTatlas+aseg", "aparc.DKTatlas+aseg.deep")
+    for suffix in ("mgz", "mgh", "nii.gz")
+)
+"""Where FreeSurfer and FastSurfer keep a subject's structures, the fewest first."""
 _LABELS = ("segmentation", "label", "mask", "structure")
 """How folders of label maps begin, in any case and number."""
 _KINDS_OF_SCAN = ("anat", "ct", "dwi", "func", "perf")
@@ -38,7 +49,7 @@ def subjects_in(folder: Path, name: str = "") -> dict[str, dict[str, Path]]:
     name = name or folder.name
     for place in _FREESURFER:
         if (folder / place).is_file():
-            return {name: {"aseg": folder / place}}
+            return {name: {place[len("mri/") :].split(".")[0]: folder / place}}
     files = mask_files(folder)
     if are_times(files):
         return {f"{name}_{structure}": {"": file} for structure, file in files.items()}
@@ -77,10 +88,11 @@ def mask_files(folder: Path) -> dict[str, Path]:
 
 def _masks(folder: Path) -> dict[str, Path]:
     known = [file for file in known_files(entries_of(folder)) if suffix_of(file) != ".dcm"]
-    scans, files = scans_beside(known), dict[str, Path]()
-    for file in known:
+    scans, files, best = scans_beside(known), dict[str, Path](), corrected(known)
+    ending = "_corr" if len(best) < len(known) else ""
+    for file in best:
         if file not in scans:
-            files.setdefault(_structure(file), file)
+            files.setdefault(_structure(file).removesuffix(ending), file)
     masks = {name: file for name, file in files.items() if not is_picture(name)}
     return best_label_maps(masks or files)
 

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
+from homolog.cohort.column_types import CATEGORY, plain_name, read_typed_rows
 from homolog.cohort.manifest import place_of
 from homolog.cohort.subject import Subject, checked_path, suffix_of
 from homolog.errors import InputError
-from homolog.spreadsheets import Row, read_rows
+from homolog.spreadsheets import Row
 
 __all__ = ["Replaced", "TableChanges", "with_table", "with_values_of"]
 
@@ -88,7 +89,7 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     subject: by its name, by its file's name, with or without suffix, or by the beginning of its name up to a
     sign that is no letter or digit (``acdc004`` means ``acdc004_ED_myo``). Columns for paths and landmarks
     are left alone; relative paths of scans (column image) start at the table's folder. An empty cell leaves
-    what is there.
+    what is there. A row of types below the header declares categories and numbers (`read_typed_rows`).
 
     Parameters
     ----------
@@ -105,7 +106,7 @@ def with_table(subjects: Sequence[Subject], path: Path) -> TableChanges:
     InputError
         If the file can't be read, names no subject, or has two rows of one subject.
     """
-    columns, lines = read_rows(path)
+    columns, lines = read_typed_rows(path, (*_KEYS, *_NOT_TAKEN, _GROUP, _IMAGE))
     named = [column for column in columns if column]
     if not lines or not named:
         raise InputError(f"{path}: contains no rows; choose another table")
@@ -143,12 +144,20 @@ def _changes(
     subjects: Sequence[Subject], values: Mapping[str, Row], unknown: Sequence[str], key: str
 ) -> TableChanges:
     known = {name.casefold(): name for subject in subjects for name in subject.columns}
+    declared = {
+        known[plain_name(title).casefold()]: title
+        for title in {title for row in values.values() for title in row}
+        if title.endswith(CATEGORY) and plain_name(title).casefold() in known
+    }
+    known |= {title.casefold(): title for title in declared.values()}
+    known |= {plain_name(name).casefold(): name for name in known.values() if name.endswith(CATEGORY)}
     added: Counter[str] = Counter()
     replaced: list[Replaced] = []
     result = []
     for item in subjects:
-        before = _values(item)
+        before = {declared.get(name, name): value for name, value in _values(item).items()}
         after = dict(before)
+        added.update(title for title in declared.values() if before.get(title))
         for title, value in values.get(item.name, {}).items():
             column = known.get(title.casefold(), title)
             if title.casefold() in (_GROUP, _IMAGE):

@@ -26,7 +26,7 @@ def test_three_groups_of_unequal_dispersion_raise_a_caution_in_the_api():
     assert found.title == "a, b, c"
     assert any("differ in dispersion" in caution for caution in found.cautions)
     raised = {
-        pair.title: any("differ in dispersion" in item for item in pair.cautions) for pair in found.pairs
+        pair.title: any("differ in dispersion" in item for item in pair.cautions) for pair in found.pairwise
     }
     assert raised == {"b - a": True, "c - a": True, "c - b": False}
 
@@ -40,10 +40,14 @@ def test_skewed_sizes_raise_a_caution_where_groups_differ_in_number_or_dispersio
     skewed = np.concatenate([_quantiles(first) * factor, _quantiles(42 - first)])
     design, members = group_design(labels.tolist(), ["a", "b"]), {name: labels == name for name in "ab"}
     counts = {"a": first, "b": 42 - first}
-    caution = size_caution(size_skewness(50.0 + skewed, design, members), counts)
+    shapes = _shapes(np.ones(42))
+    caution = size_caution(size_skewness(50.0 + skewed, shapes, design, members), counts)
     assert (raised in caution) if raised else caution == ""
-    even = size_skewness(50.0 + np.arange(42.0), design, members)
-    assert size_caution(even, counts) == ""
+    even = 50.0 + np.arange(42.0)
+    assert size_caution(size_skewness(even, shapes, design, members), counts) == ""
+    skewed_shapes = shapes + skewed[:, None, None] * shapes[0]
+    caution = size_caution(size_skewness(even, skewed_shapes, design, members), counts)
+    assert ("shapes are skewed" in caution) == (first == 8)
 
 
 def _quantiles(count):
@@ -52,7 +56,8 @@ def _quantiles(count):
 
 
 def test_skewed_differences_of_pairs_raise_a_caution():
-    assert "symmetric" in size_caution(size_skewness(_quantiles(15), paired_design(15), {}), {"pairs": 15})
+    found = size_skewness(_quantiles(15), _shapes(np.ones(42))[:15], paired_design(15), {})
+    assert "symmetric" in size_caution(found, {"pairs": 15})
 
 
 def test_an_outlier_is_found_in_its_group_whatever_the_groups_differ_by():

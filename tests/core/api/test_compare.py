@@ -38,7 +38,7 @@ def test_two_groups_are_compared_as_the_analysis_does(shapes):
     assert found.subjects.tolist() == part
     assert found.p_adjusted == expected.p_adjusted
     np.testing.assert_array_equal(found.p_fwe, expected.p_fwe)
-    assert found.pairs == ()
+    assert found.pairwise == ()
 
 
 def test_numbers_of_a_covariate_that_ends_in_c_are_codes_of_categories(shapes):
@@ -53,12 +53,12 @@ def test_numbers_of_a_covariate_that_ends_in_c_are_codes_of_categories(shapes):
 
 def test_several_groups_are_tested_together_and_each_two_of_them(shapes):
     found = hl.compare_groups(shapes, GROUPS, **QUICK)
-    assert [pair.title for pair in found.pairs] == ["b - a", "c - a", "c - b"]
+    assert [pair.title for pair in found.pairwise] == ["b - a", "c - a", "c - b"]
     assert found.counts == {"a": 5, "b": 6, "c": 6}
     assert found.p_adjusted < 0.05
-    apart = [int(np.argmin(pair.p_fwe)) for pair in found.pairs[1:]]
+    apart = [int(np.argmin(pair.p_fwe)) for pair in found.pairwise[1:]]
     assert apart == [4, 4]
-    assert found.pairs[2].subjects.tolist() == list(range(6, 18))
+    assert found.pairwise[2].subjects.tolist() == list(range(6, 18))
 
 
 def test_form_and_shape_are_asked_in_one_call_and_corrected_for_both(shapes):
@@ -72,12 +72,25 @@ def test_form_and_shape_are_asked_in_one_call_and_corrected_for_both(shapes):
 
 def test_chosen_pairs_are_corrected_for_their_number_only(shapes):
     chosen = [("a", "b"), ("a", "c")]
-    found = hl.compare_groups(shapes, GROUPS, pairs=chosen, **QUICK)
-    assert [pair.title for pair in found.pairs] == ["b - a", "c - a"]
+    found = hl.compare_groups(shapes, GROUPS, comparisons=chosen, **QUICK)
+    assert [pair.title for pair in found.pairwise] == ["b - a", "c - a"]
     alone = [hl.compare_groups(shapes, GROUPS, pair, **QUICK).p_adjusted for pair in chosen]
     small, large = sorted(alone)
-    adjusted = sorted(pair.p_adjusted for pair in found.pairs)
+    adjusted = sorted(pair.p_adjusted for pair in found.pairwise)
     assert adjusted == pytest.approx([min(2.0 * small, 1.0), max(min(2.0 * small, 1.0), large)])
+
+
+def test_pairs_name_the_pair_of_each_subject_as_on_the_command_line(shapes):
+    from homolog.analysis.comparison import Options
+    from homolog.analysis.studies import compare_pairs
+
+    names = [*(6 * [None]), *"uvwxyz", *"zyxwvu"]
+    found = hl.compare_groups(shapes, GROUPS, ("b", "c"), pairs=names, **QUICK)
+    options = Options(permutations=QUICK["permutations"], null_repeats=0)
+    same = compare_pairs(shapes, np.arange(6, 12), np.arange(17, 11, -1), "c - b", options=options)
+    assert (found.title, found.counts) == ("c - b", {"pairs": 6})
+    assert found.test.p_permutation == same.test.p_permutation
+    np.testing.assert_array_equal(found.pointwise.effect, same.pointwise.effect)
 
 
 @pytest.mark.parametrize(
@@ -89,9 +102,12 @@ def test_chosen_pairs_are_corrected_for_their_number_only(shapes):
         ({"covariates": {"age": [1.0]}}, "'age': 1 values for 18"),
         ({"alignment": "rotated"}, "'rotated': choose one or several of as-it-lies, rigid, similarity"),
         ({"alignment": ("rigid", "rigid")}, "each once"),
-        ({"pairs": [("a", "z")]}, "'z'.* are not two of the groups a, b, c"),
-        ({"pairs": [("a", "b"), ("b", "a")]}, "each once"),
-        ({"between": ("a", "b"), "pairs": [("a", "b")]}, "among three or more groups"),
+        ({"comparisons": [("a", "z")]}, "'z'.* are not two of the groups a, b, c"),
+        ({"comparisons": [("a", "b"), ("b", "a")]}, "each once"),
+        ({"between": ("a", "b"), "comparisons": [("a", "b")]}, "among three or more groups"),
+        ({"pairs": [("a", "b")]}, r"comparisons=\[\('a', 'b'\)\]"),
+        ({"pairs": 9 * ["l", "r"]}, "is between two groups"),
+        ({"pairs": ["l"], "between": ("a", "b")}, "1 given for 18"),
         ({"permutations": 0}, "needs at least one"),
         (
             {"covariates": {"age": 18 * [np.nan]}, "names": list("ABCDEFGHIJKLMNOPQR")},
