@@ -6,18 +6,17 @@ from scipy import ndimage
 from homolog.arrays import Array, BoolArray, Float32Array
 from homolog.errors import InputError
 from homolog.grooming.antialias import smoothed
-from homolog.grooming.levels import Level
+from homolog.grooming.levels import NEAR, Level
 from homolog.grooming.tunnels import fill_tunnels
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import marching_cubes
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.redistance import redistanced
+from homolog.surfaces.topology import without_cavities
 
 __all__ = ["distance_field", "volume_inside"]
 
 _FINAL = 0.85  # of the smoothing, after the distances are made
-_REACH = 4
-"""Nodes: how far from the surface of a large structure distances are those of the eikonal equation."""
 _OF_PATCHES = -0.3  # nodes: the level of nodes that fill a tunnel
 _KEPT = 0.2  # nodes: how far from zero a node on its own side is kept, if the topology would change
 
@@ -58,7 +57,7 @@ def distance_field(
     if filled:
         solid = np.where(inside & (solid > 0.0), _OF_PATCHES, solid)
         notes = (*notes, f"tunnels narrower than {tunnels:g} nodes of the grid were filled: {filled}")
-    distances = redistanced(solid, reach=_REACH if level.is_large else None)
+    distances = redistanced(solid, reach=NEAR if level.is_large else None)
     values = _smoothed_alike(distances, _FINAL * smoothing)
     return DistanceField(values * np.float32(level.step), level.index_to_world), notes, loose
 
@@ -109,5 +108,5 @@ def _doubtful(inside: BoolArray, euler: int) -> bool:
 def _one_solid(level: Array) -> tuple[Array, int]:
     """Keep the largest component of the inside, without cavities; return how many were dropped."""
     labels, count = ndimage.label(level < 0.0)
-    solid = ndimage.binary_fill_holes(labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:])))
+    solid = without_cavities(labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:])))
     return np.where(solid, -1.0, 1.0) * np.maximum(np.abs(level), 1e-3), count - 1

@@ -26,6 +26,8 @@ USUAL_NODES = 2**24
 """Where the user gives no spacing, it is chosen so that the grid is not larger."""
 MANY_NODES = 2_000_000
 """A larger grid is made coarser, as far as the thinnest parts of the structure allow."""
+NEAR = 4
+"""Nodes: how far from the surface of a large structure distances are those of the eikonal equation."""
 FINEST_PART = 4.0
 """Nodes across these parts."""
 LOOKED_AT = 250_000
@@ -317,7 +319,7 @@ def _from_stack(
     outline = _resampled(stack.outline, *place)
     level = np.maximum(outline, stack.ends)
     if stack.hole is not None:
-        wall = redistanced(outline) + THINNEST
+        wall = redistanced(outline, reach=NEAR if is_large else None) + THINNEST
         level = np.maximum(level, -np.maximum(_resampled(stack.hole, *place), wall))
     notes = [f"slices {spacing[2]:g} mm apart were interpolated as outlines"]
     if stack.closed:

@@ -2,18 +2,20 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from homolog.arrays import FloatArray
 from homolog.cohort import FROM_NAMES, LEFT, RIGHT, Cohort, other_side, sides_of
+from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geometry import transform_points
 from homolog.grooming.align import Registration, medoid, register
 from homolog.grooming.icp import OrientedPoints, oriented_points, registered
 from homolog.grooming.subject import GroomedSubject
-from homolog.progress import Tick, no_tick, part_of
+from homolog.progress import Tick, no_tick, part_of, run_in_threads
 from homolog.settings import Alignment, GroomSettings, Mirror
 from homolog.surfaces.mirroring import MIRROR, mirrors
 
@@ -197,17 +199,20 @@ def _better_mirrored(
     middle = medoid(clouds)
     fixed = _thinned(clouds[middle], _FIXED)
     undecided = {k: item.name for k, item in enumerate(groomed) if k != middle and item.name not in known}
-    mirrored = set()
-    for number, (k, name) in enumerate(undecided.items()):
-        tick(number / len(undecided), f"comparing {name} with its mirror image")
+
+    def is_better(k: int, inner: Tick) -> bool:
+        inner(0.0, "comparing with mirror images")
         cloud, turned = _thinned(clouds[k], _MOVING), MIRROR[:3, :3]
         image = OrientedPoints(cloud.points @ turned, cloud.normals @ turned, cloud.centre)
         if registered_already:  # to the same one, whose centre is the origin
             own = _gap(cloud.points + placed[k].centre / placed[k].size, fixed)
         else:
             own = _gap(_moved(cloud, fixed), fixed)
-        if _gap(_moved(image, fixed), fixed) < _FAR_BETTER * own:
-            mirrored.add(name)
+        return _gap(_moved(image, fixed), fixed) < _FAR_BETTER * own
+
+    works = [partial(is_better, k) for k in undecided]
+    better = run_in_threads(works, tick, "comparing with mirror images", cores())
+    mirrored = {name for name, is_so in zip(undecided.values(), better, strict=True) if is_so}
     # Where most would fit better mirrored, it is the reference and its like that are odd.
     return (
         {item.name for item in groomed} - mirrored

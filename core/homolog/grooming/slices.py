@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 from scipy.interpolate import PchipInterpolator
 
 from homolog.arrays import Array, BoolArray, Float32Array, FloatArray
 from homolog.grooming.antialias import antialiased, smoothed
+from homolog.surfaces.topology import without_cavities
 
 __all__ = ["Stack", "interpolated"]
 
@@ -63,7 +63,7 @@ def interpolated(mask: BoolArray, thickness: float, heights: FloatArray, sigma: 
     sigma : float
         Standard deviation of the in-plane smoothing [voxels].
     """
-    outlines = np.stack([ndimage.binary_fill_holes(item) for item in np.moveaxis(mask, 2, 0)], axis=-1)
+    outlines = np.stack([without_cavities(item) for item in np.moveaxis(mask, 2, 0)], axis=-1)
     holes = outlines & ~mask
     areas = holes.sum(axis=(0, 1))
     goes_on = areas[[0, -1]] > 0

@@ -1,6 +1,9 @@
 """From one file to a distance field and its meshes."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
 
 from homolog.cohort import Subject
 from homolog.errors import InputError, NumericalError
@@ -36,6 +39,11 @@ Source = Segmentation | TriangleMesh
 _FEWEST_VOXELS = 8
 _MUCH_LOST = 0.75
 """Of the voxels' volume: a field that holds less is made again on a finer grid."""
+_FULL = 0.75
+"""Of an image: what has more of it and all of its corners is the background of a structure."""
+_POINTER = b"version https://git-lfs"
+_SHORTEST, _LONGEST = 0.5, 3000.0
+"""mm: a shape beyond is probably in another unit."""
 _LEAST_HELD = 0.3
 """Of the voxels' volume: what holds less is refused."""
 
@@ -134,6 +142,7 @@ def read_source(subject: Subject, settings: GroomSettings) -> Source:
             path = mask_of(subject, masks, settings.label, settings.segment)
             subject = replace(subject, path=path)
             settings = settings.model_copy(update={"label": None, "segment": None})  # all of that file
+        _check_beginning(subject.path)
         if not subject.is_mesh:
             source: Source = read_segmentation(subject.path, settings.label, settings.segment)
         else:
@@ -144,6 +153,18 @@ def read_source(subject: Subject, settings: GroomSettings) -> Source:
             f"{subject.path}: can't be read: {reason}; check its permissions and disk"
         ) from error
     return check_source(source, settings, subject.path)
+
+
+def _check_beginning(path: Path) -> None:
+    """Refuse what stands in the place of a file: nothing, or what Git LFS knows it by."""
+    if not path.is_file():
+        return
+    with path.open("rb") as stream:
+        beginning = stream.read(len(_POINTER))
+    if not beginning:
+        raise InputError(f"{path}: is empty; copy it again, or exclude it")
+    if beginning == _POINTER:
+        raise InputError(f"{path}: is a pointer of Git LFS instead of the file; fetch it: git lfs pull")
 
 
 def check_source(source: Source, settings: GroomSettings, what: object) -> Source:
@@ -175,6 +196,11 @@ def check_source(source: Source, settings: GroomSettings, what: object) -> Sourc
         raise InputError(
             f"{what}: has only {count} voxel(s) of the structure, which make no shape; segment it or leave "
             "the subject out"
+        )
+    elif count > _FULL * source.mask.size and source.mask[np.ix_(*[[0, -1]] * 3)].all():
+        raise InputError(
+            f"{what}: the structure fills its image up to all corners, as if the background were labelled; "
+            "choose its label, or invert the mask"
         )
     return source
 
@@ -239,9 +265,18 @@ def _groomed(name: str, source: Source, settings: GroomSettings) -> GroomedSubje
         volume_before=volume / 1000.0,
         volume_after=mesh.volume / 1000.0,
         genus=1 - euler_number(mesh.faces) // 2,
-        notes=(*notes, *further),
+        notes=(*notes, *further, *_of_other_unit(mesh)),
     )
     return GroomedSubject(name, field, mesh, coarse_isosurface(field, mesh, COARSE_VERTICES), report)
+
+
+def _of_other_unit(mesh: TriangleMesh) -> tuple[str, ...]:
+    """Return a note on a shape of a size that nothing in a body has."""
+    longest = float(np.ptp(mesh.vertices, axis=0).max())
+    if _SHORTEST <= longest <= _LONGEST:
+        return ()
+    unit = "metres" if longest < _SHORTEST else "micrometres"
+    return (f"is {longest:.2g} mm long; if its file is in {unit}, save it in millimetres",)
 
 
 def _field_of_voxels(

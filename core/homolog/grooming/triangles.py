@@ -12,7 +12,7 @@ from homolog.settings import GroomSettings, Pieces
 from homolog.surfaces.closest import distances_to
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.solid import Solid, clusters, solid_of
-from homolog.surfaces.topology import check_mesh, face_components
+from homolog.surfaces.topology import check_mesh, face_components, without_cavities
 
 __all__ = ["Triangles", "check_triangles", "deviation", "level_of_triangles"]
 
@@ -173,7 +173,7 @@ def _largest(level: Level) -> tuple[Level, BoolArray, int]:
     if not count:
         raise InputError(_NOTHING)
     inside: BoolArray = labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
-    inside = np.asarray(ndimage.binary_fill_holes(inside))
+    inside = without_cavities(inside)
     others = np.bincount(labels[~inside].ravel(), minlength=count + 1)[1:]
     others = np.where(others >= _PIECE * np.count_nonzero(inside), others, 0)
     if others.any():

@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from homolog.arrays import Array, BoolArray, IntArray
 from homolog.grooming.antialias import near_distance
+from homolog.surfaces.topology import without_cavities
 
 __all__ = ["euler_number", "fill_tunnels"]
 
@@ -66,7 +67,8 @@ def euler_number(solid: BoolArray) -> int:
 
 def _euler_numbers(solid: BoolArray) -> int:
     """Return the sum of the Euler numbers with voxels connected at faces, and at corners too."""
-    padded = np.pad(solid, 1).astype(np.uint8)
+    padded = np.zeros([count + 2 for count in solid.shape], np.uint8)  # np.pad is slow on small ones
+    padded[1:-1, 1:-1, 1:-1] = solid
     return int(np.bincount(_patterns(padded).ravel(), minlength=256) @ _EITHER) // 8
 
 
@@ -115,7 +117,7 @@ def _plugged(solid: BoolArray) -> BoolArray:
             padded[tuple(some.T)] = 1
             changed.append(some)
         places = _beside(padded, np.concatenate(changed))
-    filled: BoolArray = ndimage.binary_fill_holes(padded[inner] > 0)
+    filled: BoolArray = without_cavities(padded[inner] > 0)
     return filled
 
 
@@ -136,11 +138,13 @@ def _patched(solid: BoolArray, radius: float) -> BoolArray:
     inner = (slice(reach, -reach),) * 3
     result = solid.copy()
     for box, patch in _patches(closed[inner] & ~solid):
+        if np.count_nonzero(patch) == 1:  # as a single voxel that fills no tunnel
+            continue
         old = result[box]
         new = old | patch
         if _euler_numbers(new) > _euler_numbers(old) and _pieces(new) <= _pieces(old):
             result[box] = new
-    filled: BoolArray = ndimage.binary_fill_holes(result)
+    filled: BoolArray = without_cavities(result)
     return filled
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
+from scipy.sparse import coo_array
 
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import NumericalError
@@ -128,6 +129,6 @@ def _quadrics(vertices: FloatArray, faces: IntArray) -> FloatArray:
     plane = np.column_stack([normal, -np.einsum("ij,ij->i", normal, a)])
     rows, columns = [0, 0, 0, 1, 1, 2, 0, 1, 2, 3], [0, 1, 2, 1, 2, 2, 3, 3, 3, 3]
     terms = area[:, None] * plane[:, rows] * plane[:, columns]
-    corners = faces.ravel()
-    sums = [np.bincount(corners, np.repeat(term, 3), minlength=len(vertices)) for term in terms.T]
-    return np.stack(sums, axis=1)
+    owners = np.repeat(np.arange(len(faces)), 3)
+    around = coo_array((np.ones(len(owners)), (faces.ravel(), owners)), shape=(len(vertices), len(faces)))
+    return np.asarray(around.tocsr() @ terms)

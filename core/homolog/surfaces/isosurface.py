@@ -10,7 +10,7 @@ from homolog.surfaces.closest import distances_to
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.remesh import Sizes, curvature_sizes, remeshed
-from homolog.surfaces.simplify import simplified
+from homolog.surfaces.simplify import levels_of_detail, simplified
 from homolog.surfaces.topology import euler_number, face_components, is_sound
 
 __all__ = ["coarse_isosurface", "isosurface", "marching_cubes"]
@@ -120,7 +120,7 @@ def _meshed(
     while least < edge and np.mean((edge / sizes) ** 2) > _MOST_TIMES:  # times as many vertices
         least *= 1.2
         sizes = _graded(wanted, np.maximum(needed, least), tree)
-    euler = euler_number(source.faces)
+    euler, volume = euler_number(source.faces), source.volume
     expected = count * float(np.mean((edge / sizes) ** 2))
     is_even = bool((sizes > 0.8 * edge).all())
     lighter = simplified(source, round(_START * _MOST_TIMES * count))
@@ -131,25 +131,31 @@ def _meshed(
         mesh = remeshed(start, field, _at(tree, sizes))
         far = _far(mesh, field, references, tree, 2.0 * tolerance)
         whole = is_sound(mesh) and euler_number(mesh.faces) == euler
-        near = whole and _is_close(mesh, field, source)
+        near = whole and _is_close(mesh, field, volume)
         if near and (n_far := int(np.count_nonzero(far))) < fewest:
             best, fewest = mesh, n_far
         if (near and not far.any()) or len(mesh.vertices) > _MOST_TIMES * count:
             break
         start = lighter
         sizes = _graded(sizes, np.where(far, np.maximum(_FINER * sizes, 0.5 * field.spacing), edge), tree)
-    count = round(expected)
-    while best is None and len(source.vertices) > _TOO_FINE * count:  # no even mesh will do
-        fewer = simplified(source, count)
-        fewer = TriangleMesh(field.projected(fewer.vertices), fewer.faces)
-        best = fewer if is_sound(fewer) and _is_close(fewer, field, source) else None
-        count *= 2
-    return best or source
+    return best or _uneven(source, round(expected), field, volume)
 
 
-def _is_close(mesh: TriangleMesh, field: DistanceField, source: TriangleMesh) -> bool:
+def _uneven(source: TriangleMesh, count: int, field: DistanceField, volume: float) -> TriangleMesh:
+    """Return the source with as few vertices as carry its shape, moved to the zero level; else the source."""
+    counts = [count]
+    while _TOO_FINE * counts[-1] < len(source.vertices):
+        counts.append(2 * counts[-1])
+    for fewer in reversed(levels_of_detail(source, counts[-2::-1])):
+        moved = TriangleMesh(field.projected(fewer.vertices), fewer.faces)
+        if is_sound(moved) and _is_close(moved, field, volume):
+            return moved
+    return source
+
+
+def _is_close(mesh: TriangleMesh, field: DistanceField, volume: float) -> bool:
     """Return whether vertices lie within half a node of the zero level, and the volume is about the same."""
-    if abs(mesh.volume - source.volume) > _VOLUME * source.volume:
+    if abs(mesh.volume - volume) > _VOLUME * volume:
         return False
     return bool(np.abs(field.sample_values(mesh.vertices)).max() < 0.5 * field.spacing)
 

@@ -1,5 +1,7 @@
 """A mesh as a level function on a grid, and what else is asked of triangles in space."""
 
+from collections.abc import Callable
+
 import numpy as np
 import warp as wp
 from scipy import ndimage
@@ -8,8 +10,9 @@ from homolog.arrays import Array, BoolArray, Float32Array, FloatArray, IntArray
 from homolog.device import choose_device
 from homolog.surfaces.kernels import distances as kernels
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.surfaces.topology import without_cavities
 
-__all__ = ["REACH", "escaping", "mesh_level", "mesh_sides", "winds_around"]
+__all__ = ["REACH", "escaping", "mesh_level", "mesh_sides", "winding_around"]
 
 REACH = 2.5
 """Nodes: how far from the mesh its distance is computed."""
@@ -60,7 +63,7 @@ def mesh_level(
             part = _surface(TriangleMesh(mesh.vertices, mesh.faces[bounds]), start, spacing)
             wp.launch(kernels.distance_to_faces, shape, [part.id, surface.id, REACH, level])
         values: Float32Array = np.array(level.numpy())
-    inside = ndimage.binary_fill_holes(values < 0.0)
+    inside = without_cavities(values < 0.0)
     values[inside & (values == REACH)] = -REACH
     return values
 
@@ -98,14 +101,20 @@ def mesh_sides(mesh: TriangleMesh, start: FloatArray, spacing: float, near: Floa
         inside[far] = low[far]
         mixed = np.argwhere(far & (low != high))
         inside[tuple(mixed.T)] = _asked(surface, mixed)
-    return np.asarray(ndimage.binary_fill_holes(inside))
+    return without_cavities(inside)
 
 
-def winds_around(mesh: TriangleMesh, points: FloatArray) -> BoolArray:
-    """Return whether a mesh winds at least half around points (N, 3), shape (N,)."""
+def winding_around(mesh: TriangleMesh) -> Callable[[FloatArray], BoolArray]:
+    """Return the function that says whether a mesh winds at least half around points (N, 3), shape (N,)."""
     low, scale = _unit(mesh)
     with wp.ScopedDevice(choose_device("cpu")):
-        return _asked(_surface(mesh, low, scale), (points - low) / scale)
+        surface = _surface(mesh, low, scale)
+
+    def winds_around(points: FloatArray) -> BoolArray:
+        with wp.ScopedDevice(choose_device("cpu")):
+            return _asked(surface, (points - low) / scale)
+
+    return winds_around
 
 
 def _unit(mesh: TriangleMesh) -> tuple[FloatArray, float]:

@@ -1,12 +1,14 @@
 """Coarser meshes of the same surface."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from homolog.errors import NumericalError
 from homolog.surfaces.collapses import MergedMesh
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["simplified"]
+__all__ = ["levels_of_detail", "simplified"]
 
 _SHARE = 1.0 / 3.0  # of the edges, the cheapest, that are merged in one round
 
@@ -31,12 +33,39 @@ def simplified(mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
     """
     if len(mesh.vertices) <= n_vertices:
         return mesh
+    return levels_of_detail(mesh, [n_vertices])[0]
+
+
+def levels_of_detail(mesh: TriangleMesh, counts: Sequence[int]) -> list[TriangleMesh]:
+    """Return meshes as `simplified` makes them, each of which goes on where the one before it ended.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        A closed manifold; any other is returned as it is.
+    counts : sequence of int
+        Wanted numbers of vertices, the largest first.
+
+    Returns
+    -------
+    list of TriangleMesh
+    """
     centre = mesh.vertices.mean(axis=0)  # keep the numbers small
     try:
         merged = MergedMesh.of(mesh.vertices - centre, mesh.faces)
     except NumericalError:
-        return mesh
-    left, share = len(mesh.vertices) - n_vertices, _SHARE
+        return [mesh] * len(counts)
+    number, levels = len(mesh.vertices), []
+    for count in counts:
+        number -= _merge(merged, number - count)
+        vertices, faces, _ = merged.compact()
+        levels.append(TriangleMesh(vertices + centre, faces))
+    return levels
+
+
+def _merge(merged: MergedMesh, most: int) -> int:
+    """Merge so many of the cheapest edges, or as many as the topology allows, and return how many."""
+    left, share = most, _SHARE
     while left > 0:
         sides, costs = merged.costs()
         cheap = np.flatnonzero(costs <= np.quantile(costs, share))
@@ -45,5 +74,4 @@ def simplified(mesh: TriangleMesh, n_vertices: int) -> TriangleMesh:
             break
         share = _SHARE if done else 1.0
         left -= done
-    vertices, faces, _ = merged.compact()
-    return TriangleMesh(vertices + centre, faces)
+    return most - left

@@ -10,26 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import Delaunay, KDTree, QhullError
+from scipy.spatial import KDTree
 
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.surfaces.mesh_level import escaping, winds_around
+from homolog.surfaces.mesh_level import escaping, winding_around
+from homolog.surfaces.rims import capped, sides_of
 from homolog.surfaces.topology import FLATTEST, face_components
 
 __all__ = ["Solid", "clusters", "solid_of"]
 
 _SAME = 1e-6
 """Of the diagonal: vertices that are nearer to each other are welded."""
-_FLAT = 0.05
-"""Of a rim's width: how far it may be from its plane if it is to be closed flat."""
-_CRACK = 1e-4
-"""Of the squared length: a rim around less area is a crack between faces that meet, not an opening."""
-_GAP = 1e-3
-"""Of its length: how far an open side may be from another one that it lies on."""
-_NEIGHBOURS = 12
-_FEW = 4
-"""Faces for each side of its rim: patches of fewer may be as flat as the rim."""
 _SAMPLES = 24
 """Faces of a patch that are asked how much of the outside they see."""
 _DIRECTIONS = 16
@@ -91,9 +83,16 @@ def solid_of(mesh: TriangleMesh) -> Solid:
     faces = _with_area(vertices, faces)
     patches, turned = _patches(faces)
     faces = np.where(turned[:, None], faces[:, ::-1], faces)
-    vertices, caps, cap_patches, rims, left = _capped(vertices, faces, patches)
-    every = TriangleMesh(vertices, np.concatenate([faces, caps]))
-    owners = np.concatenate([patches, cap_patches])
+    vertices, caps, cap_patches, rims, left, joined = capped(vertices, faces, patches)
+    all_faces, owners = np.concatenate([faces, caps]), np.concatenate([patches, cap_patches])
+    for kept, other, is_turned in joined:
+        chosen = owners == other
+        if is_turned:
+            all_faces = np.where(chosen[:, None], all_faces[:, ::-1], all_faces)
+            turned ^= chosen[: len(turned)]
+        owners[chosen] = kept
+        left[left[:, 2] == other, 2] = kept
+    every = TriangleMesh(vertices, all_faces)
     sides, unsure = _outsides(every, owners, left)
     about = sides[owners] < 0
     result = np.where(about[:, None], every.faces[:, ::-1], every.faces)
@@ -110,7 +109,7 @@ def solid_of(mesh: TriangleMesh) -> Solid:
         len(left) == 0,
         np.sort(rims)[::-1],
         float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum()),
-        _count_turned(patches, turned, unsure & (sides < 0)),
+        _count_turned(owners[: len(faces)], turned, unsure & (sides < 0)),
         len(mesh.faces) - len(faces),
         welded,
     )
@@ -123,12 +122,13 @@ def _bounding(mesh: TriangleMesh) -> BoolArray:
     aside = _ASIDE * mesh.mean_edge * across / np.linalg.norm(across, axis=1, keepdims=True)
     result = np.zeros(len(corners), dtype=bool)
     met = np.ones(len(mesh.vertices), dtype=bool)
+    winds_around = winding_around(mesh)
     for place in _PLACES:
         left = np.flatnonzero(~result & met[mesh.faces].any(axis=1))
         points = np.einsum("k,fkd->fd", place, corners[left])
-        winding = winds_around(mesh, np.concatenate([points - aside[left], points + aside[left]]))
-        behind, before = winding.reshape(2, -1)
-        result[left] = behind & ~before
+        is_outer = ~winds_around(points + aside[left])
+        left = left[is_outer]
+        result[left] = winds_around(points[is_outer] - aside[left])
         met[:] = False
         met[mesh.faces[result]] = True  # at further places only the neighbours of faces found so far
     return result
@@ -189,15 +189,6 @@ def _with_area(vertices: FloatArray, faces: IntArray) -> IntArray:
     return faces[np.sort(first)]
 
 
-def _sides(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Return directed sides (3F, 2), the face of each, and the number of faces at its edge."""
-    sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    ordered = np.sort(sides, axis=1)
-    keys = ordered[:, 0] * (int(faces.max(initial=0)) + 1) + ordered[:, 1]
-    _, same, uses = np.unique(keys, return_inverse=True, return_counts=True)
-    return sides, np.tile(np.arange(len(faces)), 3), uses[same]
-
-
 def _patches(faces: IntArray) -> tuple[IntArray, BoolArray]:
     """Return the patch of each face, and which to turn about so that each patch lies one way.
 
@@ -205,7 +196,7 @@ def _patches(faces: IntArray) -> tuple[IntArray, BoolArray]:
     way join their equal copies, others their unequal ones. A patch with one side only (a Möbius strip) falls
     apart into its faces.
     """
-    sides, owners, uses = _sides(faces)
+    sides, owners, uses = sides_of(faces)
     twice = np.flatnonzero(uses == 2)
     paired = twice[np.lexsort(np.sort(sides[twice], axis=1).T)].reshape(-1, 2)
     a, b = owners[paired].T
@@ -221,115 +212,6 @@ def _patches(faces: IntArray) -> tuple[IntArray, BoolArray]:
     return np.unique(patches, return_inverse=True)[1], turned
 
 
-def _capped(
-    vertices: FloatArray, faces: IntArray, patches: IntArray
-) -> tuple[FloatArray, IntArray, IntArray, FloatArray, IntArray]:
-    """Close the openings with a flat rim.
-
-    Returns
-    -------
-    (V', 3) float64 array
-        The vertices, and one in the middle of each cap.
-    (C, 3), (C,) int arrays
-        Faces of the caps, and the patch of each.
-    (R,) float64 array
-        Widths of the rims that were closed.
-    (B, 3) int array
-        The sides that are still open, and the patch of each; cracks are not among them.
-    """
-    sides, owners, uses = _sides(faces)
-    edge = sides[uses == 1]
-    patch = patches[owners[uses == 1]]
-    if not len(edge):
-        return vertices, np.empty((0, 3), np.int64), np.empty(0, np.int64), np.empty(0), np.empty((0, 3), int)
-    graph = coo_array((np.ones(len(edge), np.int8), tuple(edge.T)), shape=(len(vertices),) * 2)
-    rim_of = connected_components(graph, directed=False)[1][edge[:, 0]]
-    leaving = np.bincount(edge[:, 0], minlength=len(vertices))
-    arriving = np.bincount(edge[:, 1], minlength=len(vertices))
-    is_simple = (leaving[edge] == 1) & (arriving[edge] == 1)
-    members = np.argsort(patches, kind="stable")
-    first = np.searchsorted(patches[members], np.arange(int(patches.max()) + 2))
-    middles: list[FloatArray] = []
-    caps: list[IntArray] = []
-    cap_patches, widths, left = [], [], []
-    order = np.argsort(rim_of, kind="stable")
-    for chosen in np.split(order, np.flatnonzero(np.diff(rim_of[order])) + 1):
-        rim, middle = edge[chosen], vertices[edge[chosen, 0]].mean(axis=0)
-        spokes = vertices[rim] - middle
-        across = np.cross(spokes[:, 1], spokes[:, 0])
-        area = 0.5 * float(np.linalg.norm(across.sum(axis=0)))
-        length = float(np.linalg.norm(spokes[:, 0] - spokes[:, 1], axis=1).sum())
-        one_patch = (patch[chosen] == patch[chosen[0]]).all()
-        if 0.5 * np.linalg.norm(across, axis=1).sum() <= _CRACK * length**2:
-            continue
-        normal = across.sum(axis=0) / max(2.0 * area, 1e-300)
-        width = 2.0 * float(np.linalg.norm(spokes[:, 0], axis=1).max())
-        off = float(np.abs(spokes[:, 0] @ normal).max())
-        is_flat = is_simple[chosen].all() and one_patch and (off <= _FLAT * width or len(rim) <= 4)
-        own = members[first[patch[chosen[0]]] : first[patch[chosen[0]] + 1]]
-        if is_flat and len(own) <= _FEW * len(rim):  # and the patch is more than the rim's own plane
-            is_flat = np.abs((vertices[faces[own]] - middle) @ normal).max() > _FLAT * width
-        if not is_flat:
-            left.append(np.column_stack([rim, patch[chosen]]))
-            continue
-        if (across @ normal > 0.0).all():
-            number = len(vertices) + len(middles)
-            middles.append(middle)
-            caps.append(np.column_stack([rim[:, ::-1], np.full(len(rim), number)]))
-        else:
-            caps.append(_filled(vertices, rim, normal))
-        cap_patches.append(np.full(len(caps[-1]), patch[chosen[0]]))
-        widths.append(width)
-    remaining = np.concatenate([np.empty((0, 3), np.int64), *left])
-    return (
-        np.concatenate([vertices, np.reshape(middles, (-1, 3))]),
-        np.concatenate([np.empty((0, 3), np.int64), *caps]),
-        np.concatenate([np.empty(0, np.int64), *cap_patches]),
-        np.array(widths),
-        remaining[~_covered(vertices, remaining[:, :2])],
-    )
-
-
-def _covered(vertices: FloatArray, sides: IntArray) -> BoolArray:
-    """Return which open sides lie on other ones: where a vertex ends in the middle of a neighbour's side."""
-    if not len(sides):
-        return np.zeros(0, dtype=bool)
-    a, b = vertices[sides[:, 0]], vertices[sides[:, 1]]
-    middle, along = 0.5 * (a + b), b - a
-    length = np.linalg.norm(along, axis=1)
-    tree = KDTree(middle)
-    covered = np.zeros(len(sides), dtype=bool)
-    near = tree.query(middle, k=min(_NEIGHBOURS, len(sides)), distance_upper_bound=float(length.max()))[1]
-    for other in near.reshape(len(sides), -1).T:
-        is_there = (other < len(sides)) & (other != np.arange(len(sides)))
-        other = np.where(is_there, other, 0)
-        share = ((middle - a[other]) * along[other]).sum(axis=1) / np.maximum(length[other] ** 2, 1e-300)
-        gap = np.linalg.norm(a[other] + np.clip(share, 0.0, 1.0)[:, None] * along[other] - middle, axis=1)
-        covered |= is_there & (gap <= _GAP * np.minimum(length, length[other]))
-    return covered
-
-
-def _filled(vertices: FloatArray, rim: IntArray, normal: FloatArray) -> IntArray:
-    """Triangulate a flat opening whose rim turns inward somewhere: Delaunay triangles within the rim."""
-    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    plane = np.stack([first, np.cross(normal, first)], axis=1)
-    names = rim[:, 0]
-    flat = vertices[names] @ plane
-    try:
-        triangles = Delaunay(flat).simplices
-    except QhullError:
-        return np.empty((0, 3), np.int64)
-    a, b = vertices[rim[:, 0]] @ plane, vertices[rim[:, 1]] @ plane
-    x, y = flat[triangles].mean(axis=1).T[..., None]
-    crosses = (a[:, 1] > y) != (b[:, 1] > y)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = a[:, 0] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
-    triangles = np.asarray(triangles[np.count_nonzero(crosses & (at > x), axis=1) % 2 == 1])
-    sides = np.diff(flat[triangles], axis=1)
-    wrong = sides[:, 0, 0] * sides[:, 1, 1] < sides[:, 0, 1] * sides[:, 1, 0]
-    return np.asarray(names[np.where(wrong[:, None], triangles[:, ::-1], triangles)])
-
-
 def _outsides(mesh: TriangleMesh, patches: IntArray, left: IntArray) -> tuple[IntArray, BoolArray]:
     """Return 1 for each patch that faces outward, -1 for one to turn about, 0 for an inner wall.
 
@@ -342,7 +224,7 @@ def _outsides(mesh: TriangleMesh, patches: IntArray, left: IntArray) -> tuple[In
     result = np.where(volume < 0.0, -1, 1)
     unsure = np.zeros(count, dtype=bool)
     unsure[left[:, 2]] = True
-    _, owners, uses = _sides(mesh.faces)
+    _, owners, uses = sides_of(mesh.faces)
     unsure[patches[owners[uses > 2]]] = True
     if not unsure.any():
         return result, unsure

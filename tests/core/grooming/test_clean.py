@@ -1,7 +1,10 @@
 import numpy as np
+import pytest
+from scipy import ndimage
 
 from homolog.grooming.clean import cleaned
 from homolog.grooming.images import Segmentation
+from homolog.surfaces.topology import without_cavities
 
 
 def segmentation(mask, spacing=(1.0, 1.0, 1.0)):
@@ -49,3 +52,10 @@ def test_touching_the_border_is_noticed_unless_a_dropped_piece_does():
     assert not cleaned(segmentation(mask)).at_border
     mask[2:8, 2:6, 2:6] = True
     assert cleaned(segmentation(mask)).at_border
+
+
+@pytest.mark.parametrize("shape", [(3, 4, 5), (20, 21, 22), (40, 30), (1, 5, 5)])
+@pytest.mark.parametrize("share", [0.0, 0.4, 0.7, 0.95, 1.0])
+def test_cavities_are_filled_as_scipy_fills_them(shape, share):
+    solid = np.random.default_rng(0).random(shape) < share
+    assert np.array_equal(without_cavities(solid), ndimage.binary_fill_holes(solid))

@@ -301,3 +301,23 @@ def test_a_file_that_the_system_does_not_hand_out_is_named(tmp_path, monkeypatch
     monkeypatch.setattr(Path, "read_bytes", refuse)
     with pytest.raises(InputError, match=rf"{name}: can't be read: Permission denied; check its permissions"):
         groom_subject(Subject("a", tmp_path / name), SETTINGS)
+
+
+@pytest.mark.parametrize("name", ["a.nii.gz", "a.stl"])
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b"", "is empty; copy it again"), (b"version https://git-lfs.github.com/spec/v1\noid", "git lfs pull")],
+)
+def test_what_stands_in_the_place_of_a_file_is_named(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=rf"{name}: .*{message}"):
+        groomed(tmp_path / name)
+
+
+def test_a_labelled_background_is_refused(save):
+    mask = np.ones((12, 12, 12), np.uint8)
+    mask[4:8, 4:8, 4:8] = 0
+    with pytest.raises(InputError, match=r"background\.nrrd: .* as if the background were labelled"):
+        groomed(save(mask, "background.nrrd"))
+    mask[:4] = 0
+    assert groomed(save(mask, "half.nrrd"), spacing=1.0).report.padded

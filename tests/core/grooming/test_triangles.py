@@ -159,6 +159,31 @@ def test_a_shaft_cut_off_is_closed_flat_at_its_rim_and_noted(egg, tmp_path):
     assert np.abs(result.mesh.vertices[inner, 0] - 7.0).max() < 0.3
 
 
+@pytest.mark.parametrize("is_turned", [True, False])
+def test_a_shell_cut_open_is_closed_by_a_ring(egg, tmp_path, is_turned):
+    lower = egg.vertices[egg.faces][..., 0].max(axis=1) < 8.0
+    rim = egg.vertices[:, 0] > 6.0
+    cut = TriangleMesh(
+        np.where(rim[:, None] & (np.arange(3) == 0), 7.0, egg.vertices),
+        egg.faces[lower][:, ::-1] if is_turned else egg.faces[lower],
+    )
+    path = tmp_path / "skull.stl"
+    write_mesh(path, joined(TriangleMesh(cut.vertices, egg.faces[lower]), moved(cut, [2.1, 0.0, 0.0], 0.7)))
+    result = groom_subject(Subject("skull", path), SETTINGS)
+    x = 7.0 / 20.0
+    of_cup = 0.75 * (x - x**3 / 3.0 + 2.0 / 3.0) * VOLUME
+    assert result.mesh.volume == pytest.approx((1.0 - 0.7**3) * of_cup, rel=0.03)
+    assert result.report.genus == 0
+    assert any("open ends were closed flat at their rims (2" in note for note in result.report.notes)
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(0.001, "metres"), (1000.0, "micrometres")])
+def test_a_shape_of_a_size_that_no_organ_has_is_noted(egg, tmp_path, scale, unit):
+    write_mesh(tmp_path / "a.stl", moved(egg, [0.0, 0.0, 0.0], scale))
+    notes = groom_subject(Subject("a", tmp_path / "a.stl"), GroomSettings()).report.notes
+    assert any(f"is in {unit}, save it in millimetres" in note for note in notes)
+
+
 def test_overlapping_pieces_are_united(egg, tmp_path):
     both = joined(egg, moved(egg, [18.0, 0.0, 0.0]))
     path = tmp_path / "both.ply"

@@ -1,0 +1,206 @@
+"""Openings of a mesh with a flat rim, and the faces that close them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import Delaunay, KDTree, QhullError
+
+from homolog.arrays import BoolArray, FloatArray, IntArray
+
+__all__ = ["capped", "sides_of"]
+
+_FLAT = 0.05
+"""Of a rim's width: how far it may be from its plane if it is to be closed flat."""
+_PARALLEL = 0.98
+"""Cosine: rims of which one lies within the other are in one plane if their normals are so near."""
+_CRACK = 1e-4
+"""Of the squared length: a rim around less area is a crack between faces that meet, not an opening."""
+_GAP = 1e-3
+"""Of its length: how far an open side may be from another one that it lies on."""
+_NEIGHBOURS = 12
+_FEW = 4
+"""Faces for each side of its rim: patches of fewer may be as flat as the rim."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rim:
+    """A flat opening: sides (n, 2), their patch, middle, normal, width; whether a fan of faces closes it."""
+
+    sides: IntArray
+    patch: int
+    middle: FloatArray
+    normal: FloatArray
+    width: float
+    is_fan: bool
+
+
+def capped(
+    vertices: FloatArray, faces: IntArray, patches: IntArray
+) -> tuple[FloatArray, IntArray, IntArray, FloatArray, IntArray, list[tuple[int, int, bool]]]:
+    """Close the openings with a flat rim; a ring where one lies within another, as of a shell that was cut.
+
+    Returns
+    -------
+    (V', 3) float64 array
+        The vertices, and one in the middle of each cap.
+    (C, 3), (C,) int arrays
+        Faces of the caps, and the patch of each.
+    (R,) float64 array
+        Widths of the rims that were closed.
+    (B, 3) int array
+        The sides that are still open, and the patch of each; cracks are not among them.
+    list of (int, int, bool)
+        Patches that a ring joins, and whether the second, which is no more than part of the first, is to be
+        turned about.
+    """
+    rims, left = _rims(vertices, faces, patches)
+    middles: list[FloatArray] = []
+    caps: list[IntArray] = [np.empty((0, 3), np.int64)]
+    cap_patches = [np.empty(0, np.int64)]
+    joined: list[tuple[int, int, bool]] = []
+    alias: dict[int, int] = {}
+    outer = _outer_rims(vertices, rims)
+    for index in np.flatnonzero(outer < 0).tolist():
+        rim, holes = rims[index], [rims[hole] for hole in np.flatnonzero(outer == index)]
+        if holes:
+            ring = np.concatenate([rim.sides, *(hole.sides for hole in holes)])
+            caps.append(_filled(vertices, ring, rim.normal))
+            for hole in holes:
+                whole, part = alias.get(rim.patch, rim.patch), alias.get(hole.patch, hole.patch)
+                if whole != part:
+                    joined.append((whole, part, bool(hole.normal @ rim.normal > 0.0)))
+                    alias = {patch: whole if end == part else end for patch, end in alias.items()}
+                    alias[part] = whole
+        elif rim.is_fan:
+            number = len(vertices) + len(middles)
+            middles.append(rim.middle)
+            caps.append(np.column_stack([rim.sides[:, ::-1], np.full(len(rim.sides), number)]))
+        else:
+            caps.append(_filled(vertices, rim.sides, rim.normal))
+        cap_patches.append(np.full(len(caps[-1]), rim.patch))
+    return (
+        np.concatenate([vertices, np.reshape(middles, (-1, 3))]),
+        np.concatenate(caps),
+        np.concatenate(cap_patches),
+        np.array([rim.width for rim in rims]),
+        left[~_covered(vertices, left[:, :2])],
+        joined,
+    )
+
+
+def _rims(vertices: FloatArray, faces: IntArray, patches: IntArray) -> tuple[list[_Rim], IntArray]:
+    """Return the flat openings, and the sides of all others with their patches (B, 3)."""
+    sides, owners, uses = sides_of(faces)
+    edge = sides[uses == 1]
+    patch = patches[owners[uses == 1]]
+    if not len(edge):
+        return [], np.empty((0, 3), np.int64)
+    graph = coo_array((np.ones(len(edge), np.int8), tuple(edge.T)), shape=(len(vertices),) * 2)
+    rim_of = connected_components(graph, directed=False)[1][edge[:, 0]]
+    leaving = np.bincount(edge[:, 0], minlength=len(vertices))
+    arriving = np.bincount(edge[:, 1], minlength=len(vertices))
+    is_simple = (leaving[edge] == 1) & (arriving[edge] == 1)
+    members = np.argsort(patches, kind="stable")
+    first = np.searchsorted(patches[members], np.arange(int(patches.max()) + 2))
+    rims, left = [], [np.empty((0, 3), np.int64)]
+    order = np.argsort(rim_of, kind="stable")
+    for chosen in np.split(order, np.flatnonzero(np.diff(rim_of[order])) + 1):
+        rim, middle = edge[chosen], vertices[edge[chosen, 0]].mean(axis=0)
+        spokes = vertices[rim] - middle
+        across = np.cross(spokes[:, 1], spokes[:, 0])
+        area = 0.5 * float(np.linalg.norm(across.sum(axis=0)))
+        length = float(np.linalg.norm(spokes[:, 0] - spokes[:, 1], axis=1).sum())
+        one_patch = (patch[chosen] == patch[chosen[0]]).all()
+        if 0.5 * np.linalg.norm(across, axis=1).sum() <= _CRACK * length**2:
+            continue
+        normal = across.sum(axis=0) / max(2.0 * area, 1e-300)
+        width = 2.0 * float(np.linalg.norm(spokes[:, 0], axis=1).max())
+        off = float(np.abs(spokes[:, 0] @ normal).max())
+        is_flat = is_simple[chosen].all() and one_patch and (off <= _FLAT * width or len(rim) <= 4)
+        own = members[first[patch[chosen[0]]] : first[patch[chosen[0]] + 1]]
+        if is_flat and len(own) <= _FEW * len(rim):  # and the patch is more than the rim's own plane
+            is_flat = np.abs((vertices[faces[own]] - middle) @ normal).max() > _FLAT * width
+        if is_flat:
+            is_fan = bool((across @ normal > 0.0).all())
+            rims.append(_Rim(rim, int(patch[chosen[0]]), middle, normal, width, is_fan))
+        else:
+            left.append(np.column_stack([rim, patch[chosen]]))
+    return rims, np.concatenate(left)
+
+
+def _outer_rims(vertices: FloatArray, rims: Sequence[_Rim]) -> IntArray:
+    """Return for each rim the number of the one in its plane within which it is a hole; -1 for all others."""
+    if not rims:
+        return np.empty(0, np.int64)
+    middles, normals = (np.array([getattr(rim, name) for rim in rims]) for name in ("middle", "normal"))
+    widths = np.array([rim.width for rim in rims])
+    off = np.abs(((middles - middles[:, None]) * normals[:, None]).sum(axis=2))
+    around = (widths < widths[:, None]) & (off <= _FLAT * widths) & (np.abs(normals @ normals.T) > _PARALLEL)
+    for index, other in np.argwhere(around):
+        plane = _plane(normals[index])
+        inner = vertices[rims[other].sides[:, 0]] @ plane
+        around[index, other] = _within(inner, vertices[rims[index].sides] @ plane).all()
+    nearest = np.argmin(np.where(around, widths[:, None], np.inf), axis=0)
+    return np.where(around.sum(axis=0) % 2 == 1, nearest, -1)
+
+
+def _covered(vertices: FloatArray, sides: IntArray) -> BoolArray:
+    """Return which open sides lie on other ones: where a vertex ends in the middle of a neighbour's side."""
+    if not len(sides):
+        return np.zeros(0, dtype=bool)
+    a, b = vertices[sides[:, 0]], vertices[sides[:, 1]]
+    middle, along = 0.5 * (a + b), b - a
+    length = np.linalg.norm(along, axis=1)
+    tree = KDTree(middle)
+    covered = np.zeros(len(sides), dtype=bool)
+    near = tree.query(middle, k=min(_NEIGHBOURS, len(sides)), distance_upper_bound=float(length.max()))[1]
+    for other in near.reshape(len(sides), -1).T:
+        is_there = (other < len(sides)) & (other != np.arange(len(sides)))
+        other = np.where(is_there, other, 0)
+        share = ((middle - a[other]) * along[other]).sum(axis=1) / np.maximum(length[other] ** 2, 1e-300)
+        gap = np.linalg.norm(a[other] + np.clip(share, 0.0, 1.0)[:, None] * along[other] - middle, axis=1)
+        covered |= is_there & (gap <= _GAP * np.minimum(length, length[other]))
+    return covered
+
+
+def _plane(normal: FloatArray) -> FloatArray:
+    """Return two directions (3, 2) across a normal."""
+    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    return np.stack([first, np.cross(normal, first)], axis=1)
+
+
+def _within(points: FloatArray, ends: FloatArray) -> BoolArray:
+    """Return which points (P, 2) lie in the region whose border has these sides (S, 2, 2)."""
+    x, y = points.T[..., None]
+    a, b = ends[:, 0], ends[:, 1]
+    crosses = (a[:, 1] > y) != (b[:, 1] > y)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = a[:, 0] + (y - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+    return np.asarray(np.count_nonzero(crosses & (at > x), axis=1) % 2 == 1)
+
+
+def _filled(vertices: FloatArray, rim: IntArray, normal: FloatArray) -> IntArray:
+    """Triangulate a flat opening that is no fan, or a ring: Delaunay triangles within the rim."""
+    plane = _plane(normal)
+    names = rim[:, 0]
+    flat = vertices[names] @ plane
+    try:
+        triangles = Delaunay(flat).simplices
+    except QhullError:
+        return np.empty((0, 3), np.int64)
+    triangles = triangles[_within(flat[triangles].mean(axis=1), vertices[rim] @ plane)]
+    sides = np.diff(flat[triangles], axis=1)
+    wrong = sides[:, 0, 0] * sides[:, 1, 1] < sides[:, 0, 1] * sides[:, 1, 0]
+    return np.asarray(names[np.where(wrong[:, None], triangles[:, ::-1], triangles)])
+
+
+def sides_of(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Return directed sides (3F, 2), the face of each, and the number of faces at its edge."""
+    sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    ordered = np.sort(sides, axis=1)
+    keys = ordered[:, 0] * (int(faces.max(initial=0)) + 1) + ordered[:, 1]
+    _, same, uses = np.unique(keys, return_inverse=True, return_counts=True)
+    return sides, np.tile(np.arange(len(faces)), 3), uses[same]
