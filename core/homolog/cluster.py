@@ -7,7 +7,7 @@ are begun again.
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
 from typing import Any, TypeVar
 
@@ -94,6 +94,7 @@ def each_subject(
     cluster: str | None = None,
     tick: Tick = no_tick,
     announce: Callable[[str], None] = _log.info,
+    in_process: bool = False,
 ) -> Iterator[tuple[str, _T]]:
     """Let workers call a function for every subject; yield the results as they come.
 
@@ -112,6 +113,8 @@ def each_subject(
         See `subject_executor`.
     tick : Tick
         Called at least every 0.1 s.
+    in_process : bool
+        Call it in a thread of this process, one subject at a time.
 
     Yields
     ------
@@ -125,7 +128,11 @@ def each_subject(
     """
     left, deaths = dict(jobs), 0
     while left:
-        with subject_executor(min(workers, len(left)), cluster, announce) as executor:
+        with (
+            ThreadPoolExecutor(1)
+            if in_process
+            else subject_executor(min(workers, len(left)), cluster, announce)
+        ) as executor:
             futures = {executor.submit(function, job): name for name, job in left.items()}
             pending = set(futures)
             try:

@@ -124,10 +124,10 @@ def time_window(shape, folder: Path, moves: int) -> dict[str, list[float]]:
 
     def show(value: float) -> None:
         draw(value)
-        scene._plot.grabFramebuffer()
+        scene.plot.grabFramebuffer()
 
     times = timed("slider to picture", show, 2.0 * np.sin(np.arange(moves) / 9.0))
-    times |= timed("a picture alone", lambda _: scene._plot.grabFramebuffer(), range(moves))
+    times |= timed("a picture alone", lambda _: scene.plot.grabFramebuffer(), range(moves))
     player = Player(window.commands, lambda: scene.draw_ms, {"": 2.0})
     player.swung.connect(draw)
     player.play_or_stop()

@@ -8,8 +8,8 @@
     python tests/benchmarks/optimizer.py whole FOLDER    seconds of whole optimizations
 
 All but the first take --device; they need only numpy, scipy, warp-lang and pydantic. The last two groom the
-ten beans that they need if the folder has none; larger cohorts are those ten over and over, each copy with a
-distance field, a geodesic table and jittered particles of its own.
+beans that they need if the folder has none. Larger cohorts of ``speed`` are ten beans over and over, each
+copy with a distance field, a geodesic table and jittered particles of its own; ``whole`` draws other beans.
 """
 
 import argparse
@@ -47,13 +47,15 @@ COHORTS = (1, 2, 3, 5, 12)
 REAL = {"vertebrae": "vertebra_l1_verse/meshes", "ventricles": "lv_acdc_dev/myo_iso"}
 
 
-def make_beans(folder, geometry, seed):
-    """Groom ten beans once."""
+def make_beans(folder, geometry, seed, count=10):
+    """Groom beans once; return their file."""
     from homolog.beans.files import write_beans
 
     with tempfile.TemporaryDirectory() as place:
-        cohort = write_beans(Path(place), draw_beans(10, seed, geometry), seed)
-        save(folder / f"{geometry.name}{seed}.npz", cohort, GroomSettings(alignment="none"))
+        cohort = write_beans(Path(place), draw_beans(count, seed, geometry), seed)
+        path = folder / f"{geometry.name}{seed}{'' if count == 10 else f'x{count}'}.npz"
+        save(path, cohort, GroomSettings(alignment="none"))
+    return path
 
 
 def make_shapes(folder):
@@ -338,14 +340,16 @@ def draw_growth(rows, device, path):
     figure.savefig(path, dpi=130)
 
 
-def whole(folder, device):
-    """Time whole optimizations."""
-    base = load(folder / "wide5.npz")
-    for particles in (256, 1024):
-        timed(base, device, particles=particles)
-        found, seconds = timed(base, device, particles=particles)
+def whole(folder, device, sizes):
+    """Time whole optimizations of beans; each is run twice, as the first may compile kernels."""
+    for size in sizes:
+        count, particles = map(int, size.split("x"))
+        path = folder / ("wide5.npz" if count == 10 else f"wide5x{count}.npz")
+        shapes = load(path if path.exists() else make_beans(folder, WIDE, 5, count))
+        timed(shapes, device, particles=particles)
+        found, seconds = timed(shapes, device, particles=particles)
         print(
-            f"whole optimization 10 x {particles}, geodesics and start included: {seconds:.2f} s, "
+            f"whole optimization {size}, geodesics and start included: {seconds:.2f} s, "
             f"{found.iterations} iterations, {found.reason.value}",
             flush=True,
         )
@@ -359,7 +363,7 @@ def main():
     parser.add_argument("folder", type=Path)
     parser.add_argument("--device", default="auto")
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--sizes", nargs="+", default=SIZES)
+    parser.add_argument("--sizes", nargs="+", metavar="SHAPESxPARTICLES", help="for speed and whole")
     parser.add_argument("--iterations", type=int, default=100)
     parser.add_argument("--opening-weight", type=float, help="of opening angles, for all runs")
     parser.add_argument("--plot", type=Path)
@@ -382,9 +386,11 @@ def main():
     elif arguments.what == "real":
         real(arguments.folder, device, arguments.seeds)
     elif arguments.what == "speed":
-        speed(arguments.folder, device, arguments.sizes, arguments.iterations, arguments.plot)
+        speed(arguments.folder, device, arguments.sizes or SIZES, arguments.iterations, arguments.plot)
+    elif arguments.what == "whole":
+        whole(arguments.folder, device, arguments.sizes or ("10x256", "10x1024"))
     else:
-        {"seeds": many_seeds, "whole": whole}[arguments.what](arguments.folder, device)
+        many_seeds(arguments.folder, device)
     return 0
 
 

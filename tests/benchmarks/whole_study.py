@@ -4,7 +4,8 @@
 
 Makes FOLDER/heartsN (`homolog sample`) and grooms it once. Each size is then a run in a process of its
 own, with the kernels in Warp's cache. Prints a table of wall and processor seconds per step and each step's
-share of the processor time, the objective reached, iterations, and the largest memory.
+share of the processor time, the objective reached, iterations, and the largest memory. ``--no-pictures``
+leaves out the pictures, for machines without pyvista.
 """
 
 import argparse
@@ -37,8 +38,10 @@ class StepTimes:
         message = status.message
         if "kernels" in message:
             step = "kernels"
-        elif "first particles" in message:
+        elif "first particles" in message or "most typical" in message:
             step = "first particles"
+        elif status.phase in ("splitting", "optimizing") and message.startswith(("mesh of", "geodesic")):
+            step = "geodesics of many particles"
         elif ": " in message and status.phase in ("splitting", "optimizing"):
             step = message.split(",")[0]
         else:
@@ -52,8 +55,8 @@ def _processor_seconds():
     return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
 
 
-def one_run(folder, particles, device):
-    """Run a groomed project, draw its pictures and read it again; print the times as JSON."""
+def one_run(folder, particles, device, pictures):
+    """Run a groomed project, draw its pictures if wanted and read it again; print the times as JSON."""
     times = StepTimes()
     from homolog.files.project import ProjectFolder
     from homolog.files.results import read_modes, read_result, read_surfaces
@@ -69,10 +72,11 @@ def one_run(folder, particles, device):
     )
     times.enter("reading")
     Run(project, project.cohort(), settings).execute(times.observe)
-    times.enter("pictures")
-    from homolog_app.cli.figures import draw_figures
+    if pictures:
+        times.enter("pictures")
+        from homolog_app.cli.figures import draw_figures
 
-    draw_figures(project)
+        draw_figures(project)
     times.enter("opening")
     result = read_result(project)
     read_surfaces(project)
@@ -144,10 +148,11 @@ def main():
     parser.add_argument("--sizes", nargs="+", default=["28x256", "28x1024"])
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--keep", action="store_true", help="keep the projects that were run")
+    parser.add_argument("--no-pictures", dest="pictures", action="store_false")
     parser.add_argument("--one", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
-        one_run(options.folder, options.one, options.device)
+        one_run(options.folder, options.one, options.device, options.pictures)
         return
     options.folder.mkdir(parents=True, exist_ok=True)
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
@@ -158,6 +163,7 @@ def main():
         shutil.copytree(groomed_project(options.folder, subjects), project)
         reset(project)
         command = [sys.executable, __file__, project, "--one", str(particles), "--device", options.device]
+        command += [] if options.pictures else ["--no-pictures"]
         found = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
         report(size, json.loads(found.stdout.splitlines()[-1]))
         if not options.keep:

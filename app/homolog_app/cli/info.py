@@ -90,7 +90,9 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
         ("versions", ", ".join(f"{name} {number}" for name, number in result.versions.items())),
         ("fingerprint", result.fingerprint),
     ]
-    return facts + [("note", remark) for remark in result.remarks]
+    return facts + [
+        ("note", f"{subject.name}: {note}") for subject in result.subjects for note in subject.notes
+    ]
 
 
 def _mirrored(result: ResultRecord) -> str:

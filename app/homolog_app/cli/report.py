@@ -1,4 +1,4 @@
-"""``homolog report``: one page about a project's model and studies."""
+"""``homolog report``: one page about a project's model and studies, as HTML and PDF."""
 
 import argparse
 import sys
@@ -17,9 +17,10 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     """Declare the command."""
     parser = subparsers.add_parser(
         "report",
-        help="write one HTML page about a project's model and studies",
-        description="Write one HTML page about a project's shape model and its studies (see homolog "
-        "analyze), with figures as SVG and PDF. It opens in a browser without a network.",
+        help="write one page about a project's model and studies, as HTML and PDF",
+        description="Write one page about a project's shape model and its studies (see homolog analyze) to "
+        "PROJECT/report, as HTML and PDF, with its figures as SVG and PDF. It opens in a browser without a "
+        "network.",
     )
     parser.add_argument("project", type=Path, help="project folder")
     add_options(parser, CutSettings)

@@ -7,7 +7,9 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from homolog.cohort import (
@@ -31,7 +33,7 @@ from homolog_app.cli.progress import add_progress_option, show_progress
 from homolog_app.signals import handling
 
 if TYPE_CHECKING:
-    from homolog.run import Run
+    from homolog.run import Run, RunStatus
 
 __all__ = ["add_parser", "interrupt_cancels", "run"]
 
@@ -72,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     project, cohort, settings = _what_to_run(arguments)
     with show_progress(arguments.progress) as progress:
         progress.show(0.0, "starting")
-        from homolog.run import FinishReason, Run  # takes a second
+        from homolog.run import FinishReason, Phase, Run  # takes a second
     if _is_there(arguments, project, cohort, settings):
         return _use(arguments, project, cohort)
     from_result = bool(arguments.fit) or _adds_particles(arguments, project, cohort, settings)
@@ -87,10 +89,14 @@ def run(arguments: argparse.Namespace) -> int:
         skip_bad=arguments.skip_invalid,
     )
     with show_progress(arguments.progress) as progress, interrupt_cancels(job.cancel):
+
+        def observe(status: "RunStatus") -> None:
+            progress.show(status.fraction, status.message, status.eta_s, status.phase)
+            if arguments.figures and status.phase is Phase.MODELING:
+                _start_drawing()
+
         try:
-            reason = job.execute(
-                lambda status: progress.show(status.fraction, status.message, status.eta_s, status.phase)
-            )
+            reason = job.execute(observe)
         except InputError as error:
             raise _with_way_out(error, job, len(cohort.subjects)) from error
     for note in job.notes:
@@ -110,6 +116,19 @@ def run(arguments: argparse.Namespace) -> int:
     if not done:
         _say_what_is_left(job)
     return OK if done else CANCELLED
+
+
+@cache
+def _start_drawing() -> None:
+    """Load and start what draws while the result is computed and written: it takes seconds."""
+
+    def start() -> None:
+        from homolog_app.cli import figures  # noqa: F401
+        from homolog_app.rendering.draw import start_renderer
+
+        start_renderer()
+
+    Thread(target=start, name="homolog-drawing").start()
 
 
 def _with_way_out(error: InputError, job: "Run", count: int) -> InputError:

@@ -1,12 +1,13 @@
 """Corresponding points on shapes in memory or in files: the pipeline of `homolog.run` in one call."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
@@ -26,11 +27,13 @@ from homolog.files.atomic import report_os_errors
 from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.files.results import surface_file
-from homolog.grooming import check_cohort, check_sides, groom_cohort
+from homolog.grooming import GroomedSubject, check_cohort, check_sides, groom_cohort
 from homolog.grooming.cache import content_key, save_groomed
 from homolog.progress import no_tick
+from homolog.run.choose_core import outline
 from homolog.run.control import Control
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus
+from homolog.run.grow import grow
 from homolog.run.result import OptimizationOutcome, model_of, write_result
 from homolog.run.steps import prepare_inputs, run_optimization
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
@@ -205,15 +208,17 @@ def correspond(
     device : str
         ``"auto"`` (the first GPU if there is one, else the CPU), ``"cpu"`` or ``"cuda:<n>"``.
     workers : int
-        Processes that smooth and remesh shapes. With more than one, a script must start its work under
-        ``if __name__ == "__main__":``.
+        Processes that smooth and remesh shapes, and fit them to a core set. With more than one, a script
+        must start its work under ``if __name__ == "__main__":``.
     callback : callable, optional
         ``callback(fraction, message)``, some ten times a second. Raise `Cancelled`, or any other error, in it
         to stop.
     **settings
         Any setting of ``homolog run`` by its name, such as ``alignment="center"``, ``smoothing=0.5`` or
         ``seed=1``: see the table of settings in docs/api.md. The same shapes, settings and seed give the same
-        particles, to the last digit on a CPU.
+        particles, to the last digit on a CPU. With ``core_set=K`` K subjects are optimized jointly and the
+        others fitted to them, with surfaces and fits in a temporary folder; ``homolog run`` keeps these in
+        the project, so that it can be resumed, and holds few surfaces in memory.
 
     Returns
     -------
@@ -232,15 +237,13 @@ def correspond(
     docs/method.md says what differs here.
     """
     chosen = run_settings(dict(settings), n_particles, device, workers)
-    if chosen.optimize.core_set is not None:
-        raise InputError(
-            f"core_set={chosen.optimize.core_set}: its fits are kept in a project folder; run it as a project"
-        )
     alias = choose_device(device)
     cohort, sources = cohort_of(shapes, voxel_size, chosen.groom)
     if len(cohort.subjects) < 2:
         raise InputError(f"{len(cohort.subjects)} shapes: a correspondence needs two or more; give more")
-    control = Control()
+    control, size = Control(), chosen.optimize.core_set
+    if grows := size is not None and size < len(cohort.subjects):
+        control.expect_fits()
     if callback is not None:
         control.observer = _observer(callback)
     control.enter(Phase.READING, "reading")
@@ -254,10 +257,33 @@ def correspond(
             cohort, chosen.groom, executor=executor, tick=control.tick, sources=sources, keys=keys
         )
     control.enter(Phase.ALIGNING, "aligning")
-    inputs = prepare_inputs(cohort, groomed, chosen, alias, control.tick)
-    outcome = run_optimization(inputs, control)
+    if grows:
+        outcome = _grown(cohort, groomed, chosen, alias, control)
+    else:
+        outcome = run_optimization(prepare_inputs(cohort, groomed, chosen, alias, control.tick), control)
     control.finish(FinishReason.COMPLETED, "completed")
     return _correspondence(outcome, {name: key for name, key in keys.items() if name not in sources})
+
+
+def _grown(
+    cohort: Cohort, groomed: Sequence[GroomedSubject], settings: RunSettings, device: str, control: Control
+) -> OptimizationOutcome:
+    """Optimize a core set and fit the others to it; surfaces and fits lie in a temporary folder meanwhile."""
+    with TemporaryDirectory(prefix="homolog-") as name, report_os_errors(Path(name)):
+        folder = Path(name)
+        for item in groomed:
+            save_groomed(folder, item, item.name)
+        outcome = grow(
+            cohort, [outline(item) for item in groomed], settings, (folder, folder / "fits"), device, control,
+            lambda inputs: run_optimization(inputs, control), in_process=settings.workers == 1,
+        )  # fmt: skip
+        noted = [
+            replace(item, report=other.report)
+            for item, other in zip(groomed, outcome.inputs.groomed, strict=True)
+        ]
+        return replace(
+            outcome, inputs=replace(outcome.inputs, groomed=noted, shapes=list(outcome.inputs.shapes))
+        )
 
 
 def run_settings(given: dict[str, Any], n_particles: int, device: str, workers: int) -> RunSettings:

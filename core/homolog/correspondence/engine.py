@@ -206,7 +206,7 @@ class Engine:
 
     def iterate(self, times: int = LIST_ITERATIONS) -> None:
         """Rebuild the neighbour lists, then move all particles `times` times."""
-        self._locate()
+        self.locate()
         self.sampling.rebuild_neighbour_lists(self.positions, self.closest)
         if self.launch.device == "cpu" or times != LIST_ITERATIONS:
             for _ in range(times):
@@ -240,7 +240,7 @@ class Engine:
 
     def surface_distances(self) -> FloatArray:
         """Return each particle's distance from its mesh, (M, n), in optimizer lengths; inf if not finite."""
-        self._locate()
+        self.locate()
         offsets = self.positions.numpy() - self.closest.numpy()["position"]
         distances: FloatArray = np.linalg.norm(offsets, axis=1).reshape(self.shapes, self.count)
         return np.where(np.isfinite(distances), distances, np.inf)
@@ -250,7 +250,8 @@ class Engine:
         made = [self.positions, self.normals, self.shape_operators, self.openings]
         self.launch(kernels.project, self.total, [*given, *made])
 
-    def _locate(self) -> None:
+    def locate(self) -> None:
+        """Find the closest point of the mesh for each particle."""
         self.launch(
             kernels.locate,
             self.total,
@@ -266,7 +267,7 @@ class Engine:
     def _move(self) -> None:
         layout, parameters = self.layout, (self.stage, self.iteration)
         sampling, coupling = self.sampling, self.coupling
-        self._locate()
+        self.locate()
         sampling.compute_forces(self.positions, self.normals, self.closest)
         self.compare()
         coupling.solve(*parameters, self.centred, self.logs)

@@ -23,7 +23,7 @@ from homolog.correspondence.poses import (
 )
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, landmarks_on_device
 from homolog.correspondence.recorder import CheckpointCallback, RunRecorder
-from homolog.correspondence.schedule import StagePlan, time_shares
+from homolog.correspondence.schedule import DoneFraction, StagePlan, time_shares
 from homolog.correspondence.types import (
     Checkpoint,
     FrameCallback,
@@ -111,7 +111,7 @@ class OptimizationLoop:
         self.free_poses: BoolArray = np.full(len(cohort.names), True)  # shapes whose pose may change
         if initial is not None and initial.free is not None:
             self.free_poses = np.all(initial.free, axis=1)
-        self._costs = np.array([plan.expected_cost for plan in self.stages])
+        self._done = DoneFraction(stages, geodesic=cohort.geodesic)
 
     def run(self, resume: Checkpoint | None) -> Reason:
         """Run all stages, or the remaining ones of a checkpoint."""
@@ -129,14 +129,14 @@ class OptimizationLoop:
             plan = self.stages[index]
             if plan.count != self.engine.count:
                 try:
-                    self._split(plan)
+                    self._split(index)
                 except Cancelled:
                     if index > 0:
                         self._checkpoint(index - 1, self.stages[index - 1].iterations)
                     raise
             reason = self._stage(index, done)
             self._relocate_lost()
-            self.log.emit_frame(plan.stage, self.engine, ends_stage=0 < index < len(self.stages) - 1)
+            self.log.emit_frame(plan.stage, self.engine, ends_stage=index < len(self.stages) - 1)
             done = 0
         return reason
 
@@ -224,8 +224,9 @@ class OptimizationLoop:
         )
         self.engine.set_poses(self.poses)
 
-    def _split(self, plan: StagePlan) -> None:
-        old = self.engine
+    def _split(self, index: int) -> None:
+        plan, old = self.stages[index], self.engine
+        self.cohort.surface_set(plan.count, part_of(self.tick, self._done.before(index), self._done(index)))
         random = np.random.default_rng([self.settings.seed, plan.count])
         scales = np.cbrt(np.linalg.det(self.poses[:, :3, :3]))
         offset = SPLIT_OFFSET * old.width * scales * old.surface_set.sizes
@@ -358,9 +359,8 @@ class OptimizationLoop:
         if self.log.checkpoint_is_due():
             self._checkpoint(index, done)
         plan = self.stages[index]
-        cost_done = self._costs[:index].sum() + self._costs[index] * min(1.0, done / plan.expected_iterations)
         self._progress = (
-            cost_done / self._costs.sum(),
+            self._done(index, done / plan.expected_iterations),
             f"{plan.stage.value}: {plan.count} particles{self._repairs()}",
         )
         try:

@@ -99,7 +99,7 @@ def optimize(
         shapes,
         settings,
         device=device,
-        counts=[plan.count for plan in stages],
+        counts=[plan.count for plan in (stages if resume is None else stages[-1 - resume.left :] or stages)],
         free_shapes=free_shapes,
         solve=solve,
         tick=part_of(tick, 0.0, prepared_fraction),

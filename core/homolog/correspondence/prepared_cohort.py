@@ -49,8 +49,8 @@ class PreparedCohort:
         From local millimetres to the optimizer's coordinates, for each shape.
     fields, opening_fields : wp.array of FieldData
         Distances and opening angles.
-    coarse, fine : SurfaceSet or None
-        For fewer than `MIN_FINE_PARTICLES` particles, and for more; None if the run has no such stage.
+    sets : SurfaceSets
+        For fewer than `MIN_FINE_PARTICLES` particles, and for more.
     geodesic : bool
         Whether the surface sets have geodesic tables.
     device : str
@@ -62,17 +62,37 @@ class PreparedCohort:
     to_optimizer: tuple[Similarity, ...]
     fields: Any
     opening_fields: Any
-    coarse: SurfaceSet | None
-    fine: SurfaceSet | None
+    sets: "SurfaceSets"
     geodesic: bool
     device: str
 
-    def surface_set(self, count: int) -> SurfaceSet:
-        """Return the surface set on which `count` particles measure distances."""
-        surface_set = self.coarse if count < MIN_FINE_PARTICLES else self.fine
-        if surface_set is None:
-            raise ValueError(f"the shapes were not prepared for {count} particles")
-        return surface_set
+    def surface_set(self, count: int, tick: Tick = no_tick) -> SurfaceSet:
+        """Return the surface set on which `count` particles measure distances, made if it is not there."""
+        return self.sets.of(count, tick)
+
+
+class SurfaceSets:
+    """Surface sets of few and of many particles, one at a time.
+
+    Particles only become more, so that the set of few can be given up for that of many, and the geodesic
+    tables of the latter are not computed before the first model is there.
+
+    Parameters
+    ----------
+    coarse, fine : callable
+        Make the sets for fewer than `MIN_FINE_PARTICLES` particles, and for more.
+    """
+
+    def __init__(self, coarse: Callable[[Tick], SurfaceSet], fine: Callable[[Tick], SurfaceSet]) -> None:
+        self._make = {False: coarse, True: fine}
+        self._made: tuple[bool, SurfaceSet] | None = None
+
+    def of(self, count: int, tick: Tick) -> SurfaceSet:
+        """Return the set for a number of particles."""
+        is_fine = count >= MIN_FINE_PARTICLES
+        if self._made is None or self._made[0] is not is_fine:
+            self._made = is_fine, self._make[is_fine](tick)
+        return self._made[1]
 
 
 def prepare_cohort(
@@ -87,7 +107,7 @@ def prepare_cohort(
     opening_scale: float | None = None,
     tick: Tick = no_tick,
 ) -> PreparedCohort:
-    """Compute the geodesic tables and bring all shapes to the device.
+    """Compute the first geodesic tables and bring all shapes to the device.
 
     Parameters
     ----------
@@ -96,7 +116,8 @@ def prepare_cohort(
     device : str
         Warp alias.
     counts : sequence of int, optional
-        Numbers of particles of the stages; by default those of a complete optimization.
+        Numbers of particles of the stages, ascending; by default those of a complete optimization. Surfaces
+        and tables are made for the first one.
     free_shapes : (M,) bool array, optional
         Shapes with free particles. The others get no tables, as no distances on them are needed.
     solve : callable
@@ -111,9 +132,7 @@ def prepare_cohort(
     counts = particle_counts(settings.particles) if counts is None else counts
     free = np.full(len(shapes), True) if free_shapes is None else free_shapes
     geodesic = settings.method.uses_geodesics
-    few_counts = [n for n in counts if n < MIN_FINE_PARTICLES]
     many_counts = [n for n in counts if n >= MIN_FINE_PARTICLES]
-    between = 1.0 if not many_counts else 0.4 if few_counts else 0.1
 
     def surface_set(originals: Sequence[TriangleMesh], limits: Sequence[float], tick: Tick) -> SurfaceSet:
         meshes = []
@@ -140,7 +159,7 @@ def prepare_cohort(
         cutoff * 0.01 * math.sqrt(s.mesh.area) + 2.0 * s.mesh.mean_edge for s in shapes
     ]
     opening = settings.opening_weight if settings.method.uses_normals else 0.0
-    return PreparedCohort(
+    cohort = PreparedCohort(
         names=tuple(shape.name for shape in shapes),
         unit=unit,
         to_optimizer=to_optimizer,
@@ -148,15 +167,15 @@ def prepare_cohort(
         opening_fields=opening_array(
             shapes, to_optimizer, opening, device, part_of(tick, 0.08, 0.1), scale=opening_scale
         ),
-        coarse=surface_set([s.coarse_mesh for s in shapes], complete, part_of(tick, 0.1, between))
-        if few_counts
-        else None,
-        fine=surface_set([s.mesh for s in shapes], d_max, part_of(tick, between, 1.0))
-        if many_counts
-        else None,
+        sets=SurfaceSets(
+            lambda tick: surface_set([s.coarse_mesh for s in shapes], complete, tick),
+            lambda tick: surface_set([s.mesh for s in shapes], d_max, tick),
+        ),
         geodesic=geodesic,
         device=device,
     )
+    cohort.surface_set(counts[0], part_of(tick, 0.1, 1.0))
+    return cohort
 
 
 def landmarks_on_device(shapes: Sequence[Shape], cohort: PreparedCohort, count: int) -> FloatArray | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from homolog.correspondence.types import Stage
 from homolog.settings import OptimizeSettings
 
-__all__ = ["StagePlan", "Weights", "particle_counts", "plan_stages", "time_shares"]
+__all__ = ["DoneFraction", "StagePlan", "Weights", "particle_counts", "plan_stages", "time_shares"]
 
 STEP_FRACTION = 0.5  # tau over the squared Parzen width
 STEP_DECAY_ITERATIONS = 400  # over which tau decays to e^-3 in the last stage
@@ -159,10 +159,43 @@ def time_shares(stages: Sequence[StagePlan], *, geodesic: bool, registers: bool)
     Returns
     -------
     tuple of 2 float
-        Share of the preparation in the whole, and of the first particles in the rest.
+        Share of the first preparation in the whole, and of the first particles in the rest.
     """
-    iterations = sum(plan.expected_cost for plan in stages)
     first = REGISTRATION_COST if registers else 0.0
-    levels = len({plan.count < MIN_FINE_PARTICLES for plan in stages})
-    tables = TABLES_COST * levels * (1.0 if geodesic else 0.1)
-    return tables / (tables + first + iterations), first / (first + iterations)
+    tables, *later = _table_costs(stages, geodesic=geodesic)
+    rest = first + sum(plan.expected_cost for plan in stages) + sum(later)
+    return tables / (tables + rest), first / rest
+
+
+class DoneFraction:
+    """Fraction of the stages that is done, for estimates of the remaining time.
+
+    Parameters
+    ----------
+    stages : sequence of StagePlan
+    geodesic : bool
+        Whether geodesic tables are computed. Those of the first stage are there before.
+    """
+
+    def __init__(self, stages: Sequence[StagePlan], *, geodesic: bool) -> None:
+        self._tables = [0.0, *_table_costs(stages, geodesic=geodesic)[1:]]
+        self._costs = [plan.expected_cost for plan in stages]
+
+    def __call__(self, index: int, share: float = 0.0) -> float:
+        """Return the fraction when a share of a stage is done, and its tables are made."""
+        both = sum(self._tables) + sum(self._costs)
+        return self.before(index) + (self._tables[index] + self._costs[index] * min(1.0, share)) / both
+
+    def before(self, index: int) -> float:
+        """Return the fraction before the tables of a stage are made."""
+        both = sum(self._tables) + sum(self._costs)
+        return (sum(self._tables[:index]) + sum(self._costs[:index])) / both
+
+
+def _table_costs(stages: Sequence[StagePlan], *, geodesic: bool) -> list[float]:
+    """Return what the geodesic tables of each stage cost [updates of a particle], if they are made for it."""
+    cost = TABLES_COST * (1.0 if geodesic else 0.1)
+    fine = [plan.count >= MIN_FINE_PARTICLES for plan in stages]
+    return [
+        cost if index == 0 or fine[index - 1] is not is_fine else 0.0 for index, is_fine in enumerate(fine)
+    ]

@@ -55,6 +55,9 @@ def read_particles(path: Path) -> FloatArray:
 
 
 def _of_lines(path: Path, lines: list[str]) -> FloatArray:
+    plain = _of_plain_lines(lines)
+    if plain is not None:
+        return plain
     points = []
     for number, line in enumerate(lines, start=1):
         tokens = line.split()
@@ -66,6 +69,18 @@ def _of_lines(path: Path, lines: list[str]) -> FloatArray:
             raise InputError(f"{path}, line {number}: is not a point; each line must have three numbers")
         points.append([float(word) for word in tokens])
     return np.array(points)
+
+
+def _of_plain_lines(lines: list[str]) -> FloatArray | None:
+    """Return the points of lines as `write_particles` writes them, several times as fast; None for others."""
+    text = " ".join(lines)
+    if any(line.count(" ") != 2 for line in lines) or "_" in text:
+        return None
+    tokens = text.split(" ")
+    try:
+        return np.array(list(map(float, tokens))).reshape(-1, 3)
+    except ValueError:  # also of an empty token, so that each line has three
+        return None
 
 
 def _checked(path: Path, points: FloatArray) -> FloatArray:

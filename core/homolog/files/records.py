@@ -1,5 +1,7 @@
 """What project.json says, as a schema: hostile or newer files are refused, never guessed at."""
 
+import re
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
@@ -15,6 +17,11 @@ __all__ = ["FORMAT_VERSION", "IMPORTED", "ProjectRecord", "ResultRecord", "Resul
 FORMAT_VERSION = 1
 IMPORTED = "imported"
 """How a result `ended` that another program made."""
+
+_NUMBER = re.compile(r"(?<![\w.-])\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]*\w)")
+_PLURAL = re.compile(r"(?<=[a-z])s\b")
+_NAMED = 2
+"""Subjects that a line on more of them names."""
 
 _Row = Annotated[list[float], Field(min_length=4, max_length=4)]
 _Path = Annotated[str, AfterValidator(checked_path)]
@@ -87,15 +94,12 @@ class ResultRecord(_Record):
 
     @property
     def remarks(self) -> list[str]:
-        """What was found and changed, a line each; subjects with the same note share one."""
-        where: dict[str, list[str]] = {}
+        """What was found and changed, a line for each kind of note, whose numbers become ranges."""
+        kinds: dict[str, list[tuple[str, str]]] = {}
         for subject in self.subjects:
             for note in subject.notes:
-                where.setdefault(note, []).append(subject.name)
-        return [
-            f"{names[0] if len(names) == 1 else f'{names[0]} and {len(names) - 1} more'}: {note}"
-            for note, names in where.items()
-        ]
+                kinds.setdefault(_kind_of(note), []).append((subject.name, note))
+        return [_summary(noted) for noted in kinds.values()]
 
     @property
     def mirrored_words(self) -> str:
@@ -128,7 +132,8 @@ class ProjectRecord(_Record):
     """The whole of project.json.
 
     `subjects` and `settings` are those of the next run, `unfinished` says that a run was begun and did not
-    come to its end, `from_result` that it started from the result, which is the last that did.
+    come to its end, `from_result` that it started from the result, which is the last that did, `excluded`
+    why subjects were excluded from it, by name.
     """
 
     format: Literal["homolog-project"] = "homolog-project"
@@ -137,4 +142,26 @@ class ProjectRecord(_Record):
     settings: RunSettings = RunSettings()
     unfinished: bool = False
     from_result: bool = False
+    excluded: dict[str, str] = {}
     result: ResultRecord | None = None
+
+
+def _kind_of(note: str) -> str:
+    """Return a note without its numbers, and without the plurals that hang on them."""
+    return _PLURAL.sub("", _NUMBER.sub("#", note))
+
+
+def _summary(noted: Sequence[tuple[str, str]]) -> str:
+    """Return one line for subjects with notes of one kind: 14 subjects (s013, s016, …): 2 to 5 pieces …."""
+    names = list(dict.fromkeys(name for name, _ in noted))
+    who = ", ".join(names[:_NAMED])
+    if len(names) > _NAMED:
+        who = f"{len(names)} subjects ({who}, …)"
+    columns = zip(*(_NUMBER.findall(note) for _, note in noted), strict=True)
+    ranges = iter([sorted(set(column), key=float) for column in columns])
+
+    def spanned(_: re.Match[str]) -> str:
+        values = next(ranges)
+        return values[0] if len(values) == 1 else f"{values[0]} to {values[-1]}"
+
+    return f"{who}: {_NUMBER.sub(spanned, max((note for _, note in noted), key=len))}"

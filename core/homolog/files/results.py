@@ -12,7 +12,7 @@ from homolog.files.arrays import read_arrays, write_arrays
 from homolog.files.meshes import read_mesh
 from homolog.files.particles import read_particles
 from homolog.files.project import ProjectFolder
-from homolog.files.records import ResultRecord, ResultSubject
+from homolog.files.records import ProjectRecord, ResultRecord, ResultSubject
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import mirrors
 
@@ -100,9 +100,10 @@ def read_result(project: ProjectFolder) -> Result:
     InputError
         If there is none, or one of its files is missing or damaged.
     """
-    record = _result_of(project)
+    whole = _read_whole(project)
+    record = _result_of(project, whole)
     subjects = record.subjects
-    present = {subject.name: subject for subject in project.read().subjects}
+    present = {subject.name: subject for subject in whole.subjects}
     listed = [present.get(subject.name, subject) for subject in subjects]
     world, local = (
         [read_particles(particle_file(project, subject.file, frame)) for subject in subjects]
@@ -152,7 +153,7 @@ def read_surfaces(project: ProjectFolder) -> list[TriangleMesh]:
     InputError
         If there is no result, or one of the surfaces is missing or damaged.
     """
-    record = _result_of(project)
+    record = _result_of(project, _read_whole(project))
     return [read_surface(project, subject).placed(np.array(subject.alignment)) for subject in record.subjects]
 
 
@@ -202,9 +203,13 @@ def _read_smoothing(project: ProjectFolder, record: ResultRecord) -> FloatArray:
     return frozen(stored, np.float64)
 
 
-def _result_of(project: ProjectFolder) -> ResultRecord:
+def _read_whole(project: ProjectFolder) -> ProjectRecord:
     project.recover()
-    record = project.read().result
+    return project.read()
+
+
+def _result_of(project: ProjectFolder, whole: ProjectRecord) -> ResultRecord:
+    record = whole.result
     if record is None:
         raise InputError(f"{project.folder}: has no result yet; run it first")
     return record

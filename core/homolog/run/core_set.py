@@ -148,6 +148,8 @@ def fit_others(
     groomed: Path,
     settings: RunSettings,
     tick: Tick = no_tick,
+    *,
+    in_process: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
     """Fit the subjects that are not in the core set to it, then all subjects to the ensemble of all.
 
@@ -167,7 +169,8 @@ def fit_others(
     groomed : Path
         Folder of the groomed subjects, which workers read.
     settings : RunSettings
-    tick : Tick
+    tick, in_process
+        See `each_subject`.
 
     Returns
     -------
@@ -183,7 +186,7 @@ def fit_others(
     NumericalError
         If a fit fails, or workers die again and again.
     """
-    fits = _Fits(shapes, names, folder, groomed, settings)
+    fits = _Fits(shapes, names, folder, groomed, settings, in_process)
     templates = tuple(names[index] for index in core)
     placed = [
         replace(shape, alignment=alignment)
@@ -229,6 +232,7 @@ class _Fits:
     folder: Path
     groomed: Path
     settings: RunSettings
+    in_process: bool
 
     @property
     def placing(self) -> OptimizeSettings:
@@ -264,7 +268,7 @@ class _Fits:
             jobs[name] = _Job(self.groomed, path, name, placement, local, templates, self.placing, key)
         done = each_subject(
             _fitted, jobs, "fitting", workers=self.settings.workers or cores(), cluster=self.settings.cluster,
-            tick=tick,
+            tick=tick, in_process=self.in_process,
         )  # fmt: skip
         for name, state in done:
             index, file = places[name]

@@ -121,7 +121,7 @@ def write_repaired(
             before.result.seconds,
         )
         model, surface = model_of(outcome, part_of(tick, 0.0, 0.5))
-        write_result(project, outcome, model, surface, part_of(tick, 0.5, 1.0))
+        write_result(project, outcome, model, surface, part_of(tick, 0.5, 1.0), before.excluded)
         next_run = {"subjects": before.subjects, "settings": before.settings, "unfinished": before.unfinished}
         project.write(project.read().model_copy(update=next_run))
 

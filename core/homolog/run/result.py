@@ -168,7 +168,7 @@ def write_result(
     model: ShapeModel,
     surface: MeanSurface,
     tick: Tick,
-    excluded: Sequence[str] = (),
+    excluded: Mapping[str, str] | None = None,
 ) -> None:
     """Let the outcome take the place of the project's last result.
 
@@ -180,8 +180,8 @@ def write_result(
     model, surface : ShapeModel, MeanSurface
         As `model_of` made them.
     tick : Tick
-    excluded : sequence of str
-        Why subjects of the cohort were excluded, a line each.
+    excluded : mapping of str to str, optional
+        Why subjects of the cohort were excluded, a line for each name.
 
     Raises
     ------
@@ -205,7 +205,8 @@ def write_result(
                 subjects=project.describe(inputs.cohort),
                 settings=inputs.settings,
                 unfinished=outcome.ended == CANCELLED,
-                result=_record(outcome, stems, surface, excluded),
+                excluded=dict(excluded or {}),
+                result=_record(outcome, stems, surface, list((excluded or {}).values())),
             )
         )
 
@@ -221,7 +222,7 @@ def _write_subjects(
 
 
 def _record(
-    outcome: OptimizationOutcome, stems: Sequence[str], surface: MeanSurface, excluded: Sequence[str]
+    outcome: OptimizationOutcome, stems: Sequence[str], surface: MeanSurface, excluded: list[str]
 ) -> ResultRecord:
     inputs = outcome.inputs
     mirror = inputs.settings.groom.mirror
@@ -254,6 +255,6 @@ def _record(
         versions=versions(),
         seconds=dict(outcome.seconds),
         fingerprint=inputs.fingerprint,
-        excluded=list(excluded),
+        excluded=excluded,
         subjects=subjects,
     )

@@ -2,7 +2,6 @@
 
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,14 +15,14 @@ from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord
 from homolog.files.results import Result
 from homolog.geometry import inverse_matrices, transform_points
-from homolog.grooming import GroomedSubject, Problem, align_cohort, check_cohort, check_sides, groom_cohort
+from homolog.grooming import GroomedSubject, Problem, check_cohort, check_sides, groom_cohort
 from homolog.progress import Tick, no_tick, run_in_background
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
-from homolog.run.choose_core import choose_core, outline
+from homolog.run.choose_core import outline
 from homolog.run.control import Control
-from homolog.run.core_set import fit_others, prepare_from_disk, read_core, write_core
+from homolog.run.core_set import read_core, write_core
 from homolog.run.events import FinishReason, Observer, Phase, RunStatus, ignore
-from homolog.run.fingerprints import run_fingerprint
+from homolog.run.grow import grow
 from homolog.run.preliminary import preliminary_result
 from homolog.run.prior_result import PriorResult, read_prior_result
 from homolog.run.result import CANCELLED, OptimizationInput, OptimizationOutcome, model_of, write_result
@@ -86,7 +85,7 @@ class Run:
         self._preliminary: Frame | None = None
         self._study: OptimizationInput | None = None
         self._energies = np.empty((0, 4))
-        self._notes: list[str] = []
+        self._excluded: dict[str, str] = {}
 
     @property
     def status(self) -> RunStatus:
@@ -116,8 +115,8 @@ class Run:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """One line for each excluded subject."""
-        return tuple(self._notes)
+        """One line for each excluded subject, also of the run that this one goes on from."""
+        return tuple(self._excluded.values())
 
     def cancel(self) -> None:
         """End the run as soon as possible; what is done so far stays for `resume`."""
@@ -183,7 +182,7 @@ class Run:
             self._control.seconds,
         )
         with self.project.locked():
-            write_result(self.project, outcome, *model_of(outcome, no_tick), no_tick)
+            write_result(self.project, outcome, *model_of(outcome, no_tick), no_tick, self._excluded)
         return True
 
     def _work(self) -> None:
@@ -210,7 +209,7 @@ class Run:
                 lambda tick: model_of(outcome, tick), self._control.tick, "principal components"
             )
             self._control.enter(Phase.WRITING, "writing")
-            write_result(self.project, outcome, model, surface, self._control.tick, self.notes)
+            write_result(self.project, outcome, model, surface, self._control.tick, self._excluded)
             self.project.checkpoint.unlink(missing_ok=True)
             shutil.rmtree(self.project.geodesics, ignore_errors=True)
             shutil.rmtree(self.project.fits, ignore_errors=True)
@@ -218,9 +217,9 @@ class Run:
     def _checked(self) -> Cohort:
         self._control.enter(Phase.READING, "reading")
         problems = check_cohort(self._cohort, self._settings.groom, self._control.tick)
-        self._notes = [problem.message for problem in problems]
+        self._excluded = {problem.subject: problem.message for problem in problems}
         if problems and not self._skip_bad:
-            raise InputError("\n".join(self._notes))
+            raise InputError("\n".join(self.notes))
         cohort = self._cohort.without({problem.subject for problem in problems})
         self._check_number(cohort)
         check_sides(cohort, self._settings.groom)  # refuses sides that are none before any work
@@ -230,7 +229,7 @@ class Run:
         if len(cohort.subjects) < 2:
             count = "only one" if cohort.subjects else "no"
             message = f"{cohort.folder}: has {count} usable subject; a shape model needs two or more"
-            raise InputError("\n".join([*self._notes, message]))
+            raise InputError("\n".join([*self.notes, message]))
 
     def _base(self, cohort: Cohort) -> PriorResult | None:
         if self._resume and self.project.exists:
@@ -244,6 +243,7 @@ class Run:
     def _write_run_record(self, cohort: Cohort) -> None:
         """Write down what is about to be done, so that a killed run can be resumed from the folder alone."""
         before = self.project.read() if self.project.exists else ProjectRecord()
+        self._recall(before, {subject.name for subject in cohort.subjects})
         with report_os_errors(self.project.groomed):
             self.project.groomed.mkdir(exist_ok=True)
         if not self._resume:
@@ -255,9 +255,16 @@ class Run:
                     "settings": self._settings,
                     "unfinished": True,
                     "from_result": self._from_result,
+                    "excluded": self._excluded,
                 }
             )
         )
+
+    def _recall(self, before: ProjectRecord, here: set[str]) -> None:
+        """Take over why subjects were excluded from the project's cohort before, if that is gone on with."""
+        if {subject.name for subject in before.subjects} <= here:
+            absent = {name: why for name, why in before.excluded.items() if name not in here}
+            self._excluded = absent | self._excluded
 
     def _groomed(
         self, cohort: Cohort, reduced: Callable[[GroomedSubject], GroomedSubject] | None
@@ -279,7 +286,7 @@ class Run:
                 reduced=reduced,
             )
         if left_out:
-            self._notes += [item.message for item in left_out]
+            self._excluded |= {item.subject: item.message for item in left_out}
             cohort = cohort.without({item.subject for item in left_out})
             self._check_number(cohort)
             self._write_run_record(cohort)
@@ -287,42 +294,18 @@ class Run:
 
     def _grown(self, cohort: Cohort, outlines: Sequence[GroomedSubject], device: str) -> OptimizationOutcome:
         """Optimize a core set, and fit the others to it."""
-        settings, tick = self._settings, self._control.tick
-        if settings.optimize.landmarks:
-            raise InputError("a core set does not use landmarks yet; run without one of them")
-        annotated, alignments = run_in_background(
-            lambda inner: align_cohort(cohort, outlines, settings.groom, inner), tick, "aligning"
-        )
-        whole = prepare_from_disk(cohort, annotated, alignments, settings, self.project.groomed, device)
-        groups = [subject.group for subject in cohort.subjects]
-        core = choose_core(outlines, alignments, groups, settings.optimize.core_set or len(outlines))
-        chosen = core.tolist()
-        subjects = Cohort(tuple(cohort.subjects[index] for index in chosen), cohort.folder)
-        shapes = [whole.shapes[index] for index in chosen]
-        fingerprint = run_fingerprint(settings.placing, shapes, tick)
-        self._study = OptimizationInput(
-            subjects, settings, [annotated[index] for index in chosen], shapes, fingerprint, device
-        )
         path = self.project.fits / "core.npz"
-        outcome = read_core(path, self._study) if self._resume else None
-        if outcome is None:
-            outcome = self._optimized(self._study, None)
-            write_core(path, outcome)
-        self._control.enter(Phase.FITTING, "fitting to the core set")
-        local, aligned = fit_others(
-            whole.shapes, [item.name for item in annotated], core, outcome, self.project.fits,
-            self.project.groomed, settings, tick,
-        )  # fmt: skip
-        for index, item in zip(chosen, outcome.inputs.groomed, strict=True):
-            annotated[index] = item
-        return replace(
-            outcome,
-            inputs=replace(whole, groomed=annotated, fingerprint=fingerprint),
-            world=transform_points(aligned, local),
-            local=local,
-            alignments=aligned,
-            seconds=self._control.seconds,
-        )
+
+        def optimized(inputs: OptimizationInput) -> OptimizationOutcome:
+            self._study = inputs
+            outcome = read_core(path, inputs) if self._resume else None
+            if outcome is None:
+                outcome = self._optimized(inputs, None)
+                write_core(path, outcome)
+            return outcome
+
+        folders = self.project.groomed, self.project.fits
+        return grow(cohort, outlines, self._settings, folders, device, self._control, optimized)
 
     def _optimized(self, inputs: OptimizationInput, prior: PriorResult | None) -> OptimizationOutcome:
         path = self.project.checkpoint

@@ -8,6 +8,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import homolog as hl
+from homolog.api.correspond import run_settings
 from homolog.api.inputs import as_mesh, cohort_of
 from homolog.cohort import MESH_SUFFIXES
 from homolog.files.project import ProjectFolder
@@ -45,6 +46,18 @@ def result(labels):
 def ball():
     """Return a mesh of trimesh."""
     return trimesh.creation.icosphere(subdivisions=2, radius=10.0)
+
+
+def test_a_core_set_in_memory_gives_the_particles_of_a_run_in_a_folder(labels, ellipsoids, tmp_path):
+    found = hl.correspond(labels, 48, device="cpu", core_set=3, **SHORT)
+    settings = run_settings({**SHORT, "core_set": 3}, 48, "cpu", 1)
+    Run(ProjectFolder(tmp_path / "project"), hl.read_cohort(ellipsoids), settings).execute()
+    project = hl.Project(tmp_path / "project")
+    np.testing.assert_array_equal(found.particles, project.particles)
+    np.testing.assert_allclose(found.aligned, project.aligned, atol=1e-9)
+    again = found.save(tmp_path / "saved")
+    np.testing.assert_array_equal(again.particles, found.particles)
+    assert [len(mesh.vertices) for mesh in again.meshes] == [len(mesh.vertices) for mesh in project.meshes]
 
 
 def test_arrays_get_the_particles_of_a_run_of_their_files(result, finished_run):

@@ -259,7 +259,7 @@ def test_the_sampling_force_matches_finite_differences_of_the_sampling_energy(ba
         engine = Engine(
             cohort.fields,
             cohort.opening_fields,
-            cohort.coarse,
+            cohort.surface_set(64),
             positions,
             geodesic=cohort.geodesic,
             area=MEAN_AREA,
@@ -268,7 +268,7 @@ def test_the_sampling_force_matches_finite_differences_of_the_sampling_energy(ba
         sampling = engine.sampling
         if widths is not None:
             sampling.widths.assign(widths)
-        engine._locate()
+        engine.locate()
         sampling.rebuild_neighbour_lists(engine.positions, engine.closest)
         for _ in range(rounds):
             sampling.compute_forces(engine.positions, engine.normals, engine.closest)

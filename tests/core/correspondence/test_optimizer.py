@@ -7,8 +7,9 @@ import pytest
 
 from homolog.correspondence import Reason, Shape, optimize
 from homolog.correspondence.initialization.splitting import split
-from homolog.correspondence.schedule import particle_counts, plan_stages, time_shares
+from homolog.correspondence.schedule import DoneFraction, particle_counts, plan_stages, time_shares
 from homolog.errors import Cancelled, InputError, NumericalError
+from homolog.geodesics import solve_tables
 from homolog.settings import Method, OptimizeSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
@@ -238,3 +239,33 @@ def test_estimates_give_preparation_a_smaller_share_the_more_particles_are_place
     assert 1.0 > shares[0][1] > shares[1][1] > 0.0
     assert time_shares(few, geodesic=False, registers=True)[0] < shares[0][0]
     assert time_shares(few, geodesic=True, registers=False)[1] == 0.0
+
+
+def test_estimates_count_tables_that_are_computed_between_stages():
+    stages = plan_stages(OptimizeSettings(particles=1024))
+    done = DoneFraction(stages, geodesic=True)
+    fractions = [part for index in range(len(stages)) for part in (done.before(index), done(index))]
+    assert fractions == sorted(fractions)
+    (between,) = [index for index in range(len(stages)) if done(index) > done.before(index)]
+    assert [plan.count for plan in stages[between - 1 : between + 1]] == [256, 512]
+    assert done(len(stages) - 1, 1.0) == pytest.approx(1.0)
+
+
+def test_tables_of_many_particles_are_solved_after_the_first_model(make_shape):
+    shapes = [make_shape(f"r{r}", (r, r, r), spacing=r / 10.0) for r in (10.0, 12.0)]
+    solved, seen = [], []
+
+    def solve(meshes, *arguments, **named):
+        solved.append(len(seen))
+        return solve_tables(meshes, *arguments, **named)
+
+    optimize(
+        shapes,
+        QUICK.model_copy(update={"particles": 320}),
+        observe=lambda frame: seen.append(frame.world.shape[1]) if frame.ends_stage else None,
+        solve=solve,
+    )
+    assert seen[0] == 160
+    assert len(solved) == 2
+    assert solved[0] == 0
+    assert solved[1] == seen.count(160)

@@ -36,6 +36,8 @@ def test_reading_stops_at_the_first_line_that_is_no_number(tmp_path):
         ("1 2 3 4\n", "line 1"),
         ("1 2 nan\n", "not finite"),
         ("1 2 abc\n", "line 1"),
+        ("1 2 3\n1 2 \n", "line 2"),
+        ("1 2 3\n1 2 3_0\n", "line 2"),
     ],
 )
 def test_a_bad_file_is_refused_with_its_name_and_line(tmp_path, text, message):

@@ -44,6 +44,30 @@ def test_a_record_comes_back_as_it_was(tmp_path):
     assert ProjectFolder(tmp_path).read() == record
 
 
+def noted(**notes):
+    result = result_of(*notes)
+    subjects = [item.model_copy(update={"notes": notes[item.name]}) for item in result.subjects]
+    return result.model_copy(update={"subjects": subjects}).remarks
+
+
+def test_notes_of_one_kind_share_a_line_with_ranges_of_their_numbers():
+    pieces = "{} % of the volume was kept: {}"
+    remarks = noted(
+        a=[pieces.format(97.4, "1 small piece came loose")],
+        b=[pieces.format(100, "12 small pieces came loose"), "its file holds what that of x-01 holds"],
+        c=[pieces.format("8e-5", "2 small pieces came loose"), "its file holds what that of x-02 holds"],
+    )
+    assert remarks == [
+        "3 subjects (a, b, …): 8e-5 to 100 % of the volume was kept: 1 to 12 small pieces came loose",
+        "b: its file holds what that of x-01 holds",
+        "c: its file holds what that of x-02 holds",
+    ]
+
+
+def test_a_line_for_two_subjects_names_both_and_one_number_stays_one():
+    assert noted(a=["2 mm apart", "odd"], b=["2 mm apart"]) == ["a, b: 2 mm apart", "a: odd"]
+
+
 def test_paths_start_at_the_project_and_follow_it_when_both_are_moved(tmp_path):
     (tmp_path / "study" / "scans").mkdir(parents=True)
     project = ProjectFolder(tmp_path / "study" / "project")

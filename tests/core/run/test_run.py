@@ -220,6 +220,28 @@ def test_what_grooming_cannot_use_is_left_out_too(start, groomed, monkeypatch):
     assert groomed.read().result.excluded == list(run.notes)
 
 
+def test_why_files_were_left_out_survives_an_interruption_and_a_further_run(start, groomed, settings):
+    (groomed.folder.parent / "scans" / "e.nrrd").write_text("no image")
+    first = start(skip_bad=True)
+    assert first.execute(cancelling(first, Phase.OPTIMIZING)) is FinishReason.CANCELLED
+    assert start(groomed.cohort(), resume=True).execute() is FinishReason.COMPLETED
+    assert groomed.read().result.excluded == list(first.notes) != []
+    more = settings.optimize.model_copy(update={"particles": 64})
+    start(groomed.cohort(), settings.model_copy(update={"optimize": more})).execute()
+    assert groomed.read().result.excluded == list(first.notes)
+
+
+def test_a_file_that_is_used_again_is_not_called_excluded(start, groomed):
+    bad = groomed.folder.parent / "scans" / "e.nrrd"
+    bad.write_text("no image")
+    first = start(skip_bad=True)
+    assert first.execute(cancelling(first, Phase.OPTIMIZING)) is FinishReason.CANCELLED
+    bad.write_bytes(bad.with_name("d.nrrd").read_bytes())
+    start().execute()
+    assert groomed.read().result.excluded == []
+    assert "e" in read_result(groomed).names
+
+
 def test_a_cohort_of_one_is_refused(start, project):
     scans = project.folder.parent / "scans"
     cohort = Cohort((Subject("a", scans / "a.nrrd"),), scans)

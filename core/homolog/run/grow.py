@@ -1,0 +1,98 @@
+"""A cohort by its core set: some subjects are optimized jointly, the others are fitted to them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from homolog.cohort import Cohort
+from homolog.errors import InputError
+from homolog.geometry import transform_points
+from homolog.grooming import GroomedSubject, align_cohort
+from homolog.progress import run_in_background
+from homolog.run.choose_core import choose_core
+from homolog.run.control import Control
+from homolog.run.core_set import fit_others, prepare_from_disk
+from homolog.run.events import Phase
+from homolog.run.fingerprints import run_fingerprint
+from homolog.run.result import OptimizationInput, OptimizationOutcome
+from homolog.settings import RunSettings
+
+__all__ = ["grow"]
+
+
+def grow(
+    cohort: Cohort,
+    outlines: Sequence[GroomedSubject],
+    settings: RunSettings,
+    folders: tuple[Path, Path],
+    device: str,
+    control: Control,
+    optimized: Callable[[OptimizationInput], OptimizationOutcome],
+    *,
+    in_process: bool = False,
+) -> OptimizationOutcome:
+    """Optimize a core set, and fit the others to it.
+
+    Parameters
+    ----------
+    cohort : Cohort
+    outlines : sequence of GroomedSubject
+        Of the cohort, in its order, as `choose_core.outline` makes them.
+    settings : RunSettings
+        With a core set.
+    folders : (Path, Path)
+        Of the groomed subjects, and of the fits, which are used again where they are there.
+    device : str
+        Warp alias.
+    control : Control
+        In its phase of aligning.
+    optimized : callable
+        Places the particles of the core set.
+    in_process : bool
+        Fit in a thread of this process, one subject at a time, in place of processes.
+
+    Returns
+    -------
+    OptimizationOutcome
+        Of the whole cohort, whose shapes are read from the folder when they are asked for.
+
+    Raises
+    ------
+    InputError
+        If shapes can't be compared, or the core set is to start with landmarks.
+    NumericalError
+        If a fit fails.
+    """
+    tick, (groomed, fits) = control.tick, folders
+    if settings.optimize.landmarks:
+        raise InputError("a core set does not use landmarks yet; run without one of them")
+    annotated, alignments = run_in_background(
+        lambda inner: align_cohort(cohort, outlines, settings.groom, inner), tick, "aligning"
+    )
+    whole = prepare_from_disk(cohort, annotated, alignments, settings, groomed, device)
+    groups = [subject.group for subject in cohort.subjects]
+    core = choose_core(outlines, alignments, groups, settings.optimize.core_set or len(outlines))
+    chosen = core.tolist()
+    subjects = Cohort(tuple(cohort.subjects[index] for index in chosen), cohort.folder)
+    shapes = [whole.shapes[index] for index in chosen]
+    fingerprint = run_fingerprint(settings.placing, shapes, tick)
+    outcome = optimized(
+        OptimizationInput(
+            subjects, settings, [annotated[index] for index in chosen], shapes, fingerprint, device
+        )
+    )
+    control.enter(Phase.FITTING, "fitting to the core set")
+    local, aligned = fit_others(
+        whole.shapes, [item.name for item in annotated], core, outcome, fits, groomed, settings, tick,
+        in_process=in_process,
+    )  # fmt: skip
+    for index, item in zip(chosen, outcome.inputs.groomed, strict=True):
+        annotated[index] = item
+    return replace(
+        outcome,
+        inputs=replace(whole, groomed=annotated, fingerprint=fingerprint),
+        world=transform_points(aligned, local),
+        local=local,
+        alignments=aligned,
+        seconds=control.seconds,
+    )
