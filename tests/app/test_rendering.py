@@ -12,7 +12,7 @@ from homolog.errors import InputError
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.clipping import Clip
 from homolog_app.rendering.colours import colours_by_place
-from homolog_app.rendering.draw import RENDERER, _Choice, _OpenGLProcess
+from homolog_app.rendering.draw import RENDERER, OpenGLProcess, RendererChoice
 from homolog_app.rendering.hollows import shaded
 from homolog_app.rendering.scene import Balls, Scene, Surface, surface
 from homolog_app.rendering.software import Software
@@ -24,7 +24,7 @@ GREY = np.array([0.8, 0.8, 0.8])
 @cache
 def _opengl():
     try:
-        return _OpenGLProcess()
+        return OpenGLProcess()
     except RuntimeError:  # BrokenProcessPool is one
         if os.environ.get("CI"):
             raise
@@ -152,7 +152,7 @@ def test_both_renderers_draw_the_same_picture(ball):
 
 def test_a_graphics_driver_that_ends_its_process_is_replaced_by_software(ball, monkeypatch):
     monkeypatch.setattr("homolog_app.rendering.draw._begin", os.abort)
-    choice = _Choice()
+    choice = RendererChoice()
     image = choice.draw(Scene((surface(ball, GREY),)), frame_around([ball.vertices], VIEWS["left"]), 50)
     assert "software" in choice.name
     assert image[..., 3].max() == 255
@@ -162,7 +162,7 @@ def test_a_graphics_driver_that_hangs_is_ended_and_replaced_by_software(monkeypa
     others = set(active_children())
     monkeypatch.setattr("homolog_app.rendering.draw._begin", signal.pause)
     monkeypatch.setattr("homolog_app.rendering.draw._PATIENCE_S", 2.0)
-    assert _Choice().name == "software"
+    assert RendererChoice().name == "software"
     assert set(active_children()) <= others
 
 
@@ -170,19 +170,19 @@ def test_opengl_that_was_asked_for_and_does_not_work_is_an_input_error(monkeypat
     monkeypatch.setattr("homolog_app.rendering.draw._begin", os.abort)
     monkeypatch.setenv(RENDERER, "opengl")
     with pytest.raises(InputError, match="no OpenGL that works"):
-        _ = _Choice().name
+        _ = RendererChoice().name
 
 
 def test_a_renderer_that_is_not_known_is_refused(monkeypatch):
     monkeypatch.setenv(RENDERER, "magic")
     with pytest.raises(InputError, match="opengl or software"):
-        _ = _Choice().name
+        _ = RendererChoice().name
 
 
 def test_what_needs_opengl_is_refused_where_there_is_none(monkeypatch):
     monkeypatch.setenv(RENDERER, "software")
     with pytest.raises(InputError, match="install a graphics driver"):
-        _Choice().with_opengl(len, "abc")
+        RendererChoice().with_opengl(len, "abc")
     assert _opengl().call(len, "abc") == 3
 
 

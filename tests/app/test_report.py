@@ -416,6 +416,14 @@ def test_every_figure_lies_beside_the_report_as_vector_graphics(report):
         assert ElementTree.parse(path).getroot().tag.endswith("svg")
 
 
+def test_the_page_lies_beside_as_pdf_with_its_figures_and_tables(report):
+    content = report.with_suffix(".pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    assert content.rstrip().endswith(b"%%EOF")
+    assert content.count(b"/Type /Page ") >= 4
+    assert content.count(b"/Subtype /Image") >= len(list((report.parent / "figures").glob("*.svg")))
+
+
 def test_a_project_without_a_result_has_no_report(tmp_path, capsys):
     project = ProjectFolder(tmp_path / "empty")
     project.write(ProjectRecord())

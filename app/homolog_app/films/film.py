@@ -96,7 +96,7 @@ class Film:
         ]
         for x, y, room, name in plan.names:
             self._board.text(x, y, name, room=room, size=0.8)
-        self._letters = [self._letters_of(cell) for cell in self._cells] if settings.directions else []
+        self.letters = [self._letters_of(cell) for cell in self._cells] if settings.directions else []
         if settings.scale_bar:
             em = self._board.em
             most = SCALE_SHARE * settings.width
@@ -124,7 +124,7 @@ class Film:
         for text, actor in zip(self._captions, self._actors, strict=False):
             text.set_text(actor.motion.label(actor.amount(share)))
         frames = [turned(cell.frame, turn) for cell in self._cells]
-        for texts, frame in zip(self._letters, frames, strict=False):
+        for texts, frame in zip(self.letters, frames, strict=False):
             right, up, _ = frame.view.axes
             for text, letters in zip(texts, edge_letters(np.eye(3), right, up), strict=True):
                 text.set_text(letters)

@@ -1,6 +1,7 @@
 """Pictures of surfaces with their particles."""
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -94,23 +95,22 @@ def draw_subjects(
     view = view or three_quarter_view(mean, particles.var(axis=0).sum(axis=1))
     radius = ball_radius(extent_of(np.concatenate([mesh.vertices for mesh in meshes])), len(mean))
     frame = frame_around([mesh.vertices for mesh in meshes], view, border=radius)
+
+    def panel(k: int) -> Panel:
+        surface = shaded(meshes[k], np.array(theme.surface))
+        return Panel(draw(Scene((surface,), Balls(particles[k], radius, colours)), frame, width), names[k])
+
     size = columns * rows
-    pages = -(-len(meshes) // size)
-    for page in range(pages):
-        panels = [
-            Panel(
-                draw(
-                    Scene(
-                        (shaded(meshes[k], np.array(theme.surface)),), Balls(particles[k], radius, colours)
-                    ),
-                    frame,
-                    width,
-                ),
-                names[k],
+    pages = [range(k, min(k + size, len(meshes))) for k in range(0, len(meshes), size)]
+    executor = ThreadPoolExecutor(1)  # draws the next page while a page is composed and written
+    try:
+        ahead = [executor.submit(panel, k) for k in pages[0]]
+        for page, after in enumerate([*pages[1:], range(0)], start=1):
+            drawn, ahead = ahead, [executor.submit(panel, k) for k in after]
+            panels = [future.result() for future in drawn]
+            title = f"Subjects ({page} of {len(pages)})" if len(pages) > 1 else "Subjects"
+            yield arrange(
+                [panels[k : k + columns] for k in range(0, len(panels), columns)], title=title, theme=theme
             )
-            for k in range(page * size, min((page + 1) * size, len(meshes)))
-        ]
-        title = f"Subjects ({page + 1} of {pages})" if pages > 1 else "Subjects"
-        yield arrange(
-            [panels[k : k + columns] for k in range(0, len(panels), columns)], title=title, theme=theme
-        )
+    finally:
+        executor.shutdown(cancel_futures=True)

@@ -37,6 +37,7 @@ _MOST_BARS = 16
 _QUANTILE = 5.991464547107979  # 95 % of the chi-squared distribution with two degrees of freedom
 _LEAST = 3  # subjects of an ellipse
 _FIRST = 20  # one of so many iterations is among the first
+_RISES = "Energies rise while the regularization decreases; the run has converged where they are flat."
 _MEANINGS = {
     "Sampling": "evenness on each surface",
     "Ensemble": "agreement across shapes",
@@ -197,8 +198,12 @@ def draw_energy_frames(
     places: Sequence[Axes], rows: FloatArray, colours: Colours, ahead: float = 0.0
 ) -> None:
     """Draw all of `draw_energies` but the curves, with room for so large a share of further iterations."""
+    figure = places[0].get_figure(root=True)
+    assert figure is not None
+    note = shortened(_RISES, letters(places[0], figure.bbox.width))
+    figure.supxlabel(note, x=0.01, ha="left", fontsize=TICK_PT, color=colours.dim)
     for axes, (name, meaning), values in zip(places, _MEANINGS.items(), rows.T[1:], strict=True):
-        label = "energy, lower is better" if axes is places[0] else ""
+        label = "energy" if axes is places[0] else ""
         dress(axes, colours, f"{name}\n{meaning}", "iteration", label)
         known = values[np.isfinite(values)]
         first, last = float(rows[0, 0]), float(rows[-1, 0])

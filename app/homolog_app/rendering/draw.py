@@ -6,7 +6,7 @@ import os
 import threading
 from collections.abc import Callable
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -17,7 +17,7 @@ from homolog.workers import worker_processes
 from homolog_app.rendering.scene import Scene
 from homolog_app.rendering.views import Frame
 
-__all__ = ["RENDERER", "draw", "renderer_name", "with_opengl"]
+__all__ = ["RENDERER", "draw", "renderer_name", "start_renderer", "with_opengl"]
 
 RENDERER = "HOMOLOG_RENDERER"
 """Environment variable that chooses: ``opengl`` or ``software``."""
@@ -57,6 +57,12 @@ def draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
     return _CHOICE.draw(scene, frame, width)
 
 
+def start_renderer() -> None:
+    """Choose and start what draws, so that the first picture need not wait; faults are raised with it."""
+    with suppress(InputError):
+        _ = _CHOICE.name
+
+
 def with_opengl(function: Callable[..., _T], *arguments: object) -> _T:
     """Return what a function of a module returns in the process that has OpenGL.
 
@@ -73,7 +79,7 @@ def renderer_name() -> str:
     return _CHOICE.name
 
 
-class _Choice:
+class RendererChoice:
     """Begins when something is drawn first; other threads wait."""
 
     def __init__(self) -> None:
@@ -98,7 +104,7 @@ class _Choice:
         try:
             with self._lock:
                 drawer = self._chosen()
-                if isinstance(drawer, _OpenGLProcess):
+                if isinstance(drawer, OpenGLProcess):
                     return drawer.call(function, *arguments)
         except BrokenProcessPool as error:
             raise InputError(_NO_OPENGL) from error
@@ -114,14 +120,14 @@ class _Choice:
 
     def _opengl(self, needed: bool) -> _Drawer:
         try:
-            return _OpenGLProcess()
+            return OpenGLProcess()
         except (BrokenProcessPool, RuntimeError, ImportError, TimeoutError) as error:
             if needed:
                 raise InputError(f"{RENDERER}=opengl: this machine has no OpenGL that works") from error
             return _software()
 
 
-class _OpenGLProcess:
+class OpenGLProcess:
     """VTK in a process of its own: it ends its process where it finds no OpenGL, and has one thread only."""
 
     def __init__(self) -> None:
@@ -159,4 +165,4 @@ def _software() -> _Drawer:
     return Software()
 
 
-_CHOICE = _Choice()
+_CHOICE = RendererChoice()

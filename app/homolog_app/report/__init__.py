@@ -1,1 +1,5 @@
 """Studies of a project's result and the page that reports them; no Qt."""
+
+__all__ = ["NOTICE"]
+
+NOTICE = "For research use only. Not a medical device; not for diagnosis or treatment."

@@ -9,8 +9,8 @@ from homolog.cohort import Cohort
 from homolog.files.atomic import write_text
 from homolog.files.records import ResultRecord
 from homolog.run.batch import Batch, BatchItem, ItemState
+from homolog_app.report import NOTICE
 from homolog_app.report.page import Link, Page, Picture
-from homolog_app.report.write import NOTICE
 
 __all__ = ["write_index"]
 

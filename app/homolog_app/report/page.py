@@ -37,8 +37,8 @@ class Page:
     """A page that grows from top to bottom. Texts are plain: markup in them is shown as it is."""
 
     def __init__(self, title: str, notice: str, *, footer: str = "") -> None:
-        self._title, self._notice, self._footer = title, notice, footer
-        self._parts: list[dict[str, object]] = []
+        self.title, self.notice, self._footer = title, notice, footer
+        self.parts: list[dict[str, object]] = []
 
     def heading(self, text: str, level: int = 2) -> None:
         """Add a heading."""
@@ -90,11 +90,11 @@ class Page:
         environment = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)
         environment.filters["unbroken"] = _unbroken
         return environment.from_string(source).render(
-            title=self._title, notice=self._notice, footer=self._footer, parts=self._parts, style=style
+            title=self.title, notice=self.notice, footer=self._footer, parts=self.parts, style=style
         )
 
     def _add(self, kind: str, **content: object) -> None:
-        self._parts.append({"kind": kind, **content})
+        self.parts.append({"kind": kind, **content})
 
 
 def _unbroken(text: str) -> str:

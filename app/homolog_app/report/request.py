@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from homolog.analysis.procrustes import Alignment
+from homolog.cohort.column_types import CATEGORY, plain_name
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
 from homolog.files.project import OUT_OF_DATE, ProjectFolder
@@ -26,7 +27,6 @@ __all__ = [
 
 _RECORD = "study.json"
 _LONGEST = 90
-_CATEGORY = ":c"
 SIZE_WORDS = {
     Alignment.AS_IT_LIES: "as the shapes lie",
     Alignment.RIGID: "form (size and shape)",
@@ -158,10 +158,15 @@ class Answered(BaseModel):
 
 
 def category_of(column: str, known: "set[str]") -> tuple[str, bool]:
-    """Return a covariate's column, and whether its numbers are declared codes of categories (``site:c``)."""
-    if column not in known and column.endswith(_CATEGORY):
-        return column.removesuffix(_CATEGORY), True
-    return column, False
+    """Return a covariate's column, and whether its numbers are declared codes of categories.
+
+    The question declares it (``site:c``), or the table, whose column then has such a name.
+    """
+    if column not in known and f"{column}{CATEGORY}" in known:
+        return f"{column}{CATEGORY}", True
+    if column not in known and column.endswith(CATEGORY):
+        return plain_name(column), True
+    return column, column.endswith(CATEGORY)
 
 
 def study_folder(project: ProjectFolder, request: StudyRequest) -> Path:

@@ -9,8 +9,9 @@ import numpy as np
 from homolog.analysis.comparison import Comparison, Options
 from homolog.analysis.covariates import covariate_columns, is_missing, lookalikes, numbers
 from homolog.analysis.procrustes import Alignment, rms_radii
-from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, regress
+from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, pair_members, regress
 from homolog.arrays import FloatArray, IntArray, frozen
+from homolog.cohort.column_types import CATEGORY
 from homolog.errors import InputError
 from homolog.files.results import Result
 from homolog.progress import Tick, no_tick
@@ -82,6 +83,8 @@ def column_of(result: Result, column: str) -> list[str]:
         If there is no such column.
     """
     known = _columns_of(result)
+    if column not in known and f"{column}{CATEGORY}" in known:
+        column = f"{column}{CATEGORY}"  # the table declares it
     if column == "group":
         values = [group or "" for group in result.groups]
     elif column == SHAPE_SIZE or (column == SIZE and SIZE not in known):
@@ -200,10 +203,10 @@ def _check(result: Result, request: StudyRequest) -> None:
     if request.kind == "pairs" and (len(request.between) != 2 or request.covariates):
         raise InputError("a paired comparison is between two values of a column and takes no covariates")
     plain, is_category = category_of(request.column, known)
-    if is_category:
+    if is_category and (request.kind == "regression" or not plain.endswith(CATEGORY)):
         raise InputError(
-            f"{request.column!r}: only covariates are declared categories; compare the groups of {plain!r} "
-            "instead"
+            f"{request.column!r} is declared a category, which only covariates can be here; compare the "
+            f"groups of {plain!r} instead"
         )
     labels = column_of(result, request.column)
     there = levels(labels)
@@ -214,7 +217,7 @@ def _check(result: Result, request: StudyRequest) -> None:
             )
     if request.kind == "groups" and len(request.between) < 2:
         raise InputError(f"column {request.column!r}: has one group only; a comparison needs two")
-    if request.column in named:
+    if plain in named:
         raise InputError(f"{request.column!r} is tested itself; remove it from the covariates")
 
 
@@ -297,33 +300,19 @@ def _regression(question: _Question) -> _Answer:
 
 def _pairs(question: _Question) -> _Answer:
     request, names = question.request, question.result.names
-    by_pair: dict[str, dict[str, int]] = {}
-    pairs = column_of(question.result, request.pairs or "")
-    for index, (pair, label) in enumerate(zip(pairs, question.labels, strict=True)):
-        if label in request.between and pair:
-            if label in by_pair.setdefault(pair, {}):
-                raise InputError(f"{names[index]}: pair {pair!r} has two subjects that are {label!r}")
-            by_pair[pair][label] = index
-    alone = [pair for pair, both in by_pair.items() if len(both) < 2]
-    if alone:
-        raise InputError(
-            f"pair {alone[0]!r} has one subject only; add the other one, or exclude such pairs "
-            "(complete cases)"
-        )
-    if len(by_pair) < 2:
-        raise InputError(
-            f"a paired comparison needs at least two pairs; column {request.pairs!r} names {len(by_pair)}"
-        )
-    first, second = (_indices(by_pair, label) for label in request.between)
+    column = request.pairs or ""
+    first, second = pair_members(
+        column_of(question.result, column),
+        question.labels,
+        (request.between[0], request.between[1]),
+        names,
+        column=column,
+    )
     title = f"{request.between[1]} - {request.between[0]}"
     comparison = compare_pairs(
         question.shapes, first, second, title, options=question.options, names=names, tick=question.tick
     )
     return comparison, ()
-
-
-def _indices(pairs: Mapping[str, Mapping[str, int]], label: str) -> IntArray:
-    return np.array([both[label] for both in pairs.values()], dtype=np.int64)
 
 
 def _covariates(question: _Question, members: IntArray) -> FloatArray | None:

@@ -15,6 +15,7 @@ from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog_app.clipping import Clip
 from homolog_app.pictures import write_picture
+from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
 from homolog_app.report.findings import (
     LEVEL,
@@ -34,13 +35,12 @@ from homolog_app.report.page import Page
 from homolog_app.report.regions import significant_regions
 from homolog_app.report.request import read_requests, study_folder
 from homolog_app.report.seeds import read_spread, spread_words
+from homolog_app.report.sheets import write_page
 from homolog_app.report.study import SHAPE_SIZE, Study, run_study
 from homolog_app.report.surface_maps import SurfaceCarrier
 from homolog_app.report.tables import sample_rows
 
 __all__ = ["write_report"]
-
-NOTICE = "For research use only. Not a medical device; not for diagnosis or treatment."
 
 
 def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None = None) -> Path:
@@ -58,7 +58,7 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     Returns
     -------
     Path
-        The page; figures lie in ``figures`` beside it.
+        The page; the same as ``report.pdf`` and figures in ``figures`` lie beside it.
 
     Raises
     ------
@@ -98,6 +98,7 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
             with atomic_write(folder / "figures" / f"{figure.name}.{suffix}") as part_file:
                 write_picture(figure.figure, part_file)
     write_text(folder / "report.html", page.html)
+    write_page(folder / "report.pdf", page)
     return folder / "report.html"
 
 
@@ -376,6 +377,7 @@ def _closing(
         summary="All subjects",
     )
     page.heading("Files")
+    page.links(["report.pdf"], "This page as PDF")
     vectors = [f"figures/{figure.name}.{suffix}" for figure in figures for suffix in ("svg", "pdf")]
     page.links(vectors, f"Figures as vector graphics ({len(vectors)} files)")
     tables = [

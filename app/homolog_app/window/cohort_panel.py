@@ -15,7 +15,8 @@ __all__ = ["CohortPanel"]
 
 _TOOLS = ("file.add", "file.import", "file.export", "edit.group", "edit.include", "edit.remove")
 _GROUP_PX = (56, 120)
-_NAME_PX, _STATUS_PX = 140, 56
+_NAME_PX, _STATUS_PX = 140, 76
+_MEASURED_ROWS = 100  # beyond those in sight, whose names are looked at for the width
 
 
 class _Table(QTableView):
@@ -24,6 +25,7 @@ class _Table(QTableView):
     def fit_names(self) -> None:
         """Make the column of names as wide as they are, if there is room beside the fixed columns."""
         head = self.horizontalHeader()
+        head.setResizeContentsPrecision(_MEASURED_ROWS)
         others = sum(head.sectionSize(column) for column in (GROUP, VOLUME)) + _STATUS_PX
         free = self.viewport().width() - others
         head.resizeSection(NAME, max(_NAME_PX, min(free, self.sizeHintForColumn(NAME))))

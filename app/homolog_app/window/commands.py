@@ -57,7 +57,7 @@ COMMANDS = (
             "File", "Ctrl+Shift+N", "files", "idle"),
     Command("file.open", "Open project…", "Open a project folder.", "File", "Ctrl+O", "open", "idle"),
     Command("file.sample_hearts", "Sample study: hearts",
-            "Generate twelve left ventricles, half of them after an infarct, and show the tour.",
+            "Generate twenty left ventricles, half of them after an infarct, and show the tour.",
             "File", "", "heart", "idle"),
     Command("file.sample", "Sample study: coffee beans",
             "Generate the beans of the method's publication and show the tour.",

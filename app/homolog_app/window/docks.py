@@ -7,6 +7,7 @@ from PySide6.QtCore import QObject, Qt
 from PySide6.QtWidgets import QDockWidget, QStackedWidget, QTabBar, QWidget
 
 from homolog_app.window.curves import EnergyCurves
+from homolog_app.window.explore.overview_page import OverviewPage
 from homolog_app.window.log_pane import LogPane
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ class Docks(QObject):
         bottom = Qt.DockWidgetArea.BottomDockWidgetArea
         window.setCorner(Qt.Corner.BottomLeftCorner, Qt.DockWidgetArea.LeftDockWidgetArea)
         window.setCorner(Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea)
-        self._dock("Steps", window.rail, Qt.DockWidgetArea.LeftDockWidgetArea).show()
+        self._rail_dock = self._dock("Steps", window.rail, Qt.DockWidgetArea.LeftDockWidgetArea)
         self._inspector_dock = self._dock(
             "Inspector", window.inspector, Qt.DockWidgetArea.RightDockWidgetArea
         )
@@ -59,12 +60,15 @@ class Docks(QObject):
         for bar in self._window.findChildren(QTabBar, options=Qt.FindChildOption.FindDirectChildrenOnly):
             bar.setAccessibleName("Below the views")  # Qt makes it when it needs it
         work, session, step = self._window.desk.work, self._window.desk.session, self._window.step
+        self._rail_dock.setVisible(self._window.desk.session.is_open)
         self._inspector_dock.setVisible(open_)
         plots = self._window.inspector.explore.page.plots if step == "explore" else None
         if plots is not None:
             self._plots.setCurrentWidget(plots)
         self._plots_dock.setVisible(open_ and plots is not None)
-        wanted = open_ and plots is None and step in ("correspond", "explore")
+        page = self._window.inspector.explore.page
+        of_run = step == "correspond" or (step == "explore" and isinstance(page, OverviewPage))
+        wanted = open_ and plots is None and of_run
         self._curves_dock.setVisible(wanted and (work.run_job is not None or session.result is not None))
 
     def _show_result(self) -> None:

@@ -4,6 +4,7 @@ import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from queue import SimpleQueue
 from typing import Any, Protocol
 
@@ -66,37 +67,46 @@ class Job(Protocol):
         """Ask it to wait or go on, from any thread."""
 
 
+class _Reins:
+    """Through which a task tells its status, and is held."""
+
+    def __init__(self, message: str) -> None:
+        self.status: Status = TaskStatus(message=message)
+        self.token = CancelToken()
+
+    def tick(self, fraction: float, message: str) -> None:
+        self.status = TaskStatus(fraction=fraction, message=message)
+        self.token.wait_while_paused(lambda: self._say_waiting(fraction, message))
+
+    def _say_waiting(self, fraction: float, message: str) -> None:
+        self.status = TaskStatus(fraction=fraction, message=message, paused=True)
+
+
 class Task:
-    """A function that takes a tick, as a job."""
+    """A function that takes a tick, as a job.
+
+    Attributes
+    ----------
+    execute : callable
+        Does the work.
+    """
 
     def __init__(self, work: Callable[[Tick], Any], message: str) -> None:
-        self._work = work
-        self._status: Status = TaskStatus(message=message)
-        self._cancel_token = CancelToken()
-
-    def execute(self) -> Any:  # noqa: ANN401
-        """Do the work."""
-        return self._work(self._tick)
+        self._reins = _Reins(message)
+        self.execute = partial(work, self._reins.tick)
 
     @property
     def status(self) -> Status:
         """The newest status."""
-        return self._status
+        return self._reins.status
 
     def cancel(self) -> None:
         """End at the next tick."""
-        self._cancel_token.cancel()
+        self._reins.token.cancel()
 
     def set_paused(self, paused: bool) -> None:
         """Wait at the next tick, or go on."""
-        self._cancel_token.set_paused(paused)
-
-    def _tick(self, fraction: float, message: str) -> None:
-        self._status = TaskStatus(fraction=fraction, message=message)
-        self._cancel_token.wait_while_paused(lambda: self._say_waiting(fraction, message))
-
-    def _say_waiting(self, fraction: float, message: str) -> None:
-        self._status = TaskStatus(fraction=fraction, message=message, paused=True)
+        self._reins.token.set_paused(paused)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from homolog.analysis.procrustes import Alignment as Compared
 from homolog.progress import Tick
 from homolog.settings import Alignment, GroomSettings
 
@@ -11,7 +12,7 @@ __all__ = ["BEANS", "HEARTS", "Sample", "Stop"]
 
 _COMPLETE = ".complete"
 _SEED = 5
-_HEARTS = 12
+_HEARTS = 20  # of twelve, permutation tests can't show the infarct
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +29,8 @@ class Stop:
         The command that it offers.
     opens : str
         The command that is given when it is shown, such as to open a page.
+    alignment : Compared, optional
+        What groups are aligned by from then on.
     """
 
     step: str
@@ -35,6 +38,7 @@ class Stop:
     text: str
     offer: str = ""
     opens: str = ""
+    alignment: Compared | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +91,7 @@ def _write_beans(folder: Path, tick: Tick) -> None:
 _HEART_STOPS = (
     Stop(
         "cohort",
-        "Twelve left ventricles",
+        "Twenty left ventricles",
         "Half are healthy, half have an infarct: a place where the wall is thin. Group, age and sex are in "
         "the table. Cut the hearts open with 5 to see their cavity.",
     ),
@@ -114,10 +118,11 @@ _HEART_STOPS = (
     Stop(
         "explore",
         "What differs",
-        "Compare healthy hearts with infarcts. Colours show where the difference is significant: the wall is "
-        "thinner in the infarct.",
+        "Compare healthy hearts with infarcts. Hearts differ in size for other reasons, which Shape removes. "
+        "Colours show where the difference is significant: the wall is thinner in the infarct.",
         "explore.test",
         "explore.groups",
+        Compared.SIMILARITY,
     ),
 )
 
@@ -150,7 +155,7 @@ _BEAN_STOPS = (
     ),
 )
 
-HEARTS = Sample("hearts", _write_hearts, _HEART_STOPS, optimize={"particles": 256})
+HEARTS = Sample(f"hearts-{_HEARTS}", _write_hearts, _HEART_STOPS, optimize={"particles": 256})
 
 # Half turned a bean fits, too: alignment would turn some.
 BEANS = Sample("coffee-beans", _write_beans, _BEAN_STOPS, groom={"alignment": Alignment.NONE})

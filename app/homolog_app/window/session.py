@@ -201,23 +201,23 @@ class _Edit(QUndoCommand):
     def __init__(self, session: Session, text: str, after: Study, key: str) -> None:
         super().__init__(text)
         self._session = session
-        self._before, self._after = session.study, after
-        self._key = key
+        self._before, self.after = session.study, after
+        self.key = key
 
     def id(self) -> int:
         """Say which edits may become one."""
-        return hash(self._key) % (2**31 - 1) if self._key else -1
+        return hash(self.key) % (2**31 - 1) if self.key else -1
 
     def mergeWith(self, other: QUndoCommand) -> bool:
         """Take a following edit of the same thing in."""
-        if not isinstance(other, _Edit) or other._key != self._key:
+        if not isinstance(other, _Edit) or other.key != self.key:
             return False
-        self._after = other._after
+        self.after = other.after
         return True
 
     def redo(self) -> None:
         """Show the later study."""
-        self._session.put(self._after)
+        self._session.put(self.after)
 
     def undo(self) -> None:
         """Show the earlier study."""

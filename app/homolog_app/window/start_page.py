@@ -103,7 +103,7 @@ class StartPage(QFrame):
         texts = {
             "file.new": "Segmentations (NRRD, NIfTI, MetaImage) or closed surfaces (VTP, PLY, STL, OBJ).",
             "file.open": "Open a saved study.",
-            "file.sample_hearts": "Twelve generated left ventricles, healthy or after infarct; a short tour.",
+            "file.sample_hearts": "Twenty generated left ventricles, healthy or after infarct; a short tour.",
         }
         for column, identifier in enumerate(_CARDS):
             card, icon = self._card(command(identifier).title.rstrip("…"), texts[identifier])

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 from homolog.cohort import (
@@ -35,14 +36,14 @@ class Member:
         return self.subject.name
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Study:
     """The list of subjects and the settings of the next run."""
 
     members: tuple[Member, ...] = ()
     settings: RunSettings = field(default_factory=RunSettings)
 
-    @property
+    @cached_property
     def included(self) -> tuple[Subject, ...]:
         """The subjects of the next run."""
         return tuple(member.subject for member in self.members if member.included)

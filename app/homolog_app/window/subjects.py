@@ -55,6 +55,7 @@ def subject_contents(
     elsewhere. Subjects without an alignment are shown about their own centre.
     """
     alignments = dict(zip(result.result.names, result.result.alignments, strict=True)) if result else {}
+    turned = dict(zip(alignments, mirrors(result.result.alignments).tolist(), strict=True)) if result else {}
     contents = []
     for subject in subjects:
         survey, smooth = surveys.get(subject.name), groomed.get(subject.name)
@@ -68,7 +69,8 @@ def subject_contents(
             alignment = np.eye(4)
             if raw is not None:
                 alignment[:3, 3] = -raw.vertices.mean(axis=0)
-        notes = [subject.group or "", "mirrored" if mirrors(alignment) else ""]
+        mirrored = turned.get(subject.name, smooth is not None and bool(mirrors(alignment)))
+        notes = [subject.group or "", "mirrored" if mirrored else ""]
         if fine is None and survey is not None and survey.every > 1:
             notes.append(f"every {survey.every}. voxel")
         note = " · ".join(note for note in notes if note)

@@ -24,7 +24,7 @@ class Sweeper(QObject):
         self._next_whole = 0.0
         gc.disable()
         self._timer = QTimer(self, interval=_EVERY_MS)
-        self._timer.timeout.connect(self._sweep)
+        self._timer.timeout.connect(self.sweep)
         self._timer.start()
 
     def settle(self) -> None:
@@ -37,7 +37,8 @@ class Sweeper(QObject):
         gc.enable()
 
     @Slot()
-    def _sweep(self) -> None:
+    def sweep(self) -> None:
+        """Collect the generations that are due."""
         young, middle, old = (
             count > most for count, most in zip(gc.get_count(), gc.get_threshold(), strict=True)
         )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QObject
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout
 
+from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.samples import BEANS, HEARTS, Sample, Stop
 from homolog_app.window.steps import steps_of
 from homolog_app.window.widgets import GRID, button, label, set_primary
@@ -74,6 +75,8 @@ class Tour(QObject):
         self._window.show_step(stop.step)
         if stop.opens and self._window.commands[stop.opens].isEnabled():
             self._window.commands[stop.opens].trigger()
+        if stop.alignment is not None:
+            self._window.inspector.explore.page_of(GroupsPage).form.choose_alignment(stop.alignment)
         self._refresh()
 
     @property

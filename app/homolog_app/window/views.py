@@ -40,7 +40,7 @@ class Views(QObject):
         self._window, self.stage = window, stage
         self._session, self._work = window.desk.session, window.desk.work
         self._shown: list[object] = []
-        self._subjects: list[Content] = []
+        self.subjects: list[Content] = []
         self.run = RunParticles(self._window, stage)
         self._explore = window.inspector.explore
         self._result: Loaded | None = None
@@ -183,13 +183,13 @@ class Views(QObject):
         """The open page, from 0, and how many there are; each subject is one where slices are shown."""
         scene = self.stage.scene
         return (
-            (self._sliced, len(self._session.study.included))
+            (self.sliced, len(self._session.study.included))
             if self.shows_slices
             else (scene.page, scene.pages)
         )
 
     @property
-    def _sliced(self) -> int:
+    def sliced(self) -> int:
         """Index of the subject whose slices are shown."""
         names = [subject.name for subject in self._session.study.included]
         return next((names.index(name) for name in self._session.selection if name in names), 0)
@@ -197,7 +197,7 @@ class Views(QObject):
     def turn_page(self, step: int) -> None:
         """Show other subjects."""
         if self.shows_slices:
-            self._session.select([self._session.study.included[self._sliced + step].name])
+            self._session.select([self._session.study.included[self.sliced + step].name])
             self._tell_page()
         else:
             self.stage.scene.turn_page(step)
@@ -243,7 +243,7 @@ class Views(QObject):
                 self._window.commands["view.raw"].setChecked(not smooth)
                 stage.scene.switch(raw=not smooth)
             self._shown = key
-            self._subjects = subject_contents(
+            self.subjects = subject_contents(
                 session.study.included, session.surveys, session.groomed, session.result
             )
             if new_result:
@@ -274,7 +274,7 @@ class Views(QObject):
     def _display(self) -> None:
         """Show the subjects, or what the open page of Explore makes of them."""
         page = self._page
-        shown = page.shown(self._subjects) if page is not None else Shown(self._subjects)
+        shown = page.shown(self.subjects) if page is not None else Shown(self.subjects)
         if shown.particles is None:
             tints = self.run.tints if shown.tints is None else shown.tints
             shown = replace(shown, particles=self.run.particles, tints=tints)
@@ -381,14 +381,14 @@ class Views(QObject):
         if not self._session.study.included:
             return
         patient = self._page.sliced() if self._page is not None else None
-        name = self._session.study.included[self._sliced].name
+        name = self._session.study.included[self.sliced].name
         self.stage.slices.show_subject(patient or sliced_subject(self._session, name))
 
     @Slot()
     def _tell_page(self) -> None:
         scene, total = self.stage.scene, len(self._session.study.included)
         if self.shows_slices:
-            self.stage.footer.show_page(self._sliced + 1, self._sliced + 1, total)
+            self.stage.footer.show_page(self.sliced + 1, self.sliced + 1, total)
         else:
             first = scene.page * scene.layout_count
             total = total if scene.pages > 1 or not scene.columns else 0

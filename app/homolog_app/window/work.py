@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from PySide6.QtCore import QObject, Signal, Slot
 
@@ -25,21 +25,24 @@ from homolog_app.window.jobs import (
 )
 from homolog_app.window.loaded import Loaded, load_result
 from homolog_app.window.preliminary import PreliminaryModel
-from homolog_app.window.runner import Ended, Job, Runner, Status, Task
+from homolog_app.window.runner import Ended, Runner, Status, Task
 from homolog_app.window.samples import Sample
 from homolog_app.window.session import Session
 from homolog_app.window.subjects import Groomed
 
 if TYPE_CHECKING:
+    from homolog.arrays import FloatArray
     from homolog.grooming import GroomedSubject
     from homolog_app.window.survey import Survey
+
+    GroomedCohort = tuple[list[GroomedSubject], FloatArray]
 
 __all__ = ["Work"]
 
 _log = logging.getLogger(__name__)
 _BACKGROUND = ("read", "restore", "prepare")
-_Then = Callable[[Ended], object]
 _T = TypeVar("_T")
+_Order = tuple[str, RunJob | Callable[[Tick], Any], str, Callable[[Any], object]]
 
 
 class Work(QObject):
@@ -61,12 +64,12 @@ class Work(QObject):
         self.runner.ended.connect(self._ended)
         self.status: Status | None = None
         self.kind = ""
-        self._then: _Then | None = None
+        self._then: Callable[[Any], object] | None = None
         self._generation = 0
-        self._next: tuple[str, Job, _Then] | None = None
+        self._next: _Order | None = None
         self._arrived: SimpleQueue[Survey] = SimpleQueue()
         self._prepared = False
-        self._kept: ProjectFolder | None = None
+        self.to_restore: ProjectFolder | None = None
         self.cancelled_run: RunJob | None = None
         self.awaits_result = False  # the study being opened has one, which shows subjects without their files
         session.study_changed.connect(self.go_on)
@@ -106,48 +109,50 @@ class Work(QObject):
             or (seen.label, seen.segment) != (groom.label, groom.segment)
         ]
         if unread:
-            work = Task(lambda tick: read_files(unread, groom, self._arrived.put, tick), "reading files")
-            self._start("read", work, self._read_ended)
-        elif self._kept is not None:
-            self._restore(self._kept)
+            self.compute(
+                "read",
+                lambda tick: read_files(unread, groom, self._arrived.put, tick),
+                "reading files",
+                self._read_ended,
+            )
+        elif self.to_restore is not None:
+            self._restore(self.to_restore)
         elif not self._prepared:
-            self._start("prepare", Task(prepare, "preparing compute kernels"), self._prepare_ended)
+            self.compute("prepare", prepare, "preparing compute kernels", self._prepare_ended)
 
     def look_for_groomed(self, project: ProjectFolder) -> None:
         """Show what a project keeps of its grooming once its files are read, if it is still good for them."""
-        self._kept = project
+        self.to_restore = project
 
     def _restore(self, project: ProjectFolder) -> None:
         cohort, settings = self._session.study.cohort, self._session.study.settings
 
-        def take(ended: Ended) -> None:
-            self._kept = None
-            if ended.result is not None:
-                self._take_groomed(ended, settings.groom)
+        def look(tick: Tick) -> "GroomedCohort | None":
+            return groomed_before(cohort, settings, project, tick)
+
+        def take(groomed: "GroomedCohort | None") -> None:
+            self.to_restore = None
+            if groomed is not None:
+                self._take_groomed(groomed, settings.groom)
                 _log.info("%d subjects are already groomed", len(cohort.subjects))
 
-        work = Task(
-            lambda tick: groomed_before(cohort, settings, project, tick), "looking for groomed shapes"
-        )
-        self._start("restore", work, take)
+        self.compute("restore", look, "looking for groomed shapes", take)
 
     def groom(self, cohort: Cohort, project: ProjectFolder) -> None:
         """Groom the subjects of a cohort with the settings in force."""
         settings = self._session.study.settings
 
-        def take(ended: Ended) -> None:
-            self._take_groomed(ended, settings.groom)
+        def take(groomed: "GroomedCohort") -> None:
+            self._take_groomed(groomed, settings.groom)
             _log.info("groomed %d subjects", len(cohort.subjects))
 
-        self._order("groom", Task(lambda tick: groom(cohort, settings, project, tick), "grooming"), take)
+        self.compute("groom", lambda tick: groom(cohort, settings, project, tick), "grooming", take)
 
-    def _take_groomed(self, ended: Ended, settings: GroomSettings) -> None:
-        groomed, alignments = ended.result
+    def _take_groomed(self, groomed: "GroomedCohort", settings: GroomSettings) -> None:
         self._session.groomed |= {
-            item.name: Groomed(item, alignment, settings)
-            for item, alignment in zip(groomed, alignments, strict=True)
+            item.name: Groomed(item, alignment, settings) for item, alignment in zip(*groomed, strict=True)
         }
-        self._kept = None
+        self.to_restore = None
         self._session.facts_changed.emit()
 
     def groom_one(self, name: str, project: ProjectFolder) -> None:
@@ -158,13 +163,13 @@ class Work(QObject):
         def work(tick: Tick) -> "GroomedSubject":
             return groom_again(study.cohort, name, shapes, study.settings, project, tick)
 
-        def take(ended: Ended) -> None:
+        def take(groomed: "GroomedSubject") -> None:
             before = self._session.groomed[name]
-            self._session.groomed[name] = Groomed(ended.result, before.alignment, study.settings.groom)
+            self._session.groomed[name] = Groomed(groomed, before.alignment, study.settings.groom)
             _log.info("groomed %s again", name)
             self._session.facts_changed.emit()
 
-        self._order("groom", Task(work, "grooming"), take)
+        self.compute("groom", work, "grooming", take)
 
     def run(self, project: ProjectFolder, *, resume: bool = False, from_result: bool = False) -> None:
         """Place the particles, or go on from a checkpoint or from the result."""
@@ -178,55 +183,65 @@ class Work(QObject):
             from_result=from_result,
             title=self._session.title,
         )
-        self._order("run", job, self._take_result)
+        self.compute("run", job, "", self._take_result)
 
     def keep(self) -> None:
         """Make the particles of the run that was cancelled last the result."""
         job = self.cancelled_run
         if job is not None:
-            self._order("keep", Task(job.keep, "keeping the particles"), self._take_result)
+            self.compute("keep", job.keep, "keeping the particles", self._take_result)
 
     def compute(
-        self, kind: str, function: Callable[[Tick], _T], message: str, take: Callable[[_T], object]
+        self, kind: str, work: RunJob | Callable[[Tick], _T], message: str, take: Callable[[_T], object]
     ) -> None:
         """Call a function in the computing thread with progress and cancel, then hand over what it returns.
 
-        Does nothing if the user waits for something else already (`is_busy`). The result is dropped if
-        another study has been opened meanwhile; errors and cancelling are told as with any job.
+        Waits until work in the background has ended. Does nothing if the user waits for something else
+        already (`is_busy`). The result is dropped if another study has been opened meanwhile; errors and
+        cancelling are told as with any job.
 
         Parameters
         ----------
         kind : str
             Names the work: `kind` and the log say it.
-        function : callable
-            Takes a tick; knows no Qt. Imports what is heavy by itself.
-        words : str
-            What is being done.
+        work : RunJob or callable
+            A function takes a tick, knows no Qt, and imports what is heavy by itself.
+        message : str
+            What is being done; a run says it by itself.
         take : callable
             Is called in the window's thread.
         """
-        self._order(kind, Task(function, message), lambda ended: take(ended.result))
+        if self.runner.job is not None:
+            if not self.is_busy:
+                self._next = (kind, work, message, take)
+                self.runner.cancel()
+        else:
+            self.kind, self._then, self._generation = kind, take, self._session.generation
+            if kind not in _BACKGROUND:
+                _log.info("%s begins", kind)
+            self.runner.start(work if isinstance(work, RunJob) else Task(work, message))
+        self.changed.emit()
 
     def open_result(self, project: ProjectFolder, then: Callable[[], None]) -> None:
         """Read the result of a project, then do something."""
 
-        def take(ended: Ended) -> None:
-            self._take_result(ended)
+        def take(loaded: Loaded) -> None:
+            self._take_result(loaded)
             then()
 
-        self._order("open", Task(lambda tick: load_result(project), "reading the result"), take)
+        self.compute("open", lambda tick: load_result(project), "reading the result", take)
 
     def import_model(
         self, source: Path, folder: Path, domain: str, take: Callable[[Sequence[str]], None]
     ) -> None:
         """Make a project of another program's model; `take` gets what is to be said of it."""
-        work = Task(lambda tick: import_model(source, folder, domain, tick), "importing the model")
-        self._order("import", work, lambda ended: take(ended.result))
+        self.compute(
+            "import", lambda tick: import_model(source, folder, domain, tick), "importing the model", take
+        )
 
     def make_sample(self, sample: Sample, folder: Path, take: Callable[[Path], None]) -> None:
         """Make a sample study."""
-        work = Task(lambda tick: sample.make(folder, tick), f"making {sample.name}")
-        self._order("sample", work, lambda ended: take(ended.result))
+        self.compute("sample", lambda tick: sample.make(folder, tick), f"making {sample.name}", take)
 
     def cancel(self) -> None:
         """End what the user waits for."""
@@ -239,7 +254,7 @@ class Work(QObject):
     def forget(self) -> None:
         """End what is done for the study, which is about to be closed."""
         self._next = None
-        self.cancelled_run = self._kept = None
+        self.cancelled_run = self.to_restore = None
         self.awaits_result = False
         self.runner.cancel()
 
@@ -247,20 +262,6 @@ class Work(QObject):
         """Hold the run, or let it go on."""
         if self.run_job is not None:
             self.run_job.set_paused(not self.run_job.status.paused)
-
-    def _order(self, kind: str, job: Job, take: _Then) -> None:
-        if self.runner.job is None:
-            self._start(kind, job, take)
-        elif not self.is_busy:
-            self._next = (kind, job, take)
-            self.runner.cancel()
-        self.changed.emit()
-
-    def _start(self, kind: str, job: Job, take: _Then) -> None:
-        self.kind, self._then, self._generation = kind, take, self._session.generation
-        if kind not in _BACKGROUND:
-            _log.info("%s begins", kind)
-        self.runner.start(job)
 
     @Slot(object)
     def _progressed(self, status: Status) -> None:
@@ -293,10 +294,10 @@ class Work(QObject):
             ):
                 self.cancelled_run = ended.job
         elif take is not None:
-            take(ended)
+            take(ended.result)
         if self._next is not None and self.runner.job is None:  # unless `take` began something
             following, self._next = self._next, None
-            self._start(*following)
+            self.compute(*following)
         else:
             self.go_on()
         self.changed.emit()
@@ -343,15 +344,13 @@ class Work(QObject):
             self._session.put(self._session.study.with_members(bad | back))
         self._session.facts_changed.emit()
 
-    def _read_ended(self, ended: Ended) -> None:
+    def _read_ended(self, _: object) -> None:
         _log.info("read %d files", len(self._session.surveys))
 
-    def _prepare_ended(self, ended: Ended) -> None:
-        devices: Devices = ended.result
+    def _prepare_ended(self, devices: Devices) -> None:
         self.devices_known.emit(devices)
 
-    def _take_result(self, ended: Ended) -> None:
-        loaded: Loaded | None = ended.result
+    def _take_result(self, loaded: Loaded | None) -> None:
         self.cancelled_run = None
         self.awaits_result = False
         if loaded is None:

@@ -17,7 +17,7 @@ def keep_hearts(
     """Generate the hearts, keep the tour's first card, place particles, and keep the other pictures."""
     session, work, order = window.desk.session, window.desk.work, window.commands
     order["file.sample_hearts"].trigger()
-    until(lambda: len(session.surveys) == 12)
+    until(lambda: len(session.surveys) == 20)
     order["view.grid9"].trigger()
     keep("tour")
     window.tour.card.end.click()

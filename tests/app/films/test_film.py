@@ -122,9 +122,9 @@ def test_directions_stand_around_the_shape_and_turn_with_it(bulging):
     )
     film = Film([bulging], ["anterior"], PictureSettings(**settings), turntable=True)
     film.draw(0.5)
-    assert [text.get_text() for text in film._letters[0]] == ["R", "L", "I", "S"]
+    assert [text.get_text() for text in film.letters[0]] == ["R", "L", "I", "S"]
     film.draw(0.5, np.pi / 2.0)
-    assert sorted(text.get_text() for text in film._letters[0][:2]) == ["A", "P"]
+    assert sorted(text.get_text() for text in film.letters[0][:2]) == ["A", "P"]
     (inner,), (outer,) = named.boxes, plain.boxes
     assert inner.width < outer.width
 

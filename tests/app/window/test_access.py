@@ -351,7 +351,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
                 yield "a plot enlarged", enlarged
                 enlarged.close()
                 page.kind.setCurrentText("One against another")
-                page._choose_plots()
+                page.choose_plots()
                 yield "two measures", page
                 yield "one measure against another", page.charts
 

@@ -201,18 +201,18 @@ def test_a_clicked_particle_is_ringed_on_every_shape_with_its_normals(checking, 
     scene.picture()
     world = checking.desk.session.result.result.world
     nearest = int(world[0][:, 1].argmin())
-    renderer = scene._grid.cells[0].renderer
+    renderer = scene.grid.cells[0].renderer
     renderer.SetWorldPoint(*world[0][nearest], 1.0)
     renderer.WorldToDisplay()
     x, y, _ = renderer.GetDisplayPoint()
     ratio = scene.devicePixelRatioF()
-    scene.picker.pick_at(QPointF(x / ratio, scene._plot.height() - 1 - y / ratio))
+    scene.picker.pick_at(QPointF(x / ratio, scene.plot.height() - 1 - y / ratio))
     assert page.look.chosen == nearest
     for m, content in enumerate(scene.shown):
         middle = content.lines.reshape(-1, 3).mean(axis=0)
         assert np.linalg.norm(middle - world[m][nearest]) < 1.0
     assert f"particle {nearest}" in page.sphere.accessibleDescription()
-    np.testing.assert_allclose(np.linalg.norm(page.sphere._points, axis=1), 1.0, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(page.sphere.points, axis=1), 1.0, atol=1e-6)
 
 
 def test_both_particles_of_an_exchange_have_their_colour_and_number_on_every_shape(checking):
@@ -235,7 +235,7 @@ def test_neighbours_are_coloured_by_the_distances_of_their_own_shape(checking, w
     names = checking.desk.session.result.result.names
     places = page.checked.inspection.located
     for m, name in enumerate(names[:4]):
-        tints = scene._grid.tints[name]
+        tints = scene.grid.tints[name]
         near = places.distances[m][[7]].toarray()[0] > 0.0
         assert (tints[~near][np.arange(len(tints))[~near] != 7] == 168).all()
         assert (tints[near] != 168).any(axis=1).all()
@@ -286,7 +286,7 @@ def test_each_part_of_the_energy_colours_the_particles(checking, wait):
         assert scene.bar.scale.title.lower().startswith(part)
         values = getattr(page.look.marks.energies, part)
         m, worst = np.unravel_index(values.argmax(), values.shape)
-        assert tuple(scene._grid.tints[names[m]][worst]) == tuple(scene.bar.scale.table[-1])
+        assert tuple(scene.grid.tints[names[m]][worst]) == tuple(scene.bar.scale.table[-1])
 
 
 def test_a_pattern_has_the_same_share_of_each_tone_on_all_shapes(checking, wait):

@@ -129,12 +129,12 @@ def test_the_cut_surface_is_no_place_of_a_shape(beans, wait):
     scene.look("head")
     picks = []
     scene.picker.picked.connect(picks.append)
-    middle = QPointF(scene._plot.width() / 2, scene._plot.height() / 2)
+    middle = QPointF(scene.plot.width() / 2, scene.plot.height() / 2)
     scene.picker.pick_at(middle)
     assert [pick.name for pick in picks] == ["solid"]
     stage.clip.position.setValue(100)
     beans.commands["view.clip"].trigger()
     scene.picture()
-    scene._plot.ren_win.Render()
+    scene.plot.ren_win.Render()
     scene.picker.pick_at(middle)
     assert len(picks) == 1

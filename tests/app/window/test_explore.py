@@ -66,3 +66,16 @@ def test_a_cancelled_fit_is_not_begun_again_until_the_page_is_opened_again(explo
         window.inspector.explore.tabs.setCurrentIndex(0)
         window.commands["explore.modes"].trigger()
     wait(lambda: fitted.shape is not None)
+
+
+def test_the_steps_are_seen_once_a_study_is_open_and_the_energies_where_they_belong(explored):
+    energies = explored.docks.curves
+    assert explored.rail.isVisible()
+    seen = {}
+    for page in explored.inspector.explore.pages:
+        explored.inspector.explore.open_page(page)
+        seen[page.title] = energies.isVisible()
+    assert seen.pop("Overview")
+    assert not any(seen.values())
+    explored.commands["file.close"].trigger()
+    assert not explored.rail.isVisible()

@@ -33,7 +33,7 @@ def dialog(qapp, finished):
 
 def small(dialog, **changes):
     """Make an export small and quick."""
-    dialog._edit("", dialog.settings.model_copy(update={"width": 480, "height": 320, **changes}))
+    dialog.edit("", dialog.settings.model_copy(update={"width": 480, "height": 320, **changes}))
 
 
 def export(dialog, wait):
@@ -181,7 +181,7 @@ def test_groups_given_after_the_run_are_exported_once_they_are_saved(explored, t
     def opened():
         explored.commands["export.particles"].trigger()
         (dialog,) = [one for one in explored.findChildren(ExportDialog) if one.isVisible()]
-        what, _ = dialog._what, dialog.close()
+        what, _ = dialog.exported, dialog.close()
         return what
 
     assert opened().caution == ""
@@ -234,9 +234,9 @@ def test_what_would_stand_still_or_compare_nothing_is_not_started(dialog):
     film, plot = dialog("film"), dialog("plot")
     film.chooser.what.setCurrentIndex(film.chooser.what.findData("mean"))
     assert "does not move" in film.note.text()
-    film._edit("", film.settings.model_copy(update={"turntable": True}))
+    film.edit("", film.settings.model_copy(update={"turntable": True}))
     assert film.go.isEnabled()
-    plot._edit("", plot.settings.model_copy(update={"kind": Plot.DIFFERENCE}))
+    plot.edit("", plot.settings.model_copy(update={"kind": Plot.DIFFERENCE}))
     assert "Choose two groups" in plot.note.text()
 
 

@@ -51,6 +51,7 @@ def test_a_file_that_has_changed_since_is_not_taken_for_groomed(saved, make_wind
     window.library.take([folder])
     work = window.desk.work
     wait(
-        lambda: len(window.desk.session.surveys) == 4 and work._kept is None, what="for the look at groomed/"
+        lambda: len(window.desk.session.surveys) == 4 and work.to_restore is None,
+        what="for the look at groomed/",
     )
     assert not window.desk.session.groomed

@@ -1,7 +1,10 @@
 """The Groups page on the real window: beans of two widths, and ventricles of patients."""
 
 import csv
+import re
+import traceback
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,6 +58,38 @@ def test_beans_with_wide_slots_differ_at_the_slot_and_nowhere_else(compare, bean
     in_slot = np.square(vertices / (40.0, 30.0, 20.0)).sum(axis=1) < 0.85
     assert np.abs(outward[in_slot]).mean() > 5.0 * np.abs(outward[below]).mean()
     assert outward[in_slot].mean() < 0.0  # what is carved deeper has contracted
+
+
+def test_a_click_passes_the_functions_that_the_architecture_names(
+    compare, bean_project, explore, window, wait, monkeypatch
+):
+    from homolog_app.report import study
+    from homolog_app.window.runner import Runner
+
+    core, start, passed = study.compare_two_groups, Runner.start, {}
+
+    def names(frames):
+        ours = [one for one in frames if "homolog_app" in one.filename and "<lambda>" not in one.name]
+        return [one.name for one in ours]
+
+    def started(runner, job):
+        passed["window"] = [*names(traceback.extract_stack()), "start"]
+        start(runner, job)
+
+    def computed(*given, **named):
+        passed["thread"] = names(traceback.extract_stack())
+        return core(*given, **named)
+
+    explore(bean_project, "groups")
+    wait(lambda: window.desk.work.runner.job is None, what="for what is done in the background")
+    monkeypatch.setattr(Runner, "start", started)
+    monkeypatch.setattr(study, "compare_two_groups", computed)
+    compare(bean_project, "slim", "wide")
+    architecture = (Path(__file__).parents[3] / "docs/architecture.md").read_text()
+    (row,) = [line for line in architecture.splitlines() if line.startswith("| *Compare groups*")]
+    _, _, in_window, in_thread, _, _ = row.split("|")
+    for place, cell in (("window", in_window), ("thread", in_thread)):
+        assert passed[place] == [name.split(".")[-1] for name in re.findall(r"`([^`]+)`", cell)]
 
 
 def test_the_table_says_what_the_analysis_found(compare, bean_project):
@@ -126,7 +161,7 @@ def test_a_button_goes_to_the_largest_significant_place(compare, bean_project, w
     near = np.linalg.norm(answer.shape.mean.vertices - answer.shape.mean.vertices[top], axis=1) < 8.0
     firm[near] = firm[left] = True
     page.answers = [replace(answer, difference=replace(answer.difference, significant=firm))]
-    page._show()
+    page.show_answers()
     gone = []
     page.place_wanted.connect(lambda _, place, __: gone.append(place))
     page.to_significant.click()
@@ -154,7 +189,7 @@ def test_the_original_method_stands_above_the_proposed_one(compare, bean_project
     original = replace(answer.shape, name="first", method=Method.EUCLIDEAN)
     both = [answer, replace(answer, shape=original)]
     shown = group_scene(GroupsView(), [answer.shape, original], both)
-    assert [one.name for one in shown.contents] == ["first (original)", "project (proposed)"]
+    assert [one.name for one in shown.contents] == ["first (Euclidean)", "project (geodesics and normals)"]
 
 
 def test_groups_edited_after_the_run_are_the_ones_compared(compare, bean_project, window, explore):

@@ -231,7 +231,7 @@ def test_none_keeps_its_references_while_the_window_is_painted(window, qapp):
     before = sys.getrefcount(None)
     for number in range(200):
         window.status.work.setText(str(number))
-        window.views.stage.scene._plot.repaint()
+        window.views.stage.scene.plot.repaint()
         qapp.processEvents()
     assert sys.getrefcount(None) > before - 100
 

@@ -26,8 +26,8 @@ def named(ellipsoids, groomed_cache, tmp_path, run):
 
 def words_in(scene):
     """Return the captions of the views, as they are written, and how many pixels they take."""
-    cells = scene._grid.cells[: scene._grid.count]
-    captions = [cell._words._caption for cell in cells]
+    cells = scene.grid.cells[: scene.grid.count]
+    captions = [cell.texts.caption for cell in cells]
     sizes = []
     for cell, caption in zip(cells, captions, strict=True):
         size = [0.0, 0.0]
@@ -64,7 +64,7 @@ def test_a_covariate_with_an_ampersand_is_the_column_of_that_name(window, named,
     window.library.take([named])
     wait(lambda: window.desk.session.result is not None)
     form = next(one.form for one in window.inspector.explore.pages if hasattr(one, "form"))
-    (action,) = [one for one in form._covariates.actions() if one.data() == "a & b"]
+    (action,) = [one for one in form.covariate_menu.actions() if one.data() == "a & b"]
     action.setChecked(True)
     assert form.covariates == ("a & b",)
     assert form.allow.text() == "Adjust for a && b"
@@ -76,4 +76,4 @@ def test_a_folder_opened_after_a_project_shows_its_input(explored, ellipsoids, w
     explored.library.take([ellipsoids])
     wait(lambda: len(explored.desk.session.surveys) == 4)
     assert explored.commands["view.raw"].isChecked()
-    assert explored.views.stage.scene._grid.raw
+    assert explored.views.stage.scene.grid.raw

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from homolog.surfaces.walls import mean_thickness, wall_thickness
+from homolog_app.window.explore.plot_menu import axis_menu
 
 pytestmark = pytest.mark.window
 
@@ -65,10 +66,14 @@ def test_curves_along_a_mode_are_those_of_the_shapes_that_are_shown(page, window
     page.place.setValue(150)
     (shown,) = window.views.stage.scene.shown
     at = 1.5
-    assert np.interp(at, volume._x, volume._y) == pytest.approx(shown.groomed.volume / 1000.0, rel=1e-3)
-    assert np.interp(at, area._x, area._y) == pytest.approx(shown.groomed.area / 100.0, rel=1e-3)
+    assert np.interp(at, volume.positions, volume.values) == pytest.approx(
+        shown.groomed.volume / 1000.0, rel=1e-3
+    )
+    assert np.interp(at, area.positions, area.values) == pytest.approx(shown.groomed.area / 100.0, rel=1e-3)
     first, second = shape.model.instance(np.array([at]))[list(page.pair)]
-    assert np.interp(at, distance._x, distance._y) == pytest.approx(np.linalg.norm(second - first), rel=1e-3)
+    assert np.interp(at, distance.positions, distance.values) == pytest.approx(
+        np.linalg.norm(second - first), rel=1e-3
+    )
     np.testing.assert_allclose(shown.lines[0], [first, second])
 
 
@@ -170,19 +175,20 @@ def test_two_shapes_are_seen_side_by_side_on_one_scale(page, window):
     scene = window.views.stage.scene
     assert [content.name for content in scene.shown] == ["a", "b"]
     assert scene.columns == 2
-    shown = page.shown(window.views._subjects)
+    shown = page.shown(window.views.subjects)
     assert shown.scale is not None
     assert all(content.colours is not None for content in shown.contents)
     page.beside.setCurrentIndex(0)
-    assert len(page.shown(window.views._subjects).contents) == 1
+    assert len(page.shown(window.views.subjects).contents) == 1
 
 
 def test_one_measure_is_plotted_against_another(page, window):
     page.kind.setCurrentText("One against another")
-    for axis, text in zip(page.axes, ("Wall", "Area"), strict=True):
-        axis.setCurrentText(text)
-    page._choose_plots()
+    page.kind.activated.emit(page.kind.currentIndex())
     pairs = page.charts.pairs
+    for axis, text in enumerate(("Wall", "Area")):
+        (entry,) = [one for one in axis_menu(pairs, axis).actions() if one.text() == text]
+        entry.trigger()
     assert page.charts.currentWidget() is pairs
     np.testing.assert_allclose(pairs.points, [[row[5], row[4]] for row in cells(page)])
     pairs.subject_chosen.emit("c")

@@ -29,7 +29,7 @@ def test_a_right_click_on_a_subject_offers_to_show_it_alone(explored, qapp, wait
     from PySide6.QtWidgets import QMenu
 
     scene = explored.views.stage.scene
-    plot = scene._plot
+    plot = scene.plot
     lower_right = QPointF(0.75 * plot.width(), 0.75 * plot.height())
     click(qapp, plot, lower_right, Qt.MouseButton.RightButton)
     wait(lambda: qapp.activePopupWidget() is not None)

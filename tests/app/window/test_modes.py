@@ -184,6 +184,27 @@ def test_a_click_in_the_scatter_selects_the_subject_everywhere(page, window, pix
     assert window.desk.session.selection == (model.result.names[7],)
 
 
+def test_a_click_on_the_label_of_an_axis_offers_the_modes(page, qapp):
+    from PySide6.QtCore import QPoint, Qt
+    from PySide6.QtTest import QTest
+    from PySide6.QtWidgets import QMenu
+
+    scatter = page.charts.scatter
+    canvas = scatter.canvas
+    canvas.grab()
+    box = canvas.figure.axes[0].yaxis.label.get_window_extent()
+    x, y = (value / canvas.device_pixel_ratio for value in ((box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2))
+    QTest.mouseClick(canvas, Qt.MouseButton.LeftButton, pos=QPoint(round(x), round(canvas.height() - y)))
+    menu = qapp.activePopupWidget()
+    assert isinstance(menu, QMenu)
+    assert [entry.isChecked() for entry in menu.actions()][:3] == [False, True, False]
+    menu.actions()[2].trigger()
+    menu.close()
+    shape = page.fitted.shape.model
+    np.testing.assert_allclose(scatter.points, (shape.scores / shape.standard_deviations)[:, [0, 2]])
+    assert page.chosen.axes == (0, 2)
+
+
 def test_a_drag_in_the_scatter_morphs_the_shape(page, qapp, pixel):
     from PySide6.QtCore import QPoint, Qt
     from PySide6.QtTest import QTest

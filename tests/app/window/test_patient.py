@@ -103,7 +103,7 @@ def test_the_nearest_controls_are_named_and_saved_only_if_that_is_wanted(patient
 def test_slices_show_the_map_and_go_to_a_region_that_is_looked_at(patient, explored):
     explored.commands["view.slice"].trigger()
     slices = explored.views.stage.slices
-    (outline,) = slices._sliced.outlines
+    (outline,) = slices.sliced.outlines
     assert (slices.name, outline.title) == ("a", "Map")
     assert len(outline.colours) == len(outline.mesh.vertices)
     mesh = patient.comparison.mesh.vertices
@@ -112,7 +112,7 @@ def test_slices_show_the_map_and_go_to_a_region_that_is_looked_at(patient, explo
     patient.place_wanted.emit("a", place, np.array([0.0, 0.0, 1.0]))
     assert np.linalg.norm(mesh - slices.place, axis=1).min() < 2.0
     assert patient.take_scan("a", tmp := patient.desk.home / "none.nrrd")
-    assert slices._sliced.image == tmp
+    assert slices.sliced.image == tmp
 
 
 def test_a_later_time_is_compared_with_the_first_and_a_repeat_tells_the_error(
@@ -128,7 +128,7 @@ def test_a_later_time_is_compared_with_the_first_and_a_repeat_tells_the_error(
     follow_up = patient.further.times.follow_up
     (change,) = follow_up.changes
     assert follow_up.repeats == 1
-    assert len(patient._places) == len(change.regions)
+    assert len(patient.places) == len(change.regions)
     patient.map.setCurrentIndex(0)
     patient.map.activated.emit(0)
     assert [content.name for content in scene.shown] == ["a"]

@@ -18,12 +18,12 @@ def scene(explored):
 
 def screen_place(scene, point):
     """Return where a point is seen in the first view, in pixels of the widget."""
-    renderer = scene._grid.cells[0].renderer
+    renderer = scene.grid.cells[0].renderer
     renderer.SetWorldPoint(*point, 1.0)
     renderer.WorldToDisplay()
     x, y, _ = renderer.GetDisplayPoint()
     ratio = scene.devicePixelRatioF()
-    return QPointF(x / ratio, scene._plot.height() - 1 - y / ratio)
+    return QPointF(x / ratio, scene.plot.height() - 1 - y / ratio)
 
 
 def test_a_click_on_a_particle_names_it_and_its_subject(explored, scene):
@@ -48,11 +48,11 @@ def test_a_drag_is_no_click(scene, qtbot):
 
     picks = []
     scene.picker.picked.connect(picks.append)
-    middle = scene._plot.rect().center()
-    qtbot.mousePress(scene._plot, Qt.MouseButton.LeftButton, pos=middle)
-    qtbot.mouseRelease(scene._plot, Qt.MouseButton.LeftButton, pos=middle + middle / 8)
+    middle = scene.plot.rect().center()
+    qtbot.mousePress(scene.plot, Qt.MouseButton.LeftButton, pos=middle)
+    qtbot.mouseRelease(scene.plot, Qt.MouseButton.LeftButton, pos=middle + middle / 8)
     assert picks == []
-    qtbot.mouseClick(scene._plot, Qt.MouseButton.LeftButton, pos=middle)
+    qtbot.mouseClick(scene.plot, Qt.MouseButton.LeftButton, pos=middle)
     assert len(picks) == 1
 
 
@@ -62,6 +62,6 @@ def test_going_to_a_place_puts_it_into_the_middle_of_its_view(explored, scene):
     away = point - result.world[2].mean(axis=0)
     scene.go_to(result.names[2], point, away / np.linalg.norm(away))
     assert [one.name for one in scene.shown] == [result.names[2]]
-    seen, middle = screen_place(scene, point), scene._plot.rect().center()
+    seen, middle = screen_place(scene, point), scene.plot.rect().center()
     assert abs(seen.x() - middle.x()) < 3
     assert abs(seen.y() - middle.y()) < 3

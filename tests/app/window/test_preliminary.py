@@ -13,7 +13,7 @@ def paused(groomed, wait, quick):
     window.desk.edit_settings("optimize", "anneal_iterations", settings)
     window.show_step("correspond")
     window.commands["run.start"].trigger()
-    wait(lambda: work.run_job is not None and work.run_job._run.preliminary is not None, 200.0)
+    wait(lambda: work.preliminary is not None, 200.0)
     window.commands["run.pause"].trigger()
     wait(lambda: window.inspector.explore.fitted.preliminary is not None, 200.0)
     return window

@@ -75,7 +75,7 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     from homolog_app.report.request import StudyRequest
     from homolog_app.report.study import run_study
 
-    actions = {one.text(): one for one in page.form._covariates.actions()}
+    actions = {one.text(): one for one in page.form.covariate_menu.actions()}
     assert not actions["site"].isEnabled()
     assert actions["site"].toolTip() == "The same for all subjects"
     actions["slot"].setChecked(True)

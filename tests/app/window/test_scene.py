@@ -119,15 +119,15 @@ class TestViews:
         first, last = (dict(zip(names, one.particles, strict=True)) for one in (frames[-2], frames[-1]))
         scene.show_particles(first)
         scene.picture()
-        scene._plot.last_ms, scene._share = 1000.0, 1
+        scene.plot.last_ms, scene.share = 1000.0, 1
         drawn = []
-        for cell in scene._grid.cells[:4]:
+        for cell in scene.grid.cells[:4]:
             cell.renderer.AddObserver("StartEvent", lambda *_, cell=cell: drawn.append(cell))
         scene.show_particles(last, live=True)
-        scene._refine.stop()
+        scene.refine_timer.stop()
         wait(lambda: drawn)
         assert len(set(drawn)) == 1
-        scene._plot.update()
+        scene.plot.update()
         wait(lambda: len(set(drawn)) == 4)
 
     def test_the_scheme_changes_the_background_of_the_views(self, beans):
@@ -185,7 +185,7 @@ def test_a_page_of_larger_shapes_is_seen_whole_and_the_one_before_as_large_as_th
     scene = groomed.views.stage.scene
     groomed.commands["view.grid1"].trigger()
     groomed.commands["view.reset"].trigger()
-    camera = scene._grid.cells[0].renderer.GetActiveCamera()
+    camera = scene.grid.cells[0].renderer.GetActiveCamera()
     fitting = []
     for page in range(scene.pages):
         scene.show_page(page)
@@ -203,8 +203,26 @@ def test_a_page_of_larger_shapes_is_seen_whole_and_the_one_before_as_large_as_th
 
 
 @pytest.mark.window
+@pytest.mark.parametrize("count", [1, 4, 9, 16])
+def test_shapes_leave_room_for_the_texts_of_their_views(groomed, count):
+    groomed.show_step("groom")
+    groomed.commands[f"view.grid{count}"].trigger()
+    scene = groomed.views.stage.scene
+    scene.fit()
+    grid, side = scene.grid, round(count**0.5)
+    wide, high = scene.plot.width() / side, scene.plot.height() / side
+    (camera,) = grid.cameras.each
+    a_pixel = 2.0 * camera.GetParallelScale() / high
+    points = np.concatenate([cell.points for cell in grid.cells[:count]]) @ grid.cells[0].axes.T
+    across, along, _ = np.ptp(points, axis=0) / a_pixel
+    texts = {1: 16, 4: 15, 9: 13, 16: 12}[count]
+    assert (high - along) / 2.0 >= 1.2 * texts
+    assert (wide - across) / 2.0 >= 1.2 * texts
+    assert max(across / wide, along / high) > 0.6
+
+
 def test_another_project_is_seen_from_the_usual_side(explored, tmp_path, wait):
-    camera = explored.views.stage.scene._grid.cells[0].renderer.GetActiveCamera()
+    camera = explored.views.stage.scene.grid.cells[0].renderer.GetActiveCamera()
     usual = camera.GetDirectionOfProjection()
     explored.commands["view.head"].trigger()
     assert camera.GetDirectionOfProjection() != pytest.approx(usual)
@@ -219,14 +237,14 @@ def test_whole_shapes_stay_whole_when_the_window_is_made_narrow_unless_they_were
     scene = groomed.views.stage.scene
     groomed.commands["view.grid1"].trigger()
     groomed.commands["view.reset"].trigger()
-    camera = scene._grid.cells[0].renderer.GetActiveCamera()
+    camera = scene.grid.cells[0].renderer.GetActiveCamera()
     seen = camera.GetParallelScale()
     groomed.resize(900, 1100)
     wait(lambda: camera.GetParallelScale() > 1.1 * seen, what="for the shape to fit again")
     camera.Zoom(2.0)
     zoomed = camera.GetParallelScale()
     groomed.resize(1440, 900)
-    wait(lambda: scene._plot.width() > 800)
+    wait(lambda: scene.plot.width() > 800)
     assert camera.GetParallelScale() == zoomed
 
 
@@ -247,17 +265,17 @@ def test_the_page_of_subjects_is_open_again_after_shapes_of_the_model(explore, f
 def test_a_shape_that_grows_along_a_mode_stays_whole_and_in_its_place(explore, finished, window):
     explore(finished, "modes")
     scene = window.views.stage.scene
-    camera = scene._grid.cells[0].renderer.GetActiveCamera()
+    camera = scene.grid.cells[0].renderer.GetActiveCamera()
     scene.fit()
     middle, seen = camera.GetFocalPoint(), camera.GetParallelScale()
     camera.SetParallelScale(0.5 * seen)  # as if the shapes had been half as large when they were fitted
-    scene._fit = scene._looks
-    scene.display(scene._shown)
+    scene.fitted = scene.looks
+    scene.display(scene.displayed)
     assert camera.GetFocalPoint() == middle
     assert camera.GetParallelScale() > 0.8 * seen
     camera.Zoom(2.0)  # by the user
     zoomed = camera.GetParallelScale()
-    scene.display(scene._shown)
+    scene.display(scene.displayed)
     assert camera.GetParallelScale() == zoomed
 
 

@@ -31,7 +31,7 @@ def both(window, tmp_path, wait):
         wait(lambda: not work.is_busy and len(session.surveys) == len(session.study.members))
         window.commands["view.screenshot"].trigger()
         (dialog,) = [one for one in window.findChildren(ScreenshotDialog) if one.isVisible()]
-        dialog._edit("", dialog.settings.model_copy(update={"scale": 1, **changes}))
+        dialog.edit("", dialog.settings.model_copy(update={"scale": 1, **changes}))
         dialog.place.setText(str(tmp_path / "mine.png"))
         dialog.go.click()
         assert "pixels" in dialog.note.text()
@@ -69,7 +69,7 @@ def test_views_that_are_turned_alone_and_a_page_of_them_are_drawn_again(explored
     explored.commands["view.grid1"].trigger()
     explored.commands["view.next"].trigger()
     explored.commands["view.link"].trigger()
-    camera = explored.views.stage.scene._grid.cells[0].renderer.GetActiveCamera()
+    camera = explored.views.stage.scene.grid.cells[0].renderer.GetActiveCamera()
     camera.Azimuth(33.0)
     camera.Zoom(1.7)
     mine, theirs, words = both()
@@ -270,3 +270,15 @@ def test_damaged_files_beside_a_picture_are_refused(explored, tmp_path, capsys):
         assert main([*line, "--progress", "none"]) == 2, damage
         assert f"{damage}.views.npz: " in capsys.readouterr().err
         assert not (tmp_path / "p.png").exists(), damage
+
+
+def test_no_context_of_qt_counts_as_current_after_vtk_has_drawn_aside(explored, wait):
+    from PySide6.QtGui import QOpenGLContext
+
+    scene = explored.views.stage.scene
+    scene.plot.makeCurrent()
+    assert QOpenGLContext.currentContext() is not None
+    scene.picture()
+    assert QOpenGLContext.currentContext() is None  # as VTK's own was, which is gone
+    scene.plot.update()
+    wait(lambda: QOpenGLContext.currentContext() is not None, what="for the views to be drawn again")

@@ -120,7 +120,7 @@ def test_a_scan_of_another_frame_is_refused_with_numbers_and_the_segmentation_st
     slices = scanned(shift=500.0)
     assert slices.reader.read is None
     assert "mm apart" in slices.problem.text()
-    assert slices.canvases[0]._drawn is not None
+    assert slices.canvases[0].drawn is not None
     assert scanned.window.desk.session.is_groomed
 
 
@@ -138,12 +138,12 @@ def test_a_click_in_one_plane_moves_the_others_and_so_does_a_pick_on_the_surface
 
     slices = scanned()
     axial, coronal, _ = slices.canvases
-    before = [canvas._drawn.text for canvas in slices.canvases]
-    axial.pointed.emit(*(np.array(axial._drawn.cross) + 2.0))
-    after = [canvas._drawn.text for canvas in slices.canvases]
+    before = [canvas.drawn.text for canvas in slices.canvases]
+    axial.pointed.emit(*(np.array(axial.drawn.cross) + 2.0))
+    after = [canvas.drawn.text for canvas in slices.canvases]
     assert (after[0], after[1] != before[1], after[2] != before[2]) == (before[0], True, True)
     coronal.stepped.emit(1)
-    assert coronal._drawn.text != after[1]
+    assert coronal.drawn.text != after[1]
     session = scanned.window.desk.session
     vertex = session.groomed["a"].subject.mesh.vertices[100]
     world = transform_points(session.groomed["a"].alignment, vertex[None])[0]

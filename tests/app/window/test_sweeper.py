@@ -86,7 +86,7 @@ def test_all_garbage_is_collected_now_and_then_but_not_all_the_time(make_window,
     gc.callbacks.append(note)
     for _ in range(300):
         _ = [[] for _ in range(2000)]
-        sweeper._sweep()
+        sweeper.sweep()
     gc.callbacks.remove(note)
     assert kinds.count(2) == 1
     assert kinds.count(1) > 3

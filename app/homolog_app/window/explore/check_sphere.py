@@ -27,7 +27,7 @@ class NormalSphere(QWidget):
         self._theme = theme
         self._particle: int | None = None
         self._names: Sequence[str] = ()
-        self._points: FloatArray = np.empty((0, 3))
+        self.points: FloatArray = np.empty((0, 3))
         self._angles: FloatArray = np.empty(0)
         self._selected: Sequence[str] = ()
         self.setMinimumSize(360, 180)
@@ -40,7 +40,7 @@ class NormalSphere(QWidget):
         """Show the unit normals (M, 3) of a particle and their Fréchet mean (3,)."""
         self._particle, self._names = particle, names
         self._angles = np.degrees(np.arccos(np.clip(normals @ mean, -1.0, 1.0)))
-        self._points = normals @ _frame(mean).T
+        self.points = normals @ _frame(mean).T
         self.setAccessibleDescription(f"particle {particle}: {'; '.join(self._list())}")
         self.update()
 
@@ -69,9 +69,9 @@ class NormalSphere(QWidget):
         return disc.center() + QPointF(point[0], -point[1]) * (disc.width() / 2)
 
     def _at(self, position: QPointF) -> int | None:
-        if self._particle is None or not len(self._points):
+        if self._particle is None or not len(self.points):
             return None
-        apart = [(self._place(point) - position).manhattanLength() for point in self._points]
+        apart = [(self._place(point) - position).manhattanLength() for point in self.points]
         nearest = int(np.argmin(apart))
         return nearest if apart[nearest] <= 2 * _DOT else None
 
@@ -127,13 +127,13 @@ class NormalSphere(QWidget):
     def _paint_normals(self, painter: QPainter) -> None:
         colours = self._theme.colours
         text, accent = QColor(colours.text), QColor(colours.accent)
-        for m in np.argsort(self._points[:, 2]):
+        for m in np.argsort(self.points[:, 2]):
             chosen = self._names[m] in self._selected
             ink = accent if chosen else text
             painter.setPen(QPen(ink, 1.6))
-            in_front = self._points[m, 2] >= 0.0
+            in_front = self.points[m, 2] >= 0.0
             painter.setBrush(ink if in_front else Qt.BrushStyle.NoBrush)
-            at, radius = self._place(self._points[m]), _DOT if chosen else 0.7 * _DOT
+            at, radius = self._place(self.points[m]), _DOT if chosen else 0.7 * _DOT
             painter.drawEllipse(at, radius, radius)
             if chosen:
                 painter.setBrush(Qt.BrushStyle.NoBrush)

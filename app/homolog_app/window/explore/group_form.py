@@ -56,9 +56,9 @@ class GroupForm(QWidget):
         self.allow = button("")
         self.allow.setAccessibleName("Covariates adjusted for")
         self.allow.setToolTip("Columns whose effect on shape is removed before the test")
-        self._covariates = QMenu(self.allow)
-        self._covariates.setToolTipsVisible(True)
-        self.allow.setMenu(self._covariates)
+        self.covariate_menu = QMenu(self.allow)
+        self.covariate_menu.setToolTipsVisible(True)
+        self.allow.setMenu(self.covariate_menu)
         self._lay_out()
         self.column.activated.connect(lambda _: self._offer_values())
         for box in (self.column, self.first, self.second):
@@ -122,6 +122,11 @@ class GroupForm(QWidget):
             for alignment in alignments
         )  # fmt: skip
 
+    def choose_alignment(self, alignment: Alignment) -> None:
+        """Align shapes so before they are compared."""
+        self.alignment.setCurrentIndex(self.alignment.findData(alignment))
+        self.edited.emit()
+
     @property
     def between(self) -> tuple[str, ...]:
         """The groups: first and second, then the others if all are to be tested."""
@@ -133,7 +138,7 @@ class GroupForm(QWidget):
     @property
     def covariates(self) -> tuple[str, ...]:
         """The columns that are allowed for."""
-        return tuple(action.data() for action in self._covariates.actions() if action.isChecked())
+        return tuple(action.data() for action in self.covariate_menu.actions() if action.isChecked())
 
     def offer(self) -> None:
         """Offer the columns that make groups, then those that are numbers."""
@@ -190,18 +195,18 @@ class GroupForm(QWidget):
     def _offer_covariates(self, column: str) -> None:
         """Offer the other columns, and size; those that can't be used say why."""
         kept = self.covariates
-        self._covariates.clear()
+        self.covariate_menu.clear()
         for name, problem in covariates_of(
             self._session.study, column, complete=self.complete.isChecked()
         ).items():
             text = name.removesuffix(":c") + " (as categories)" * name.endswith(":c")
-            action = QAction(text.replace("&", "&&"), self._covariates, checkable=True)
+            action = QAction(text.replace("&", "&&"), self.covariate_menu, checkable=True)
             action.setData(name)
             action.setEnabled(not problem)
             action.setToolTip(problem or f"Remove the effect of {name} on shape before the test")
             action.setChecked(name in kept and not problem)
             action.toggled.connect(self._tell_covariates)
-            self._covariates.addAction(action)
+            self.covariate_menu.addAction(action)
         self._name_covariates()
 
     def _tell_covariates(self) -> None:

@@ -43,7 +43,7 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     """
     if not answers:
         plain = [
-            model_content(model, model.title, "mean", np.zeros_like(model.mean_normals), Look(),
+            model_content(model, model.title_among(models), "mean", np.zeros_like(model.mean_normals), Look(),
                           alignment=_placement(model, models))
             for model in models
         ]  # fmt: skip
@@ -77,7 +77,7 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
             answer,
             Look(scale, factor, view.from_middle),
             _placement(answer.shape, models),
-            len(rows) > 1,
+            answer.shape.title_among([row.shape for row in rows]) if len(rows) > 1 else "",
         )
     columns = len(contents) // len(rows)
     return Shown(contents, 2 if columns == 4 and len(rows) == 1 else columns, scale, {})
@@ -89,24 +89,23 @@ def _pale(table: Array) -> Array:
 
 
 def _row(
-    view: GroupsView, answer: "GroupAnswer", look: Look, placed: FloatArray, named: bool
+    view: GroupsView, answer: "GroupAnswer", look: Look, placed: FloatArray, title: str
 ) -> list[Content]:
     if view.count == 1:
-        return [_mapped(view, answer, look, placed, view.map, named)]
-    ends = [_mean(answer, placed, end, named) for end in (0.0, 1.0)]
+        return [_mapped(view, answer, look, placed, view.map, title)]
+    ends = [_mean(answer, placed, end, title) for end in (0.0, 1.0)]
     if answer.values is None:
-        maps = [_mapped(view, answer, look, placed, kind, named) for kind in ("difference", "discriminant")]
+        maps = [_mapped(view, answer, look, placed, kind, title) for kind in ("difference", "discriminant")]
         return [*ends, *maps]
-    middle = _mean(answer, placed, 0.5, named)
-    return [ends[0], middle, ends[1], _mapped(view, answer, look, placed, "difference", named)]
+    middle = _mean(answer, placed, 0.5, title)
+    return [ends[0], middle, ends[1], _mapped(view, answer, look, placed, "difference", title)]
 
 
 def _mapped(
-    view: GroupsView, answer: "GroupAnswer", look: Look, placed: FloatArray, what: str, named: bool
+    view: GroupsView, answer: "GroupAnswer", look: Look, placed: FloatArray, what: str, title: str
 ) -> Content:
     """Return the map on the shape at the place that is chosen."""
     shape = answer.shape
-    title = shape.title if named else ""
     chosen = answer.discriminant if what == "discriminant" else answer.difference
     if chosen is None:
         note = "parallel analysis retains no mode: no discriminant"
@@ -125,7 +124,7 @@ def _mapped(
     )  # fmt: skip
 
 
-def _mean(answer: "GroupAnswer", placed: FloatArray, way: float, named: bool) -> Content:
+def _mean(answer: "GroupAnswer", placed: FloatArray, way: float, title: str) -> Content:
     """Return a shape without colours: at an end, or half-way."""
     if way == 0.5:
         text, count = "half-way", ""
@@ -133,7 +132,7 @@ def _mean(answer: "GroupAnswer", placed: FloatArray, way: float, named: bool) ->
         text = answer.ends[int(way)]
         known = answer.pair.counts.get((answer.first, answer.second)[int(way)])
         count = f"{known} subjects" if known else "by regression"
-    names = (answer.shape.title, text) if named else (text, count)
+    names = (title, text) if title else (text, count)
     moved = _at(answer, answer.difference, way)
     return model_content(answer.shape, *names, moved, Look(), alignment=placed)
 

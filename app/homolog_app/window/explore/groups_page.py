@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt
@@ -14,7 +15,6 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from homolog.progress import Tick
 from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
 from homolog_app.window.explore.chosen import GroupsView
@@ -107,7 +107,7 @@ class GroupsPage(ExplorePage):
         self.plots = self.chart = GroupPlot(desk.theme)
         self._lay_out()
         self._connect(actions)
-        self._show()
+        self.show_answers()
 
     def _lay_out(self) -> None:
         self.body.addWidget(self.form)
@@ -155,7 +155,7 @@ class GroupsPage(ExplorePage):
         self.seeds.clicked.connect(self.repeat)
         self.results.chosen.connect(self._choose_pair)
         for signal in (self.form.edited, session.study_changed):
-            signal.connect(self._show)
+            signal.connect(self.show_answers)
             signal.connect(self.shown_changed)
         session.selection_changed.connect(lambda: self.chart.show_selection(session.selection))
         self.fitted.changed.connect(self._follow_models)
@@ -186,16 +186,15 @@ class GroupsPage(ExplorePage):
         """Hold."""
         self.player.stop()
 
-    def test(self) -> None:
-        """Test the chosen groups in each model that is shown, in the computing thread."""
+    def test(self, *, turns: bool = True) -> None:
+        """Test the chosen groups in each model that is shown; turn to this page for it."""
+        if turns:
+            self.page_wanted.emit()
         models = self.fitted.both
         if not models or not self.form.is_possible:
             return
-        cohort, requests = self.desk.session.study, self.form.requests
-
-        def answer(tick: Tick) -> "tuple[Answers, list[GroupAnswer]]":
-            return answer_question(models, cohort, requests, tick)
-
+        requests = self.form.requests
+        answer = partial(answer_question, models, self.desk.session.study, requests)
         text = " and ".join(requests[0].between) or f"shapes along {requests[0].column}"
         self.desk.work.compute("groups", answer, f"comparing {text}", self._take)
 
@@ -268,7 +267,7 @@ class GroupsPage(ExplorePage):
         self._mapped = (0, 0)
         self._asked |= self.all.question.titles
         self.kept.clear()
-        self._show()
+        self.show_answers()
         self._follow_way()
 
     def _choose_pair(self, request: int, pair: int) -> None:
@@ -279,7 +278,7 @@ class GroupsPage(ExplorePage):
 
         def take(mapped: "list[GroupAnswer]") -> None:
             self.answers, self._mapped = mapped, (request, pair)
-            self._show()
+            self.show_answers()
             self._follow_way()
 
         self.desk.work.compute(
@@ -295,10 +294,10 @@ class GroupsPage(ExplorePage):
         self.answers = [answer for answer in self.answers if answer.shape in models]
         if not self.answers:
             self.all, self._asked = None, frozenset()
-        self._show()
+        self.show_answers()
         self.shown_changed.emit()
         if again and self.answers:
-            self.test()
+            self.test(turns=False)
 
     def _follow_way(self) -> None:
         first, second = self.chart.ends
@@ -343,7 +342,8 @@ class GroupsPage(ExplorePage):
         self.go.setText("Test the effect" if self.form.is_regression else "Compare groups")
         self.go.setEnabled(self.fitted.shape is not None and self.form.is_possible and not work.is_busy)
 
-    def _show(self) -> None:
+    def show_answers(self) -> None:
+        """Show the answers and whether they fit the settings."""
         answers = self.answers
         self._current = self._is_current()
         for widget in (self.way, self.player, self.map, self.views, self.significant, self.arrows):
@@ -385,4 +385,5 @@ class GroupsPage(ExplorePage):
         self.summary.setText(first.numbers)
         self.cautions.setText("\n".join(cautions(study)))
         self.cautions.setVisible(bool(self.cautions.text()))
-        self.numbers.show_rows([answer.shape.title for answer in answers], number_rows(answers))
+        shapes = [answer.shape for answer in answers]
+        self.numbers.show_rows([shape.title_among(shapes) for shape in shapes], number_rows(answers))

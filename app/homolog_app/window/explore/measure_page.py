@@ -21,7 +21,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
 from homolog_app.window.explore.chosen import MeasureView
 from homolog_app.window.explore.fitted import Fitted
-from homolog_app.window.explore.measure_plot import MEASURES, MeasurePlots
+from homolog_app.window.explore.measure_plot import MeasurePlots
 from homolog_app.window.explore.measure_views import deviations_of, measured_scene
 from homolog_app.window.explore.model_content import shown_alone
 from homolog_app.window.explore.page import ExplorePage
@@ -41,8 +41,8 @@ __all__ = ["MeasurePage"]
 _REACH = 3.0
 _SAMPLES = 13
 _STEPS = 100
-_NUMBER_PX = 54
-_HEADS = ("Subject", "Group", "Dist.\n(mm)", "Volume\n(ml)", "Area\n(cm²)", "Wall\n(mm)")
+_NUMBER_PX = 50
+_HEADS = ("Subject", "Group", "Dist.\n(mm)", "Vol.\n(ml)", "Area\n(cm²)", "Wall\n(mm)")
 _MODEL, _NOTHING = "Shape along the mode", "Nothing"
 _MAPS = {"None": "none", "Wall thickness": "thickness", "Distance from the mean surface": "distance"}
 _PLOTS = {"Along the mode": 0, "By group": 1, "One against another": 2}
@@ -66,9 +66,6 @@ class MeasurePage(ExplorePage):
         self.at = label("")
         self.who, self.map = choice("Shape that is shown"), choice("Map", _MAPS)
         self.beside = choice("Shape that is shown next to it")
-        self.axes = choice("Measure plotted across", MEASURES), choice("Measure plotted upwards", MEASURES)
-        self.axes[0].setCurrentIndex(1)
-        self.axes[1].setCurrentIndex(len(MEASURES) - 1)
         self.kind = choice("Plots", _PLOTS)
         self.map.setToolTip("What the colours of the shape show, in mm")
         self.table = SubjectTable(_HEADS, self)
@@ -115,18 +112,13 @@ class MeasurePage(ExplorePage):
         choosers = QGridLayout()
         choosers.setHorizontalSpacing(GRID)
         choosers.setColumnStretch(1, 1)
-        across, upwards = self.axes
-        rows = (
-            ("Show", self.who), ("Beside", self.beside), ("Map", self.map), ("Plots", self.kind),
-            ("Across", across), ("Upwards", upwards),
-        )  # fmt: skip
-        titles = [QLabel(text) for text, _ in rows]
-        for row, (name, (_, chooser)) in enumerate(zip(titles, rows, strict=True)):
+        rows = (("Show", self.who), ("Beside", self.beside), ("Map", self.map), ("Plots", self.kind))
+        for row, (text, chooser) in enumerate(rows):
+            name = QLabel(text)
             name.setBuddy(chooser)
             choosers.addWidget(name, row, 0)
             choosers.addWidget(chooser, row, 1)
-        self._of_pairs = (*titles[-2:], *self.axes)
-        self._choose_plots()
+        self.choose_plots()
         self.body.addLayout(choosers)
         self.body.addLayout(along)
         self.body.addWidget(rule())
@@ -144,8 +136,7 @@ class MeasurePage(ExplorePage):
         self.place.valueChanged.connect(self._show_place)
         for chooser in (self.who, self.beside, self.map):
             chooser.activated.connect(lambda _: self.shown_changed.emit())
-        for chooser in (self.kind, *self.axes):
-            chooser.activated.connect(self._choose_plots)
+        self.kind.activated.connect(self.choose_plots)
         self.charts.pairs.subject_chosen.connect(lambda name: self.desk.session.select([name]))
         self.charts.pairs.subject_toggled.connect(self.desk.session.toggle_selected)
         self.desk.session.selection_changed.connect(
@@ -308,13 +299,9 @@ class MeasurePage(ExplorePage):
         self.table.show_rows(list(rows))
         self.charts.show_measures(columns, groups, result.names)
 
-    def _choose_plots(self) -> None:
+    def choose_plots(self) -> None:
         """Show curves, boxes, or one measure against another."""
-        kind = self.kind.currentData()
-        for widget in self._of_pairs:
-            widget.setVisible(kind == _PLOTS["One against another"])
-        across, upwards = (chooser.currentIndex() for chooser in self.axes)
-        self.charts.choose(kind, across, upwards)
+        self.charts.setCurrentIndex(self.kind.currentData())
 
     def _select(self, row: QModelIndex, _: QModelIndex) -> None:
         name = self._rows.index(row.row(), 0).data()

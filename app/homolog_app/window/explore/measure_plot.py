@@ -37,18 +37,18 @@ class MeasurePlot(Plot):
         super().__init__(theme, name, "")
         self.setMinimumWidth(_WIDTH)
         self._unit, self._label = unit, ""
-        self._x: FloatArray = np.empty(0)
-        self._y: FloatArray = np.empty(0)
+        self.positions: FloatArray = np.empty(0)
+        self.values: FloatArray = np.empty(0)
         self._at = 0.0
 
     @property
     def is_empty(self) -> bool:
         """Whether there is no curve yet."""
-        return not len(self._x)
+        return not len(self.positions)
 
     def show_curve(self, x: FloatArray, y: FloatArray, label: str) -> None:
         """Show a measure at some standard deviations."""
-        self._x, self._y, self._label = x, y, label
+        self.positions, self.values, self._label = x, y, label
         if len(x):
             ends = f"from {short(float(y[0]))} to {short(float(y[-1]))}"
             self.setAccessibleDescription(f"{ends} {self._unit} over {label}")
@@ -63,20 +63,22 @@ class MeasurePlot(Plot):
         """Draw the curve."""
         from homolog_app.plots import draw_measure
 
-        draw_measure(figure.subplots(), self._x, self._y, self.title, self._label, self.theme.colours)
+        draw_measure(
+            figure.subplots(), self.positions, self.values, self.title, self._label, self.theme.colours
+        )
 
     def draw_moving(self, figure: "Figure") -> "Sequence[Artist]":
         """Draw the place, and the measure there."""
         from homolog_app.plots import draw_value
 
-        value = float(np.interp(self._at, self._x, self._y))
+        value = float(np.interp(self._at, self.positions, self.values))
         text = f"{short(value)} {self._unit}"
         return draw_value(figure.axes[0], self._at, value, text, self.theme.colours)
 
     def press(self, event: "MouseEvent") -> None:
         """Go to the place that is clicked."""
-        if len(self._x) and event.xdata is not None:
-            self.chosen.emit(float(np.clip(event.xdata, self._x[0], self._x[-1])))
+        if len(self.positions) and event.xdata is not None:
+            self.chosen.emit(float(np.clip(event.xdata, self.positions[0], self.positions[-1])))
 
 
 class BoxPlot(Plot):
@@ -186,7 +188,9 @@ class MeasurePlots(QStackedWidget):
         self.each = tuple(MeasurePlot(theme, *measure) for measure in MEASURES.items())
         self.boxes = tuple(BoxPlot(theme, *measure) for measure in MEASURES.items())
         self.pairs = PairPlot(theme)
-        self._axes = (0, 1)
+        self.pairs.offer_axes(list(MEASURES))
+        self.pairs.axes = (1, len(MEASURES) - 1)
+        self.pairs.axes_chosen.connect(self._show_pair)
         self._measures: tuple[Sequence[FloatArray], Sequence[str], Sequence[str]] = ((), (), ())
         for plots in (self.each, self.boxes):
             page = QWidget()
@@ -197,12 +201,6 @@ class MeasurePlots(QStackedWidget):
                 row.addWidget(plot)
             self.addWidget(page)
         self.addWidget(self.pairs)
-
-    def choose(self, kind: int, across: int, upwards: int) -> None:
-        """Show curves, boxes, or one measure (by its number) against another."""
-        self._axes = (across, upwards)
-        self._show_pair()
-        self.setCurrentIndex(kind)
 
     def show_measures(
         self, columns: Sequence[FloatArray], groups: Sequence[str], names: Sequence[str]
@@ -216,8 +214,8 @@ class MeasurePlots(QStackedWidget):
     def _show_pair(self) -> None:
         columns, names, groups = self._measures
         texts = [f"{name.lower()} ({unit})" for name, unit in MEASURES.items()]
-        points = np.column_stack([columns[axis] for axis in self._axes]) if columns else np.empty((0, 2))
-        self.pairs.show_pair(points, names, groups, (texts[self._axes[0]], texts[self._axes[1]]))
+        points = np.column_stack([columns[axis] for axis in self.pairs.axes]) if columns else np.empty((0, 2))
+        self.pairs.show_pair(points, names, groups, (texts[self.pairs.axes[0]], texts[self.pairs.axes[1]]))
 
     def clear_measures(self) -> None:
         """Empty the boxes and the plot of two."""

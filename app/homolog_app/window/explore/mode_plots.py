@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeyEvent
-from PySide6.QtWidgets import QToolTip, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QMenu, QToolTip, QWidget
 
 from homolog.analysis.parallel import ParallelAnalysis
 from homolog.arrays import FloatArray
 from homolog_app.window.explore.plot import Plot
+from homolog_app.window.explore.plot_menu import axis_menu
 from homolog_app.window.quantities import signed
 from homolog_app.window.theme import Theme
 
@@ -23,10 +24,11 @@ if TYPE_CHECKING:
     from homolog_app.window.explore.model_shape import ModelShape
     from homolog_app.window.explore.plot_canvas import PlotCanvas
 
-__all__ = ["ELLIPSES", "ScatterPlot", "ScreePlot"]
+__all__ = ["ELLIPSES", "ModePlots", "ScatterPlot", "ScreePlot"]
 
 _NEAR_PX, _DRAG_PX = 10.0, 4.0
 _REACH = 3.0
+_OPENS = "▾"
 NAMES, ELLIPSES = "Names of all subjects", "95 % ellipses of the groups"
 
 
@@ -78,11 +80,13 @@ class ScatterPlot(Plot):
 
     A click with Ctrl adds a subject to the selection, or removes it; selected subjects are named.
 
-    With the keyboard, the left and right arrow go from subject to subject.
+    With the keyboard, the left and right arrow go from subject to subject. Where there is a choice of what is
+    plotted, a click on the label of an axis offers it, and so does the menu.
     """
 
     subject_chosen = Signal(str)
     subject_toggled = Signal(str)
+    axes_chosen = Signal(int, int)
     morphed = Signal(float, float)
     is_marked = True
     """Whether the place of the shape that is shown is drawn."""
@@ -94,6 +98,8 @@ class ScatterPlot(Plot):
         self.groups: Sequence[str] = ()
         self.labels = ("", "")
         self.mark = (0.0, 0.0)
+        self.choices: Sequence[str] = ()
+        self.axes = (0, 1)
         self._selected: Sequence[str] = ()
         self._pressed: tuple[float, float] | None = None
         self._is_dragged = False
@@ -112,6 +118,20 @@ class ScatterPlot(Plot):
         self.points, self.names, self.groups, self.labels = points, names, groups, labels
         self.setAccessibleDescription(f"{' and '.join(filter(None, labels))} of {len(names)} subjects")
         self.redraw()
+
+    def offer_axes(self, choices: Sequence[str]) -> None:
+        """Offer what can be plotted; the first two are, until others are chosen."""
+        last = max(0, len(choices) - 1)
+        self.choices, self.axes = choices, (0, min(1, last))
+
+    def choose_axis(self, axis: int, choice: int) -> None:
+        """Plot one of the choices across (0) or upwards (1)."""
+        self.axes = (choice, self.axes[1]) if axis == 0 else (self.axes[0], choice)
+        self.axes_chosen.emit(*self.axes)
+
+    def submenus(self, menu: QMenu) -> Sequence[QMenu]:
+        """Return the choices of both axes."""
+        return [axis_menu(self, axis, menu) for axis in (0, 1)] if self.choices else ()
 
     def show_selection(self, names: Sequence[str]) -> None:
         """Mark selected subjects."""
@@ -132,6 +152,8 @@ class ScatterPlot(Plot):
 
         axes = figure.subplots()
         self.draw_data(axes)
+        for name in (axes.xaxis.label, axes.yaxis.label) if self.choices else ():
+            name.set(text=f"{name.get_text()} {_OPENS}", color=self.theme.colours.accent)
         if self.options[NAMES]:
             draw_subjects(axes, self.points, self.names, self._selected, self.theme.colours)
 
@@ -170,7 +192,13 @@ class ScatterPlot(Plot):
         canvas.mpl_connect("figure_leave_event", lambda _: QToolTip.hideText())
 
     def press(self, event: "MouseEvent") -> None:
-        """Begin a click or a drag."""
+        """Begin a click or a drag, or offer what an axis can show."""
+        axis = self._axis_at(event)
+        if axis is not None:
+            menu = axis_menu(self, axis)
+            menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+            menu.popup(event.guiEvent.globalPosition().toPoint())
+            return
         self._pressed, self._is_dragged = (event.x, event.y), False
 
     def _hover_or_drag(self, event: "MouseEvent") -> None:
@@ -179,7 +207,10 @@ class ScatterPlot(Plot):
         if self._pressed is None:
             name = self._nearest(event)
             at = event.guiEvent.globalPosition().toPoint()
-            QToolTip.showText(at, self.words_of(name) if name else "", cast("QWidget", event.canvas))
+            canvas = cast("QWidget", event.canvas)
+            QToolTip.showText(at, self.words_of(name) if name else "", canvas)
+            on_label = self._axis_at(event) is not None
+            canvas.setCursor(Qt.CursorShape.PointingHandCursor if on_label else Qt.CursorShape.ArrowCursor)
             return
         way = np.hypot(event.x - self._pressed[0], event.y - self._pressed[1])
         if self._is_dragged or way > _DRAG_PX * event.canvas.device_pixel_ratio:
@@ -194,6 +225,15 @@ class ScatterPlot(Plot):
             adds = "ctrl" in event.modifiers
             (self.subject_toggled if adds else self.subject_chosen).emit(name)
         self._pressed = None
+
+    def _axis_at(self, event: "LocationEvent") -> int | None:
+        """Return the axis, across (0) or upwards (1), whose label is under the pointer."""
+        if self.is_empty or not self.choices:
+            return None
+        axes = event.canvas.figure.axes[0]
+        labels = (axes.xaxis.label, axes.yaxis.label)
+        boxes = [label.get_window_extent().padded(_NEAR_PX / 2.0) for label in labels]
+        return next((axis for axis, box in enumerate(boxes) if box.contains(event.x, event.y)), None)
 
     def _nearest(self, event: "LocationEvent") -> str | None:
         if self.is_empty:
@@ -224,3 +264,32 @@ class ScatterPlot(Plot):
         """Return a subject's name and group."""
         group = self.groups[index]
         return f"{self.names[index]} ({group})" if group else self.names[index]
+
+
+class ModePlots(QWidget):
+    """Eigenvalues at the left, subjects in two modes at the right."""
+
+    def __init__(self, theme: Theme) -> None:
+        super().__init__()
+        self.setObjectName("Curves")
+        self.setAttribute(Qt.WidgetAttribute.WA_StyledBackground)
+        self.scree, self.scatter = ScreePlot(theme), ScatterPlot(theme)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(0)
+        row.addWidget(self.scree, 2)
+        row.addWidget(self.scatter, 3)
+
+    def show_model(self, shape: "ModelShape | None") -> None:
+        """Show the eigenvalues of a model and offer its modes."""
+        self.scree.show_model(shape)
+        self.scatter.offer_axes([f"Mode {mode + 1}" for mode in range(shape.modes if shape else 0)])
+
+    def show_scores(self, scores: FloatArray, shape: "ModelShape", groups: Sequence[str]) -> None:
+        """Show the subjects' scores (M, K) [SD] in the two modes."""
+        x, y = self.scatter.axes
+        texts = [
+            f"mode {mode + 1} ({100 * shape.model.explained_variance_ratio[mode]:.1f} %), SD"
+            for mode in (x, y)
+        ]
+        self.scatter.show_scores(scores[:, [x, y]], shape.result.names, groups, (texts[0], texts[1]))

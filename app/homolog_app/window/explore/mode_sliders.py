@@ -43,14 +43,14 @@ class ModeSliders(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._rows: list[_Row] = []
+        self.rows: list[_Row] = []
         self._shape: ModelShape | None = None
         self._choice = QButtonGroup(self)
         self._choice.idClicked.connect(self.chosen_changed)
         self._column = QVBoxLayout()
         self._column.setSpacing(GRID)
         self.more = button("Show more modes", "flat")
-        self.more.clicked.connect(lambda: self._show_rows(len(self._rows) + _MORE))
+        self.more.clicked.connect(lambda: self._show_rows(len(self.rows) + _MORE))
         self.reset = button("Mean shape", "flat")
         self.reset.setToolTip("Put all sliders to zero (M)")
         self.reset.clicked.connect(lambda: self.show_values(np.zeros(0)))
@@ -67,7 +67,7 @@ class ModeSliders(QWidget):
     @property
     def values(self) -> FloatArray:
         """What the sliders say [SD], shape (k,)."""
-        return np.array([row.value for row in self._rows])
+        return np.array([row.value for row in self.rows])
 
     @property
     def model(self) -> "ModelShape | None":
@@ -81,12 +81,12 @@ class ModeSliders(QWidget):
 
     def show_model(self, shape: "ModelShape | None") -> None:
         """Show the sliders of another model, all at zero."""
-        for row in self._rows:
+        for row in self.rows:
             self._choice.removeButton(row.name)
             self._column.removeWidget(row)
             row.hide()  # it goes only when the event loop comes round
             row.deleteLater()
-        self._rows, self._shape = [], shape
+        self.rows, self._shape = [], shape
         if shape is not None:
             self._show_rows(max(1, shape.parallel.n_retained))
             self.choose(0)
@@ -95,38 +95,38 @@ class ModeSliders(QWidget):
         """Choose a mode; its slider is shown if it was not."""
         if self._shape is not None and mode < self._shape.modes:
             self._show_rows(mode + 1)
-            self._rows[mode].name.setChecked(True)
+            self.rows[mode].name.setChecked(True)
             self.chosen_changed.emit(mode)
 
     def show_values(self, values: FloatArray | Sequence[float]) -> None:
         """Set the sliders of the first modes [SD], the others to zero; `moved` follows once."""
-        for index, row in enumerate(self._rows):
+        for index, row in enumerate(self.rows):
             row.show_value(float(values[index]) if index < len(values) else 0.0)
         self.moved.emit()
 
     def show_value(self, mode: int, value: float) -> None:
         """Set one slider [SD]; `moved` follows."""
         self._show_rows(mode + 1)
-        self._rows[mode].show_value(value)
+        self.rows[mode].show_value(value)
         self.moved.emit()
 
     def _show_rows(self, count: int) -> None:
         shape = self._shape
         if shape is None:
             return
-        for mode in range(len(self._rows), min(count, shape.modes)):
+        for mode in range(len(self.rows), min(count, shape.modes)):
             rms = float(shape.model.standard_deviations[mode]) / len(shape.model.mean) ** 0.5
             share = float(shape.model.explained_variance_ratio[mode])
             row = _Row(mode, rms, share, above=mode < shape.parallel.n_retained)
             row.slider.valueChanged.connect(lambda _, mode=mode: self._follow(mode))
             self._choice.addButton(row.name, mode)
             self._column.addWidget(row)
-            self._rows.append(row)
-        self.more.setVisible(len(self._rows) < shape.modes)
+            self.rows.append(row)
+        self.more.setVisible(len(self.rows) < shape.modes)
 
     def _follow(self, mode: int) -> None:
         if self._choice.checkedId() != mode:
-            self._rows[mode].name.setChecked(True)
+            self.rows[mode].name.setChecked(True)
             self.chosen_changed.emit(mode)
         self.moved.emit()
 

@@ -49,11 +49,16 @@ def mode_scene(view: ModesView, models: _Models, subject: Content | None = None)
         text = _words(deviations, model, subject if model is models[0] else None)
         text += " · surface from particles"
         content = model_content(
-            model, model.title, text, model.moved(deviations), look, alignment=_placement(model, models)
+            model,
+            model.title_among(models),
+            text,
+            model.moved(deviations),
+            look,
+            alignment=_placement(model, models),
         )
         contents.append(content)
         local = model.model.instance(deviations[: model.modes])
-        particles[model.title] = local @ content.alignment[:3, :3].T + content.alignment[:3, 3]
+        particles[content.name] = local @ content.alignment[:3, :3].T + content.alignment[:3, 3]
     if subject is not None:
         first = models[0].result
         particles[subject.name] = first.world[first.names.index(subject.name)]
@@ -90,7 +95,7 @@ def _strip(view: ModesView, models: _Models, look: Look, mode: int) -> list[Cont
             share = f"mode {mode + 1}: {100 * float(model.model.explained_variance_ratio[mode]):.1f} %"
             digits = 0 if amount == round(amount) else 1
             text = f"mode {mode + 1}: {signed(amount, digits)} SD" if step else f"mean ({share})"
-            names = (model.title, text) if len(models) > 1 else (text, "")
+            names = (model.title_among(models), text) if len(models) > 1 else (text, "")
             moved = model.moved(deviations)
             strip.append(model_content(model, *names, moved, look, alignment=_placement(model, models)))
     return strip

@@ -4,6 +4,7 @@ A thin-plate spline with fixed centres is linear in its targets, so the displace
 every mode is computed once. Any mixture of modes is then their sum.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +27,7 @@ from homolog_app.pictures.displacement import common_limit
 __all__ = ["ModelShape", "facing", "fit_model_shape", "placement", "read_model_shape"]
 
 _ARROWS = 240
+_METHODS = {Method.GEODESIC_NORMALS: "geodesics and normals", Method.EUCLIDEAN: "Euclidean"}
 _LIMIT_AT = 2.0
 """Standard deviations of the strongest mode that the colours reach to."""
 
@@ -80,10 +82,13 @@ class ModelShape:
 
     @property
     def title(self) -> str:
-        """The project with its method, for captions."""
-        names = {Method.GEODESIC_NORMALS: "proposed", Method.EUCLIDEAN: "original"}
-        aside = f", {self.result.mirrored} mirrored" if self.result.mirrored else ""
-        return f"{self.name} ({names.get(self.method, self.method.value)}{aside})"
+        """The project, for captions."""
+        return f"{self.name} ({self.result.mirrored} mirrored)" if self.result.mirrored else self.name
+
+    def title_among(self, models: "Sequence[ModelShape]") -> str:
+        """Return the title; with the method, where it is compared with another model."""
+        method = _METHODS.get(self.method, self.method.value.replace("-", " "))
+        return f"{self.title} ({method})" if len(models) > 1 else self.title
 
     def moved(self, deviations: FloatArray) -> Float32Array:
         """Return displacements from the mean (V, 3) [mm] at multiples (k,) of the modes' deviations."""

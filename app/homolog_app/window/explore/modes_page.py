@@ -13,7 +13,7 @@ from homolog_app.window.desk import Desk
 from homolog_app.window.explore.chosen import ModesView
 from homolog_app.window.explore.compare_box import CompareBox
 from homolog_app.window.explore.fitted import Fitted
-from homolog_app.window.explore.mode_plots_dock import ModePlots
+from homolog_app.window.explore.mode_plots import ModePlots
 from homolog_app.window.explore.mode_sliders import ModeSliders
 from homolog_app.window.explore.mode_views import mode_scene
 from homolog_app.window.explore.page import ExplorePage
@@ -98,7 +98,7 @@ class ModesPage(ExplorePage):
         self.charts.scatter.subject_chosen.connect(lambda name: session.select([name]))
         self.charts.scatter.subject_toggled.connect(session.toggle_selected)
         self.charts.scatter.morphed.connect(self._morph)
-        self.charts.axes_changed.connect(self._show_scores)
+        self.charts.scatter.axes_chosen.connect(self._choose_axes)
         session.selection_changed.connect(self._follow_selection)
         session.study_changed.connect(self._show_scores)
 
@@ -138,7 +138,7 @@ class ModesPage(ExplorePage):
             return None
         return ModesView(
             count=self.views.currentData(), deviations=tuple(self.sliders.values.tolist()),
-            axes=tuple(self.charts.axes), reach=self.player.reach.currentData(), subject=self._subject,
+            axes=self.charts.scatter.axes, reach=self.player.reach.currentData(), subject=self._subject,
             colours=self.colours.isChecked(), arrows=self.arrows.isChecked(),
             colour_range=self.colour_range, from_middle=self.from_middle,
         )  # fmt: skip
@@ -207,16 +207,20 @@ class ModesPage(ExplorePage):
         self.mark.setText(f"{early.description.capitalize()}. {text}")
 
     def _follow_sliders(self) -> None:
-        first, second = self.charts.axes
+        first, second = self.charts.scatter.axes
         values = self.sliders.values
         at = [float(values[mode]) if mode < len(values) else 0.0 for mode in (first, second)]
         self.charts.scatter.show_cursor(at[0], at[1])
         if self.views.currentData() == 1:  # the rows of modes don't depend on the sliders
             self.shown_changed.emit()
 
+    def _choose_axes(self) -> None:
+        self._show_scores()
+        self._follow_sliders()
+
     def _morph(self, x: float, y: float) -> None:
         self.player.stop()
-        first, second = self.charts.axes
+        first, second = self.charts.scatter.axes
         self.sliders.show_value(first, x)
         if second != first:
             self.sliders.show_value(second, y)

@@ -1,6 +1,7 @@
 """What the commands of Explore do."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,6 +34,8 @@ class Exploring(Part):
         self._measure = self._panel.page_of(MeasurePage)
         self._check = self._panel.page_of(CheckPage)
         self._patient = self._panel.page_of(PatientPage)
+        for page in self._panel.pages:
+            page.page_wanted.connect(partial(self._turn_to, page))
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of Explore do."""
@@ -48,7 +51,7 @@ class Exploring(Part):
             "check.keep": self._check.checked.write,
             "check.export": self.write_suspects,
             "explore.mean": self._modes.sliders.reset.click,
-            "explore.test": self._test,
+            "explore.test": self._groups.test,
             "explore.keep": self._groups.keep_study,
             "explore.compare": self.compare,
             "explore.table": self.write_table,
@@ -142,7 +145,3 @@ class Exploring(Part):
     def _turn_to(self, page: ExplorePage) -> None:
         self._panel.open_page(page)
         self._window.show_step("explore")
-
-    def _test(self) -> None:
-        self._turn_to(self._groups)
-        self._groups.test()

@@ -25,8 +25,8 @@ class ExplorePage(Panel):
     """A page of the inspector that also says what the views show while it is open.
 
     To change what is shown, emit `shown_changed`: the views then ask `shown`. To have them look at a place,
-    emit `place_wanted` with a subject's name, the place and the surface's normal there. Long work goes
-    through `desk.work.compute`.
+    emit `place_wanted` with a subject's name, the place and the surface's normal there. A command that
+    needs the page to be seen emits `page_wanted`. Long work goes through `desk.work.compute`.
 
     Attributes
     ----------
@@ -49,6 +49,7 @@ class ExplorePage(Panel):
     plays = False
     shown_changed = Signal()
     place_wanted = Signal(str, object, object)
+    page_wanted = Signal()
 
     def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
         super().__init__(self.title, self.hint)

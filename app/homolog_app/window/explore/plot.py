@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.backend_bases import MouseEvent
     from matplotlib.figure import Figure
+    from PySide6.QtWidgets import QMenu
 
     from homolog_app.window.explore.plot_canvas import PlotCanvas
 
@@ -82,6 +83,10 @@ class Plot(QWidget):
     def follow(self) -> None:
         """Draw what moves anew."""
         self.moved.emit()
+
+    def submenus(self, menu: "QMenu") -> "Sequence[QMenu]":
+        """Return what the plot's menu has besides what every plot has."""
+        return ()
 
     def set_option(self, text: str, shown: bool) -> None:
         """Switch one of the options."""

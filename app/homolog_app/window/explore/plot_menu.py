@@ -5,15 +5,16 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QImage
-from PySide6.QtWidgets import QApplication, QDialog, QFileDialog, QMenu, QMessageBox, QVBoxLayout
+from PySide6.QtWidgets import QApplication, QDialog, QFileDialog, QMenu, QMessageBox, QVBoxLayout, QWidget
 
 from homolog.errors import InputError
 from homolog.files.names import file_stems
 
 if TYPE_CHECKING:
+    from homolog_app.window.explore.mode_plots import ScatterPlot
     from homolog_app.window.explore.plot import Plot
 
-__all__ = ["EnlargedPlot", "plot_menu", "plot_picture", "save_plot"]
+__all__ = ["EnlargedPlot", "axis_menu", "plot_menu", "plot_picture", "save_plot"]
 
 _SCALE = 2
 _ENLARGED = QSize(960, 640)
@@ -57,6 +58,8 @@ def plot_menu(plot: "Plot") -> QMenu:
     menu.addAction("Save picture…", lambda: _ask_and_save(plot))
     menu.addAction("Copy picture", lambda: QApplication.clipboard().setImage(plot_picture(plot)))
     menu.addAction("Enlarge", lambda: EnlargedPlot(plot).show())
+    for entry in plot.submenus(menu):
+        menu.addMenu(entry)
     if plot.options:
         menu.addSeparator()
     for text in plot.options:
@@ -64,6 +67,17 @@ def plot_menu(plot: "Plot") -> QMenu:
         action.setCheckable(True)
         action.setChecked(plot.options[text])
         action.toggled.connect(lambda shown, text=text: plot.set_option(text, shown))
+    return menu
+
+
+def axis_menu(plot: "ScatterPlot", axis: int, parent: QWidget | None = None) -> QMenu:
+    """Return the menu of what can be plotted across (0) or upwards (1)."""
+    menu = QMenu(("Horizontal axis", "Vertical axis")[axis], parent or plot)
+    for index, text in enumerate(plot.choices):
+        action = menu.addAction(text)
+        action.setCheckable(True)
+        action.setChecked(index == plot.axes[axis])
+        action.triggered.connect(lambda _, index=index: plot.choose_axis(axis, index))
     return menu
 
 

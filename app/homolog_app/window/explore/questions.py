@@ -1,6 +1,9 @@
 """Which columns of a cohort's table a question can be about. Knows no Qt."""
 
+from collections import Counter
+
 from homolog.analysis.covariates import is_missing, numbers
+from homolog.cohort.column_types import CATEGORY
 from homolog.errors import InputError
 from homolog_app.report.study import SHAPE_SIZE
 from homolog_app.window.study import Study
@@ -8,7 +11,6 @@ from homolog_app.window.study import Study
 __all__ = ["SIZE", "covariates_of", "numbers_of", "size_name", "values_of"]
 
 SIZE = "size"
-_CATEGORIES = ":c"
 _LEAST = 2
 _FEWEST_NUMBERS = 3
 _MOST_CATEGORIES = 12
@@ -21,8 +23,8 @@ def size_name(study: Study) -> str:
 
 def values_of(study: Study, column: str) -> list[str]:
     """Return the values of a column that two or more included subjects have, sorted."""
-    cells = _cells(study, column)
-    return sorted({cell for cell in cells if cell and cells.count(cell) >= _LEAST})
+    counts = Counter(_cells(study, column))
+    return sorted(cell for cell, count in counts.items() if cell and count >= _LEAST)
 
 
 def numbers_of(study: Study, *, complete: bool = False) -> dict[str, str]:
@@ -33,6 +35,8 @@ def numbers_of(study: Study, *, complete: bool = False) -> dict[str, str]:
     own = size_name(study)
     problems = {own: ""}
     for column in study.columns:
+        if column.endswith(CATEGORY):
+            continue
         try:
             values = numbers([cell for cell in _cells(study, column) if cell])
         except InputError as error:
@@ -60,8 +64,8 @@ def covariates_of(study: Study, column: str, *, complete: bool = False) -> dict[
             alike = len({cell for cell in cells if cell}) == 1
             missing = "" if complete else _missing(study, name)
             problems[name] = missing or ("The same for all subjects" if alike else "")
-            if _are_codes(cells):
-                problems[f"{name}{_CATEGORIES}"] = problems[name]
+            if _are_codes(cells) and not name.endswith(CATEGORY):
+                problems[f"{name}{CATEGORY}"] = problems[name]
     return problems
 
 

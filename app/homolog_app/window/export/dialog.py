@@ -81,7 +81,7 @@ class ExportDialog(QDialog):
         super().__init__(parent)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle(f"Export: {kind.title}")
-        self.kind, self._what = kind, what
+        self.kind, self.exported = kind, what
         self.child = Child(self)
         self.settings = _first_settings(kind, what.clip)
         self.chooser: MotionChooser | GroupChooser | None = None
@@ -111,7 +111,7 @@ class ExportDialog(QDialog):
         """Return the words after ``homolog``."""
         settings = options_of(self.settings) if self.settings else []
         place = [f"--out={self.out}"] if self.out else []
-        return ["export", self.kind.name, str(self._what.project), *self.content(), *settings, *place]
+        return ["export", self.kind.name, str(self.exported.project), *self.content(), *settings, *place]
 
     def content(self) -> list[str]:
         """Return what is chosen to be shown as options of the command line."""
@@ -140,8 +140,8 @@ class ExportDialog(QDialog):
         layout.setSpacing(2 * GRID)
         layout.addWidget(label(self.kind.title, "PanelTitle"))
         layout.addWidget(label(self.kind.hint, "Hint", wrap=True))
-        if self._what.caution:
-            layout.addWidget(label(self._what.caution, "Problem", wrap=True))
+        if self.exported.caution:
+            layout.addWidget(label(self.exported.caution, "Problem", wrap=True))
         layout.addLayout(self._make_middle(), 1)
         if self.help is not None:
             layout.addWidget(self.help)
@@ -173,7 +173,7 @@ class ExportDialog(QDialog):
         form = QVBoxLayout()
         form.setContentsMargins(0, 0, 2 * GRID, 0)
         form.setSpacing(2 * GRID)
-        what, model, main = self._what, self.kind.settings, self.kind.main
+        what, model, main = self.exported, self.kind.settings, self.kind.main
         if self.kind.content == "motion":
             self.chooser = MotionChooser(what.modes, what.mode, what.columns, what.camera)
             self.preview = Preview(what.project)
@@ -184,7 +184,7 @@ class ExportDialog(QDialog):
         if model is not None and self.settings is not None:
             rows = SettingsPair(model, main) if main else SettingsForm(model)
             rows.show_values(self.settings)
-            rows.edited.connect(self._edit)
+            rows.edited.connect(self.edit)
             form.addWidget(rows)
             self.help = rows.help
         form.addStretch()
@@ -214,13 +214,14 @@ class ExportDialog(QDialog):
 
     def _suggest_place(self) -> None:
         suffix = self.kind.suffixes[0] if self.kind.suffixes else ""
-        stem, number = f"{self._what.name}_{self.kind.name}", 1
-        while (path := self._what.folder / f"{stem}{f'_{number}' if number > 1 else ''}{suffix}").exists():
+        stem, number = f"{self.exported.name}_{self.kind.name}", 1
+        while (path := self.exported.folder / f"{stem}{f'_{number}' if number > 1 else ''}{suffix}").exists():
             number += 1
         self.place.setText(str(path))
 
     @Slot(str, object)
-    def _edit(self, _name: str, settings: object) -> None:
+    def edit(self, _name: str, settings: object) -> None:
+        """Take changed settings."""
         self.settings = settings  # type: ignore[assignment]
         self._tell()
 
@@ -287,7 +288,7 @@ class ExportDialog(QDialog):
 
     @Slot()
     def _show_result(self) -> None:
-        target = self.out or self._what.project / "report"
+        target = self.out or self.exported.project / "report"
         folder = target if target.is_dir() else target.parent
         QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))
 

@@ -1,6 +1,7 @@
 """Where the views look from: one camera for all of them, or one each."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from homolog_app.rendering.views import View
 if TYPE_CHECKING:
     from homolog_app.window.scene.cell import Cell
 
-__all__ = ["VIEWS", "Cameras"]
+__all__ = ["VIEWS", "Cameras", "Room"]
 
 VIEWS = {
     "right": ANATOMICAL["right"],
@@ -23,6 +24,33 @@ VIEWS = {
     "corner": View((-0.45, -1.0, 0.75), (0.0, 0.0, 1.0)),
 }
 """From where the window's commands look."""
+
+_FREE = 0.6
+"""Share of a view that shapes may always take."""
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """A view and the rim of it that shapes leave to texts; lengths in pixels.
+
+    Attributes
+    ----------
+    width, height : float
+        Of the view.
+    beside, above : float
+        Rims at the left and right, and at the top and bottom.
+    """
+
+    width: float
+    height: float
+    beside: float
+    above: float
+
+    def scale(self, across: float, along: float) -> float:
+        """Return the parallel scale that shows shapes so many millimetres from the middle at most."""
+        free = max(self.width - 2.0 * self.beside, _FREE * self.width)
+        free_along = max(self.height - 2.0 * self.above, _FREE * self.height)
+        return self.height * max(across / free, along / free_along)
 
 
 class Cameras:
@@ -65,15 +93,15 @@ class Cameras:
             camera.SetPosition(*look.toward)
             camera.SetViewUp(*look.up)
 
-    def fit(self, count: int, shape: float) -> bool:
+    def fit(self, count: int, room: Room) -> bool:
         """Show the whole shapes of the first views, as large as the largest allows.
 
         Parameters
         ----------
         count : int
             Number of views.
-        shape : float
-            Width of a view by its height.
+        room : Room
+            Of a view.
 
         Returns
         -------
@@ -83,15 +111,15 @@ class Cameras:
         cells = self._cells[:count]
         points = np.concatenate([cell.points for cell in cells])
         for cell in self._first(cells) if len(points) else ():
-            cell.fit(points, shape)
+            cell.fit(points, room)
         return len(points) > 0
 
-    def widen(self, count: int, shape: float) -> None:
+    def widen(self, count: int, room: Room) -> None:
         """Zoom out where shapes of the first views would be cut; parameters as for `fit`."""
         cells = self._cells[:count]
         points = np.concatenate([cell.points for cell in cells])
         for cell in self._first(cells) if len(points) else ():
-            cell.widen(points, shape)
+            cell.widen(points, room)
 
     def _first(self, cells: "Sequence[Cell]") -> "Sequence[Cell]":
         return cells[: 1 if self._linked else None]

@@ -12,6 +12,7 @@ from homolog_app.clipping import Box, Clip, Cut, around, extent_of
 from homolog_app.rendering.actors import QuickBalls, SceneActors
 from homolog_app.rendering.scene import Balls, Scene, Surface
 from homolog_app.scheme import LIGHT, Colours, rgb, rgb_bytes
+from homolog_app.window.scene.cameras import Room
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.scale_bar import ScaleBar
 from homolog_app.window.scene.words import NumberTexts, Words
@@ -20,7 +21,7 @@ __all__ = ["Cell"]
 
 _OVER = 0.5
 """Opacity of a surface that is overlaid on another."""
-_MARGIN, _LEAST_MARGIN, _SPARSE = 1.22, 1.15, 5
+_LEAST_MARGIN, _SPARSE = 0.94, 5
 _SURFACES = ("raw", "groomed", "coarse")
 
 
@@ -39,7 +40,7 @@ class Cell:
         self._cut: Cut | None = None
         self._colours = LIGHT
         self._plain: dict[str, Array] = {}
-        self._words, self._bar, self._numbers = Words(renderer), ScaleBar(renderer), NumberTexts(renderer)
+        self.texts, self._bar, self._numbers = Words(renderer), ScaleBar(renderer), NumberTexts(renderer)
 
     def place(self, viewport: tuple[float, float, float, float] | None) -> None:
         """Give the view a part of the window, or none."""
@@ -87,7 +88,7 @@ class Cell:
 
     def cut(self, clip: Clip | None, box: Box) -> None:
         """Before each drawing: cut the shapes open, as the camera sees them now, or leave them whole."""
-        cut = None if clip is None else clip.cut(box, self._axes[2])
+        cut = None if clip is None else clip.cut(box, self.axes[2])
         if cut is None or self._cut is None:
             changed = cut is not self._cut
         else:
@@ -139,7 +140,7 @@ class Cell:
     def show_words(self, size: int, *, small: bool, letters: bool, bar: bool) -> None:
         """Write the subject's name and note, the letters and a scale bar, so many pixels high."""
         lines = [self.content.name, self.content.note] if self.content is not None else []
-        self._words.show([line for line in lines if line], size, small=small, letters=letters)
+        self.texts.show([line for line in lines if line], size, small=small, letters=letters)
         self._bar.show(bar and self.content is not None, round(0.85 * size))
         self._numbers.show(self.content.numbers if self.content is not None else None, size)
 
@@ -149,7 +150,7 @@ class Cell:
         bone = np.array(rgb_bytes(colours.bone), np.uint8)
         self._plain = {"groomed": bone, "coarse": bone, "raw": np.array(rgb_bytes(colours.raw), np.uint8)}
         self.renderer.SetBackground(*rgb(colours.scene))
-        self._words.paint(colours)
+        self.texts.paint(colours)
         self._bar.paint(rgb(colours.text))
         self._numbers.paint(colours)
         self._update()
@@ -157,15 +158,15 @@ class Cell:
     def face_camera(self, bounds: tuple[float, ...]) -> None:
         """Before each drawing: depth range, letters, and particles lifted off the surface towards the eye."""
         self.renderer.ResetCameraClippingRange(bounds)
-        right, up, ahead = self._axes
+        right, up, ahead = self.axes
         self._actors.lift(-(self._balls.radius if self._balls is not None else 0.0) * ahead)
         self._bar.face()
         self._numbers.face(right)
         if self.content is not None:
-            self._words.face(self.content.patient_axes, right, up)
+            self.texts.face(self.content.patient_axes, right, up)
 
     @property
-    def _axes(self) -> FloatArray:
+    def axes(self) -> FloatArray:
         """What is to the right, upwards and ahead in the view as it is seen now, (3, 3)."""
         camera = self.renderer.GetActiveCamera()
         ahead = np.array(camera.GetDirectionOfProjection())
@@ -178,26 +179,26 @@ class Cell:
         """Some vertices of the surfaces [mm], (n, 3), whether shown or not."""
         return np.concatenate([np.empty((0, 3)), *(placed[::_SPARSE] for placed in self._placed.values())])
 
-    def fit(self, points: FloatArray, shape: float) -> None:
-        """Let points (n, 3) fill the view as it is seen now; `shape` is the view's width by its height."""
-        camera, axes = self.renderer.GetActiveCamera(), self._axes
+    def fit(self, points: FloatArray, room: Room) -> None:
+        """Let points (n, 3) fill the room of the view as it is seen now."""
+        camera, axes = self.renderer.GetActiveCamera(), self.axes
         low, high = (pick(points @ axes.T, axis=0) for pick in (np.min, np.max))
         middle = axes.T @ ((low + high) / 2.0)
         camera.SetFocalPoint(*middle)
         camera.SetPosition(*(middle - max(np.linalg.norm(high - low), 1e-6) * axes[2]))
         across, along, _ = (high - low) / 2.0
-        camera.SetParallelScale(_MARGIN * max(along, across / shape, 1e-6))
+        camera.SetParallelScale(max(room.scale(across, along), 1e-6))
 
-    def widen(self, points: FloatArray, shape: float) -> None:
+    def widen(self, points: FloatArray, room: Room) -> None:
         """Zoom out if points (n, 3) would reach the letters at the edges; the view's middle stays.
 
         So what moves is seen to move.
         """
         camera = self.renderer.GetActiveCamera()
-        across, along, _ = np.abs((points - camera.GetFocalPoint()) @ self._axes.T).max(axis=0)
-        needed = max(along, across / shape)
+        across, along, _ = np.abs((points - camera.GetFocalPoint()) @ self.axes.T).max(axis=0)
+        needed = room.scale(across, along)
         if _LEAST_MARGIN * needed > camera.GetParallelScale():
-            camera.SetParallelScale(_MARGIN * needed)
+            camera.SetParallelScale(needed)
 
     @property
     def surface_actors(self) -> list[Any]:

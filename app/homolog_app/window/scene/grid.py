@@ -11,7 +11,7 @@ from homolog_app.clipping import Box, Clip, around
 from homolog_app.rendering.colours import colours_by_place
 from homolog_app.rendering.scene import ball_radius
 from homolog_app.scheme import Colours, rgb
-from homolog_app.window.scene.cameras import Cameras
+from homolog_app.window.scene.cameras import Cameras, Room
 from homolog_app.window.scene.cell import Cell
 from homolog_app.window.scene.content import Content, Shown
 
@@ -119,7 +119,7 @@ class Grid:
 
     def refresh(self) -> None:
         """Show surfaces, particles and words as they are to be seen now."""
-        size = {1: 16, 4: 15, 9: 13}.get(self.count, 12) * self.ratio
+        size = self._text_px * self.ratio
         for index, cell in enumerate(self.cells[: self.count]):
             cell.show(self.raw, self.groomed, self.quick, self.opacity)
             bar = self.scale_bar and (self.count <= _FEW or index == 0 or not self.cameras.linked)
@@ -140,15 +140,23 @@ class Grid:
 
     def fit(self, width: float, height: float) -> bool:
         """Show the whole shapes as large as the largest allows; return whether there is anything to show."""
-        return self.cameras.fit(self.count, self._shape_of_a_view(width, height))
+        return self.cameras.fit(self.count, self._room(width, height))
 
     def widen(self, width: float, height: float) -> None:
         """Zoom out where shapes would be cut."""
-        self.cameras.widen(self.count, self._shape_of_a_view(width, height))
+        self.cameras.widen(self.count, self._room(width, height))
 
-    def _shape_of_a_view(self, width: float, height: float) -> float:
+    def _room(self, width: float, height: float) -> Room:
+        """Return the room of a view: a caption of two lines is above the only one, letters are in others."""
         rows, columns = self.shape
-        return width * rows / max(1.0, height * columns)
+        wide, high = max(1.0, width / columns), max(1.0, height / rows)
+        lines = 2.6 if self.count == 1 else 1.4
+        return Room(wide, high, 1.6 * self._text_px, lines * self._text_px + 0.025 * high)
+
+    @property
+    def _text_px(self) -> int:
+        """Height of the texts, in pixels of a usual screen."""
+        return {1: 16, 4: 15, 9: 13}.get(self.count, 12)
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""

@@ -1,5 +1,6 @@
 """The views as a picture of any size, drawn aside: the same on a screen, without one, and from a command."""
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,7 @@ def drawn(shown: Shown, canvas: Canvas, scale: int = 1, *, transparent: bool = F
         Red, green, blue, opacity; the colour scale, if there is one, at the lower edge.
     """
     need_no_display()
+    _release_context_of_qt()
     colours = DARK if canvas.scheme == "dark" else LIGHT
     ratio = scale * canvas.ratio
     window: Any = vtkRenderWindow()
@@ -66,6 +68,18 @@ def drawn(shown: Shown, canvas: Canvas, scale: int = 1, *, transparent: bool = F
         strip = scale_picture(shown.scale, colours, pixels.shape[1], ratio, transparent=transparent)
         pixels = np.concatenate([pixels, strip])
     return pixels
+
+
+def _release_context_of_qt() -> None:
+    """Let Qt know that its context won't be current any more, if this process has windows of Qt.
+
+    VTK makes its own context the thread's without telling. Qt would go on to believe that that of the views
+    were current, and free objects of OpenGL in none or in another one, when a window is deleted.
+    """
+    gui = sys.modules.get("PySide6.QtGui")
+    context = gui.QOpenGLContext.currentContext() if gui is not None else None
+    if context is not None:
+        context.doneCurrent()
 
 
 def _look(grid: Grid, canvas: Canvas) -> None:

@@ -53,7 +53,7 @@ class Picker(QObject):
         self, plot: "Interactor", cells: "Sequence[Cell]", particles_of: "Callable[[Cell], Any]"
     ) -> None:
         super().__init__(plot)
-        self._plot, self._cells, self._particles_of = plot, cells, particles_of
+        self.plot, self._cells, self._particles_of = plot, cells, particles_of
         self._pressed: dict[Qt.MouseButton, QPointF] = {}
         plot.installEventFilter(self)
 
@@ -82,8 +82,8 @@ class Picker(QObject):
 
     def _pixel(self, at: QPointF) -> tuple[float, float]:
         """Return a place of the widget in VTK's pixels."""
-        ratio = self._plot.devicePixelRatioF()
-        return at.x() * ratio, (self._plot.height() - 1 - at.y()) * ratio
+        ratio = self.plot.devicePixelRatioF()
+        return at.x() * ratio, (self.plot.height() - 1 - at.y()) * ratio
 
     def _cell_at(self, at: QPointF) -> "Cell | None":
         """Return the view at a place of the widget that shows something."""

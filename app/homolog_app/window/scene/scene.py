@@ -34,74 +34,74 @@ class Scene(QWidget):
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
-        self._plot = Interactor(self)
+        self.plot = Interactor(self)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(0)
         self.bar = ColourBar(self)
-        layout.addWidget(self._plot, 1)
+        layout.addWidget(self.plot, 1)
         layout.addWidget(self.bar)
-        window: Any = self._plot.ren_win
-        renderers = list(self._plot.renderers)
+        window: Any = self.plot.ren_win
+        renderers = list(self.plot.renderers)
         for renderer in renderers:
             window.RemoveRenderer(renderer)
-        window.SetMultiSamples(self._plot.smoothing)
+        window.SetMultiSamples(self.plot.smoothing)
         self._observers = (
             window.AddObserver("StartEvent", self._before_drawing),
             window.AddObserver("EndEvent", self._after_drawing),
         )
-        self._grid = Grid(window, renderers)
-        self.picker = Picker(self._plot, self._grid.cells, self._grid.particles_of)
-        self._shown = Shown(())
+        self.grid = Grid(window, renderers)
+        self.picker = Picker(self.plot, self.grid.cells, self.grid.particles_of)
+        self.displayed = Shown(())
         self._colours = LIGHT
         self._told = (-1, 0, 0)
         self._left_at = 0  # the page of subjects to come back to from shapes of the model
-        self._share, self._turn, self._partial = MOST, 0, False
+        self.share, self._turn, self._partial = MOST, 0, False
         self._size: object = None
         self._fitted = False
-        self._fit: list[object] = []
-        self._refine = QTimer(self, interval=_REFINE_MS, singleShot=True)
-        self._refine.timeout.connect(self._draw_fine)
+        self.fitted: list[object] = []
+        self.refine_timer = QTimer(self, interval=_REFINE_MS, singleShot=True)
+        self.refine_timer.timeout.connect(self._draw_fine)
         self.set_layout(4)
-        self._plot.iren.add_observer("StartInteractionEvent", self._draw_quick)
-        self._plot.iren.add_observer("EndInteractionEvent", lambda *_: self._refine.start())
+        self.plot.iren.add_observer("StartInteractionEvent", self._draw_quick)
+        self.plot.iren.add_observer("EndInteractionEvent", lambda *_: self.refine_timer.start())
 
     @property
     def draw_ms(self) -> float:
         """How long a drawing takes [ms], smoothed."""
-        return self._plot.draw_ms
+        return self.plot.draw_ms
 
     @property
     def page(self) -> int:
         """Index of the page shown."""
-        return self._grid.page
+        return self.grid.page
 
     @property
     def pages(self) -> int:
         """Number of pages."""
-        return self._grid.pages
+        return self.grid.pages
 
     @property
     def columns(self) -> int:
         """Columns of a grid of the contents' own; 0 in the user's layout."""
-        return self._grid.columns
+        return self.grid.columns
 
     @property
     def shown(self) -> Sequence[Content]:
         """The contents of the page."""
-        return self._grid.shown
+        return self.grid.shown
 
     @property
     def layout_count(self) -> int:
         """Number of views in the user's layout."""
-        return self._grid.layout
+        return self.grid.layout
 
     def set_layout(self, count: int) -> None:
         """Show 1, 4, 9 or 16 views of subjects; the first one stays in sight."""
-        first = self._grid.page * self._grid.layout
-        self._grid.layout = count
-        if not self._grid.columns:
-            self._grid.place_cells()
+        first = self.grid.page * self.grid.layout
+        self.grid.layout = count
+        if not self.grid.columns:
+            self.grid.place_cells()
             self.show_page(first // count)
             self._keep_whole()
 
@@ -113,56 +113,56 @@ class Scene(QWidget):
         shown : Shown
             At most sixteen contents if it has columns.
         """
-        had, before = self._grid.contents, self._grid.shape
-        stays = shown.stays and self._shown.stays and self._fit != self._looks
-        if not self._grid.columns:
-            self._left_at = self._grid.page
-        self._shown = shown
-        self._grid.take(shown)
+        had, before = self.grid.contents, self.grid.shape
+        stays = shown.stays and self.displayed.stays and self.fitted != self.looks
+        if not self.grid.columns:
+            self._left_at = self.grid.page
+        self.displayed = shown
+        self.grid.take(shown)
         self.bar.show_scale(shown.scale)
-        self.show_page(0 if shown.columns else min(self._left_at, self._grid.pages - 1))
+        self.show_page(0 if shown.columns else min(self._left_at, self.grid.pages - 1))
         if shown.contents and (not had or not self._fitted):
             self.look("corner")
-        elif self._grid.shape != before:
+        elif self.grid.shape != before:
             if not stays:
                 self.fit()
         elif len(shown.contents) != len(had):
             self._keep_whole()
-        elif self._fit == self._looks:
+        elif self.fitted == self.looks:
             # The shapes may have grown, as along a mode. A user's own zoom stays.
-            self._grid.widen(self._plot.width(), self._plot.height())
-            self._fit = self._looks
+            self.grid.widen(self.plot.width(), self.plot.height())
+            self.fitted = self.looks
 
     def begin_anew(self) -> None:
         """Let the next contents be seen from the usual side, whole, from their first page."""
-        self._fitted, self._left_at, self._grid.page = False, 0, 0
+        self._fitted, self._left_at, self.grid.page = False, 0, 0
 
     def show_page(self, page: int) -> None:
         """Show a page of the contents."""
-        self._grid.page = page
+        self.grid.page = page
         self._refresh(page)
-        grid = self._grid
+        grid = self.grid
         if (grid.page, grid.pages, grid.columns) != self._told:
             self._told = (grid.page, grid.pages, grid.columns)
             self.page_changed.emit()
 
     def turn_page(self, step: int) -> None:
         """Show the page before (-1) or after (1), as whole shapes."""
-        self.show_page(self._grid.page + step)
+        self.show_page(self.grid.page + step)
         self._keep_whole()
 
     def show_name(self, name: str) -> None:
         """Turn to the page with a subject."""
-        for index, content in enumerate(self._grid.contents):
-            if content.name == name and index // self._grid.count != self._grid.page:
-                self.show_page(index // self._grid.count)
+        for index, content in enumerate(self.grid.contents):
+            if content.name == name and index // self.grid.count != self.grid.page:
+                self.show_page(index // self.grid.count)
 
     def switch(
         self, *, raw: bool | None = None, groomed: bool | None = None, particles: bool | None = None,
         opacity: float | None = None, letters: bool | None = None, scale_bar: bool | None = None,
     ) -> None:  # fmt: skip
         """Show or hide surfaces, particles, directions and scale bar; set how opaque surfaces are."""
-        grid = self._grid
+        grid = self.grid
         grid.raw = grid.raw if raw is None else raw
         grid.groomed = grid.groomed if groomed is None else groomed
         grid.balls = grid.balls if particles is None else particles
@@ -174,8 +174,8 @@ class Scene(QWidget):
     def cut(self, clip: Clip | None) -> None:
         """Cut all shapes open at a plane, or leave them whole."""
         self._after_drawing()
-        self._grid.clip = clip
-        self._plot.update()
+        self.grid.clip = clip
+        self.plot.update()
 
     def show_particles(
         self, particles: Mapping[str, FloatArray], tints: Array | None = None, *, live: bool = False
@@ -186,78 +186,78 @@ class Scene(QWidget):
         run has ended. Live particles may be drawn on lighter surfaces.
         """
         count = len(next(iter(particles.values()))) if particles else 0
-        before = self._grid.tints
+        before = self.grid.tints
         if tints is None and live and before is not None and not isinstance(before, Mapping):
             tints = before if len(before) == count else None
-        self._grid.take_particles(particles, tints)
+        self.grid.take_particles(particles, tints)
         if live:
             self._draw_quick()
-            self._refine.start()
+            self.refine_timer.start()
             self._refresh_some()
         else:
             self._refresh()
 
     def set_linked(self, linked: bool) -> None:
         """Turn all views together, or each alone."""
-        self._grid.cameras.link(linked)
+        self.grid.cameras.link(linked)
         self._refresh()
 
     def look(self, view: str) -> None:
         """Look from one of `VIEWS` and fit the shapes."""
-        self._grid.cameras.turn(view)
+        self.grid.cameras.turn(view)
         self.fit()
 
     def fit(self) -> None:
         """Show the whole shapes, as large as the largest allows."""
-        self._fitted = self._grid.fit(self._plot.width(), self._plot.height()) or self._fitted
-        self._fit = self._looks
-        self._plot.update()
+        self._fitted = self.grid.fit(self.plot.width(), self.plot.height()) or self._fitted
+        self.fitted = self.looks
+        self.plot.update()
 
     def _keep_whole(self) -> None:
         """Zoom out where shapes that have come into view would be cut, unless the user has zoomed."""
-        if self._fit != self._looks:
+        if self.fitted != self.looks:
             return
-        cameras = self._grid.cameras.each
+        cameras = self.grid.cameras.each
         before = [camera.GetParallelScale() for camera in cameras]
         self.fit()
         for camera, scale in zip(cameras, before, strict=True):
             camera.SetParallelScale(max(scale, camera.GetParallelScale()))  # sizes stay comparable
-        self._fit = self._looks
+        self.fitted = self.looks
 
     @property
-    def _looks(self) -> list[object]:
+    def looks(self) -> list[object]:
         """Where each camera looks to, and how much it sees: the same as after `fit` unless the user zooms."""
-        return [(camera.GetFocalPoint(), camera.GetParallelScale()) for camera in self._grid.cameras.each]
+        return [(camera.GetFocalPoint(), camera.GetParallelScale()) for camera in self.grid.cameras.each]
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Keep whole shapes whole."""
         super().resizeEvent(event)
-        if self._fit == self._looks:
+        if self.fitted == self.looks:
             self.fit()
 
     def go_to(self, name: str, place: FloatArray, normal: FloatArray) -> None:
         """Show a subject's page and look at a place of its surface from outside, close enough to see it."""
         self.show_name(name)
-        bounds = self._grid.bounds
+        bounds = self.grid.bounds
         if bounds is not None:
             height = _CLOSE_UP * max(bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4])
-            for camera in self._grid.cameras.each:
+            for camera in self.grid.cameras.each:
                 aim(camera, place, normal, height)
-            self._plot.update()
+            self.plot.update()
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
         self._colours = colours
-        self._grid.paint(colours)
+        self.grid.paint(colours)
         self.bar.paint(colours)
-        self._plot.update()
+        self.plot.update()
 
     @property
     def canvas(self) -> Canvas:
         """How the views are looked at now, in words that a picture can be drawn from again."""
-        grid = self._grid
+        grid = self.grid
         return Canvas(
-            width=self._plot.width(), height=self._plot.height(), ratio=self.devicePixelRatioF(),
+            width=self.plot.width(), height=self.plot.height(), ratio=self.devicePixelRatioF(),
             scheme="dark" if self._colours is DARK else "light",
             layout=grid.layout, page=grid.page, raw=grid.raw, groomed=grid.groomed, particles=grid.balls,
             opacity=grid.opacity, cameras=tuple(CameraState.of(camera) for camera in grid.cameras.each),
@@ -267,8 +267,8 @@ class Scene(QWidget):
     @property
     def shown_now(self) -> Shown:
         """What the views show, with particles and their colours; it stays as it is when they go on."""
-        grid = self._grid
-        return Shown(grid.contents, grid.columns or None, self._shown.scale, grid.particles, grid.tints)
+        grid = self.grid
+        return Shown(grid.contents, grid.columns or None, self.displayed.scale, grid.particles, grid.tints)
 
     def picture(self, scale: int = 1, *, transparent: bool = False) -> QImage:
         """Return what is shown, up to four times as large."""
@@ -278,23 +278,23 @@ class Scene(QWidget):
 
     def close_scene(self) -> None:
         """Let go of everything of VTK; the last thing before the window closes."""
-        self._refine.stop()
-        self._plot.removeEventFilter(self.picker)  # which would hear of the widget's end, half destroyed
-        window: Any = self._plot.ren_win
+        self.refine_timer.stop()
+        self.plot.removeEventFilter(self.picker)  # which would hear of the widget's end, half destroyed
+        window: Any = self.plot.ren_win
         if window is not None:
             for observer in self._observers:
                 window.RemoveObserver(observer)
-            self._grid.close()
-        self._plot.close()
+            self.grid.close()
+        self.plot.close()
 
     def _refresh(self, page: int | None = None) -> None:
         self._after_drawing()
-        self._grid.ratio = self.devicePixelRatioF()
+        self.grid.ratio = self.devicePixelRatioF()
         if page is None:
-            self._grid.refresh()
+            self.grid.refresh()
         else:
-            self._grid.show_page(page)
-        self._plot.update()
+            self.grid.show_page(page)
+        self.plot.update()
 
     def _refresh_some(self) -> None:
         """Move the particles of a few views, and draw only these: as many as are drawn fast enough.
@@ -302,43 +302,43 @@ class Scene(QWidget):
         What is not drawn keeps its last picture, as each renderer clears its own part of the window only. A
         slow machine so updates the views in turn instead of keeping the user's clicks waiting.
         """
-        spent, count = self._plot.last_ms, self._grid.count
+        spent, count = self.plot.last_ms, self.grid.count
         if spent > _LIVE_MS[1]:
-            self._share = max(1, min(self._share, count) * 2 // 3)
+            self.share = max(1, min(self.share, count) * 2 // 3)
         elif spent < _LIVE_MS[0]:
-            self._share = min(MOST, self._share + 1)
-        share = min(self._share, count)
+            self.share = min(MOST, self.share + 1)
+        share = min(self.share, count)
         chosen = {(self._turn + step) % count for step in range(share)}
         self._turn = (self._turn + share) % count
-        self._grid.refresh_particles(chosen)
+        self.grid.refresh_particles(chosen)
         self._draw_cells(chosen)
         self._partial = share < count
-        self._plot.update()
+        self.plot.update()
 
     def _draw_cells(self, chosen: Collection[int]) -> None:
-        count = self._grid.count
-        for index, cell in enumerate(self._grid.cells[:count]):
+        count = self.grid.count
+        for index, cell in enumerate(self.grid.cells[:count]):
             cell.renderer.SetDraw(index in chosen)
-        self._grid.show_backdrop(len(chosen) == count)
+        self.grid.show_backdrop(len(chosen) == count)
 
     def _after_drawing(self, *_: object) -> None:
         if self._partial:
             self._partial = False
-            self._draw_cells(range(self._grid.count))
+            self._draw_cells(range(self.grid.count))
 
     def _before_drawing(self, *_: object) -> None:
-        size = self._plot.ren_win.GetSize()
+        size = self.plot.ren_win.GetSize()
         if size != self._size:  # the picture of the views that are not drawn is gone
             self._size = size
             self._after_drawing()
 
     def _draw_quick(self, *_: object) -> None:
-        self._set_quick(self._grid.quick or self.draw_ms > _SLOW_MS)
+        self._set_quick(self.grid.quick or self.draw_ms > _SLOW_MS)
 
     def _draw_fine(self) -> None:
         self._set_quick(False)
 
     def _set_quick(self, quick: bool) -> None:
-        if quick != self._grid.quick:
-            self._grid.quick = quick
+        if quick != self.grid.quick:
+            self.grid.quick = quick
             self._refresh()

@@ -29,13 +29,13 @@ class Words:
         self._small, self._lettered = False, True
         self._shown: object = None
         self._fitted: object = None
-        self._caption = _text(0.015, 0.975)
-        self._caption.GetTextProperty().SetVerticalJustificationToTop()
+        self.caption = _text(0.015, 0.975)
+        self.caption.GetTextProperty().SetVerticalJustificationToTop()
         self._letters = [_text(x, y) for x, y in _EDGES]
         for actor, across, along in zip(self._letters, (0, 2, 1, 1), (1, 1, 0, 2), strict=True):
             actor.GetTextProperty().SetJustification(across)
             actor.GetTextProperty().SetVerticalJustification(along)
-        for actor in (self._caption, *self._letters):
+        for actor in (self.caption, *self._letters):
             renderer.AddViewProp(actor)
 
     def show(self, lines: list[str], size: int, *, small: bool, letters: bool) -> None:
@@ -48,8 +48,8 @@ class Words:
             return
         self._shown, self._fitted = wanted, None
         self._lines, self._small, self._lettered = lines, small, letters
-        for actor in (self._caption, *self._letters):
-            actor.SetVisibility(bool(lines) and (letters or actor is self._caption))
+        for actor in (self.caption, *self._letters):
+            actor.SetVisibility(bool(lines) and (letters or actor is self.caption))
             actor.GetTextProperty().SetFontSize(size)
 
     def face(self, axes: FloatArray, right: FloatArray, up: FloatArray) -> None:
@@ -64,7 +64,7 @@ class Words:
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""
-        self._caption.GetTextProperty().SetColor(*rgb(colours.text))
+        self.caption.GetTextProperty().SetColor(*rgb(colours.text))
         for actor in self._letters:
             actor.GetTextProperty().SetColor(*rgb(colours.accent))
 
@@ -72,11 +72,11 @@ class Words:
         """Shorten lines that the view has no room for; leave out the letter that the caption would touch."""
         text = "\n".join(self._lines)
         font = font_file(text + _CUT)
-        self._caption.GetTextProperty().SetFontFile(str(font))
+        self.caption.GetTextProperty().SetFontFile(str(font))
         lines = written(text, font).split("\n")
         lengths = [self._length(line) for line in lines]
         fitting = [self._shortened(*parts, _ROOM * width) for parts in zip(lines, lengths, strict=True)]
-        self._caption.SetInput("\n".join(fitting))
+        self.caption.SetInput("\n".join(fitting))
         free = max(lengths, default=0.0) <= _FREE * width
         self._letters[-1].SetVisibility(bool(lines) and self._lettered and not self._small and free)
 
@@ -92,8 +92,8 @@ class Words:
     def _length(self, line: str) -> float:
         """Return how many pixels a line takes."""
         size = [0.0, 0.0]
-        self._caption.SetInput(line)
-        self._caption.GetSize(self._renderer, size)
+        self.caption.SetInput(line)
+        self.caption.GetSize(self._renderer, size)
         return size[0]
 
 

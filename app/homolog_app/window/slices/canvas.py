@@ -96,7 +96,7 @@ class SliceCanvas(QWidget):
     def __init__(self, theme: Theme, title: str) -> None:
         super().__init__()
         self._theme = theme
-        self._drawn: Drawn | None = None
+        self.drawn: Drawn | None = None
         self._last: QPointF | None = None
         self.setAccessibleName(f"{title} slice")
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
@@ -106,7 +106,7 @@ class SliceCanvas(QWidget):
 
     def show_plane(self, drawn: Drawn | None) -> None:
         """Draw something else."""
-        self._drawn = drawn
+        self.drawn = drawn
         self.update()
 
     def wheelEvent(self, event: QWheelEvent) -> None:
@@ -120,8 +120,8 @@ class SliceCanvas(QWidget):
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Move the crosshair by a voxel, and so the other planes; zoom with + and -."""
         way = _KEYS.get(Qt.Key(event.key()))
-        if way is not None and self._drawn is not None:
-            self.pointed.emit(self._drawn.cross[0] + way[0], self._drawn.cross[1] + way[1])
+        if way is not None and self.drawn is not None:
+            self.pointed.emit(self.drawn.cross[0] + way[0], self.drawn.cross[1] + way[1])
         elif event.key() in (Qt.Key.Key_Plus, Qt.Key.Key_Minus):
             self.zoomed.emit(_ZOOM if event.key() == Qt.Key.Key_Plus else 1.0 / _ZOOM)
         else:
@@ -163,8 +163,8 @@ class SliceCanvas(QWidget):
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.fillRect(self.rect(), QColor(self._theme.colours.scene))
-        if self._drawn is not None:
-            self._paint(painter, self._drawn)
+        if self.drawn is not None:
+            self._paint(painter, self.drawn)
         if self.hasFocus():
             painter.setPen(QPen(QColor(self._theme.colours.accent), 1))
             painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
@@ -175,12 +175,12 @@ class SliceCanvas(QWidget):
         return bool(middle or event.modifiers() & Qt.KeyboardModifier.ShiftModifier)
 
     def _pan(self, moved: QPointF) -> None:
-        if self._drawn is not None:
-            across, down = self._pixels(self._drawn)
+        if self.drawn is not None:
+            across, down = self._pixels(self.drawn)
             self.panned.emit(-moved.x() / across, -moved.y() / down)
 
     def _point(self, at: QPointF) -> None:
-        drawn = self._drawn
+        drawn = self.drawn
         if drawn is not None:
             across, down = self._pixels(drawn)
             x = drawn.centre[0] + (at.x() - 0.5 * self.width()) / across

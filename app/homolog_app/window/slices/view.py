@@ -40,7 +40,7 @@ class SliceView(QWidget):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self._theme = theme
-        self._sliced = Sliced("")
+        self.sliced = Sliced("")
         self._grid: Grid | None = None
         self._planes: tuple[Plane, ...] = ()
         self._corners: list[FloatArray] = []
@@ -121,11 +121,11 @@ class SliceView(QWidget):
             box.setIcon(self._patch)
             box.setChecked(True)
             box.toggled.connect(self._draw)
-        self.choose.clicked.connect(lambda: self.scan_wanted.emit(self._sliced.name))
+        self.choose.clicked.connect(lambda: self.scan_wanted.emit(self.sliced.name))
 
     def show_subject(self, sliced: Sliced) -> None:
         """Show a subject, its scan as soon as it is read."""
-        before, self._sliced = self._sliced, sliced
+        before, self.sliced = self.sliced, sliced
         self.reader.want(sliced)
         same = before.name == sliced.name and before.voxels is sliced.voxels
         self._take_grid(keep=same and self._grid is not None)
@@ -133,7 +133,7 @@ class SliceView(QWidget):
     def go_to(self, name: str, place: FloatArray) -> None:
         """Put the crosshair to a place of a subject, LPS [mm], also if it is shown only later."""
         self._aim = name, np.array(place, np.float64)
-        if name == self._sliced.name:
+        if name == self.sliced.name:
             self._place = self._aim[1]
             self._draw()
 
@@ -145,7 +145,7 @@ class SliceView(QWidget):
     @property
     def name(self) -> str:
         """Whose slices are shown."""
-        return self._sliced.name
+        return self.sliced.name
 
     def close_slices(self) -> None:
         """End the thread that reads scans."""
@@ -160,19 +160,19 @@ class SliceView(QWidget):
 
     def _take_grid(self, *, keep: bool) -> None:
         """Take the grid of the scan, else that of the segmentation; the crosshair begins in its middle."""
-        read, voxels = self.reader.read, self._sliced.voxels
+        read, voxels = self.reader.read, self.sliced.voxels
         self._grid = Grid.of_scan(read.scan) if read else Grid.of_mask(voxels) if voxels else None
         grid = self._grid
         self._planes = planes_of(grid) if grid else ()
         self._corners = (
-            [grid.indices(outline.mesh.vertices) for outline in self._sliced.outlines] if grid else []
+            [grid.indices(outline.mesh.vertices) for outline in self.sliced.outlines] if grid else []
         )
-        self._structure = grid.box_of(self._sliced.points) if grid else self._structure
+        self._structure = grid.box_of(self.sliced.points) if grid else self._structure
         if keep:
             self._draw()
             return
         self._fit()
-        self._place = self._aim[1] if self._aim[0] == self._sliced.name else self._centre
+        self._place = self._aim[1] if self._aim[0] == self.sliced.name else self._centre
         self._draw()
 
     def _fit(self) -> None:
@@ -242,7 +242,7 @@ class SliceView(QWidget):
 
     def _set_index(self, grid: Grid, index: FloatArray) -> None:
         inside = np.clip(index, 0.0, np.array(grid.shape) - 1.0)
-        self.go_to(self._sliced.name, transform_points(grid.matrix, inside[None])[0])
+        self.go_to(self.sliced.name, transform_points(grid.matrix, inside[None])[0])
 
     def _drag_window(self, right: float, down: float) -> None:
         if self.reader.read is not None:
@@ -279,7 +279,7 @@ class SliceView(QWidget):
     def _drawn(self, grid: Grid, plane: Plane, scale: float) -> Drawn:
         index, middle = self._index(grid), grid.indices(self._centre[None])[0]
         at = round(float(index[plane.axis]))
-        read, voxels = self.reader.read, self._sliced.voxels
+        read, voxels = self.reader.read, self.sliced.voxels
         lines = []
         if read is None:
             assert voxels is not None
@@ -291,7 +291,7 @@ class SliceView(QWidget):
                 polygons = [plane.places(line, grid.shape) for line in border]
                 lines.append(Line(polygons, colour=_SEGMENTATION, width=1.5))
         if self.contours.isChecked():
-            for outline, corners in zip(self._sliced.outlines, self._corners, strict=True):
+            for outline, corners in zip(self.sliced.outlines, self._corners, strict=True):
                 cut = section_of(corners, outline.mesh.faces, outline.colours, plane.axis, at)
                 segments = plane.places(cut.segments, grid.shape)
                 lines.append(
@@ -307,7 +307,7 @@ class SliceView(QWidget):
         )  # fmt: skip
 
     def _say(self, grid: Grid | None) -> None:
-        sliced, read = self._sliced, self.reader.read
+        sliced, read = self.sliced, self.reader.read
         self.title.setText(sliced.name)
         if read is not None:
             text = "\n".join((f"Scan: {read.scan.path.name}", *read.notes))

@@ -1,0 +1,274 @@
+"""Pages of A4, of which a report's PDF is made."""
+
+import base64
+import io
+import textwrap
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+
+from homolog import __version__
+from homolog.arrays import Array
+from homolog.files.atomic import atomic_write
+from homolog_app.fonts import complete_texts
+from homolog_app.pictures.layout import Panel, draw_displacement_bar
+from homolog_app.rendering.colours import LIGHT
+from homolog_app.report import NOTICE
+from homolog_app.report.page import Link, Page
+
+__all__ = ["EDGE", "HIGH", "WIDE", "Sheet", "write_page", "write_sheets"]
+
+WIDE, HIGH = 8.27, 11.69
+"""Of A4 [inches]."""
+EDGE = 0.6
+"""Margin [inches]."""
+_LINE = 0.17
+_WRAP = 108  # characters of small text on a line
+_ACROSS = 15.0  # characters of a table's cell in an inch
+_BOTTOM = HIGH - 0.65
+_ORANGE = "#a03c00"
+_MOST_COLUMNS = 7
+_MOST_ROWS = 200
+
+
+class Sheet:
+    """An A4 page that is filled from top to bottom; lengths in inches."""
+
+    def __init__(self, title: str) -> None:
+        self.figure = Figure(figsize=(WIDE, HIGH), facecolor="white")
+        FigureCanvasAgg(self.figure)
+        self.y = EDGE
+        self.text(title, 13.0, bold=True)
+        self.text(NOTICE, 8.5, colour=_ORANGE, bold=True)
+        self.y += 0.08
+
+    def foot(self, number: int, pages: int) -> None:
+        """Write the number of the page below."""
+        foot = f"{NOTICE} Homolog {__version__}. Page {number} of {pages}"
+        self.figure.text(0.5, 0.35 / HIGH, foot, ha="center", fontsize=7)
+
+    def text(self, content: str, size: float = 8.5, *, bold: bool = False, colour: str = "#1a1a1e") -> None:
+        """Add a paragraph."""
+        for line in wrapped(content, size):
+            self.line(line, size, bold=bold, colour=colour)
+        self.y += 0.05
+
+    def line(self, content: str, size: float = 8.5, *, bold: bool = False, colour: str = "#1a1a1e") -> None:
+        """Add a line."""
+        self.figure.text(
+            EDGE / WIDE, 1.0 - self.y / HIGH, content, fontsize=size, va="top", color=colour,
+            weight="bold" if bold else "normal",
+        )  # fmt: skip
+        self.y += _LINE * size / 8.5
+
+    def heading(self, content: str) -> None:
+        """Add a heading."""
+        self.y += 0.1
+        self.text(content, 10.5, bold=True)
+
+    def rows(self, rows: Sequence[Sequence[str]], starts: Sequence[float]) -> None:
+        """Add a table, whose first row is its header; columns start at these inches from the left edge."""
+        for number, row in enumerate(rows):
+            self.row(row, starts, bold=number == 0)
+        self.y += 0.05
+
+    def row(self, row: Sequence[str], starts: Sequence[float], *, bold: bool = False) -> None:
+        """Add a row of a table."""
+        cells = wrapped_cells(row, starts)
+        for parts, start in zip(cells, starts, strict=True):
+            self.figure.text(
+                (EDGE + start) / WIDE, 1.0 - self.y / HIGH, "\n".join(parts), fontsize=8, va="top",
+                weight="bold" if bold else "normal", linespacing=1.3,
+            )  # fmt: skip
+        self.y += _LINE * max(map(len, cells))
+
+    def panels(self, panels: Sequence[Panel], limit: float) -> None:
+        """Add a row of pictures with the colour bar."""
+        room = WIDE - 2.0 * EDGE - 1.05
+        width = room / len(panels)
+        tall = max(panel.image.shape[0] / panel.image.shape[1] for panel in panels) * (width - 0.06)
+        for index, panel in enumerate(panels):
+            high = panel.image.shape[0] / panel.image.shape[1] * (width - 0.06)
+            left, top = EDGE + index * width, self.y + (tall - high) / 2.0
+            self.picture(panel.image, left, top, width - 0.06)
+            self.figure.text(
+                (left + width / 2.0) / WIDE, 1.0 - (self.y + tall + 0.03) / HIGH, panel.caption,
+                fontsize=7.5, ha="center", va="top",
+            )  # fmt: skip
+        long = max(min(tall, 1.6) - 0.5, 0.5)
+        bar = self.figure.add_axes(
+            (
+                (WIDE - EDGE - 0.6) / WIDE,
+                1.0 - (self.y + (tall + long) / 2.0) / HIGH,
+                0.11 / WIDE,
+                long / HIGH,
+            )
+        )
+        draw_displacement_bar(bar, limit, LIGHT, 6.5)
+        self.y += max(tall, long + 0.5) + 0.28
+
+    def picture(self, image: Array, left: float, top: float, width: float) -> None:
+        """Put a picture at a place."""
+        high = image.shape[0] / image.shape[1] * width
+        place = self.figure.add_axes((left / WIDE, 1.0 - (top + high) / HIGH, width / WIDE, high / HIGH))
+        place.imshow(image, interpolation="antialiased", aspect="auto")
+        place.axis("off")
+
+
+def wrapped(content: str, size: float = 8.5) -> list[str]:
+    """Return the lines of a paragraph."""
+    return textwrap.wrap(content, int(_WRAP * 8.5 / size)) or [""]
+
+
+def wrapped_cells(row: Sequence[str], starts: Sequence[float]) -> list[list[str]]:
+    """Return the lines of each cell of a row."""
+    ends = [*starts[1:], WIDE - 2 * EDGE]
+    return [
+        textwrap.wrap(cell, max(4, int((end - start) * _ACROSS))) or [""]
+        for cell, start, end in zip(row, starts, ends, strict=True)
+    ]
+
+
+def write_sheets(path: Path, title: str, sheets: Sequence[Sheet]) -> None:
+    """Write pages to a PDF, whole or not at all; raises InputError if it can't be written."""
+    drawn = io.BytesIO()
+    with PdfPages(drawn, metadata={"CreationDate": None, "Title": title}) as pages:
+        for number, sheet in enumerate(sheets, start=1):
+            sheet.foot(number, len(sheets))
+            complete_texts(sheet.figure)
+            pages.savefig(sheet.figure)
+    with atomic_write(path) as part:
+        part.write_bytes(drawn.getvalue())
+
+
+def write_page(path: Path, page: Page) -> None:
+    """Write what a page shows as a PDF of A4 pages, folded tables too; lists of files are left out.
+
+    Raises
+    ------
+    InputError
+        If the file can't be written.
+    """
+    flow = _Flow(page.title)
+    flow.paragraph(page.notice.removeprefix(NOTICE).strip())
+    for part in page.parts:
+        flow.add(part)
+    write_sheets(path, page.title, flow.sheets)
+
+
+class _Flow:
+    """Parts of a page that flow over as many sheets as they need."""
+
+    def __init__(self, title: str) -> None:
+        self._title = title
+        self._headings: list[tuple[str, bool]] = []
+        self.sheets = [Sheet(title)]
+
+    def add(self, part: dict[str, object]) -> None:
+        """Add a part as `Page.parts` has it."""
+        match part:
+            case {"kind": "heading", "text": str(text), "level": level}:
+                self._headings.append((text, level == 2))
+            case {"kind": "paragraph", "text": str(text)}:
+                self.paragraph(text)
+            case {"kind": "caution", "text": str(text)}:
+                self.paragraph(f"Caution: {text}", colour=_ORANGE)
+            case {"kind": "points", "points": list(points)}:
+                for first, rest in points:
+                    self.paragraph(f"• {first}", bold=True, gap=0.0)
+                    self.paragraph(rest)
+            case {"kind": "table", "columns": columns, "rows": list(rows), "summary": str(summary)}:
+                assert isinstance(columns, Sequence)
+                if summary:
+                    self._headings.append((summary, False))
+                self.table(columns, [[_words(cell) for cell in row] for row in rows])
+            case {"kind": "figures", "figures": list(figures)}:
+                self.figures(figures)
+
+    @property
+    def sheet(self) -> Sheet:
+        """The sheet that is being filled."""
+        return self.sheets[-1]
+
+    def room(self, height: float) -> None:
+        """Begin a sheet if so many inches do not fit on this one, and write the headings that come before."""
+        if self.sheet.y + height + 0.35 * len(self._headings) > _BOTTOM:
+            self.sheets.append(Sheet(self._title))
+        headings, self._headings = self._headings, []
+        for text, large in headings:
+            self.sheet.heading(text) if large else self.sheet.text(text, 9.5, bold=True)
+
+    def paragraph(self, text: str, *, bold: bool = False, colour: str = "#1a1a1e", gap: float = 0.05) -> None:
+        """Add a paragraph, which may go on on the next sheet."""
+        for number, line in enumerate(wrapped(text) if text else ()):
+            self.room(_LINE * (1 if number else 3))
+            self.sheet.line(line, bold=bold, colour=colour)
+        self.sheet.y += gap
+
+    def table(self, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+        """Add a table; one with many columns is turned, so that each row becomes a column."""
+        if len(columns) > _MOST_COLUMNS:
+            for start in range(0, len(rows), 4):
+                turned = list(zip(columns, *rows[start : start + 4], strict=True))
+                self.table(turned[0], turned[1:])
+            return
+        starts = _starts([columns, *rows[:_MOST_ROWS]])
+        self.room(_LINE * 4)
+        self.sheet.row(columns, starts, bold=True)
+        for row in rows[:_MOST_ROWS]:
+            high = _LINE * max(map(len, wrapped_cells(row, starts)))
+            if self.sheet.y + high > _BOTTOM:
+                self.room(high)
+                self.sheet.row(columns, starts, bold=True)
+            self.sheet.row(row, starts)
+        self.sheet.y += 0.08
+        if len(rows) > _MOST_ROWS:
+            self.paragraph(f"{len(rows) - _MOST_ROWS} more rows: see the HTML page.")
+
+    def figures(self, figures: Iterable[dict[str, object]]) -> None:
+        """Add figures, beside each other where they fit, with their captions."""
+        left = 0.0
+        below = 0.0
+        for item in figures:
+            image = matplotlib.image.imread(io.BytesIO(base64.b64decode(str(item["data"]))))
+            width = min(float(str(item["width"])) / 96.0, WIDE - 2 * EDGE)
+            high = image.shape[0] / image.shape[1] * width
+            if high > (limit := _BOTTOM - 2.2):
+                width, high = width * limit / high, limit
+            caption = textwrap.wrap(str(item["caption"]), max(20, int(width * _ACROSS)))
+            needed = high + 0.05 + _LINE * len(caption)
+            if not left or left + width > WIDE - 2 * EDGE or self.sheet.y + needed > _BOTTOM:
+                self.sheet.y += below
+                left = below = 0.0
+                self.room(needed)
+            self.sheet.picture(np.asarray(image), EDGE + left, self.sheet.y, width)
+            self.sheet.figure.text(
+                (EDGE + left) / WIDE, 1.0 - (self.sheet.y + high + 0.03) / HIGH, "\n".join(caption),
+                fontsize=7.5, va="top", linespacing=1.3,
+            )  # fmt: skip
+            left, below = left + width + 0.1, max(below, needed + 0.1)
+        self.sheet.y += below
+
+
+def _words(cell: str | Link) -> str:
+    return cell if isinstance(cell, str) else cell.text
+
+
+def _starts(rows: Sequence[Sequence[str]]) -> list[float]:
+    """Return where columns start, so that long ones are wide and no word is broken without need."""
+    columns = list(zip(*rows, strict=True))
+    least = np.array(
+        [2 + max((len(word) for cell in column for word in cell.split()), default=0) for column in columns]
+    )
+    whole = np.array([2 + max(map(len, column)) for column in columns])
+    room = (WIDE - 2 * EDGE) * _ACROSS
+    left = max(room - least.sum(), 0.0)
+    widths = least + (whole - least) * min(1.0, left / max((whole - least).sum(), 1))
+    widths = widths * min(1.0, room / widths.sum())
+    places: list[float] = (np.concatenate([[0.0], widths.cumsum()[:-1]]) / _ACROSS).tolist()
+    return places
