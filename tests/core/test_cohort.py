@@ -117,12 +117,12 @@ def test_a_table_in_windows_own_letters_is_refused_with_the_remedy(folder):
 
 def test_a_table_of_another_encoding_is_refused(folder):
     (folder / "cohort.csv").write_bytes(b"name,path\n\xff\xfe,a.nrrd\n")
-    with pytest.raises(InputError, match="can't be read as a table"):
+    with pytest.raises(InputError, match="as a table"):
         read_cohort(folder)
 
 
 def test_an_empty_folder_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"contains no segmentation or mesh; known files are \.nii\.gz"):
+    with pytest.raises(InputError, match=r"no segmentation or mesh; .*\.nii\.gz"):
         read_cohort(tmp_path)
 
 
@@ -152,7 +152,7 @@ def test_folders_of_one_file_each_name_the_subjects(tmp_path):
 
 def test_folders_of_which_any_may_be_meant_are_named(tmp_path):
     place(tmp_path, "labels/a.nrrd", "labels/b.nrrd", "meshes/a.ply", "meshes/b.ply", "other/c.ply")
-    with pytest.raises(InputError, match=r"labels \(2\), meshes \(2\); give one of them, or a cohort\.csv"):
+    with pytest.raises(InputError, match=r"labels \(2\), meshes \(2\); .*cohort\.csv"):
         read_cohort(tmp_path)
 
 
@@ -174,7 +174,7 @@ def test_a_mesh_is_known_by_its_suffix(tmp_path):
 @pytest.mark.parametrize("path", ["a" * 300 + ".nrrd", "ä" * 200 + ".nrrd", "a/" * 3000])
 def test_a_path_that_no_system_takes_is_refused_with_its_line(tmp_path, path):
     (tmp_path / "cohort.csv").write_text(f"name,path\na,a.nrrd\nb,{path}\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"cohort\.csv, line 3: the path can't be a path: it is too long"):
+    with pytest.raises(InputError, match=r"cohort\.csv, line 3: .* too long"):
         read_cohort(tmp_path / "cohort.csv")
 
 
@@ -188,7 +188,7 @@ def test_a_path_that_leads_to_a_folder_is_one_without_landmarks_beside_it(folder
 @pytest.mark.parametrize("name", [b"bad\xff.nrrd", b"M\xfcller.ply"])
 def test_a_file_name_that_is_no_text_is_refused(folder, name):
     (folder / os.fsdecode(name)).touch()
-    with pytest.raises(InputError, match=r"\\x.*: its name is not valid UTF-8; rename it") as refused:
+    with pytest.raises(InputError, match=r"\\x.*: .* UTF-8; rename it") as refused:
         read_cohort(folder)
     assert str(refused.value).encode()
 

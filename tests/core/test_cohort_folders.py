@@ -117,7 +117,7 @@ def test_files_one_folder_deeper_are_their_patients(tmp_path):
     assert files_of(found) == {f"p{i}": f"p{i}/2020-0{i}/heart.nii.gz" for i in (1, 2)}
     (tmp_path / "p3" / "empty").mkdir(parents=True)
     assert read_cohort(tmp_path).notes == ("skipped, without a segmentation or mesh: p3",)
-    with pytest.raises(InputError, match="several folders have folders of subjects: x, y"):
+    with pytest.raises(InputError, match="several folders .*: x, y"):
         cohort_of(tmp_path / "p3", *(f"{place}/p{i}/a.stl" for place in "xy" for i in (1, 2)))
 
 
@@ -129,7 +129,7 @@ def test_a_folder_for_each_group_gives_the_groups(tmp_path):
 
 
 def test_a_folder_for_each_structure_with_the_same_subjects_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"liver \(3\), spleen \(3\); give one of them"):
+    with pytest.raises(InputError, match=r"liver \(3\), spleen \(3\)"):
         cohort_of(tmp_path, *(f"{item}/p{i}.nii.gz" for item in ("liver", "spleen") for i in (1, 2, 3)))
 
 
@@ -140,7 +140,7 @@ def test_folders_with_files_of_the_same_subjects_are_no_groups(tmp_path):
 
 
 def test_several_structures_of_each_subject_in_one_folder_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"liver, spleen .*folder of its own"):
+    with pytest.raises(InputError, match=r"liver, spleen .*own"):
         cohort_of(tmp_path, *(f"p{i}_{item}.nii.gz" for item in ("liver", "spleen") for i in (1, 2, 3)))
 
 

@@ -28,7 +28,7 @@ def test_a_run_that_loses_its_gpu_is_resumed_on_the_cpu(project, run_of, results
     with monkeypatch.context() as machine:
         machine.setattr(Engine, "iterate", iterate)
         machine.setattr("homolog.run.steps.device_faults", lambda alias: device_faults("cuda:0"))
-        with pytest.raises(InputError, match=r"cuda:0: failed \(Warp CUDA error 719.*on the device cpu"):
+        with pytest.raises(InputError, match=r"cuda:0: .* 719.*device cpu"):
             run_of(project).execute()
     assert project.read().unfinished
     assert project.checkpoint.is_file()
@@ -57,7 +57,7 @@ def test_a_gpu_that_is_lost_or_full_at_any_other_moment_leaves_the_last_result(
     with monkeypatch.context() as machine:
         machine.setattr(place, fail)
         machine.setattr("homolog.run.steps.device_faults", lambda alias: device_faults("cuda:0"))
-        with pytest.raises(InputError, match=rf"cuda:0: {words} .*what was saved is kept.*on the device cpu"):
+        with pytest.raises(InputError, match=rf"cuda:0: {words} .*saved is kept.*device cpu"):
             run_of(project).execute()
     assert project.read().unfinished
     assert results(project.folder) == whole
@@ -71,7 +71,7 @@ def test_a_gpu_that_is_lost_while_particles_are_repaired_changes_nothing(project
     monkeypatch.setattr("homolog.run.repair.repair", fail)
     local = np.stack([read_particles(path) for path in sorted(project.particles.glob("*_local.particles"))])
     movable = np.full(local.shape[:2], True)
-    with pytest.raises(InputError, match=r"cuda:0: failed \(Warp CUDA error 719"):
+    with pytest.raises(InputError, match=r"cuda:0: .*CUDA error 719"):
         repair_result(replace(study, device="cuda:0"), local, movable, movable)
     assert results(project.folder) == whole
 
@@ -82,7 +82,7 @@ def test_memory_that_is_full_while_grooming_is_told(project, run_of, results, mo
 
     whole = results(project.folder)
     monkeypatch.setattr("homolog.run.run.groom_cohort", fail)
-    with pytest.raises(InputError, match=r"cpu: has too little memory \(Unable to allocate 9\.31 GiB"):
+    with pytest.raises(InputError, match=r"cpu: .* memory \(.* 9\.31 GiB"):
         run_of(project).execute()
     assert results(project.folder) == whole
 
@@ -94,9 +94,9 @@ def test_a_full_gpu_is_told_with_what_helps():
 
 
 def test_memory_that_is_full_is_told_on_the_cpu_too():
-    with pytest.raises(InputError, match=r"cpu: has too little memory"), device_faults("cpu"):
+    with pytest.raises(InputError, match=r"cpu: .* too little memory"), device_faults("cpu"):
         np.empty(2**59)
-    with pytest.raises(InputError, match=r"cpu: has too little memory"), device_faults("cpu"):
+    with pytest.raises(InputError, match=r"cpu: .* too little memory"), device_faults("cpu"):
         raise RuntimeError(FULL)
 
 

@@ -83,7 +83,7 @@ def test_a_gzip_bomb_behind_a_small_header_is_not_unpacked(tmp_path, name, head)
             packed.write(b"" if head else nifti(30))
             for _ in range(32):
                 packed.write(bytes(2**23))
-    with pytest.raises(InputError, match=r"contains more (than the 54000 bytes of )?voxels"):
+    with pytest.raises(InputError, match=r"contains more .*voxels"):
         read_segmentation(tmp_path / name, None)
 
 
@@ -92,7 +92,7 @@ def test_an_archive_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "a.npz"
     np.savez_compressed(path, zeros=np.zeros(2**26))
     monkeypatch.setattr("homolog.memory.free_memory", lambda: 2**28)
-    with pytest.raises(InputError, match=r"a\.npz: needs 0\.537 GB of memory, but only 0\.268 GB are free"):
+    with pytest.raises(InputError, match=r"a\.npz: needs 0\.537 GB .* 0\.268 GB"):
         read_arrays(path)
 
 

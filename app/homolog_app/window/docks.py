@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Docks"]
 
-_INSPECTOR = 432
+_INSPECTOR = 452
 
 
 class Docks(QObject):

@@ -95,7 +95,7 @@ def test_a_project_that_another_program_has_open_is_opened_read_only_if_the_user
 def test_other_programs_are_kept_out_of_an_open_project_until_it_is_closed(explored):
     folder = explored.desk.session.folder
     with other_program(folder, 0) as said:
-        assert "is in use by another Homolog" in said
+        assert "in use" in said
     explored.library.leave()
     with other_program(folder, 0) as said:
         assert said == "held"
@@ -189,7 +189,7 @@ def test_the_problem_report_names_nobody_who_was_ever_in_the_session(window, ell
     text = problem_report(session, memory, f"InputError: {folder / 'Muster Erika.nrrd'}: cut short")
     for secret in ("Erika", "Muster", "Max", "Beispiel", "Klinik", "Borderline", "Gesund", "4711007", "Otto"):
         assert secret not in text, text
-    assert "PATH: lacks the column name" in text
+    assert "PATH: lacks the column" in text
     assert 'File "homolog_app/window/problem_report.py", line 3' in text
     assert "cut short" in text
 

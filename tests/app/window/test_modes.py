@@ -261,7 +261,7 @@ def test_the_layout_buttons_show_steps_along_modes_and_never_do_nothing(page, sc
     for count in (4, 9, 16):
         command = window.commands[f"view.grid{count}"]
         assert not command.isEnabled()
-        assert "Not now: the open page has no such number of views" in command.toolTip()
+        assert "Not now:" in command.toolTip()
     window.inspector.explore.tabs.setCurrentIndex(0)
     assert window.commands["view.grid4"].isChecked()
     assert window.commands["view.grid9"].isEnabled()

@@ -46,5 +46,5 @@ def test_the_thumbnail_is_seen_from_the_front_with_the_patients_right_at_the_lef
 
 def test_a_label_that_a_file_lacks_is_a_problem_in_words_without_the_path(labelled):
     survey = survey_subject(labelled, 3)
-    assert survey.problem.startswith("Has no voxel of label 3")
+    assert survey.problem.startswith("Has no voxel")
     assert str(labelled.path) not in survey.problem

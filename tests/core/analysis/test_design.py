@@ -81,20 +81,20 @@ def test_groups_that_cannot_be_compared_are_refused(groups, order, words):
 
 def test_a_covariate_that_is_the_group_is_refused():
     sex = covariate_columns({"sex": ["m", "f"] * 5})
-    with pytest.raises(InputError, match="the group can't be told apart from the covariates"):
+    with pytest.raises(InputError, match="can't be told apart"):
         group_design(["a", "b"] * 5, ["a", "b"], sex)
 
 
 def test_two_covariates_that_say_the_same_are_refused():
     age = np.arange(10.0)
     both = covariate_columns({"age": age.tolist(), "months": (12 * age).tolist()})
-    with pytest.raises(InputError, match="a covariate is a combination of the others"):
+    with pytest.raises(InputError, match="combination of the others"):
         group_design(["a", "b"] * 5, ["a", "b"], both)
 
 
 def test_too_many_covariates_for_the_subjects_are_refused():
     table = {f"c{index}": np.random.default_rng(index).normal(size=6).tolist() for index in range(4)}
-    with pytest.raises(InputError, match="6 subjects are too few for 6 columns"):
+    with pytest.raises(InputError, match="6 subjects .* 6 columns"):
         group_design(["a", "b"] * 3, ["a", "b"], covariate_columns(table))
 
 

@@ -88,9 +88,9 @@ def test_a_covariate_that_makes_the_groups_differ_is_taken_out(correlated):
 
 def test_a_discriminant_without_modes_or_with_a_group_of_one_is_refused(correlated):
     shapes = correlated(subjects=6)
-    with pytest.raises(InputError, match="at least one mode and two subjects"):
+    with pytest.raises(InputError, match="at least one mode"):
         discriminant(shapes, np.arange(6) < 3, 0)
-    with pytest.raises(InputError, match="at least one mode and two subjects"):
+    with pytest.raises(InputError, match="at least one mode"):
         discriminant(shapes, np.arange(6) < 1, 2)
 
 

@@ -157,11 +157,8 @@ def test_noise_that_keeps_no_mode_has_p_of_one_and_says_so():
 def test_few_degrees_of_freedom_are_warned_of_and_too_few_refused(correlated):
     shapes = correlated(subjects=10)
     design = group_design(["a", "b"] * 5, ["a", "b"])
-    assert (
-        "Low power: 8 degrees of freedom for 4 modes"
-        in mode_test(shapes, design, modes=4, permutations=9).warnings[0]
-    )
-    with pytest.raises(InputError, match="9 modes are more than the 8 that 10 subjects"):
+    assert "8 degrees of freedom" in mode_test(shapes, design, modes=4, permutations=9).warnings[0]
+    with pytest.raises(InputError, match="9 modes .* 8 .* 10 subjects"):
         mode_test(shapes, design, modes=9, permutations=9)
 
 

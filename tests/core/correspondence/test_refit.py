@@ -103,11 +103,11 @@ def test_more_particles_are_added_to_those_there_are(found, ellipsoid_shapes):
 
 def test_a_start_that_does_not_fit_is_refused(found, ellipsoid_shapes):
     fewer = SETTINGS.model_copy(update={"particles": 50})
-    with pytest.raises(InputError, match="initial particles are 100 on 5 shapes"):
+    with pytest.raises(InputError, match="100 on 5 shapes"):
         optimize(ellipsoid_shapes, fewer, initial=InitialParticles(found.local))
     held = np.zeros(found.local.shape[:2], dtype=bool)
     with pytest.raises(InputError, match="nothing to optimize"):
         optimize(ellipsoid_shapes, SETTINGS, initial=InitialParticles(found.local, held))
     more = SETTINGS.model_copy(update={"particles": 150})
-    with pytest.raises(InputError, match="all particles must be given"):
+    with pytest.raises(InputError, match="all particles"):
         optimize(ellipsoid_shapes, more, initial=InitialParticles(found.local, ~held))

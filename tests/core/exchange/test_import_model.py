@@ -130,7 +130,7 @@ def test_a_mirrored_subject_faces_outward_in_the_common_frame(exported, change, 
 def test_a_subject_without_a_surface_gets_a_carried_one(exported, content, project, finished_run):
     (exported.parent / content["data"][1]["groomed_1"]).unlink()
     (note,) = import_model(exported, project)
-    assert note.startswith("b: its surface can't be used")
+    assert note.startswith("b: its surface")
     assert "carried by particles" in note
     assert read_surfaces(project)[1].volume == pytest.approx(read_surfaces(finished_run)[1].volume, rel=0.05)
 
@@ -149,7 +149,7 @@ def test_a_surface_that_the_particles_are_not_on_is_not_used(exported, content, 
 @pytest.mark.parametrize("pattern", ["*_world.particles", "*_local.particles", "*.particles"])
 def test_a_bare_folder_of_particles_is_a_model(bare, project, finished_run, pattern):
     (note,) = import_model(bare(pattern), project)
-    assert "came without a surface" in note
+    assert "without a surface" in note
     found, before = read_result(project), read_result(finished_run)
     assert found.names == before.names
     assert found.world.shape == before.world.shape
@@ -192,7 +192,7 @@ def test_one_anatomy_of_several_is_chosen_by_name(change, project):
             row |= {key.replace("_1", "_2"): value for key, value in row.items() if key.endswith("_1")}
 
     path = change(double)
-    with pytest.raises(InputError, match="contains the anatomies 1, 2; choose one of them"):
+    with pytest.raises(InputError, match="anatomies 1, 2"):
         import_model(path, project)
     import_model(path, project, domain="2")
     assert len(read_result(project).names) == 4
@@ -256,7 +256,7 @@ def test_other_files_and_existing_projects_are_refused(exported, project, finish
         import_model(tmp_path / "a.nrrd", project)
     with pytest.raises(InputError, match="is already a project"):
         import_model(exported, finished_run)
-    with pytest.raises(InputError, match=f"contains no particles .* give the project in it, {exported.name}"):
+    with pytest.raises(InputError, match=f"no particles .* {exported.name}"):
         import_model(exported.parent, project)
 
 

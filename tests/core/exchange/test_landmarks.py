@@ -112,7 +112,7 @@ def test_landmarks_of_no_second_subject_make_no_error(marked):
 
 
 def test_landmarks_in_another_frame_are_refused_by_name(marked):
-    with pytest.raises(InputError, match=r"a\.mrk\.json: its landmarks lie 1\d\d mm from the surface of a"):
+    with pytest.raises(InputError, match=r"a\.mrk\.json: .* 1\d\d mm from .* of a"):
         project_landmark_errors(marked(100.0))
 
 
@@ -139,7 +139,7 @@ def test_shapes_get_the_landmarks_that_all_subjects_have(marked, scans, shapes_o
     write_markups(
         scans / "a.mrk.json", read_result(ProjectFolder(scans.parent / "project")).local[0, [11, 3]], "rl"
     )
-    with pytest.raises(InputError, match="no landmark is there on all subjects"):
+    with pytest.raises(InputError, match="on all subjects"):
         with_landmarks(shapes_of, read_cohort(scans))
     names = ("right", "left")
     write_markups(
@@ -154,5 +154,5 @@ def test_shapes_get_the_landmarks_that_all_subjects_have(marked, scans, shapes_o
 
 def test_a_subject_without_landmarks_is_named(marked, scans, shapes_of):
     marked(0.0, leave_out=("c",))
-    with pytest.raises(InputError, match="c: has no landmarks; place them in 3D Slicer"):
+    with pytest.raises(InputError, match="c: has no landmarks"):
         with_landmarks(shapes_of, read_cohort(scans))

@@ -75,5 +75,5 @@ def test_what_is_no_markups_file_is_refused(path, text):
 
 def test_a_list_of_an_older_slicer_is_refused_with_the_remedy(tmp_path):
     (tmp_path / "a.fcsv").write_text("# Markups fiducial file version = 4.11\n")
-    with pytest.raises(InputError, match=r"a\.fcsv: is a list of older versions of Slicer; open it there"):
+    with pytest.raises(InputError, match=r"a\.fcsv: .* older versions of Slicer"):
         read_markups(tmp_path / "a.fcsv")

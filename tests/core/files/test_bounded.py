@@ -57,5 +57,5 @@ def test_what_is_no_file_is_refused_at_once(tmp_path, endless, name):
 def test_a_file_of_an_implausible_size_is_refused(tmp_path):
     with (tmp_path / "a.particles").open("wb") as stream:
         stream.truncate(2**30)
-    with pytest.raises(InputError, match="is too large for a list of particles; choose another file"):
+    with pytest.raises(InputError, match="too large"):
         read_particles(tmp_path / "a.particles")

@@ -84,7 +84,7 @@ def test_values_that_a_format_cannot_keep_are_refused(mesh, tmp_path, suffix):
 def test_an_unreadable_file_is_named(tmp_path, suffix):
     path = tmp_path / f"a{suffix}"
     path.write_text("this is no mesh\n")
-    with pytest.raises(InputError, match=f"a{suffix}: (can't be read as a mesh|contains no triangles)"):
+    with pytest.raises(InputError, match=f"a{suffix}: (can't be read|contains no triangles)"):
         read_mesh(path)
 
 
@@ -171,14 +171,14 @@ def test_a_polygon_that_turns_inward_is_split_within_itself(tmp_path):
 def test_an_obj_that_makes_no_sense_is_refused(tmp_path, line):
     path = tmp_path / "a.obj"
     path.write_text(CUBE + line + "\n")
-    with pytest.raises(InputError, match=r"a\.obj: can't be read as a mesh"):
+    with pytest.raises(InputError, match=r"a\.obj: can't be read"):
         read_mesh(path)
 
 
 def test_a_face_of_thousands_of_corners_is_refused_at_once(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text(CUBE + "f" + " 1 2 3" * 100_000 + "\n")
-    with pytest.raises(InputError, match="a face of more than 1000 corners"):
+    with pytest.raises(InputError, match="more than 1000 corners"):
         read_mesh(path)
 
 
@@ -221,7 +221,7 @@ def test_an_stl_as_text_is_read_with_all_its_solids(tmp_path, case):
 def test_an_stl_as_text_that_is_cut_short_or_damaged_is_refused(tmp_path, content):
     path = tmp_path / "a.stl"
     path.write_text(content)
-    with pytest.raises(InputError, match=r"a\.stl: can't be read as a mesh"):
+    with pytest.raises(InputError, match=r"a\.stl: can't be read"):
         read_mesh(path)
 
 
@@ -231,7 +231,7 @@ def test_a_binary_stl_of_another_length_than_it_says_is_refused(mesh, tmp_path, 
     write_mesh(path, mesh)
     content = path.read_bytes()
     path.write_bytes(content[:80] + count.to_bytes(4, "little") + content[84:])
-    with pytest.raises(InputError, match=r"a\.stl: can't be read as a mesh"):
+    with pytest.raises(InputError, match=r"a\.stl: can't be read"):
         read_mesh(path)
 
 
@@ -254,7 +254,7 @@ def test_a_binary_ply_is_read_in_both_byte_orders(mesh, tmp_path, order, number)
 
 
 def test_an_unknown_suffix_is_refused(mesh, tmp_path):
-    with pytest.raises(InputError, match=r"a\.gltf: is not a mesh file; known types are \.vtp"):
+    with pytest.raises(InputError, match=r"a\.gltf: .* \.vtp"):
         write_mesh(tmp_path / "a.gltf", mesh)
 
 
@@ -272,7 +272,7 @@ def test_a_ply_cut_short_anywhere_is_refused(mesh, tmp_path, share):
     write_mesh(path, mesh, {"value": np.zeros(4)})
     whole = path.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])
-    with pytest.raises(InputError, match=r"a\.ply: can't be read as a mesh"):
+    with pytest.raises(InputError, match=r"a\.ply: can't be read"):
         read_mesh(path)
 
 
@@ -287,7 +287,7 @@ def test_a_ply_whose_faces_make_no_sense_is_no_crash(tmp_path, faces):
     if faces.startswith("2"):
         assert read_mesh(path).area == pytest.approx(0.5)
         return
-    with pytest.raises(InputError, match="refers to vertices that it does not contain"):
+    with pytest.raises(InputError, match="refers to vertices"):
         read_mesh(path)
 
 
@@ -296,7 +296,7 @@ def test_a_vtp_that_claims_too_much_is_refused_before_memory_is_asked_for(mesh, 
     path = tmp_path / "a.vtp"
     write_mesh(path, mesh)
     path.write_bytes(path.read_bytes().replace(b'NumberOfPoints="4"', f'NumberOfPoints="{count}"'.encode()))
-    with pytest.raises(InputError, match="claims more points or faces than it can contain"):
+    with pytest.raises(InputError, match="claims more points"):
         read_mesh(path)
 
 
@@ -318,7 +318,7 @@ def test_a_ply_of_points_alone_is_no_surface(tmp_path):
         f"property float {axis}\n" for axis in "xyz"
     )
     (tmp_path / "cloud.ply").write_text(f"{header}end_header\n1 2 3\n")
-    with pytest.raises(InputError, match=r"cloud\.ply: can't be read as a mesh .*no points or no faces"):
+    with pytest.raises(InputError, match=r"cloud\.ply: can't be read .*no faces"):
         read_mesh(tmp_path / "cloud.ply")
 
 
@@ -340,7 +340,7 @@ def test_faces_that_would_lead_vtk_out_of_memory_are_refused(tmp_path, offsets, 
         "# vtk DataFile Version 5.1\n\nASCII\nDATASET POLYDATA\nPOINTS 3 double\n0 0 0 1 0 0 0 1 0\n"
         f"{cells} 3 6\nOFFSETS vtktypeint64\n{offsets}\nCONNECTIVITY vtktypeint64\n0 1 2 0 2 1\n"
     )
-    with pytest.raises(InputError, match="refers to vertices that it does not contain"):
+    with pytest.raises(InputError, match="refers to vertices"):
         read_mesh(path)
 
 

@@ -98,7 +98,7 @@ def test_pieces_are_put_together(tmp_path):
     assert sorted(mesh.vertices[:, 0]) == [0, 0, 1, 5, 5, 6]
     assert mesh.area == pytest.approx(1.0)
     (tmp_path / "a.vtp").write_text(whole.format(pieces[0].replace("0 1 2", "0 1 3") + pieces[1]))
-    with pytest.raises(InputError, match="refers to vertices that it does not contain"):
+    with pytest.raises(InputError, match="refers to vertices"):
         read_mesh(tmp_path / "a.vtp")
 
 
@@ -158,13 +158,13 @@ def test_legacy_files_written_by_hand_are_read(tmp_path, content):
 )
 def test_legacy_files_that_make_no_sense_are_refused_with_the_reason(tmp_path, part, words):
     (tmp_path / "a.vtk").write_text(HEAD + part)
-    with pytest.raises(InputError, match=rf"a\.vtk: can't be read as a mesh .*{words}"):
+    with pytest.raises(InputError, match=rf"a\.vtk: can't be read .*{words}"):
         read_mesh(tmp_path / "a.vtk")
 
 
 def test_a_volume_in_a_legacy_file_is_no_surface(tmp_path):
     (tmp_path / "a.vtk").write_text(HEAD.replace("POLYDATA", "STRUCTURED_POINTS") + "DIMENSIONS 2 2 2\n")
-    with pytest.raises(InputError, match="no POLYDATA of a VTK file"):
+    with pytest.raises(InputError, match="no POLYDATA"):
         read_mesh(tmp_path / "a.vtk")
 
 
@@ -217,5 +217,5 @@ def test_pieces_that_all_unpack_one_array_are_refused_before_memory_is_full(tmp_
     stored = np.array([1, 24000, 0, len(body)], "<u8").tobytes() + body
     content = f"{head}<PolyData>{piece * 7}</PolyData>{tail}".encode() + stored + b"</AppendedData></VTKFile>"
     (tmp_path / "a.vtp").write_bytes(content)
-    with pytest.raises(InputError, match="more than 3000 points or corners"):
+    with pytest.raises(InputError, match="more than 3000 points"):
         read_mesh(tmp_path / "a.vtp")

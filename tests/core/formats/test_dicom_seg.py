@@ -49,7 +49,7 @@ def test_a_folder_that_holds_one_segmentation_object_is_read(seg, blocks):
 
 def test_a_segmentation_object_cut_short_is_refused(seg):
     seg.write_bytes(seg.read_bytes()[:2500])
-    with pytest.raises(InputError, match=r"a\.dcm: can't be read as DICOM SEG"):
+    with pytest.raises(InputError, match=r"a\.dcm: can't be read"):
         read_segmentation(seg, None, "heart")
 
 
@@ -86,7 +86,7 @@ def test_every_type_of_segmentation_object_is_read(make_seg, blocks, points, kin
 
 
 def test_probabilities_are_no_segmentation(make_seg, blocks):
-    with pytest.raises(InputError, match="contains fractions, so it is not a label map; threshold it first"):
+    with pytest.raises(InputError, match="contains fractions"):
         read_segmentation(make_seg(0.8 * overlapping(blocks), "FRACTIONAL"), None, "heart")
 
 
@@ -157,7 +157,7 @@ def test_a_deflated_bomb_is_not_unpacked(make_seg, blocks, monkeypatch):
         overlapping(blocks), edit=lambda content: setattr(content.file_meta, "TransferSyntaxUID", DEFLATED)
     )
     monkeypatch.setattr("homolog.grooming.dicom_deflated._LARGEST", 3000)
-    with pytest.raises(InputError, match=r"a\.dcm: unpacks to more than .* export it without compression"):
+    with pytest.raises(InputError, match=r"a\.dcm: unpacks to more than"):
         read_segmentation(path, None, "both")
 
 

@@ -20,7 +20,7 @@ def test_a_series_is_stacked_by_where_its_slices_lie(series, blocks, points, exp
 def test_a_folder_of_series_is_a_cohort(series):
     shutil.copytree(series, series.parent / "other")
     assert [subject.name for subject in read_cohort(series.parent).subjects] == ["other", "patient"]
-    with pytest.raises(InputError, match="give the folder above it"):
+    with pytest.raises(InputError, match="the folder above"):
         read_cohort(series)
 
 
@@ -31,7 +31,7 @@ def test_a_series_may_lie_two_folders_below_its_patient(series):
     (one,) = read_cohort(cohort.parent / "export").subjects
     assert (one.name, one.path) == ("patient", deep)
     shutil.copytree(series, deep.with_name("other"))
-    with pytest.raises(InputError, match=r"patient: contains 2 DICOM series; give a cohort\.csv"):
+    with pytest.raises(InputError, match=r"patient: contains 2 DICOM series; .*cohort\.csv"):
         read_cohort(cohort.parent / "export")
 
 
@@ -39,15 +39,13 @@ def test_slices_without_a_suffix_are_known_for_slices(series):
     for path in list(series.iterdir()):
         path.rename(path.with_suffix(""))
     assert [subject.name for subject in read_cohort(series.parent).subjects] == ["patient"]
-    with pytest.raises(InputError, match="contains the slices of a DICOM series; give the folder above it"):
+    with pytest.raises(InputError, match="slices of a DICOM series.*folder above"):
         read_cohort(series)
 
 
 def test_a_missing_slice_is_noticed(series):
     sorted(series.iterdir())[5].unlink()  # not one at an end
-    with pytest.raises(
-        InputError, match="its 10 slices are not equal in size, parallel and 3 mm apart throughout"
-    ):
+    with pytest.raises(InputError, match="10 slices .* 3 mm apart"):
         read_segmentation(series, None)
 
 
@@ -110,14 +108,14 @@ def test_the_contents_of_a_disc_are_no_slice(series, blocks, points, expected):
 def test_a_slice_that_is_there_twice_is_told(series):
     one = min(series.iterdir())
     (series / "copy").write_bytes(one.read_bytes())
-    with pytest.raises(InputError, match="several of its 12 slices lie at one place"):
+    with pytest.raises(InputError, match="several of its 12 slices"):
         read_segmentation(series, None)
 
 
 def test_rescaled_values_are_read_rescaled(series, blocks, points, expected, each):
     each(series, scale)
     assert np.allclose(points(read_segmentation(series, 2)), expected(blocks, 2), atol=1e-4)
-    with pytest.raises(InputError, match="has no voxel of label 1; it contains 2"):
+    with pytest.raises(InputError, match="label 1; it contains 2"):
         read_segmentation(series, 1)
 
 
@@ -174,12 +172,12 @@ def test_a_length_of_gigabytes_is_not_believed(series):
 
 def test_two_series_in_one_folder_are_refused(series, blocks, write_series):
     write_series(series, blocks, "1.2.3.5")
-    with pytest.raises(InputError, match="contains 2 DICOM series; give each its own folder"):
+    with pytest.raises(InputError, match="2 DICOM series.*own folder"):
         read_segmentation(series, None)
 
 
 def test_one_slice_is_refused_with_the_remedy(series):
-    with pytest.raises(InputError, match="give the folder of its series"):
+    with pytest.raises(InputError, match="folder of its series"):
         read_segmentation(sorted(series.iterdir())[0], None)
 
 

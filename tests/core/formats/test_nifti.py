@@ -103,17 +103,15 @@ def test_what_is_taken_lies_where_slicer_puts_it(write, points, other, codes):
 def test_a_sform_of_other_voxel_sizes_is_not_taken_and_told(write, blocks, points, codes, other):
     found = read_segmentation(write(RAS, other, codes=codes), None)
     assert np.allclose(points(found), expected(blocks), atol=1e-3)
-    assert "mm apart; the qform was used, the sform is skew or has other" in found.notes[0]
+    assert "the qform was used" in found.notes[0]
 
 
 def test_mirror_images_in_one_frame_are_refused_and_in_two_frames_told(write, blocks, points):
-    with pytest.raises(
-        InputError, match=r"a\.nii\.gz: .* mirror images .* both called scanner, so that left"
-    ):
+    with pytest.raises(InputError, match=r"a\.nii\.gz: .* mirror images .* scanner"):
         read_segmentation(write(RAS, MIRRORED, codes=(1, 1)), None)
     found = read_segmentation(write(RAS, MIRRORED), None)
     assert np.allclose(points(found), expected(blocks), atol=1e-3)
-    assert "one the mirror image of the other; the qform was used" in found.notes[0]
+    assert "mirror image of the other" in found.notes[0]
 
 
 def test_rounding_is_no_disagreement(write, blocks, points):
@@ -122,12 +120,12 @@ def test_rounding_is_no_disagreement(write, blocks, points):
 
 
 def test_a_shear_is_refused(write):
-    with pytest.raises(InputError, match="its sform is skew or contradicts"):
+    with pytest.raises(InputError, match="sform is skew"):
         read_segmentation(write(None, SHEARED), None)
 
 
 def test_voxel_sizes_that_contradict_the_sform_are_refused(write):
-    with pytest.raises(InputError, match="its sform is skew or contradicts the voxel sizes"):
+    with pytest.raises(InputError, match="sform is skew"):
         read_segmentation(write(None, LARGER), None)
 
 
@@ -214,7 +212,7 @@ def test_a_header_that_makes_no_sense_is_refused_and_nothing_printed(
 def test_packed_voxels_that_are_damaged_are_refused(write, cut, end):
     path = write(RAS, None, "a.nii.gz")
     path.write_bytes(path.read_bytes()[cut] + end)
-    with pytest.raises(InputError, match=r"a\.nii\.gz: is cut short or damaged"):
+    with pytest.raises(InputError, match=r"a\.nii\.gz: is cut short"):
         read_segmentation(path, None)
 
 

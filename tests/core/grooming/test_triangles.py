@@ -151,7 +151,7 @@ def test_a_shaft_cut_off_is_closed_flat_at_its_rim_and_noted(egg, tmp_path):
     write_mesh(path, TriangleMesh(vertices, faces))
     result = groom_subject(Subject("shaft", path), SETTINGS)
     note = next(item for item in result.report.notes if "rims" in item)
-    assert "open ends were closed flat" in note
+    assert "closed flat" in note
     end = result.mesh.vertices[:, 0] > 6.0
     assert end.sum() > 20
     assert result.mesh.vertices[:, 0].max() < 7.5
@@ -174,14 +174,14 @@ def test_a_shell_cut_open_is_closed_by_a_ring(egg, tmp_path, is_turned):
     of_cup = 0.75 * (x - x**3 / 3.0 + 2.0 / 3.0) * VOLUME
     assert result.mesh.volume == pytest.approx((1.0 - 0.7**3) * of_cup, rel=0.03)
     assert result.report.genus == 0
-    assert any("open ends were closed flat at their rims (2" in note for note in result.report.notes)
+    assert any("flat at their rims (2" in note for note in result.report.notes)
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(0.001, "metres"), (1000.0, "micrometres")])
 def test_a_shape_of_a_size_that_no_organ_has_is_noted(egg, tmp_path, scale, unit):
     write_mesh(tmp_path / "a.stl", moved(egg, [0.0, 0.0, 0.0], scale))
     notes = groom_subject(Subject("a", tmp_path / "a.stl"), GroomSettings()).report.notes
-    assert any(f"is in {unit}, save it in millimetres" in note for note in notes)
+    assert any(f"is in {unit}, .*millimetres" in note for note in notes)
 
 
 def test_overlapping_pieces_are_united(egg, tmp_path):
@@ -202,14 +202,14 @@ def test_pieces_apart_make_one_surface_only_if_the_largest_is_kept(egg, tmp_path
     report = groom_subject(Subject("a", path), SETTINGS).report
     assert report.components_dropped == 1
     assert any("largest of 2" in note and "80 %" in note for note in report.notes)
-    with pytest.raises(InputError, match=r"a: .* 2 pieces that do not touch"):
+    with pytest.raises(InputError, match=r"a: .* 2 pieces"):
         groom_subject(Subject("a", path), GroomSettings(pieces="all"))
 
 
 def test_a_mesh_of_several_structures_is_refused_before_any_work(egg, tmp_path):
     path = tmp_path / "two.ply"
     write_mesh(path, joined(egg, moved(egg, [60.0, 0.0, 0.0])))
-    with pytest.raises(InputError, match=r"two\.ply: .* 50 % of the area; save"):
+    with pytest.raises(InputError, match=r"two\.ply: .* 50 % of the area"):
         read_source(Subject("a", path), SETTINGS)
 
 
@@ -229,7 +229,7 @@ def test_notes_say_how_far_the_surface_is_from_the_repaired_one(egg, tmp_path):
     write_mesh(path, turned(egg, 0.2, np.random.default_rng(0)))
     notes = groom_subject(Subject("a", path), SETTINGS).report.notes
     assert any("opposite orientation" in note for note in notes)
-    assert any("mm from the repaired one on average" in note for note in notes)
+    assert any("mm from .* on average" in note for note in notes)
 
 
 def test_all_pieces_of_a_segmentation_must_touch(grid, save):
@@ -238,7 +238,7 @@ def test_all_pieces_of_a_segmentation_must_touch(grid, save):
     two = np.any([np.linalg.norm(points - middle, axis=-1) < radius for middle, radius in balls], axis=0)
     path = save(two)
     assert groom_subject(Subject("a", path), SETTINGS).report.components_dropped == 1
-    with pytest.raises(InputError, match=r"a: is in 2 pieces that do not touch .* largest"):
+    with pytest.raises(InputError, match=r"a: is in 2 pieces .* largest"):
         groom_subject(Subject("a", path), GroomSettings(pieces="all"))
     touching = two | (np.linalg.norm(points[..., 1:], axis=-1) < 2.5) & (np.abs(points[..., 0]) < 5.0)
     result = groom_subject(Subject("a", save(touching)), GroomSettings(pieces="all", mesh_edge=1.5))
@@ -252,5 +252,5 @@ def test_a_piece_in_a_cavity_is_no_piece_apart(egg):
     solid = level_of_triangles(twice, SETTINGS)
     assert solid.volume == pytest.approx(VOLUME, rel=0.03)
     beside = joined(moved(egg, [-50.0, 0.0, 0.0], 0.5), twice)
-    with pytest.raises(InputError, match="in 2 pieces that do not touch"):
+    with pytest.raises(InputError, match="in 2 pieces"):
         level_of_triangles(beside, SETTINGS.model_copy(update={"pieces": Pieces.ALL}))

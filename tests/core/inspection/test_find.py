@@ -144,7 +144,7 @@ def test_fewer_than_three_subjects_are_refused(known):
 def test_particles_of_another_surface_are_refused_by_name(known):
     local = known.local.copy()
     local[3] += 40.0
-    with pytest.raises(InputError, match="subject_3: 160 particles are not on the surface"):
+    with pytest.raises(InputError, match="subject_3: 160 particles"):
         known.inspect(local)
 
 

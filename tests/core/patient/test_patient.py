@@ -110,7 +110,7 @@ def test_another_unit_is_recognised(reference, template, scale, words):
 def test_another_structure_is_refused(reference, template, axes):
     directions, faces = template
     rod = groomed("rod", TriangleMesh(directions * axes, faces))
-    with pytest.raises(InputError, match="rod: does not look like the reference"):
+    with pytest.raises(InputError, match="rod: .* not look like"):
         compare_groomed(reference, rod, AGE)
 
 
@@ -221,7 +221,7 @@ def test_what_the_image_cuts_off_is_named_and_too_much_is_refused(reference, tem
         return groomed("p", TriangleMesh(points, faces), padded=True)
 
     found = compare_groomed(reference, cut(0.12), AGE)
-    assert any("cut off by the border" in words for words in found.remarks)
+    assert any("cut off" in words for words in found.remarks)
     assert found.regions[0].peak < -2.0
     with pytest.raises(InputError, match="is cut off"):
         compare_groomed(reference, cut(0.45), AGE)
