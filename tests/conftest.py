@@ -2,6 +2,8 @@
 
 import os
 import secrets
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -89,6 +91,31 @@ def pytest_configure(config):
         os.environ["CUDA_VISIBLE_DEVICES"] = ""
     # Before pytest-xdist starts its processes, which inherit it.
     os.environ.setdefault("HOMOLOG_ANATOMY_SEED", str(secrets.randbelow(10**6)))
+    if shutil.which("Xvfb") and (hasattr(config, "workerinput") or not _has_display()):
+        config.add_cleanup(_open_display())
+
+
+def _open_display():
+    """Start a display server for this process and return what ends it.
+
+    Windows of two processes on one display would take the focus and the pointer from each other.
+    """
+    reader, writer = os.pipe()
+    command = ["Xvfb", "-displayfd", str(writer), "-screen", "0", "1920x1200x24", "-nolisten", "tcp"]
+    if shutil.which("setpriv"):  # a process that crashes takes its server with it
+        command = ["setpriv", "--pdeathsig", "TERM", *command]
+    server = subprocess.Popen(command, pass_fds=[writer], stderr=subprocess.DEVNULL)
+    os.close(writer)
+    with os.fdopen(reader) as answer:
+        number = answer.readline().strip()
+    if number:
+        os.environ["DISPLAY"] = f":{number}"
+
+    def close():
+        server.terminate()
+        server.wait()
+
+    return close
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -103,17 +130,20 @@ def pytest_xdist_auto_num_workers(config):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Keep the tests of a file in one process, for their fixtures, and all windows in one.
+    """Keep the tests of a file in one process, for their fixtures, in the order of the files.
 
-    Windows of two processes on one display would take the focus and the pointer from each other.
+    All windows are in one process where the processes can't have displays of their own.
     """
     from xdist.scheduler import LoadScopeScheduling
+
+    shared = shutil.which("Xvfb") is None
 
     class ByFile(LoadScopeScheduling):
         def _split_scope(self, nodeid):
             file = nodeid.partition("::")[0]
-            return WINDOWS if file.startswith(WINDOWS) else file
+            return WINDOWS if shared and file.startswith(WINDOWS) else file
 
+    config.option.loadscopereorder = False  # windows, which take longest, come before the many short files
     return ByFile(config, log)
 
 
@@ -152,9 +182,12 @@ def pytest_report_header():
 
 
 def _display_fault():
-    if not sys.platform.startswith("linux") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
-        return ""
-    return "no display server: run under Xvfb, as .ci/run does, to test the window"
+    return "" if _has_display() else "no display server: install Xvfb to test the window"
+
+
+def _has_display():
+    linux = sys.platform.startswith("linux")
+    return not linux or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 @pytest.fixture(scope="session")

@@ -117,7 +117,7 @@ def test_files_one_folder_deeper_are_their_patients(tmp_path):
     assert files_of(found) == {f"p{i}": f"p{i}/2020-0{i}/heart.nii.gz" for i in (1, 2)}
     (tmp_path / "p3" / "empty").mkdir(parents=True)
     assert read_cohort(tmp_path).notes == ("skipped, without a segmentation or mesh: p3",)
-    with pytest.raises(InputError, match="several folders .*: x, y"):
+    with pytest.raises(InputError, match=r"several folders .*: x, y"):
         cohort_of(tmp_path / "p3", *(f"{place}/p{i}/a.stl" for place in "xy" for i in (1, 2)))
 
 

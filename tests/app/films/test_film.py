@@ -110,7 +110,7 @@ def test_a_transparent_picture_has_no_paper_and_soft_edges(bulging):
 
 
 def test_a_page_too_small_for_its_pictures_is_refused(bulging):
-    with pytest.raises(InputError, match="480 x 320 pixels .* 160 pictures"):
+    with pytest.raises(InputError, match=r"480 x 320 pixels .* 160 pictures"):
         Film([bulging] * 20, SIGHTS, PictureSettings(width=480, height=320))
 
 

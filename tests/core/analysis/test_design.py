@@ -94,7 +94,7 @@ def test_two_covariates_that_say_the_same_are_refused():
 
 def test_too_many_covariates_for_the_subjects_are_refused():
     table = {f"c{index}": np.random.default_rng(index).normal(size=6).tolist() for index in range(4)}
-    with pytest.raises(InputError, match="6 subjects .* 6 columns"):
+    with pytest.raises(InputError, match=r"6 subjects .* 6 columns"):
         group_design(["a", "b"] * 3, ["a", "b"], covariate_columns(table))
 
 

@@ -158,7 +158,7 @@ def test_few_degrees_of_freedom_are_warned_of_and_too_few_refused(correlated):
     shapes = correlated(subjects=10)
     design = group_design(["a", "b"] * 5, ["a", "b"])
     assert "8 degrees of freedom" in mode_test(shapes, design, modes=4, permutations=9).warnings[0]
-    with pytest.raises(InputError, match="9 modes .* 8 .* 10 subjects"):
+    with pytest.raises(InputError, match=r"9 modes .* 8 .* 10 subjects"):
         mode_test(shapes, design, modes=9, permutations=9)
 
 

@@ -102,9 +102,9 @@ def test_a_subject_that_is_there_twice_is_refused_by_name(correlated):
     shapes = correlated(subjects=6)
     shapes[4] = shapes[1]
     names = [f"s{index}" for index in range(6)]
-    with pytest.raises(InputError, match="s4: .* s1"):
+    with pytest.raises(InputError, match=r"s4: .* s1"):
         compare_two_groups(shapes, ["a", "b"] * 3, ("a", "b"), names=names)
-    with pytest.raises(InputError, match="s0: .* more than once"):
+    with pytest.raises(InputError, match=r"s0: .* more than once"):
         compare_two_groups(correlated(subjects=6), ["a", "b"] * 3, ("a", "b"), names=["s0"] * 2 + names[2:])
 
 

@@ -56,7 +56,7 @@ def test_each_name_is_documented_with_what_it_takes_gives_and_refuses(name):
 
 
 def test_an_unknown_name_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="'homolog' .* 'nothing'"):
+    with pytest.raises(AttributeError, match=r"'homolog' .* 'nothing'"):
         _ = hl.nothing
 
 

@@ -39,13 +39,13 @@ def test_slices_without_a_suffix_are_known_for_slices(series):
     for path in list(series.iterdir()):
         path.rename(path.with_suffix(""))
     assert [subject.name for subject in read_cohort(series.parent).subjects] == ["patient"]
-    with pytest.raises(InputError, match="slices of a DICOM series.*folder above"):
+    with pytest.raises(InputError, match=r"slices of a DICOM series.*folder above"):
         read_cohort(series)
 
 
 def test_a_missing_slice_is_noticed(series):
     sorted(series.iterdir())[5].unlink()  # not one at an end
-    with pytest.raises(InputError, match="10 slices .* 3 mm apart"):
+    with pytest.raises(InputError, match=r"10 slices .* 3 mm apart"):
         read_segmentation(series, None)
 
 
@@ -172,7 +172,7 @@ def test_a_length_of_gigabytes_is_not_believed(series):
 
 def test_two_series_in_one_folder_are_refused(series, blocks, write_series):
     write_series(series, blocks, "1.2.3.5")
-    with pytest.raises(InputError, match="2 DICOM series.*own folder"):
+    with pytest.raises(InputError, match=r"2 DICOM series.*own folder"):
         read_segmentation(series, None)
 
 

@@ -242,5 +242,5 @@ def test_what_precedes_a_metaimages_voxels_is_skipped(write_meta, blocks, points
 
 def test_bzip2_is_refused_with_the_remedy(blocks, write_nrrd):
     path = write_nrrd("a.nrrd", blocks, encoding="bzip2")
-    with pytest.raises(InputError, match="bzip2.*gzip"):
+    with pytest.raises(InputError, match=r"bzip2.*gzip"):
         read_segmentation(path, None)

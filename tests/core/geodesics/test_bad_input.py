@@ -14,7 +14,7 @@ def test_a_length_that_is_none_is_refused(sphere, d_max):
 
 def test_an_open_mesh_is_refused_by_name(sphere):
     mesh = sphere(50)
-    with pytest.raises(InputError, match="femur_07: .* not closed: 3 edges"):
+    with pytest.raises(InputError, match=r"femur_07: .* not closed: 3 edges"):
         solve_table(TriangleMesh(mesh.vertices, mesh.faces[1:]), 5.0, name="femur_07")
     with pytest.raises(InputError, match="not closed"):
         geodesic_distances(mesh.vertices, mesh.faces[1:], 5.0)

@@ -110,7 +110,7 @@ def test_another_unit_is_recognised(reference, template, scale, words):
 def test_another_structure_is_refused(reference, template, axes):
     directions, faces = template
     rod = groomed("rod", TriangleMesh(directions * axes, faces))
-    with pytest.raises(InputError, match="rod: .* not look like"):
+    with pytest.raises(InputError, match=r"rod: .* not look like"):
         compare_groomed(reference, rod, AGE)
 
 
