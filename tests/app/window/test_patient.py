@@ -9,8 +9,14 @@ import pytest
 pytestmark = pytest.mark.window
 
 
+@pytest.fixture(scope="module")
+def made():
+    """Return a list for the reference that the first page makes; the other pages take it."""
+    return []
+
+
 @pytest.fixture
-def page(explored, wait, monkeypatch):
+def page(explored, wait, monkeypatch, made):
     """Return the page with a reference of four ellipsoids, fitted in a thread."""
     from homolog.patient import build, left_out
 
@@ -24,8 +30,12 @@ def page(explored, wait, monkeypatch):
     explored.commands["explore.patient"].trigger()
     page = explored.inspector.explore.page
     wait(lambda: not page.desk.work.is_busy)
+    if made:
+        page.take_reference(made[0])
+        return page
     page.make.click()
     wait(lambda: page.reference is not None, 300.0)
+    made.append(page.reference)
     return page
 
 
