@@ -32,6 +32,7 @@ def worker_processes(count: int) -> Iterator[Executor]:
 def _live_with(parent: Connection) -> None:
     """Leave Ctrl-C to the parent, and end with it even if it is killed: the pipe breaks then."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each process has its core
 
     def watch() -> None:
         try:

@@ -25,6 +25,7 @@ from homolog.geodesics import GeodesicTable, solve_tables
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.threads import on_one_thread
 
 __all__ = ["MEAN_AREA", "GeodesicSolver", "PreparedCohort", "landmarks_on_device", "prepare_cohort"]
 
@@ -95,6 +96,7 @@ class SurfaceSets:
         return self._made[1]
 
 
+@on_one_thread
 def prepare_cohort(
     shapes: Sequence[Shape],
     settings: OptimizeSettings,

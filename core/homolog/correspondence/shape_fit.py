@@ -32,6 +32,7 @@ from homolog.geometry import fit_similarity, inverse_matrices, transform_points
 from homolog.progress import Tick, no_tick
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mirroring import MIRROR, mirrors
+from homolog.threads import on_one_thread
 
 __all__ = ["first_particles", "fit_shape", "nearest_template", "shape_state"]
 
@@ -99,6 +100,7 @@ def shape_state(
     return _state(engine, local, shape.alignment)
 
 
+@on_one_thread
 def fit_shape(
     shape: Shape,
     settings: OptimizeSettings,

@@ -21,6 +21,7 @@ from homolog.grooming.icp import (
 from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, no_tick, run_in_threads
 from homolog.settings import Alignment, GroomSettings
+from homolog.threads import on_one_thread
 
 __all__ = ["Registration", "align", "medoid", "of_other_units", "register"]
 
@@ -49,6 +50,7 @@ class Registration:
     notes: tuple[str | None, ...]
 
 
+@on_one_thread
 def align(groomed: Sequence[GroomedSubject], settings: GroomSettings, tick: Tick = no_tick) -> FloatArray:
     """Return a similarity for each subject; see `register`.
 

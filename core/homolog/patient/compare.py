@@ -22,6 +22,7 @@ from homolog.progress import Tick, no_tick, part_of, run_in_background
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import MIRROR
 from homolog.surfaces.simplify import simplified
+from homolog.threads import on_one_thread
 
 __all__ = ["PatientComparison", "compare_groomed", "compare_patient"]
 
@@ -164,6 +165,7 @@ def compare_patient(
     )
 
 
+@on_one_thread
 def compare_groomed(
     reference: Reference,
     groomed: GroomedSubject,
