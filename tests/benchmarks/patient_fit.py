@@ -1,10 +1,9 @@
-"""How near left-out controls' particles come to their places in the joint run, by where they start.
+"""How near left-out controls' particles come to their places in the joint run.
 
     python tests/benchmarks/patient_fit.py PROJECT [--every 1]
 
 Each control (or every second, third …) is fitted to the model of all others: the fitted surface alone, then
-particles placed by the run's objective from there, from the mean as registered rigidly, and the one of both
-with the lower objective, as `homolog patient` does. Prints a table in Markdown.
+particles placed by the run's objective, as `homolog patient` does. Prints a table in Markdown.
 """
 
 import argparse
@@ -15,7 +14,6 @@ import numpy as np
 
 from homolog.files.project import ProjectFolder
 from homolog.files.results import read_result
-from homolog.geometry import transform_points
 from homolog.patient.build import _modes
 from homolog.patient.controls import COARSE_VERTICES, read_controls
 from homolog.patient.fit import fit_surface
@@ -47,19 +45,13 @@ def main() -> None:
         if left_out is None:
             sys.exit(f"{arguments.project}: its groomed fields are missing; run it again")
         placing, shape, turn = left_out
-        states = [placing._placed(shape, start, turn, no_tick) for start in (fit.particles, fit.registered)]
-        ways = {
-            "fitted surface alone": fit.particles,
-            "placed from there": transform_points(turn, states[0].local),
-            "placed from the registered mean": transform_points(turn, states[1].local),
-            "lower objective of both": transform_points(turn, min(states, key=placing._objective).local),
-        }
+        ways = {"fitted surface alone": fit.particles, "placed": placing.placed(shape, fit, turn)}
         spacing = np.sqrt(mesh.area / len(fit.particles))
         for way, particles in ways.items():
             apart = np.linalg.norm(particles - controls.particles[index], axis=1) / spacing
             errors.setdefault(way, []).append(apart)
         print(result.names[index], file=sys.stderr, flush=True)
-    print(f"| start | within {NEAR} spacings (%) | 95 % within (spacings) |")
+    print(f"| particles | within {NEAR} spacings (%) | 95 % within (spacings) |")
     print("|---|---|---|")
     for way, parts in errors.items():
         apart = np.concatenate(parts)

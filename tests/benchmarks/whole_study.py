@@ -3,9 +3,10 @@
     python tests/benchmarks/whole_study.py FOLDER --sizes 28x256 28x1024 [--device cpu]
 
 Makes FOLDER/heartsN (`homolog sample`) and grooms it once. Each size is then a run in a process of its
-own, with the kernels in Warp's cache. Prints a table of wall and processor seconds per step and each step's
-share of the processor time, the objective reached, iterations, and the largest memory. ``--no-pictures``
-leaves out the pictures, for machines without pyvista.
+own, with the kernels in Warp's cache. Prints a table of wall and processor seconds per step, each step's
+share of the processor time and the largest memory in it, the objective reached, iterations, and how far the
+estimate of the remaining time was off on the way. ``--no-pictures`` leaves out the pictures, for machines
+without pyvista.
 """
 
 import argparse
@@ -21,10 +22,11 @@ from pathlib import Path
 
 
 class StepTimes:
-    """Wall and processor seconds between the steps that a run reports."""
+    """Wall and processor seconds and memory between the steps that a run reports, and its estimates."""
 
     def __init__(self):
-        self.seconds = defaultdict(lambda: [0.0, 0.0])
+        self.seconds = defaultdict(lambda: [0.0, 0.0, 0.0])
+        self.estimates = []
         self.step, self.processor, self.wall = "imports", 0.0, time.perf_counter() - time.process_time()
 
     def enter(self, step):
@@ -33,9 +35,18 @@ class StepTimes:
         spent[0] += processor - self.processor
         spent[1] += wall - self.wall
         self.step, self.processor, self.wall = step, processor, wall
+        self._look()
+
+    def _look(self):
+        """Note the memory that is held now [GB]."""
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        spent = self.seconds[self.step]
+        spent[2] = max(spent[2], pages * resource.getpagesize() / 1024**3)
 
     def observe(self, status):
         message = status.message
+        self.estimates.append((time.perf_counter(), status.eta_s))
+        self._look()
         if "kernels" in message:
             step = "kernels"
         elif "first particles" in message or "most typical" in message:
@@ -48,6 +59,16 @@ class StepTimes:
             step = str(status.phase)
         if step != self.step:
             self.enter(step)
+
+    def estimate_errors(self):
+        """Return by how many percent the time left was over-estimated, from a third of the run on."""
+        start, end = self.estimates[0][0], self.estimates[-1][0]
+        errors = defaultdict(list)
+        for when, estimate in self.estimates:
+            done = (when - start) / (end - start)
+            if estimate is not None and 1 / 3 <= done < 0.95:
+                errors[f"{int(10 * done) / 10:.1f}"].append(100.0 * (estimate / (end - when) - 1.0))
+        return {tenth: (min(parts), max(parts)) for tenth, parts in errors.items()}
 
 
 def _processor_seconds():
@@ -88,6 +109,7 @@ def one_run(folder, particles, device, pictures):
         json.dumps(
             {
                 "seconds": times.seconds,
+                "estimates": times.estimate_errors(),
                 "iterations": record.iterations,
                 "objective": energies,
                 "memory_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2,
@@ -133,11 +155,14 @@ def report(size, found):
     whole = [sum(item[k] for item in seconds.values()) for k in (0, 1)]
     print(
         f"\n{size}: {found['iterations']} iterations, objective {found['objective']:.5f}, "
-        f"{found['memory_gb']:.2f} GB\n| step | processor s | % | wall s |\n|---|---|---|---|"
+        f"{found['memory_gb']:.2f} GB\n| step | processor s | % | wall s | GB |\n|---|---|---|---|---|"
     )
-    for step, (processor, wall) in seconds.items():
-        print(f"| {step} | {processor:.2f} | {100 * processor / whole[0]:.1f} | {wall:.2f} |")
-    print(f"| whole | {whole[0]:.2f} | 100 | {whole[1]:.2f} |", flush=True)
+    for step, (processor, wall, memory) in seconds.items():
+        print(f"| {step} | {processor:.2f} | {100 * processor / whole[0]:.1f} | {wall:.2f} | {memory:.2f} |")
+    print(f"| whole | {whole[0]:.2f} | 100 | {whole[1]:.2f} | {found['memory_gb']:.2f} |\n")
+    print("| run done | time left over-estimated by (%) |\n|---|---|")
+    for done, (least, most) in found["estimates"].items():
+        print(f"| {done} | {least:+.0f} to {most:+.0f} |", flush=True)
 
 
 def main():

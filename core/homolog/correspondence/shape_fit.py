@@ -10,22 +10,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import warp as wp
 from scipy.spatial import cKDTree
 
-from homolog.arrays import BoolArray, DeviceArray, Float32Array, FloatArray
+from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.engine import Engine, Particles, rotations
 from homolog.correspondence.ensemble import Ensemble, ShapeState
-from homolog.correspondence.entropy.coupling import HostCoupling
+from homolog.correspondence.fit_engine import FitEngine
 from homolog.correspondence.initialization.registration import snap_to_mesh
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.loop import OptimizationLoop
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.misplaced import MAX_MISPLACED_FRACTION, is_misplaced, predict_positions
+from homolog.correspondence.pose_search import SurfacePoints, Term, search_pose
 from homolog.correspondence.poses import robust_step
 from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort, prepare_cohort
 from homolog.correspondence.refit import carry_particles
-from homolog.correspondence.schedule import StagePlan, plan_stages
+from homolog.correspondence.schedule import NORMALS_ANNEALING, StagePlan, plan_stages
 from homolog.correspondence.surface_sets import Similarity
 from homolog.correspondence.types import InitialParticles, Shape
 from homolog.geometry import fit_similarity, inverse_matrices, transform_points
@@ -34,12 +34,14 @@ from homolog.settings import OptimizeSettings
 from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.threads import on_one_thread
 
-__all__ = ["first_particles", "fit_shape", "nearest_template", "shape_state"]
+__all__ = ["first_particles", "fit_shape", "fit_shape_from", "nearest_template", "shape_state"]
 
 _ANNEAL_ITERATIONS, _FIRST_REGULARIZATION = 200, 1.0
 """Of a fit that starts from carried particles, which are near their places already."""
 _SETTLE_ITERATIONS = 300
 """All are done: the objective of one shape fluctuates more than that of many."""
+_PLACED_ANNEAL, _PLACED_SETTLE = 60, 80
+"""Of a fit whose pose was searched for."""
 _TEMPLATE_POINTS = 256
 
 
@@ -134,20 +136,72 @@ def fit_shape(
     NumericalError
         If a particle is lost.
     """
-    unit, opening = float(ensemble.unit[0]), float(ensemble.opening_scale[0])
-    cohort, side = _prepared(shape, settings, len(local), unit, opening, free=True, tick=tick)
-    stages = plan_stages(settings, len(local))
+    stages = _stages(settings, len(local), _ANNEAL_ITERATIONS, _SETTLE_ITERATIONS)
+    return _fitted(shape, settings, ensemble, [local], stages[1:] if settled else stages, settled, tick)
+
+
+@on_one_thread
+def fit_shape_from(
+    shape: Shape,
+    settings: OptimizeSettings,
+    ensemble: Ensemble,
+    starts: Sequence[FloatArray],
+    *,
+    tick: Tick = no_tick,
+) -> ShapeState:
+    """Place a shape's particles against an ensemble, in the pose that lowers the objective most.
+
+    Parameters
+    ----------
+    shape : Shape
+        With a placement as alignment.
+    settings : OptimizeSettings
+        Of the run that made the ensemble. If it does not align shapes by their particles, the pose is the
+        shape's alignment, and only the first start is used.
+    ensemble : Ensemble
+    starts : sequence of (n, 3) arrays
+        First particles in file coordinates [mm], from each of which a pose is searched for.
+    tick : Tick
+
+    Returns
+    -------
+    ShapeState
+
+    Raises
+    ------
+    NumericalError
+        If a particle is lost.
+    """
+    stages = _stages(settings, len(starts[0]), _PLACED_ANNEAL, _PLACED_SETTLE)
+    return _fitted(shape, settings, ensemble, starts, stages, False, tick)
+
+
+def _stages(settings: OptimizeSettings, count: int, anneal: int, settle: int) -> list[StagePlan]:
+    """Return the stages of a fit with at most so many iterations."""
+    stages = plan_stages(settings, count)
     first = min(_FIRST_REGULARIZATION, settings.regularization_start)
-    anneal = replace(
+    begin = replace(
         stages[0],
-        iterations=min(_ANNEAL_ITERATIONS, stages[0].iterations),
+        iterations=min(anneal, stages[0].iterations),
         ensemble=(max(first, settings.regularization_end), settings.regularization_end),
-        normals=(0.1, 0.01),
+        normals=(0.1, NORMALS_ANNEALING[1]),
     )
-    initial = InitialParticles(transform_points(side, local)[None])
-    settle = replace(stages[1], iterations=min(_SETTLE_ITERATIONS, stages[1].iterations))
-    chosen = [settle] if settled else [anneal, settle]
-    loop = _FitLoop(ensemble, cohort, settings, chosen, initial, settled, tick)
+    return [begin, replace(stages[1], iterations=min(settle, stages[1].iterations))]
+
+
+def _fitted(
+    shape: Shape,
+    settings: OptimizeSettings,
+    ensemble: Ensemble,
+    starts: Sequence[FloatArray],
+    stages: Sequence[StagePlan],
+    settled: bool,
+    tick: Tick,
+) -> ShapeState:
+    unit, opening = float(ensemble.unit[0]), float(ensemble.opening_scale[0])
+    cohort, side = _prepared(shape, settings, len(starts[0]), unit, opening, free=True, tick=tick)
+    first = [InitialParticles(transform_points(side, local)[None]) for local in starts]
+    loop = _FitLoop(ensemble, cohort, settings, stages, first, settled, tick)
     try:
         loop.run(None)
         return loop.state(shape.alignment, side)
@@ -192,107 +246,6 @@ def _state(engine: Engine, local: FloatArray, placement: FloatArray) -> ShapeSta
     )
 
 
-class _EnsembleCoupling(HostCoupling):
-    """H(Z) and H(V) of one shape, all others held.
-
-    Attributes
-    ----------
-    normals : (n, 3) array
-        Of the surface at the particles, as posed.
-    """
-
-    normals: Float32Array
-
-    def of(self, ensemble: Ensemble, *, is_in_it: bool) -> "_EnsembleCoupling":
-        """Set the ensemble, and whether the shape is one of it."""
-        self._ensemble, self._is_in_it = ensemble, is_in_it
-        return self
-
-    def solve(
-        self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, logs: DeviceArray
-    ) -> None:
-        """Compute both gradients for this iteration's parameters."""
-        parameters = stage.numpy()[int(iteration.numpy()[0])]
-        a, b = (float(parameters[name]) for name in ("regularization", "normals_regularization"))
-        self._step = float(parameters["step"] * parameters["ensemble_weight"])
-        self._regularization = a
-        positions = np.asarray(self._rows(centred)[0], np.float64)
-        normals = np.asarray(self._rows(logs)[0], np.float64)
-        rests = (
-            self._ensemble.rest_of_positions(positions, a) / a,
-            self._ensemble.rest_of_normals(normals, b) / b,
-        )
-        leverages = [
-            0.0 if self._is_in_it else float(row @ rest) / self._ensemble.scale
-            for row, rest in zip((positions, normals), rests, strict=True)
-        ]
-        self._gradients = [rest / (1.0 + h) for rest, h in zip(rests, leverages, strict=True)]
-        self._entropies = 0.5 * self._ensemble.subjects[0] * np.log1p(leverages)
-        self.stiffness.numpy()[0] = 1.0 / (b * (1.0 + leverages[1]))
-
-    def directions(
-        self, centred: DeviceArray, logs: DeviceArray, ensemble: DeviceArray, normals: DeviceArray
-    ) -> None:
-        """Write the gradients of H(Z) by positions and of H(V) by Logs."""
-        self._rows(ensemble)[0] = self._gradients[0]
-        self._rows(normals)[0] = self._gradients[1]
-
-    def damp(
-        self, stage: DeviceArray, iteration: DeviceArray, steps: DeviceArray, damped: DeviceArray
-    ) -> None:
-        """Apply (I + p P (S + aI)^-1 P)^-1 across the particles, P being the projection to the surface.
-
-        Without P, particles would be moved along modes off the surface, and what is left of that on the
-        surface would be no mode. The inverse is that of a matrix of low rank and the identity (Woodbury).
-        """
-        step = np.asarray(self._rows(steps)[0], np.float64)
-        a, p, ensemble = self._regularization, self._step, self._ensemble
-        modes = ensemble.position_modes.reshape(-1, *self.normals.shape)
-        modes = modes - np.einsum("rni,ni->rn", modes, self.normals)[..., None] * self.normals
-        modes = modes.reshape(len(modes), -1)
-        inverse_weights = (1.0 + a / ensemble.position_variances) * (a + p) / p
-        inner = np.diag(inverse_weights) - modes @ modes.T
-        explained = np.linalg.solve(inner, modes @ step) @ modes
-        self._rows(damped)[0] = (step + explained) * a / (a + p)
-
-    def entropies(self) -> FloatArray:
-        """Return what the shape adds to H(Z) and H(V), per particle, (2,)."""
-        return np.asarray(self._entropies, np.float64)
-
-
-class _FitEngine(Engine):
-    """The particles of one shape beside an ensemble."""
-
-    def __init__(
-        self,
-        ensemble: Ensemble,
-        cohort: PreparedCohort,
-        points: Particles | FloatArray,
-        launcher: Launcher,
-        poses: FloatArray,
-        *,
-        is_in_it: bool,
-    ) -> None:
-        self._ensemble = ensemble
-        count = len(ensemble.mean)
-        super().__init__(
-            cohort.fields, cohort.opening_fields, cohort.surface_set(count), points,
-            geodesic=cohort.geodesic, area=MEAN_AREA, launcher=launcher, poses=poses,
-        )  # fmt: skip
-        self._ensemble_coupling = _EnsembleCoupling(self.layout, self.free, True, launcher).of(
-            ensemble, is_in_it=is_in_it
-        )
-        self.coupling = self._ensemble_coupling
-        self.means = wp.array(ensemble.normals, dtype=wp.vec3, device=launcher.device)
-
-    def compare(self) -> None:
-        """Centre positions and normals on those of the ensemble."""
-        aligned, normals = self.aligned_positions()[0], self.aligned_normals()[0]
-        self._ensemble_coupling.normals = normals.astype(np.float32)
-        self.centred.numpy()[:] = aligned - self._ensemble.mean
-        self.logs.numpy()[:] = self._ensemble.logs(normals, self.openings.numpy()[:, 3])
-
-
 class _FitLoop(OptimizationLoop):
     """The loop over stages and iterations of one shape."""
 
@@ -302,15 +255,15 @@ class _FitLoop(OptimizationLoop):
         cohort: PreparedCohort,
         settings: OptimizeSettings,
         stages: Sequence[StagePlan],
-        initial: InitialParticles,
+        starts: Sequence[InitialParticles],
         settled: bool,
         tick: Tick,
     ) -> None:
-        self._ensemble, self._settled = ensemble, settled
+        self._ensemble, self._settled, self._starts = ensemble, settled, starts
         world = _matrix(cohort.to_optimizer[0])
         world[:3] *= cohort.unit
         super().__init__(
-            [], world[None], cohort, settings, stages, initial, tick, observe=None, on_checkpoint=None
+            [], world[None], cohort, settings, stages, starts[0], tick, observe=None, on_checkpoint=None
         )
         self.tolerance = 0.0
 
@@ -321,15 +274,31 @@ class _FitLoop(OptimizationLoop):
         return _state(self.engine, transform_points(side, image), self.poses[0] @ placement)
 
     def _initialize(self) -> None:
-        assert self.initial is not None, "fits start from particles"
-        points = self.cohort.to_optimizer[0].apply(self.initial.local[0])
+        starts = [self.cohort.to_optimizer[0].apply(start.local[0]) for start in self._starts]
+        points, poses = starts[0], self.poses
         if self.aligns and not self._settled:
-            self.poses = fit_similarity(points, self._ensemble.mean, scaling=self.scaling)[None]
+            poses = np.stack([fit_similarity(p, self._ensemble.mean, scaling=self.scaling) for p in starts])
+        self.poses = poses[:1]
         self._set_particles(len(points), points[None])
+        if self.aligns and len(starts) > 1:
+            self._search(poses)
+
+    def _search(self, poses: FloatArray) -> None:
+        """Take the pose of lowest objective, with particles where the ensemble expects them."""
+        settings = self.settings
+        terms = (
+            Term(settings.ensemble_weight, settings.regularization_end),
+            Term(settings.normals_weight, NORMALS_ANNEALING[1]),
+        )
+        mesh = self.engine.surface_set.meshes[0]
+        surface = SurfacePoints(self.cohort.fields, self.cohort.opening_fields, mesh)
+        pose, points = search_pose(self._ensemble, terms, surface, list(poses), scaling=self.scaling)
+        self.poses = pose[None]
+        self._set_particles(len(points), transform_points(inverse_matrices(pose), points)[None])
 
     def _set_particles(self, count: int, particles: Particles | FloatArray, repaired: object = None) -> None:
         self.repaired = np.zeros((1, count), np.int32)
-        self.engine = _FitEngine(
+        self.engine = FitEngine(
             self._ensemble, self.cohort, particles, self.launcher, self.poses, is_in_it=self._settled
         )
 

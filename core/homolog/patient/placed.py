@@ -1,19 +1,16 @@
 """A patient's particles where the controls' run would put them: by its objective, with all controls held."""
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from threading import Event
 from typing import Any
 
 import numpy as np
 
 from homolog.arrays import Array, FloatArray
 from homolog.correspondence import Shape
-from homolog.correspondence.ensemble import Ensemble, ShapeState
+from homolog.correspondence.ensemble import Ensemble
 from homolog.correspondence.launcher import load_kernels
-from homolog.correspondence.shape_fit import fit_shape
-from homolog.errors import Cancelled
+from homolog.correspondence.shape_fit import fit_shape_from
 from homolog.geometry import fit_similarity, inverse_matrices, transform_points
 from homolog.patient.fit import SurfaceFit
 from homolog.progress import Tick, no_tick
@@ -23,8 +20,6 @@ from homolog.settings import OptimizeSettings
 __all__ = ["Placing"]
 
 _PREFIX = "ensemble_"
-_NORMALS_REGULARIZATION = 0.01
-"""That of the last iterations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,41 +65,14 @@ class Placing:
             If a particle is lost.
         """
         load_kernels("cpu")
-        stopped = Event()
-
-        def stop(fraction: float, message: str = "") -> None:
-            del fraction, message
-            if stopped.is_set():
-                raise Cancelled
-
-        with ThreadPoolExecutor(1) as thread:
-            other = thread.submit(self._placed, shape, fit.registered, turn, stop)
-            try:
-                states = self._placed(shape, fit.particles, turn, tick), other.result()
-            except BaseException:
-                stopped.set()
-                raise
-        return transform_points(turn, min(states, key=self._objective).local)
-
-    def _placed(self, shape: Shape, first: FloatArray, turn: FloatArray, tick: Tick) -> ShapeState:
         mean = float(self.ensemble.unit[0]) * self.ensemble.mean
-        aligned = replace(shape, alignment=fit_similarity(first, mean, scaling=False) @ turn)
+        aligned = replace(shape, alignment=fit_similarity(fit.particles, mean, scaling=False) @ turn)
         aligned = replace(aligned, alignment=first_placement(aligned, self.ensemble, self.settings))
-        local = transform_points(inverse_matrices(turn), first)
-        return fit_shape(aligned, self.settings, self.ensemble, local, tick=tick)
-
-    def _objective(self, state: ShapeState) -> float:
-        """Return what a shape adds to the weighted entropies H(Z) and H(V), up to a factor."""
-        ensemble, settings = self.ensemble, self.settings
-        position = ensemble.deviation(np.asarray(state.aligned, np.float64))
-        normals, openings = (np.asarray(item, np.float64) for item in (state.normals, state.openings))
-        normal = ensemble.logs(normals, openings).ravel()
-        a, b = settings.regularization_end, _NORMALS_REGULARIZATION
-        terms = (
-            (settings.ensemble_weight, position @ ensemble.rest_of_positions(position, a) / a),
-            (settings.normals_weight, normal @ ensemble.rest_of_normals(normal, b) / b),
-        )
-        return float(sum(weight * np.log1p(value / ensemble.scale) for weight, value in terms))
+        starts = [
+            transform_points(inverse_matrices(turn), start) for start in (fit.particles, fit.registered)
+        ]
+        state = fit_shape_from(aligned, self.settings, self.ensemble, starts, tick=tick)
+        return transform_points(turn, state.local)
 
     @property
     def arrays(self) -> dict[str, Array]:

@@ -4,11 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from homolog.correspondence import optimize
 from homolog.correspondence.ensemble import generalization_error, make_ensemble
 from homolog.correspondence.poses import entropy_step
-from homolog.correspondence.shape_fit import first_particles, fit_shape, nearest_template, shape_state
+from homolog.correspondence.shape_fit import (
+    first_particles,
+    fit_shape,
+    fit_shape_from,
+    nearest_template,
+    shape_state,
+)
 from homolog.correspondence.surface_sets import length_unit, normalize_size
 from homolog.geometry import transform_points
 from homolog.settings import OptimizeSettings, Procrustes
@@ -68,6 +75,18 @@ def test_a_shape_that_was_left_out_lands_near_its_place_in_the_joint_optimizatio
     spacing = np.sqrt(shapes[2].mesh.area / 64)
     assert np.linalg.norm(fitted.local - states[2].local, axis=1).mean() < 0.15 * spacing
     assert np.abs(np.linalg.det(fitted.placement[:3, :3])) > 0.0
+
+
+def test_the_pose_is_found_from_particles_that_are_turned_over_the_surface(placed):
+    shapes, states, unit = placed
+    ensemble = ensemble_of([states[index] for index in (0, 1, 3, 4)], unit)
+    turn = Rotation.from_euler("xyz", [10, -5, 15], degrees=True)
+    centre = states[2].local.mean(axis=0)
+    turned = turn.apply(states[2].local - centre) + centre
+    fitted = fit_shape_from(shapes[2], SETTINGS, ensemble, [turned, turned])
+    spacing = np.sqrt(shapes[2].mesh.area / 64)
+    assert np.linalg.norm(turned - states[2].local, axis=1).mean() > 0.5 * spacing
+    assert np.linalg.norm(fitted.local - states[2].local, axis=1).mean() < 0.15 * spacing
 
 
 def test_the_generalization_error_is_what_other_subjects_do_not_explain():

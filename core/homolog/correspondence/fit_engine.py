@@ -1,0 +1,114 @@
+"""The particles of one shape beside a frozen ensemble: H(Z) and H(V) with all other shapes held."""
+
+import numpy as np
+import warp as wp
+
+from homolog.arrays import DeviceArray, Float32Array, FloatArray
+from homolog.correspondence.engine import Engine, Particles
+from homolog.correspondence.ensemble import Ensemble
+from homolog.correspondence.entropy.coupling import HostCoupling
+from homolog.correspondence.launcher import Launcher
+from homolog.correspondence.prepared_cohort import MEAN_AREA, PreparedCohort
+
+__all__ = ["FitEngine"]
+
+
+class EnsembleCoupling(HostCoupling):
+    """H(Z) and H(V) of one shape, all others held.
+
+    Attributes
+    ----------
+    normals : (n, 3) array
+        Of the surface at the particles, as posed.
+    """
+
+    normals: Float32Array
+
+    def of(self, ensemble: Ensemble, *, is_in_it: bool) -> "EnsembleCoupling":
+        """Set the ensemble, and whether the shape is one of it."""
+        self._ensemble, self._is_in_it = ensemble, is_in_it
+        return self
+
+    def solve(
+        self, stage: DeviceArray, iteration: DeviceArray, centred: DeviceArray, logs: DeviceArray
+    ) -> None:
+        """Compute both gradients for this iteration's parameters."""
+        parameters = stage.numpy()[int(iteration.numpy()[0])]
+        a, b = (float(parameters[name]) for name in ("regularization", "normals_regularization"))
+        self._step = float(parameters["step"] * parameters["ensemble_weight"])
+        self._regularization = a
+        positions = np.asarray(self._rows(centred)[0], np.float64)
+        normals = np.asarray(self._rows(logs)[0], np.float64)
+        rests = (
+            self._ensemble.rest_of_positions(positions, a) / a,
+            self._ensemble.rest_of_normals(normals, b) / b,
+        )
+        leverages = [
+            0.0 if self._is_in_it else float(row @ rest) / self._ensemble.scale
+            for row, rest in zip((positions, normals), rests, strict=True)
+        ]
+        self._gradients = [rest / (1.0 + h) for rest, h in zip(rests, leverages, strict=True)]
+        self._entropies = 0.5 * self._ensemble.subjects[0] * np.log1p(leverages)
+        self.stiffness.numpy()[0] = 1.0 / (b * (1.0 + leverages[1]))
+
+    def directions(
+        self, centred: DeviceArray, logs: DeviceArray, ensemble: DeviceArray, normals: DeviceArray
+    ) -> None:
+        """Write the gradients of H(Z) by positions and of H(V) by Logs."""
+        self._rows(ensemble)[0] = self._gradients[0]
+        self._rows(normals)[0] = self._gradients[1]
+
+    def damp(
+        self, stage: DeviceArray, iteration: DeviceArray, steps: DeviceArray, damped: DeviceArray
+    ) -> None:
+        """Apply (I + p P (S + aI)^-1 P)^-1 across the particles, P being the projection to the surface.
+
+        Without P, particles would be moved along modes off the surface, and what is left of that on the
+        surface would be no mode. The inverse is that of a matrix of low rank and the identity (Woodbury).
+        """
+        step = np.asarray(self._rows(steps)[0], np.float64)
+        a, p, ensemble = self._regularization, self._step, self._ensemble
+        modes = ensemble.position_modes.reshape(-1, *self.normals.shape)
+        modes = modes - np.einsum("rni,ni->rn", modes, self.normals)[..., None] * self.normals
+        modes = modes.reshape(len(modes), -1)
+        inverse_weights = (1.0 + a / ensemble.position_variances) * (a + p) / p
+        inner = np.diag(inverse_weights) - modes @ modes.T
+        explained = np.linalg.solve(inner, modes @ step) @ modes
+        self._rows(damped)[0] = (step + explained) * a / (a + p)
+
+    def entropies(self) -> FloatArray:
+        """Return what the shape adds to H(Z) and H(V), per particle, (2,)."""
+        return np.asarray(self._entropies, np.float64)
+
+
+class FitEngine(Engine):
+    """The particles of one shape beside an ensemble."""
+
+    def __init__(
+        self,
+        ensemble: Ensemble,
+        cohort: PreparedCohort,
+        points: Particles | FloatArray,
+        launcher: Launcher,
+        poses: FloatArray,
+        *,
+        is_in_it: bool,
+    ) -> None:
+        self._ensemble = ensemble
+        count = len(ensemble.mean)
+        super().__init__(
+            cohort.fields, cohort.opening_fields, cohort.surface_set(count), points,
+            geodesic=cohort.geodesic, area=MEAN_AREA, launcher=launcher, poses=poses,
+        )  # fmt: skip
+        self._own_coupling = EnsembleCoupling(self.layout, self.free, True, launcher).of(
+            ensemble, is_in_it=is_in_it
+        )
+        self.coupling = self._own_coupling
+        self.means = wp.array(ensemble.normals, dtype=wp.vec3, device=launcher.device)
+
+    def compare(self) -> None:
+        """Centre positions and normals on those of the ensemble."""
+        aligned, normals = self.aligned_positions()[0], self.aligned_normals()[0]
+        self._own_coupling.normals = normals.astype(np.float32)
+        self.centred.numpy()[:] = aligned - self._ensemble.mean
+        self.logs.numpy()[:] = self._ensemble.logs(normals, self.openings.numpy()[:, 3])

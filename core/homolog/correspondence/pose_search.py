@@ -1,0 +1,253 @@
+"""Search for the pose of one shape beside an ensemble, with particles that slide over its surface.
+
+The pose of a shape that is nearly symmetric about an axis is hardly determined by its surface, and particles
+hold it: a turn with all particles fixed is costly, and so is moving all particles under a fixed pose. Here
+the surface is turned beneath particles that stay where the ensemble expects them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from homolog.arrays import DeviceArray, FloatArray
+from homolog.correspondence.engine import rotations
+from homolog.correspondence.ensemble import Ensemble
+from homolog.correspondence.initialization.registration import features
+from homolog.correspondence.kernels import particles as kernels
+from homolog.geometry import inverse_matrices, transform_points
+from homolog.surfaces.mesh import TriangleMesh
+
+__all__ = ["SurfacePoints", "Term", "search_pose"]
+
+_TURNS = np.radians(np.arange(-24.0, 25.0, 3.0))
+"""About the axis of least resistance."""
+_BEGUN = 2
+"""Minima along the turns that are followed up."""
+_STEPS = 6
+_DIFFERENCE = 0.002
+"""Of the size: step of the numerical derivatives by pose."""
+_DAMPING, _SMALLEST_STEP, _ENOUGH = 1e-6, 0.2, 1e-3
+"""Of Gauss-Newton steps: over the mean diagonal of the matrix; smallest part of a step that is tried;
+relative decrease of the objective below which the search ends."""
+_PROJECTIONS, _NEWTON_STEPS = 3, 2
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """Weight and regularization of H(Z) or H(V)."""
+
+    weight: float
+    regularization: float
+
+
+class SurfacePoints:
+    """Closest points of one shape's surface, on the wall whose normals agree.
+
+    Parameters
+    ----------
+    fields, opening_fields : wp.array of FieldData
+        Distances and opening angles of the shape, on the CPU.
+    mesh : TriangleMesh
+        Of the surface, in the optimizer's coordinates.
+    """
+
+    def __init__(self, fields: DeviceArray, opening_fields: DeviceArray, mesh: TriangleMesh) -> None:
+        self._fields, self._opening_fields = fields, opening_fields
+        self._vertices, self._normals = mesh.vertices, mesh.vertex_normals
+        self._tree = cKDTree(features(self._vertices, self._normals))
+
+    def nearest(
+        self, pose: FloatArray, targets: FloatArray, normals: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the points of the posed surface that are nearest to targets.
+
+        Parameters
+        ----------
+        pose : (4, 4) array
+            Similarity from the optimizer's coordinates.
+        targets, normals : (n, 3) arrays
+            As posed; normals that the surface should have there.
+
+        Returns
+        -------
+        points, normals : (n, 3) arrays
+            As posed.
+        openings : (n,) array
+            Weighted opening angles.
+        """
+        rotation = rotations(pose[None])[0]
+        goals, wanted = transform_points(inverse_matrices(pose), targets), normals @ rotation
+        first = np.asarray(self._tree.query(features(goals, wanted))[1])
+        points, planes = self._vertices[first], self._normals[first]
+        for _ in range(_PROJECTIONS):
+            points = goals - np.einsum("ni,ni->n", goals - points, planes)[:, None] * planes
+            points, planes, openings = self._projected(points)
+        return transform_points(pose, points), planes @ rotation.T, openings
+
+    def _projected(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return points on the surface along the field's gradient, their normals and opening angles."""
+        count, free = len(points), wp.array(np.ones(len(points)), dtype=int, device="cpu")
+        given = [count, _NEWTON_STEPS, 0, free, self._fields, self._opening_fields]
+        positions = wp.array(points.astype(np.float32), dtype=wp.vec3, device="cpu")
+        kinds = (wp.vec3, wp.mat33, wp.vec4)
+        normals, operators, openings = (wp.zeros(count, dtype=kind, device="cpu") for kind in kinds)
+        made = [positions, normals, operators, openings]
+        wp.launch(kernels.project, dim=count, inputs=[0, *given, *made], device="cpu")
+        ended = (positions.numpy(), normals.numpy(), openings.numpy()[:, 3])
+        return tuple(np.asarray(item, np.float64) for item in ended)  # type: ignore[return-value]
+
+
+def search_pose(
+    ensemble: Ensemble,
+    terms: tuple[Term, Term],
+    surface: SurfacePoints,
+    poses: Sequence[FloatArray],
+    *,
+    scaling: bool,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the pose of lowest objective, and particles on the surface in it.
+
+    Parameters
+    ----------
+    ensemble : Ensemble
+    terms : pair of Term
+        Of H(Z) and H(V).
+    surface : SurfacePoints
+    poses : sequence of (4, 4) arrays
+        Where the search begins.
+    scaling : bool
+        Whether the pose has a scale.
+
+    Returns
+    -------
+    pose : (4, 4) array
+    points : (n, 3) array
+        As posed.
+    """
+    search = _Search(ensemble, terms, surface, scaling)
+    _, pose, targets = min((search.lowest(pose) for pose in poses), key=lambda item: item[0])
+    return pose, surface.nearest(pose, targets, ensemble.normals)[0]
+
+
+_Found = tuple[float, FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class _Search:
+    ensemble: Ensemble
+    terms: tuple[Term, Term]
+    surface: SurfacePoints
+    scaling: bool
+
+    def lowest(self, pose: FloatArray) -> _Found:
+        """Return objective, pose and targets of the lowest minimum about a pose."""
+        targets = self._expected(pose, self.ensemble.mean)
+        centre = targets.mean(axis=0)
+        value, pose, targets = self._descend(pose, targets)
+        axis = self._softest(pose, targets)
+        turned = [_moved(pose, axis * angle, centre) for angle in _TURNS]
+        values = [self._value(item, targets) for item in turned]
+        inner = [np.inf, *values, np.inf]
+        minima = [k for k in range(len(values)) if inner[k + 1] <= min(inner[k], inner[k + 2])]
+        begun = sorted(minima, key=lambda k: values[k])[:_BEGUN]
+        found = [(value, pose, targets), *(self._descend(turned[k], targets) for k in begun)]
+        return min(found, key=lambda item: item[0])
+
+    def _expected(self, pose: FloatArray, targets: FloatArray) -> FloatArray:
+        """Return what the modes explain of the points nearest to the targets."""
+        row = self._deviation(pose, targets)[0]
+        rest = self.ensemble.rest_of_positions(row, self.terms[0].regularization)
+        return self.ensemble.mean + (row - rest).reshape(-1, 3)
+
+    def _deviation(self, pose: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return deviations (3n,) of positions and normals at the points nearest to targets."""
+        points, normals, openings = self.surface.nearest(pose, targets, self.ensemble.normals)
+        return self.ensemble.deviation(points), self.ensemble.logs(normals, openings).ravel()
+
+    def _value(self, pose: FloatArray, targets: FloatArray) -> float:
+        """Return what the shape adds to the weighted entropies H(Z) and H(V), up to a factor."""
+        rows = self._deviation(pose, targets)
+        values = zip(self.terms, rows, self._rests(rows), strict=True)
+        return float(sum(t.weight * np.log1p(row @ rest / self.ensemble.scale) for t, row, rest in values))
+
+    def _descend(self, pose: FloatArray, targets: FloatArray) -> _Found:
+        """Return the minimum that Gauss-Newton steps reach from a pose."""
+        value = self._value(pose, targets)
+        for _ in range(_STEPS):
+            following = self._expected(pose, targets)
+            lower = self._value(pose, following)
+            if lower < value:
+                value, targets = lower, following
+            matrix, slope = self._normal_equations(pose, targets)
+            change = np.linalg.solve(
+                matrix + 1e-6 * np.trace(matrix) / len(matrix) * np.eye(len(matrix)), -slope
+            )
+            step = 1.0
+            while step > _SMALLEST_STEP:
+                moved = _moved(pose, step * change, targets.mean(axis=0))
+                lower = self._value(moved, targets)
+                if lower < value:
+                    break
+                step *= 0.5
+            else:
+                break
+            gained, value, pose = value - lower, lower, moved
+            if gained < _ENOUGH * value:
+                break
+        return value, pose, targets
+
+    def _softest(self, pose: FloatArray, targets: FloatArray) -> FloatArray:
+        """Return the axis of the turn that changes the objective least, translations being free, (3,)."""
+        matrix, _ = self._normal_equations(pose, targets)
+        turn, rest = matrix[:3, :3], matrix[3:, 3:]
+        free = turn - matrix[:3, 3:] @ np.linalg.solve(rest, matrix[3:, :3])
+        axis: FloatArray = np.linalg.eigh(free)[1][:, 0]
+        return axis
+
+    def _normal_equations(self, pose: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the Gauss-Newton matrix and the slope of the objective by turn, shift and growth."""
+        centre = targets.mean(axis=0)
+        size = float(np.sqrt(np.square(targets - centre).sum(axis=1).mean()))
+        epsilon = np.array([_DIFFERENCE] * 3 + [_DIFFERENCE * size] * 3 + [_DIFFERENCE] * self.scaling)
+        rows = self._deviation(pose, targets)
+        columns: list[list[FloatArray]] = [[], []]
+        for index, length in enumerate(epsilon):
+            change = np.zeros(len(epsilon))
+            change[index] = length
+            for part, row, moved in zip(
+                columns, rows, self._deviation(_moved(pose, change, centre), targets), strict=True
+            ):
+                part.append((moved - row) / length)
+        matrix, slope = np.zeros((len(epsilon),) * 2), np.zeros(len(epsilon))
+        stiff = [self._rests(both) for both in zip(*columns, strict=True)]
+        for number, (term, row, rest) in enumerate(zip(self.terms, rows, self._rests(rows), strict=True)):
+            factor = 2.0 * term.weight / (self.ensemble.scale + row @ rest)
+            along = np.stack(columns[number])
+            matrix += factor * (along @ np.stack([both[number] for both in stiff]).T)
+            slope += factor * (along @ rest)
+        return matrix, slope
+
+    def _rests(self, rows: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Return (S + aI)^-1 y of positions, and the same of normals."""
+        a, b = (term.regularization for term in self.terms)
+        return (
+            self.ensemble.rest_of_positions(rows[0], a) / a,
+            self.ensemble.rest_of_normals(rows[1], b) / b,
+        )
+
+
+def _moved(pose: FloatArray, change: FloatArray, centre: FloatArray) -> FloatArray:
+    """Return a pose turned about a centre, and shifted and scaled if the change (3 to 7,) says so."""
+    step = np.eye(4)
+    step[:3, :3] = Rotation.from_rotvec(change[:3]).as_matrix()
+    if len(change) > 6:
+        step[:3, :3] *= np.exp(change[6])
+    step[:3, 3] = centre - step[:3, :3] @ centre
+    if len(change) > 3:
+        step[:3, 3] += change[3:6]
+    result: FloatArray = step @ pose
+    return result
