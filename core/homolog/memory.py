@@ -1,10 +1,34 @@
 """How much memory there is, so that what can't fit is refused before it is begun."""
 
+from typing import Protocol, TypeVar
+
+import numpy as np
 import psutil
+from numpy.typing import NDArray
 
 from homolog.errors import InputError
 
-__all__ = ["check_fits", "free_memory"]
+__all__ = ["Store", "check_fits", "free_memory", "in_memory", "resident_memory"]
+
+_Item = TypeVar("_Item", bound=np.generic)
+
+
+class Store(Protocol):
+    """Where the arrays of shapes lie while they are used: in memory, or in files mapped into it."""
+
+    def __call__(self, array: NDArray[_Item], /) -> NDArray[_Item]:
+        """Return an array of the same values that is used in place of the given one."""
+        ...
+
+
+def in_memory(array: NDArray[_Item], /) -> NDArray[_Item]:
+    """Return the array itself."""
+    return array
+
+
+def resident_memory() -> int:
+    """Return how much memory this process takes, mapped files included [bytes]."""
+    return int(psutil.Process().memory_info().rss)
 
 
 def free_memory() -> int:

@@ -286,6 +286,16 @@ class RunSettings(_Settings):
             description="Number of processes that groom and fit subjects; one per core if not given.",
         ),
     ] = None
+    memory: Annotated[
+        float | None,
+        Field(
+            ge=0.1,
+            le=100000.0,
+            json_schema_extra=_unit("GB"),
+            description="Memory of the process that optimizes; fields, surfaces and distances then lie in "
+            "files of the project, mapped as it allows. They lie in memory if not given.",
+        ),
+    ] = None
     cluster: Annotated[
         str | None,
         Field(

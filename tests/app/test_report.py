@@ -99,7 +99,7 @@ def test_three_groups_are_analyzed_with_and_without_size_and_written_as_tables(p
     assert _analyze(project) == 0
     said = capsys.readouterr().out
     assert "6 A, 6 B, 6 C: the groups differ in shape" in said
-    assert "C - A (6 A, 6 C): the shapes differ" in said
+    assert "C - A (6 A, 6 C): they differ in form" in said
     assert "B - A (6 A, 6 B): no difference in shape can be shown" in said
     assert "none of 60 particles" in said
     folder = project.folder / "analysis" / "groups_group_A_B_C"
@@ -389,7 +389,7 @@ def test_the_report_says_what_was_found_how_and_that_it_is_for_research(report):
     words = re.sub(r"<[^>]+>", " ", report.read_text(encoding="utf-8"))
     for part in (
         "For research use",
-        "C - A (6 A, 6 C): the shapes differ",
+        "C - A (6 A, 6 C): they differ in form",
         "Hotelling",
         "Type I error rates on this cohort",
         "Homolog 9.9",

@@ -8,6 +8,7 @@ from homolog.analysis.cautions import LEVEL, cautions_of, p_words
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.effects import Effect
 from homolog.analysis.outliers import shape_outliers
+from homolog.analysis.procrustes import Alignment
 from homolog.files.results import Result
 from homolog_app.report.study import Study
 
@@ -112,25 +113,29 @@ def cautions(study: Study) -> list[str]:
 
 
 _NOTHING = {
-    ("groups", False): "no difference in shape can be shown",
-    ("groups", True): "no difference of the whole shape can be shown, but single particles differ",
-    ("regression", False): "no change of shape with it can be shown",
-    ("regression", True): "no change of the whole shape with it can be shown, but single particles change",
+    ("groups", False): "no difference in {} can be shown",
+    ("groups", True): "no difference of the whole {} can be shown, but single particles differ",
+    ("regression", False): "no change of {} with it can be shown",
+    ("regression", True): "no change of the whole {} with it can be shown, but single particles change",
 }
 """What is said without an effect on the whole shape: without and with significant particles."""
 
 
+_NOUNS = {Alignment.AS_IT_LIES: "form or pose", Alignment.RIGID: "form", Alignment.SIMILARITY: "shape"}
+
+
 def _verdict(study: Study, comparison: Comparison) -> str:
+    noun = _NOUNS[study.request.alignment]
     significant = comparison.p_adjusted <= LEVEL
     local = bool((comparison.p_fwe <= LEVEL).any())
     who = ", ".join(f"{count} {name}" for name, count in comparison.counts.items())
     if study.request.kind == "regression":
-        verdict = "shape changes with it" if significant else _NOTHING["regression", local]
+        verdict = f"{noun} changes with it" if significant else _NOTHING["regression", local].format(noun)
         return f"{comparison.title} ({comparison.counts['all']} subjects): {verdict}."
     if len(comparison.counts) > 2:
-        verdict = "the groups differ in shape" if significant else _NOTHING["groups", local]
+        verdict = f"the groups differ in {noun}" if significant else _NOTHING["groups", local].format(noun)
         return f"{who}: {verdict}."
-    verdict = "the shapes differ" if significant else _NOTHING["groups", local]
+    verdict = f"they differ in {noun}" if significant else _NOTHING["groups", local].format(noun)
     return f"{comparison.title} ({who}): {verdict}."
 
 
@@ -186,7 +191,8 @@ def _size_words(study: Study, comparison: Comparison) -> list[str]:
     if np.isnan(size.value):
         return [f"Size alone: {sentence}."]
     unit = f"mm per unit of {study.request.column}" if study.request.kind == "regression" else "mm"
-    value, low, high = (f"{bound:+.3g}" for bound in (size.value, size.low, size.high))
+    form = "+.3g" if study.request.kind == "regression" else "+.2f"
+    value, low, high = (format(bound, form) for bound in (size.value, size.low, size.high))
     larger = ""
     if study.request.kind != "regression":
         first, second = study.request.between if study.request.kind == "pairs" else comparison.counts

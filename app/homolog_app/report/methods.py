@@ -1,12 +1,13 @@
 """Methods text and settings: what a reader needs to repeat the analysis."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from pydantic import BaseModel
 
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.procrustes import Alignment
 from homolog.files.records import ResultRecord
+from homolog.settings import Procrustes
 from homolog_app.report.findings import LEVEL, correction_words
 from homolog_app.report.study import Study
 
@@ -112,8 +113,22 @@ def references(record: ResultRecord, studies: list[Study]) -> list[str]:
 def _groomed(record: ResultRecord) -> str:
     if record.source:
         return "Surfaces and their alignment are those of that program."
-    listed = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in _values(record.settings.groom))
-    return f"Segmentations were groomed with these settings: {listed}."
+    values = dict(_values(record.settings.groom))
+    spacings = [subject.spacing for subject in record.subjects if subject.spacing]
+    if spacings:
+        automatic = " (automatic)" if record.settings.groom.spacing is None else ""
+        values["spacing"] = f"{_range(spacings, '.3g')} mm{automatic}"
+    if not record.mirrored_words:
+        values["mirror"] += " (nobody was mirrored)"
+    listed = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in values.items())
+    vertices = [subject.vertices for subject in record.subjects if subject.vertices]
+    surfaces = f" Surfaces had {_range(vertices, 'd')} vertices." if vertices else ""
+    return f"Shapes were groomed with these settings: {listed}.{surfaces}"
+
+
+def _range(values: Sequence[float], form: str) -> str:
+    low, high = format(min(values), form), format(max(values), form)
+    return low if low == high else f"{low} to {high}"
 
 
 def _placed(record: ResultRecord) -> str:
@@ -132,8 +147,25 @@ def _placed(record: ResultRecord) -> str:
         f"Corresponding points were placed with {program} on {count} by entropy-based particle optimization "
         f"with {record.metric} distances between particles on a shape (method {method}, seed "
         f"{record.settings.optimize.seed}{marked}). The optimizer {ended} after {record.iterations} "
-        f"iterations.{mirrored}"
+        f"iterations.{mirrored} {_jointly(record)} {_POSES[record.settings.placing.procrustes]}"
     )
+
+
+def _jointly(record: ResultRecord) -> str:
+    size = record.settings.optimize.core_set
+    if size is None or size >= len(record.subjects):
+        return "All shapes were optimized jointly."
+    return f"A core set of {size} shapes was optimized jointly, and the others were fitted to it one by one."
+
+
+_POSES = {
+    Procrustes.OFF: "Meanwhile their poses stayed as they were after grooming.",
+    Procrustes.RIGID: "Meanwhile they were aligned rigidly by their particles.",
+    Procrustes.FORM: (
+        "Meanwhile they were aligned by their particles and compared at one size; results keep their sizes."
+    ),
+    Procrustes.SIMILARITY: "Meanwhile they were aligned by their particles and scaled to one size.",
+}
 
 
 _ALIGNED = {
@@ -181,8 +213,8 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
     modes = (
         f"the first {request.modes} modes (chosen beforehand)"
         if request.modes is not None
-        else "the modes that Horn's parallel analysis retained (variance above the 95th percentile of "
-        f"{first.test.parallel.repeats} data sets without correlation)"
+        else "the modes that Horn's parallel analysis of its subjects retained for each comparison (variance "
+        f"above the 95th percentile of {first.test.parallel.repeats} data sets without correlation)"
     )
     names = f"{', '.join(request.between[:-1])} and {request.between[-1]}" if request.between else ""
     tested = {
@@ -239,7 +271,7 @@ def _further_measures(study: Study) -> Iterator[str]:
     if any(comparison.distance is not None for comparison in study.comparisons):
         yield (
             "Mahalanobis distances were corrected for bias; their intervals come from the noncentral F "
-            "distribution and assume equal covariances."
+            "distribution, assume equal covariances and are not corrected for pairs."
         )
 
 
@@ -255,8 +287,8 @@ def _discriminants(study: Study) -> Iterator[str]:
         f"Ledoit and Wolf. Balanced accuracy and area under the curve (AUC) come from {folds}-fold "
         f"stratified cross-validation, repeated {fits[0].repeats} times, with modes, covariates' "
         "effects and direction fitted without the left-out subjects; their intervals are those of Wilson "
-        "(joined as by Newcombe) and of DeLong. Their p-values come from "
-        f"{fits[0].auc.permutations} permutations: before correction the least possible is "
+        "(joined as by Newcombe) and of DeLong (of an AUC of 1: one half of an error). Their p-values come "
+        f"from {fits[0].auc.permutations} permutations: before correction the least possible is "
         f"{1.0 / (fits[0].auc.permutations + 1):.2g}. Bounds of "
         f"the discriminant's map come from {len(fits[0].bootstrap)} bootstrap cohorts drawn within "
         "groups."
@@ -284,13 +316,17 @@ def _permutations(comparison: Comparison) -> str:
     return f"{comparison.test.permutations} random permutations"
 
 
+_OFF_BY_DEFAULT = ("core_set", "segment", "pairs")
+"""Settings that are not in force unless they are given; others are then chosen by the program."""
+
+
 def _values(settings: BaseModel) -> Iterator[tuple[str, str]]:
     """Yield the name and the value, with its unit, of each setting."""
     for name, value in settings.model_dump(mode="json").items():
         extra = type(settings).model_fields[name].json_schema_extra
         unit = f" {extra['unit']}" if isinstance(extra, dict) and "unit" in extra else ""
         if value is None:
-            yield name, "automatic"
+            yield name, "none" if name in _OFF_BY_DEFAULT else "automatic"
         elif isinstance(value, bool):
             yield name, "yes" if value else "no"
         elif isinstance(value, list):
@@ -306,11 +342,10 @@ def settings_rows(record: ResultRecord, studies: list[Study]) -> list[tuple[str,
         for part, model in (("groom", record.settings.groom), ("optimize", record.settings.optimize))
         for name, value in _values(model)
     ]
+    rows += [("run", "alignment by particles", record.settings.placing.procrustes.value)]
     rows += [("run", "device", record.device), ("run", "fingerprint", record.fingerprint)]
     for study in studies:
         rows += [
-            (study.request.name, name, "none" if name == "pairs" and value == "automatic" else value)
-            for name, value in _values(study.request)
-            if name != "earlier"
+            (study.request.name, name, value) for name, value in _values(study.request) if name != "earlier"
         ]
     return rows + [("version", name, number) for name, number in record.versions.items()]

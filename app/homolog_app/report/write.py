@@ -1,7 +1,7 @@
 """Writing the report of a project: the page, its figures as vector graphics, and the studies' tables."""
 
 from collections.abc import Sequence
-from math import isfinite
+from math import floor, isfinite, log10
 from pathlib import Path
 
 from homolog.analysis.comparison import Comparison
@@ -188,7 +188,7 @@ def _study_section(
     page.heading("Results", 3)
     correction = correction_words(study)
     page.paragraph(
-        "Effects come with 95 % confidence intervals. "
+        "Effects come with 95 % confidence intervals, which are not corrected for pairs or answers. "
         + (
             f"P-values of the whole shape, of particles and of the discriminant are {correction}; "
             "those of size are " + (f"{correction_words(study, size=True)}. " if study.pairwise else "not. ")
@@ -278,7 +278,7 @@ def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
         [
             "comparison", "particles", "area (mm²)", "place of the peak",
             f"outward at the peak (mm{per}, 95 % CI)", f"displacement of the peak (mm{per})",
-            f"mean outward (mm{per})", "p at the peak",
+            f"mean outward (mm{per})", "corrected p at the peak",
         ],
         rows,
         as_text=True,
@@ -286,9 +286,10 @@ def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
 
 
 _COLUMNS = (
-    "comparison", "modes", "D, corrected for bias (95 % CI)", "p (permutation)", "p (corrected)",
-    "T² or lambda", "p (F)", f"particles p ≤ {LEVEL:g}, corrected", "balanced accuracy (95 % CI)",
-    "AUC (95 % CI)", "size (95 % CI)", "size p",
+    "comparison", "modes", "D, corrected for bias (95 % CI)", "studentized statistic", "p (permutation)",
+    "p (corrected)",
+    "T² or lambda", "F (degrees of freedom)", "p (F)", f"particles p ≤ {LEVEL:g}, corrected",
+    "balanced accuracy (95 % CI)", "AUC (95 % CI)", "size (95 % CI)", "size p",
 )  # fmt: skip
 
 
@@ -300,9 +301,11 @@ def _row(study: Study, comparison: Comparison) -> tuple[str, ...]:
         comparison.title,
         str(test.modes),
         interval_words(comparison.distance, digits) if comparison.distance is not None else "–",
+        f"{test.studentized:.2f}" if test.modes else "–",
         _p(test.p_permutation, test.permutations),
         _p(comparison.p_adjusted, test.permutations),
         f"T² {test.t_squared:.1f}" if test.t_squared is not None else f"Λ {test.wilks:.3f}",
+        f"{test.f:.2f} ({test.dof[0]:g}, {test.dof[1]:.4g})" if test.modes else "–",
         _p(test.p),
         region_words(study, comparison),
         percent_words(line.accuracy) if line is not None else "–",
@@ -335,6 +338,13 @@ def _check_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
     )
 
 
+def _mean_words(mean: float, spread: float) -> str:
+    """Return mean and standard deviation with the same decimals, three digits of the latter."""
+    size = spread or abs(mean)
+    decimals = max(0, 2 - floor(log10(size))) if size else 0
+    return f"{mean:.{decimals}f} ± {spread:.{decimals}f}"
+
+
 def _sample(page: Page, study: Study, result: Result) -> None:
     page.heading("Sample", 3)
     page.table(
@@ -344,7 +354,7 @@ def _sample(page: Page, study: Study, result: Result) -> None:
                 group,
                 f"{variable} {category}".strip() + (" (mm)" if variable == SHAPE_SIZE else ""),
                 str(count),
-                "–" if mean is None or spread is None else f"{mean:.4g} ± {spread:.3g}",
+                "–" if mean is None or spread is None else _mean_words(mean, spread),
             )
             for group, variable, category, count, mean, spread in sample_rows(study, result)
         ),

@@ -10,7 +10,7 @@ from homolog.analysis.skewness import SizeSkewness
 from homolog.arrays import IntArray
 
 if TYPE_CHECKING:
-    from homolog.analysis.comparison import Comparison
+    from homolog.analysis.comparison import Comparison, Remainder
 
 __all__ = ["LEVEL", "cautions_of", "dispersion_caution", "outlier_caution", "p_words", "size_caution"]
 
@@ -36,7 +36,7 @@ def cautions_of(comparison: "Comparison", names: Sequence[str] | None = None) ->
         *comparison.test.warnings,
         dispersion_caution(comparison.dispersion, comparison.counts),
         size_caution(comparison.size_skewness, comparison.counts) if comparison.size is not None else "",
-        outlier_caution(comparison.outliers, names),
+        outlier_caution(comparison.outliers, names, comparison.without_outliers),
         _f_caution(comparison),
         *comparison.notes,
     ]
@@ -93,15 +93,27 @@ def size_caution(skewness: SizeSkewness | None, counts: Mapping[str, int]) -> st
     )
 
 
-def outlier_caution(outliers: IntArray, names: Sequence[str] | None = None) -> str:
-    """Return a caution that names the subjects that lie far from the others of their group."""
+def outlier_caution(
+    outliers: IntArray, names: Sequence[str] | None = None, without: "Remainder | None" = None
+) -> str:
+    """Return a caution that names the subjects that lie far from the others of their group.
+
+    It gives the test of the whole shape without them, if that is known.
+    """
     if not len(outliers):
         return ""
     who = ", ".join(f"subject {index + 1}" if names is None else names[index] for index in outliers)
+    rest = ""
+    if without is not None:
+        far = without.distance
+        effect = "" if far is None else f"D = {far.value:.2f} (95 % CI {far.low:.2f} to {far.high:.2f}), "
+        p = p_words(without.p, without.permutations)
+        pronoun = "it" if len(outliers) == 1 else "them"
+        rest = f" Without {pronoun}, the whole shape has {effect}{p}, not corrected."
     return (
         f"{who} {'lies' if len(outliers) == 1 else 'lie'} far from the others, or from the rest of the "
-        "group. Look at segmentation and particles before trusting any test, and test without as well; F "
-        "distributions are wrong with such subjects."
+        "group. Look at segmentation and particles before trusting any test; F distributions are wrong with "
+        f"such subjects.{rest}"
     )
 
 

@@ -1,5 +1,6 @@
 """All results about one effect: whole shape, every particle, size, discriminant."""
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,9 +17,10 @@ from homolog.analysis.pointwise_test import PointwiseTest, pointwise_test
 from homolog.analysis.procrustes import Alignment, aligned, rms_radii
 from homolog.analysis.skewness import SizeSkewness, size_skewness
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
+from homolog.errors import InputError
 from homolog.progress import Tick, part_of
 
-__all__ = ["DEFAULT", "Comparison", "Options", "prepare_shapes", "run_comparison"]
+__all__ = ["DEFAULT", "Comparison", "Options", "Remainder", "prepare_shapes", "run_comparison"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,24 @@ class Options:
 
 
 DEFAULT = Options()
+
+
+@dataclass(frozen=True, slots=True)
+class Remainder:
+    """The test of the whole shape without the outliers.
+
+    Attributes
+    ----------
+    p : float
+        Permutation p, not corrected.
+    permutations : int
+    distance : Effect or None
+        As in `Comparison`.
+    """
+
+    p: float
+    permutations: int
+    distance: Effect | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,6 +124,8 @@ class Comparison:
     outliers : (n,) int array
         Indices of subjects that lie far from the mean of their group, the farthest first; of pairs, of their
         first.
+    without_outliers : Remainder or None
+        The test of the whole shape without them; None if there are none, or too few others.
     notes : tuple of str
         What was done another way than asked for, in sentences.
     pairwise : tuple of Comparison
@@ -126,6 +148,7 @@ class Comparison:
     false_positives: tuple[FalsePositives, ...]
     size_skewness: SizeSkewness | None
     outliers: IntArray
+    without_outliers: Remainder | None = None
     notes: tuple[str, ...] = ()
     accuracy_p_adjusted: float | None = None
     auc_p_adjusted: float | None = None
@@ -187,6 +210,7 @@ def run_comparison(
     -------
     Comparison
     """
+    given = data
     data = prepare_shapes(shapes[subjects], options) if data is None else data
     size = rms_radii(shapes[subjects]) if size is None else size
     members = members or {}
@@ -205,6 +229,14 @@ def run_comparison(
             tick=part_of(tick, 0.8, 1.0),
         )
     effect = size_effect(size, design, alike, **drawn)
+    outliers = outliers_in_groups(data, design, list(members.values()))
+    rest = np.full(len(subjects), True)
+    rest[outliers] = False
+    remainder = None
+    if not rest.all() and test.modes and all(np.count_nonzero(own & rest) > 1 for own in members.values()):
+        kept = prepare_shapes(shapes[subjects[rest]], options) if given is None else given[rest]
+        with suppress(InputError):  # too few are left
+            remainder = _remainder(kept, design.of(rest), options)
     return Comparison(
         title=title,
         subjects=subjects,
@@ -221,13 +253,19 @@ def run_comparison(
         size_p_adjusted=None if effect is None else effect.p,
         false_positives=false_positives,
         size_skewness=size_skewness(size, data, design, members),
-        outliers=subjects[outliers_in_groups(data, design, list(members.values()))],
+        outliers=subjects[outliers],
+        without_outliers=remainder,
     )
 
 
 def prepare_shapes(shapes: FloatArray, options: Options) -> FloatArray:
     """Return the shapes as they are compared."""
     return aligned(shapes, options.alignment)
+
+
+def _remainder(data: FloatArray, design: Design, options: Options) -> Remainder | None:
+    test = mode_test(data, design, modes=options.modes, permutations=options.permutations, seed=options.seed)
+    return Remainder(test.p_permutation, test.permutations, _distance(test, design)) if test.modes else None
 
 
 def _distance(test: ModeTest, design: Design) -> Effect | None:

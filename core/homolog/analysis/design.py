@@ -10,7 +10,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from homolog.arrays import FloatArray, frozen
+from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 
 __all__ = ["Design", "Exchange", "group_design", "paired_design", "regression_design"]
@@ -63,6 +63,19 @@ class Design:
     def covariates(self) -> FloatArray:
         """The nuisance basis without its intercept, shape (M, q - 1) or (M, 0)."""
         return self.nuisance[:, 1:]
+
+    def of(self, rows: BoolArray) -> "Design":
+        """Return the same design for some of the rows.
+
+        Raises
+        ------
+        InputError
+            If what is tested can't be told from the nuisance columns there, or no error is left.
+        """
+        columns, nuisance = self.columns[rows], self.nuisance[rows]
+        if self.exchange is Exchange.SIGNS:
+            return paired_design(len(columns))
+        return _design(columns, nuisance[:, 1:] if nuisance.shape[1] > 1 else None, "what is tested")
 
     def residuals(self, data: FloatArray) -> FloatArray:
         """Return data (M, P) with the nuisance columns regressed out."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from homolog.arrays import BoolArray, FloatArray
 from homolog.correspondence.types import Frame, FrameCallback, InitialParticles, OptimizedParticles, Shape
+from homolog.memory import Store, in_memory
 from homolog.surfaces.mirroring import MIRROR, mirrors
 
 __all__ = ["MirrorImages", "with_mirror_images"]
@@ -65,11 +66,11 @@ class MirrorImages:
         return replace(result, local=self.points(result.local), alignments=self.alignments(result.alignments))
 
 
-def with_mirror_images(shapes: Sequence[Shape]) -> MirrorImages:
-    """Return the shapes for the optimizer."""
+def with_mirror_images(shapes: Sequence[Shape], store: Store = in_memory) -> MirrorImages:
+    """Return the shapes for the optimizer; images are made in a store."""
     mirrored = mirrors(np.stack([shape.alignment for shape in shapes]))
     images = (
-        _image(shape) if is_mirrored else shape
+        _image(shape).stored(store) if is_mirrored else shape
         for shape, is_mirrored in zip(shapes, mirrored.tolist(), strict=True)
     )
     return MirrorImages(tuple(images), mirrored)

@@ -21,6 +21,7 @@ from homolog.correspondence.types import (
 from homolog.device import choose_device
 from homolog.errors import InputError
 from homolog.geodesics import solve_tables
+from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.threads import blas_threads
@@ -39,6 +40,7 @@ def optimize(
     initial: InitialParticles | None = None,
     resume: Checkpoint | None = None,
     solve: GeodesicSolver = solve_tables,
+    store: Store = in_memory,
 ) -> OptimizedParticles:
     """Place corresponding particles on all shapes (the paper's Eq. 5).
 
@@ -65,6 +67,8 @@ def optimize(
         that of an uninterrupted run, bit-identical on the CPU.
     solve : callable
         Geodesic solver.
+    store : Store
+        See `prepare_cohort`.
 
     Returns
     -------
@@ -86,7 +90,7 @@ def optimize(
     free_shapes: BoolArray | None = None
     if initial is not None and initial.free is not None:
         free_shapes = np.any(initial.free, axis=1)
-    images = with_mirror_images(shapes)
+    images = with_mirror_images(shapes, store)
     shapes, initial, observe = images.shapes, images.initial_particles(initial), images.observer(observe)
     alignments = np.stack([shape.alignment for shape in shapes])
     if settings.procrustes.takes_size_out:
@@ -102,6 +106,7 @@ def optimize(
         counts=[plan.count for plan in (stages if resume is None else stages[-1 - resume.left :] or stages)],
         free_shapes=free_shapes,
         solve=solve,
+        store=store,
         tick=part_of(tick, 0.0, prepared_fraction),
     )
     loop_tick = part_of(tick, prepared_fraction, 1.0)

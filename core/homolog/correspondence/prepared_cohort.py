@@ -22,6 +22,7 @@ from homolog.correspondence.surface_sets import (
 from homolog.correspondence.types import Shape
 from homolog.errors import InputError
 from homolog.geodesics import GeodesicTable, solve_tables
+from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
@@ -107,6 +108,7 @@ def prepare_cohort(
     solve: GeodesicSolver = solve_tables,
     unit: float | None = None,
     opening_scale: float | None = None,
+    store: Store = in_memory,
     tick: Tick = no_tick,
 ) -> PreparedCohort:
     """Compute the first geodesic tables and bring all shapes to the device.
@@ -126,6 +128,8 @@ def prepare_cohort(
         Geodesic solver.
     unit, opening_scale : float, optional
         Of another cohort, that these shapes are compared with; by default their own.
+    store : Store
+        Where meshes lie, and fields and surfaces for a CPU; of tables the solver decides.
     tick : Tick
         Progress and cancelling.
     """
@@ -140,7 +144,7 @@ def prepare_cohort(
         meshes = []
         for mesh, shape in zip(originals, shapes, strict=True):
             tick(0.0, f"mesh of {shape.name}")
-            meshes.append(morton_ordered(mesh))
+            meshes.append(morton_ordered(mesh).stored(store))
         tables: list[GeodesicTable | None] = [None] * len(shapes)
         if geodesic:
             solved_shapes = [k for k, is_free in enumerate(free) if is_free]
@@ -153,7 +157,7 @@ def prepare_cohort(
             )
             for k, table in zip(solved_shapes, solved, strict=True):
                 tables[k] = table
-        return build_surface_set(meshes, tables, to_optimizer, device, free)
+        return build_surface_set(meshes, tables, to_optimizer, device, free, store=store)
 
     complete = [np.inf] * len(shapes)
     cutoff = LIST_CUTOFF * math.sqrt(MEAN_AREA / (math.pi * min(many_counts))) if many_counts else 0.0
@@ -165,9 +169,15 @@ def prepare_cohort(
         names=tuple(shape.name for shape in shapes),
         unit=unit,
         to_optimizer=to_optimizer,
-        fields=field_array(shapes, to_optimizer, device, part_of(tick, 0.0, 0.08)),
+        fields=field_array(shapes, to_optimizer, device, part_of(tick, 0.0, 0.08), store=store),
         opening_fields=opening_array(
-            shapes, to_optimizer, opening, device, part_of(tick, 0.08, 0.1), scale=opening_scale
+            shapes,
+            to_optimizer,
+            opening,
+            device,
+            part_of(tick, 0.08, 0.1),
+            scale=opening_scale,
+            store=store,
         ),
         sets=SurfaceSets(
             lambda tick: surface_set([s.coarse_mesh for s in shapes], complete, tick),

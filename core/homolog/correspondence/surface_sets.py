@@ -13,7 +13,7 @@ import warp as wp
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from homolog.arrays import BoolArray, DeviceArray, Float32Array, FloatArray, IntArray
+from homolog.arrays import Array, BoolArray, DeviceArray, Float32Array, FloatArray, IntArray
 from homolog.correspondence.entropy.opening_angles import BALL_SIZE, opening_grid, openings_at
 from homolog.correspondence.kernels.functions import FieldData
 from homolog.correspondence.kernels.particles import Surface
@@ -22,6 +22,7 @@ from homolog.correspondence.types import Shape
 from homolog.errors import NumericalError
 from homolog.geodesics import GeodesicTable
 from homolog.geometry import transform_points
+from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -106,7 +107,12 @@ def normalize_size(shapes: Sequence[Shape]) -> list[Shape]:
 
 
 def field_array(
-    shapes: Sequence[Shape], to_optimizer: Sequence[Similarity], device: str, tick: Tick = no_tick
+    shapes: Sequence[Shape],
+    to_optimizer: Sequence[Similarity],
+    device: str,
+    tick: Tick = no_tick,
+    *,
+    store: Store = in_memory,
 ) -> DeviceArray:
     """Copy the distance fields to the device as cubic B-spline coefficients.
 
@@ -120,6 +126,8 @@ def field_array(
         Warp device.
     tick : Tick
         Progress and cancelling.
+    store : Store
+        Where those of a CPU lie.
 
     Returns
     -------
@@ -130,7 +138,7 @@ def field_array(
         tick(index / len(shapes), f"distance field of {shape.name}")
         field = shape.field
         references.append(
-            _field_data(field.values, field.index_to_world, similarity, similarity.scale, device)
+            _field_data(field.values, field.index_to_world, similarity, similarity.scale, device, store)
         )
     return _pack(references, device)
 
@@ -143,6 +151,7 @@ def opening_array(
     tick: Tick = no_tick,
     *,
     scale: float | None = None,
+    store: Store = in_memory,
 ) -> DeviceArray:
     """Copy the weighted opening angles to the device as cubic B-spline coefficients.
 
@@ -152,7 +161,7 @@ def opening_array(
 
     Parameters
     ----------
-    shapes, to_optimizer, device, tick
+    shapes, to_optimizer, device, tick, store
         As in `field_array`.
     weight : float
         Of opening angles relative to normals.
@@ -168,12 +177,13 @@ def opening_array(
     grids, spreads = [], []
     for index, (shape, similarity) in enumerate(zip(shapes, to_optimizer, strict=True)):
         tick(index / len(shapes), f"opening angles of {shape.name}")
-        grids.append(opening_grid(shape.field, BALL_SIZE / similarity.scale))
+        values, grid = opening_grid(shape.field, BALL_SIZE / similarity.scale)
+        grids.append((store(values), grid))
         if scale is None:
             spreads.append(openings_at(shape.coarse_mesh.vertices, *grids[-1]).std())
     scale = weight * float(np.mean(spreads)) if scale is None else scale
     references = [
-        _field_data(values, grid, similarity, scale, device)
+        _field_data(values, grid, similarity, scale, device, store)
         for (values, grid), similarity in zip(grids, to_optimizer, strict=True)
     ]
     return _pack(references, device)
@@ -197,14 +207,26 @@ def _pack(references: list[FieldData], device: str) -> DeviceArray:
     return fields
 
 
+def _on_device(array: Array, dtype: type, device: str, store: Store) -> DeviceArray:
+    """Return a copy of an array: of a CPU's in a store, else in the device's memory."""
+    if store is in_memory or not wp.get_device(device).is_cpu:
+        return wp.array(array, dtype=dtype, device=device)
+    return wp.array(store(array), dtype=dtype, device=device, copy=False)
+
+
 def _field_data(
-    values: Float32Array, index_to_local: FloatArray, similarity: Similarity, scale: float, device: str
+    values: Float32Array,
+    index_to_local: FloatArray,
+    similarity: Similarity,
+    scale: float,
+    device: str,
+    store: Store,
 ) -> FieldData:
     to_index = np.linalg.inv(similarity.linear @ index_to_local[:3, :3])
     origin = -to_index @ similarity.apply(index_to_local[:3, 3])
     coefficients = ndimage.spline_filter(values, order=3, output=np.float32, mode="mirror")
     data = FieldData()
-    data.coefficients = wp.array(coefficients, dtype=wp.float32, device=device)
+    data.coefficients = _on_device(coefficients, wp.float32, device, store)
     data.to_index = wp.mat33(*to_index.astype(np.float32).ravel().tolist())
     data.origin_index = wp.vec3(*origin.tolist())
     data.scale = scale
@@ -217,6 +239,8 @@ def build_surface_set(
     to_optimizer: Sequence[Similarity],
     device: str,
     free_shapes: BoolArray | None = None,
+    *,
+    store: Store = in_memory,
 ) -> SurfaceSet:
     """Bring meshes and tables of all shapes to the device.
 
@@ -234,16 +258,18 @@ def build_surface_set(
         Warp device.
     free_shapes : (M,) bool array, optional
         Shapes with free particles; all if not given.
+    store : Store
+        Where meshes lie, and copies for a CPU.
 
     Returns
     -------
     SurfaceSet
     """
     transformed_meshes = [
-        TriangleMesh(f.apply(m.vertices), m.faces) for m, f in zip(meshes, to_optimizer, strict=True)
+        TriangleMesh(store(f.apply(m.vertices)), m.faces) for m, f in zip(meshes, to_optimizer, strict=True)
     ]
     references = [
-        _surface(mesh, table, similarity, device, free)
+        _surface(mesh, table, similarity, device, free, store)
         for mesh, table, similarity, free in zip(
             transformed_meshes,
             tables,
@@ -260,14 +286,19 @@ def build_surface_set(
 
 
 def _surface(
-    mesh: TriangleMesh, table: GeodesicTable | None, similarity: Similarity, device: str, free_shapes: bool
+    mesh: TriangleMesh,
+    table: GeodesicTable | None,
+    similarity: Similarity,
+    device: str,
+    free_shapes: bool,
+    store: Store,
 ) -> Surface:
     surface = Surface()
     surface.fixed = int(not free_shapes)
     surface.size = 0.01 * math.sqrt(mesh.area)
-    surface.vertices = wp.array(mesh.vertices.astype(np.float32), dtype=wp.vec3, device=device)
-    surface.faces = wp.array(mesh.faces, dtype=wp.vec3i, device=device)
-    surface.face_neighbours = wp.array(face_neighbours(mesh.faces), dtype=wp.vec3i, device=device)
+    surface.vertices = _on_device(mesh.vertices.astype(np.float32), wp.vec3, device, store)
+    surface.faces = _on_device(mesh.faces, wp.vec3i, device, store)
+    surface.face_neighbours = _on_device(face_neighbours(mesh.faces), wp.vec3i, device, store)
     if table is not None:
         surface.table = table.on_device(device, similarity.scale)
     return surface

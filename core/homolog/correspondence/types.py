@@ -1,12 +1,13 @@
 """Inputs and results of the optimization."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
 from homolog.arrays import BoolArray, Float32Array, FloatArray, IntArray, frozen
+from homolog.memory import Store
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -53,6 +54,15 @@ class Shape:
         object.__setattr__(self, "alignment", frozen(self.alignment, np.float64))
         if self.landmarks is not None:
             object.__setattr__(self, "landmarks", frozen(self.landmarks, np.float64))
+
+    def stored(self, store: Store) -> "Shape":
+        """Return the shape with field and surfaces in a store."""
+        return replace(
+            self,
+            field=self.field.stored(store),
+            mesh=self.mesh.stored(store),
+            coarse_mesh=self.coarse_mesh.stored(store),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

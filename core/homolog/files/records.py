@@ -48,7 +48,8 @@ class ResultSubject(_Record):
 
     `file` is the stem of the subject's files, `content` the hash of its groomed surface, `alignment` the
     similarity from local to world coordinates (a reflection for a subject that was mirrored), `side` that of
-    the body as far as it was known, `notes` what grooming found and changed.
+    the body as far as it was known, `notes` what grooming found and changed, `spacing` the distance of the
+    nodes of its grid [mm] and `vertices` the number of those of its surface, both 0 if not known.
     """
 
     name: str
@@ -59,6 +60,8 @@ class ResultSubject(_Record):
     content: str
     alignment: Annotated[list[_Row], Field(min_length=4, max_length=4)]
     notes: list[str] = []
+    spacing: Annotated[float, Field(ge=0.0)] = 0.0
+    vertices: Annotated[int, Field(ge=0)] = 0
 
     @property
     def is_mirrored(self) -> bool:

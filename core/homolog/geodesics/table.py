@@ -1,6 +1,6 @@
 """Geodesic tables: distances between all vertices of a mesh up to a reach, in fixed point."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -10,6 +10,7 @@ from scipy.sparse import csr_array
 from homolog.geodesics.cpu.kernels.csr import count_blocks, count_dense, fill_blocks, fill_dense
 from homolog.geodesics.cpu.kernels.patch import LaneCodes
 from homolog.geodesics.kernels.lookup import LANES, TableData
+from homolog.memory import Store, in_memory
 
 __all__ = ["GeodesicTable"]
 
@@ -69,6 +70,17 @@ class GeodesicTable:
             data.blocks = self.codes.to(device)
             data.row, data.start, data.slot = (a.to(device) for a in (self.row, self.start, self.slot))
         return data
+
+    def stored(self, store: Store) -> "GeodesicTable":
+        """Return the table with its arrays in a store; those of a GPU stay where they are."""
+        if store is in_memory or not self.codes.device.is_cpu:
+            return self
+        places: dict[str, Any] = {}
+        for name in ("codes", "row", "start", "slot"):
+            array = getattr(self, name)
+            if array is not None:
+                places[name] = wp.array(store(array.numpy()), dtype=array.dtype, device="cpu", copy=False)
+        return replace(self, **places)
 
     def to_csr(self) -> csr_array:
         """Return the distances [mm], (V, V) float32, columns sorted; the zeros of the diagonal are stored."""

@@ -14,6 +14,7 @@ from homolog.grooming.images import Segmentation, read_segmentation
 from homolog.grooming.levels import USUAL_NODES, level_of_voxels
 from homolog.grooming.structures import mask_of, masks_of
 from homolog.grooming.triangles import check_triangles, deviation, level_of_triangles
+from homolog.memory import Store
 from homolog.settings import GroomSettings
 from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.isosurface import coarse_isosurface, isosurface
@@ -100,6 +101,15 @@ class GroomedSubject:
     mesh: TriangleMesh
     coarse_mesh: TriangleMesh
     report: GroomReport
+
+    def stored(self, store: Store) -> "GroomedSubject":
+        """Return the subject with field and surfaces in a store."""
+        return replace(
+            self,
+            field=self.field.stored(store),
+            mesh=self.mesh.stored(store),
+            coarse_mesh=self.coarse_mesh.stored(store),
+        )
 
 
 def groom_subject(subject: Subject, settings: GroomSettings) -> GroomedSubject:

@@ -8,6 +8,7 @@ from homolog.cohort import Cohort
 from homolog.errors import InputError
 from homolog.geometry import transform_points
 from homolog.grooming import GroomedSubject, align_cohort
+from homolog.memory import Store, in_memory
 from homolog.progress import run_in_background
 from homolog.run.choose_core import choose_core
 from homolog.run.control import Control
@@ -30,6 +31,7 @@ def grow(
     optimized: Callable[[OptimizationInput], OptimizationOutcome],
     *,
     in_process: bool = False,
+    store: Store = in_memory,
 ) -> OptimizationOutcome:
     """Optimize a core set, and fit the others to it.
 
@@ -50,6 +52,8 @@ def grow(
         Places the particles of the core set.
     in_process : bool
         Fit in a thread of this process, one subject at a time, in place of processes.
+    store : Store
+        Where the shapes of the core set lie.
 
     Returns
     -------
@@ -74,7 +78,7 @@ def grow(
     core = choose_core(outlines, alignments, groups, settings.optimize.core_set or len(outlines))
     chosen = core.tolist()
     subjects = Cohort(tuple(cohort.subjects[index] for index in chosen), cohort.folder)
-    shapes = [whole.shapes[index] for index in chosen]
+    shapes = [whole.shapes[index].stored(store) for index in chosen]
     fingerprint = run_fingerprint(settings.placing, shapes, tick)
     outcome = optimized(
         OptimizationInput(

@@ -237,6 +237,8 @@ def _record(
             content=surface_hash(shape),
             alignment=alignment.tolist(),
             notes=list(groomed.report.notes),
+            spacing=round(shape.field.spacing, 6),
+            vertices=len(shape.mesh.vertices),
         )
         for subject, stem, shape, alignment, groomed in zip(
             inputs.cohort.subjects, stems, inputs.shapes, outcome.alignments, inputs.groomed, strict=True

@@ -11,11 +11,13 @@ from homolog.correspondence import Checkpoint, Frame
 from homolog.device import choose_device, cores, device_faults
 from homolog.errors import Cancelled, InputError
 from homolog.files.atomic import report_os_errors
+from homolog.files.mapped import mapped_within
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord
 from homolog.files.results import Result
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.grooming import GroomedSubject, Problem, check_cohort, check_sides, groom_cohort
+from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, run_in_background
 from homolog.run.checkpoints import read_checkpoint, write_checkpoint
 from homolog.run.choose_core import outline
@@ -86,6 +88,7 @@ class Run:
         self._study: OptimizationInput | None = None
         self._energies = np.empty((0, 4))
         self._excluded: dict[str, str] = {}
+        self._store: Store = in_memory
 
     @property
     def status(self) -> RunStatus:
@@ -188,14 +191,20 @@ class Run:
     def _work(self) -> None:
         device = choose_device(self._settings.device)
         cohort = self._checked()
-        with self.project.locked(), device_faults("cpu"):
+        with (
+            self.project.locked(),
+            device_faults("cpu"),
+            mapped_within(self.project.folder, self._settings.memory) as self._store,
+        ):
             prior = self._base(cohort)
             self._write_run_record(cohort)
             size = self._settings.optimize.core_set
             grows = size is not None and size < len(cohort.subjects) and prior is None
             if grows:
                 self._control.expect_fits()
-            cohort, groomed = self._groomed(cohort, outline if grows else None)
+            cohort, groomed = self._groomed(
+                cohort, outline if grows else lambda item: item.stored(self._store)
+            )
             self._control.enter(Phase.ALIGNING, "aligning")
             if grows:
                 outcome = self._grown(cohort, groomed, device)
@@ -267,7 +276,7 @@ class Run:
             self._excluded = absent | self._excluded
 
     def _groomed(
-        self, cohort: Cohort, reduced: Callable[[GroomedSubject], GroomedSubject] | None
+        self, cohort: Cohort, reduced: Callable[[GroomedSubject], GroomedSubject]
     ) -> tuple[Cohort, list[GroomedSubject]]:
         self._control.enter(Phase.GROOMING, "grooming")
         left_out: list[Problem] = []
@@ -305,7 +314,9 @@ class Run:
             return outcome
 
         folders = self.project.groomed, self.project.fits
-        return grow(cohort, outlines, self._settings, folders, device, self._control, optimized)
+        return grow(
+            cohort, outlines, self._settings, folders, device, self._control, optimized, store=self._store
+        )
 
     def _optimized(self, inputs: OptimizationInput, prior: PriorResult | None) -> OptimizationOutcome:
         path = self.project.checkpoint
@@ -326,5 +337,6 @@ class Run:
             checkpoint=save,
             prior=prior,
             resume=read_checkpoint(path, inputs.fingerprint) if self._resume else None,
-            solve=TableCache(self.project.geodesics).solve,
+            solve=TableCache(self.project.geodesics, self._store).solve,
+            store=self._store,
         )

@@ -8,6 +8,7 @@ from homolog.correspondence.prepared_cohort import GeodesicSolver
 from homolog.device import device_faults
 from homolog.geodesics import solve_tables
 from homolog.grooming import GroomedSubject, align_cohort
+from homolog.memory import Store, in_memory
 from homolog.progress import Tick, run_in_background
 from homolog.run.control import Control
 from homolog.run.events import Phase
@@ -79,6 +80,7 @@ def run_optimization(
     prior: PriorResult | None = None,
     resume: Checkpoint | None = None,
     solve: GeodesicSolver = solve_tables,
+    store: Store = in_memory,
 ) -> OptimizationOutcome:
     """Place the particles.
 
@@ -125,6 +127,7 @@ def run_optimization(
             initial=None if prior is None else prior.initial(inputs.shapes, control.tick),
             resume=resume,
             solve=solve,
+            store=store,
         )
     return OptimizationOutcome(
         add_repair_notes(inputs, result), result.world, result.local, result.alignments, result.energies,

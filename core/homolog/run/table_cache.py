@@ -10,6 +10,7 @@ from pathlib import Path
 from homolog.files.atomic import report_os_errors
 from homolog.geodesics import GeodesicTable, plan_tables, solve_plan
 from homolog.geodesics.cache import load_table, save_table, table_path
+from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 
@@ -30,10 +31,12 @@ class TableCache:
     ----------
     folder : Path
         Of the tables. Their names tell what they belong to, so others in it do no harm.
+    store : Store
+        Where tables of a CPU lie.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, store: Store = in_memory) -> None:
+        self._folder, self._store = folder, store
         self._unsaved: dict[Path, GeodesicTable] = {}
         self._seconds = 0.0
 
@@ -54,7 +57,7 @@ class TableCache:
             tick(index / len(paths), f"geodesic distances of {task.name}")
             kept = load_table(path, device)
             if kept is not None and kept.n_vertices == len(task.mesh.vertices):
-                tables[path] = kept
+                tables[path] = kept.stored(self._store)
         absent = {path: task for path, task in zip(paths, plan.tasks, strict=True) if path not in tables}
         size = 1 if device == "cpu" else _SHAPES_ON_GPU
         for first in range(0, len(absent), size):
@@ -62,7 +65,8 @@ class TableCache:
             part = replace(plan, tasks=tuple(some.values()), nbytes=plan.nbytes * len(some) // len(paths))
             share = part_of(tick, first / len(absent), (first + len(some)) / len(absent))
             began = time.monotonic()
-            solved = dict(zip(some, solve_plan(part, device=device, tick=share), strict=True))
+            fresh = [table.stored(self._store) for table in solve_plan(part, device=device, tick=share)]
+            solved = dict(zip(some, fresh, strict=True))
             self._keep(solved, time.monotonic() - began)
             tables |= solved
         return [tables[path] for path in paths]

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from homolog.arrays import Float32Array, FloatArray, frozen
+from homolog.memory import Store
 from homolog.surfaces.mirroring import MIRROR
 
 __all__ = ["DistanceField"]
@@ -35,6 +36,10 @@ class DistanceField:
     def __reduce__(self) -> tuple[object, ...]:
         """Stay read-only through pickling."""
         return DistanceField, (self.values, self.index_to_world)
+
+    def stored(self, store: Store) -> "DistanceField":
+        """Return the field with its values in a store."""
+        return DistanceField(store(self.values), self.index_to_world)
 
     @property
     def spacing(self) -> float:

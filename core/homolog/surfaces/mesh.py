@@ -6,6 +6,7 @@ import numpy as np
 
 from homolog.arrays import FloatArray, IntArray, frozen
 from homolog.geometry import transform_points
+from homolog.memory import Store
 
 __all__ = ["TriangleMesh"]
 
@@ -33,6 +34,10 @@ class TriangleMesh:
     def __reduce__(self) -> tuple[object, ...]:
         """Stay read-only through pickling."""
         return TriangleMesh, (self.vertices, self.faces)
+
+    def stored(self, store: Store) -> "TriangleMesh":
+        """Return the surface with its arrays in a store."""
+        return TriangleMesh(store(self.vertices), store(self.faces))
 
     def placed(self, matrix: FloatArray) -> "TriangleMesh":
         """Return the surface in the frame that a (4, 4) matrix leads to; its faces still point outward."""
