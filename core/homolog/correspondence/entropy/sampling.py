@@ -51,6 +51,7 @@ class Sampling:
         self.energies = wp.zeros(total, dtype=float, **on_device)
         self.neighbours = wp.zeros((total, MAX_NEIGHBOURS), dtype=int, **on_device)
         self.counts = wp.zeros(total, dtype=int, **on_device)
+        self.places = wp.zeros((total, MAX_NEIGHBOURS), dtype=wp.int8, **on_device)
         self.pairs = wp.zeros((total, MAX_NEIGHBOURS), dtype=wp.vec4, **on_device)
         self.forces = wp.zeros(total, dtype=wp.vec3, **on_device)
         self.spread = wp.zeros(total, dtype=wp.vec3, **on_device)
@@ -76,6 +77,7 @@ class Sampling:
             self.total,
             [layout, self.grid.id, self.surface_set.surfaces, self.spread, closest, *lists],
         )
+        self.launch(sampling_kernels.link_back, self.total, [*lists, self.places])
 
     def compute_forces(self, positions: DeviceArray, normals: DeviceArray, closest: DeviceArray) -> None:
         """Compute widths, energies and forces.
@@ -88,15 +90,20 @@ class Sampling:
             Closest points on the meshes, from which geodesic distances are looked up.
         """
         lists = [self.neighbours, self.counts]
-        made = [self.masses, self.pairs, self.forces]
         geometry = [self.surface_set.surfaces, positions, normals, closest]
+        self.launch(
+            sampling_kernels.measure_pairs,
+            self.total,
+            [self.layout, *geometry, *lists, self.places, self.widths, self.pairs],
+        )
+        widths, made = [self.widths, self.next_widths], [self.masses, self.forces, self.energies]
         self.launch(
             sampling_kernels.compute_forces,
             self.total,
-            [self.layout, *geometry, *lists, self.widths, self.next_widths, *made, self.energies],
+            [self.layout, self.surface_set.surfaces, normals, *lists, self.pairs, *widths, *made],
         )
         self.launch(
             sampling_kernels.add_reaction_forces,
             self.total,
-            [self.layout, normals, *lists, self.widths, *made],
+            [self.layout, normals, *lists, self.widths, self.masses, self.pairs, self.forces],
         )

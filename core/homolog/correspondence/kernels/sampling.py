@@ -4,11 +4,20 @@ import warp as wp
 
 from homolog.correspondence.kernels.functions import tangent
 from homolog.correspondence.kernels.particles import Layout, Surface
-from homolog.geodesics.kernels.lookup import SurfacePoint, geodesic
+from homolog.geodesics.kernels.lookup import SurfacePoint, geodesic, geodesic_pair
 
 wp.set_module_options({"enable_backward": False})
 
-__all__ = ["CUTOFF", "MAX_WIDTH_RATIO", "add_reaction_forces", "compute_forces", "link_neighbours", "spread"]
+__all__ = [
+    "CUTOFF",
+    "MAX_WIDTH_RATIO",
+    "add_reaction_forces",
+    "compute_forces",
+    "link_back",
+    "link_neighbours",
+    "measure_pairs",
+    "spread",
+]
 
 MIN_FILTER_COSINE = wp.constant(0.3)  # cosine below which Cates et al.'s filter weakens an interaction
 CUTOFF = 3.5  # Parzen widths at which a kernel of 0.2 % is cut off
@@ -16,6 +25,7 @@ MAX_WIDTH_RATIO = 1.2  # largest Parzen width, over that of an even layout
 CUTOFF_RATIO = wp.constant(CUTOFF)
 MAX_WIDTH = wp.constant(MAX_WIDTH_RATIO)
 MIN_WIDTH = wp.constant(0.1)
+STRAIGHT_MARGIN = wp.constant(1.05)  # geodesic distances are interpolated, and may be that much too short
 SQUARED_FORM = wp.constant(0)
 
 
@@ -78,7 +88,25 @@ def link_neighbours(
 
 
 @wp.kernel
-def compute_forces(
+def link_back(
+    first: int,
+    neighbours: wp.array(dtype=int, ndim=2),
+    counts: wp.array(dtype=int),
+    places: wp.array(dtype=wp.int8, ndim=2),
+):
+    """Find the place of each particle in the lists of its neighbours; -1 if it is in none."""
+    p = first + wp.tid()
+    for k in range(wp.min(counts[p], neighbours.shape[1])):
+        j = neighbours[p, k]
+        place = int(-1)
+        for other in range(wp.min(counts[j], neighbours.shape[1])):
+            if neighbours[j, other] == p:
+                place = other
+        places[p, k] = wp.int8(place)
+
+
+@wp.kernel
+def measure_pairs(
     first: int,
     c: Layout,
     surfaces: wp.array(dtype=Surface),
@@ -87,10 +115,68 @@ def compute_forces(
     closest: wp.array(dtype=SurfacePoint),
     neighbours: wp.array(dtype=int, ndim=2),
     counts: wp.array(dtype=int),
+    places: wp.array(dtype=wp.int8, ndim=2),
+    widths: wp.array(dtype=float),
+    pairs: wp.array(dtype=wp.vec4, ndim=2),
+):
+    """Measure the distance to each neighbour, and the direction away from it in the tangent plane.
+
+    Each pair is measured once, for both of its particles. The distance is -1 where it is beyond the cutoff of
+    both, or out of the table's range.
+    """
+    p = first + wp.tid()
+    shape = p // c.per_shape
+    if surfaces[shape].fixed == 1:
+        return
+    x = positions[p]
+    n = normals[p]
+    s = widths[p]
+    closest_point = closest[p]
+    table = surfaces[shape].table
+    for k in range(wp.min(counts[p], neighbours.shape[1])):
+        j = neighbours[p, k]
+        place = int(places[p, k])
+        if place < 0 or p < j:
+            own = wp.vec4(0.0, 0.0, 0.0, -1.0)
+            other = own
+            straight = x - positions[j]
+            reach = STRAIGHT_MARGIN * CUTOFF_RATIO * wp.max(s, widths[j])
+            if wp.length_sq(straight) < reach * reach:
+                if c.geodesic == 1:
+                    pair = geodesic_pair(table, closest_point, closest[j])
+                    own = away(pair.at_x, n, pair.distance)
+                    other = away(pair.at_y, normals[j], pair.distance)
+                else:
+                    d = wp.length(straight)
+                    own = away(straight / d, n, d)
+                    other = away(-straight / d, normals[j], d)
+            pairs[p, k] = own
+            if place >= 0:
+                pairs[j, place] = other
+
+
+@wp.func
+def away(derivative: wp.vec3, normal: wp.vec3, distance: float) -> wp.vec4:
+    """Return the derivative's direction in the tangent plane, and the distance; -1 if there is none."""
+    direction = tangent(derivative, normal)
+    size = wp.length(direction)
+    if distance >= 0.0 and size > 1.0e-6:
+        return wp.vec4(direction[0] / size, direction[1] / size, direction[2] / size, distance)
+    return wp.vec4(0.0, 0.0, 0.0, -1.0)
+
+
+@wp.kernel
+def compute_forces(
+    first: int,
+    c: Layout,
+    surfaces: wp.array(dtype=Surface),
+    normals: wp.array(dtype=wp.vec3),
+    neighbours: wp.array(dtype=int, ndim=2),
+    counts: wp.array(dtype=int),
+    pairs: wp.array(dtype=wp.vec4, ndim=2),
     widths: wp.array(dtype=float),
     next_widths: wp.array(dtype=float),
     masses: wp.array(dtype=float),
-    pairs: wp.array(dtype=wp.vec4, ndim=2),
     forces: wp.array(dtype=wp.vec3),
     energies: wp.array(dtype=float),
 ):
@@ -104,32 +190,12 @@ def compute_forces(
     shape = p // c.per_shape
     if surfaces[shape].fixed == 1:
         return
-    x = positions[p]
     n = normals[p]
-    closest_point = closest[p]
-    table = surfaces[shape].table
-    count = wp.min(counts[p], neighbours.shape[1])
-    for k in range(count):
-        j = neighbours[p, k]
-        pair = wp.vec4(0.0, 0.0, 0.0, -1.0)
-        if c.geodesic == 1:
-            derivative = geodesic(table, closest_point, closest[j], SQUARED_FORM)
-            away = tangent(wp.vec3(derivative[0], derivative[1], derivative[2]), n)
-            size = wp.length(away)
-            if derivative[3] >= 0.0 and size > 1.0e-6:
-                pair = wp.vec4(away[0] / size, away[1] / size, away[2] / size, derivative[3])
-        else:
-            straight = x - positions[j]
-            d = wp.length(straight)
-            away = tangent(straight, n)
-            if d > 1.0e-9:
-                pair = wp.vec4(away[0] / d, away[1] / d, away[2] / d, d)
-        pairs[p, k] = pair
     s = widths[p]
     mass = float(0.0)
     squared_spread = float(0.0)
     force = wp.vec3(0.0, 0.0, 0.0)
-    for k in range(count):
+    for k in range(wp.min(counts[p], neighbours.shape[1])):
         pair = pairs[p, k]
         d = pair[3]
         if d >= 0.0 and d < CUTOFF_RATIO * s:

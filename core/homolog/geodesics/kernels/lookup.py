@@ -9,7 +9,16 @@ import homolog.device  # noqa: F401 - starts Warp
 
 wp.set_module_options({"enable_backward": False})
 
-__all__ = ["LANES", "MISSING", "SurfacePoint", "TableData", "geodesic", "surface_point", "table_distance"]
+__all__ = [
+    "LANES",
+    "MISSING",
+    "SurfacePoint",
+    "TableData",
+    "geodesic",
+    "geodesic_pair",
+    "surface_point",
+    "table_distance",
+]
 
 LANES = 16
 """Sources in a cluster: neighbouring vertices that are solved, and stored, side by side."""
@@ -41,6 +50,15 @@ class SurfacePoint:
     spread: wp.vec3  # squared distances from the point to the corners
     variance: float  # sum of weights times spread
     gradients: wp.mat33  # row i: gradient of weight i within the plane of the triangle
+
+
+@wp.struct
+class PairDistance:
+    """The geodesic distance of two points; negative if it is out of the table's range."""
+
+    distance: float
+    at_x: wp.vec3  # derivative with respect to the first point, in the plane of its triangle
+    at_y: wp.vec3
 
 
 @wp.func
@@ -143,30 +161,52 @@ def geodesic(table: TableData, x: SurfacePoint, y: SurfacePoint, form: int) -> w
         in the table's unit of length. D is negative, and the derivative 0, if one of the nine vertex
         distances is out of the table's range.
     """
-    if form == 0 and x.corners == y.corners:
-        # straight, where rounded codes would be a hundredth of an edge off
-        difference = x.position - y.position
-        direction = wp.normalize(difference)
-        return wp.vec4(direction[0], direction[1], direction[2], wp.length(difference))
+    if form == 0:
+        pair = geodesic_pair(table, x, y)
+        return wp.vec4(pair.at_x[0], pair.at_x[1], pair.at_x[2], pair.distance)
     codes = corner_codes(table, x.corners, y.corners)
     interpolated = wp.vec3(0.0, 0.0, 0.0)  # y's interpolation at each corner of x
     for i in range(3):
         total = float(0.0)
         for j in range(3):
+            if codes[i, j] == MISSING:
+                return wp.vec4(0.0, 0.0, 0.0, -1.0)
+            total += y.weights[j] * float(codes[i, j]) * table.unit
+        interpolated[i] = total
+    gradient = wp.transpose(x.gradients) * interpolated
+    return wp.vec4(gradient[0], gradient[1], gradient[2], wp.dot(x.weights, interpolated))
+
+
+@wp.func
+def geodesic_pair(table: TableData, x: SurfacePoint, y: SurfacePoint) -> PairDistance:
+    """Return the geodesic distance D(x, y) in form 0, with its derivatives with respect to x and to y."""
+    pair = PairDistance()
+    if x.corners == y.corners:
+        # straight, where rounded codes would be a hundredth of an edge off
+        difference = x.position - y.position
+        pair.at_x = wp.normalize(difference)
+        pair.at_y = -pair.at_x
+        pair.distance = wp.length(difference)
+        return pair
+    codes = corner_codes(table, x.corners, y.corners)
+    along_x = wp.vec3(0.0, 0.0, 0.0)  # y's interpolation at each corner of x
+    along_y = wp.vec3(0.0, 0.0, 0.0)
+    for i in range(3):
+        total = float(0.0)
+        for j in range(3):
             code = codes[i, j]
             if code == MISSING:
-                return wp.vec4(0.0, 0.0, 0.0, -1.0)
+                pair.distance = -1.0
+                return pair
             d = float(code) * table.unit
-            total += y.weights[j] * wp.where(form == 0, d * d, d)
-        interpolated[i] = total
-    value = wp.dot(x.weights, interpolated)
-    if form != 0:
-        gradient = wp.transpose(x.gradients) * interpolated
-        return wp.vec4(gradient[0], gradient[1], gradient[2], value)
-    squared = value - x.variance - y.variance
+            total += y.weights[j] * (d * d)
+            along_y[j] = along_y[j] + x.weights[i] * (d * d)
+        along_x[i] = total
+    squared = wp.dot(x.weights, along_x) - x.variance - y.variance
     if squared <= 1.0e-12 * (x.variance + y.variance):
-        return wp.vec4(0.0, 0.0, 0.0, 0.0)
-    distance = wp.sqrt(squared)
+        return pair
+    pair.distance = wp.sqrt(squared)
     # the derivative of x's variance is Σ ∇aᵢ |vᵢ - x|²: the rest cancels, since Σ aᵢ (vᵢ - x) = 0
-    slope = wp.transpose(x.gradients) * (interpolated - x.spread) / (2.0 * distance)
-    return wp.vec4(slope[0], slope[1], slope[2], distance)
+    pair.at_x = wp.transpose(x.gradients) * (along_x - x.spread) / (2.0 * pair.distance)
+    pair.at_y = wp.transpose(y.gradients) * (along_y - y.spread) / (2.0 * pair.distance)
+    return pair
