@@ -2,7 +2,7 @@
 
 import pytest
 
-from homolog.cohort import mask_files, read_cohort
+from homolog.cohort import mask_files, read_cohort, sides_of
 from homolog.errors import InputError
 
 ENDS = ("first", "corr", "flirt")
@@ -205,3 +205,17 @@ def test_a_dicom_seg_beside_the_scan_is_the_subject(tmp_path, places):
     assert files_of(read_cohort(tmp_path)) == {
         patient: f"{patient}/{places[1]}heart.dcm" for patient in ("p1", "p2")
     }
+
+
+def test_surfaces_of_brains_are_subjects_with_sides(tmp_path):
+    kinds = ("pial.surf.gii", "thickness.shape.gii", "inflated.surf.gii", "sphere.surf.gii")
+    names = [f"sub-0{i}_hemi-{side}_{kind}" for i in (1, 2) for side in "LR" for kind in kinds]
+    found = cohort_of(tmp_path / "flat", *names)
+    assert [one.path.name for one in found.subjects] == [name for name in names if "pial" in name]
+    assert set(sides_of(found).of.values()) == {"left", "right"}
+    places = [f"s{i}/surf/{name}" for i in (1, 2) for name in ("lh.pial", "lh.curv", "rh.pial", "rh.white")]
+    found = cohort_of(tmp_path / "freesurfer", *places)
+    assert [*mask_files(found.subjects[0].path)] == ["lh.pial", "rh.pial", "rh.white"]
+    found = cohort_of(tmp_path / "freesurfer", "s1/mri/aseg.mgz", "s2/mri/aseg.mgz")
+    assert [one.path.name for one in found.subjects] == ["aseg.mgz"] * 2
+    assert "surf/lh.pial" in found.notes[0]

@@ -182,6 +182,35 @@ def mesh(name: str) -> Target:
     )
 
 
+def good_freesurfer(folder: Path) -> None:
+    """A surface that names the volume that it was made of."""
+    from nibabel.freesurfer import write_geometry
+
+    ball = octahedron()
+    axes = {"xras": [-1.0, 0.0, 0.0], "yras": [0.0, 0.0, -1.0], "zras": [0.0, 1.0, 0.0], "cras": [1.0, 2, 3]}
+    volume = {"head": [2, 0, 20], "valid": "1", "filename": "a.mgz", "volume": [9, 9, 9]}
+    about = {**volume, "voxelsize": [1.0, 1.0, 1.0], **axes}
+    write_geometry(folder / "lh.pial", ball.vertices, ball.faces, "by nobody", about)
+
+
+def good_gifti(folder: Path) -> None:
+    """A surface of two arrays, compressed."""
+    from nibabel.gifti import GiftiDataArray, GiftiImage
+
+    ball = octahedron()
+    points = GiftiDataArray(ball.vertices.astype("f4"), "NIFTI_INTENT_POINTSET")
+    faces = GiftiDataArray(ball.faces.astype("i4"), "NIFTI_INTENT_TRIANGLE")
+    GiftiImage(darrays=[points, faces]).to_filename(folder / "a.surf.gii")
+
+
+def good_off(folder: Path) -> None:
+    """A text of points and faces."""
+    ball = octahedron()
+    points = "".join(f"{x} {y} {z}\n" for x, y, z in ball.vertices.tolist())
+    faces = "".join(f"3 {a} {b} {c}\n" for a, b, c in ball.faces.tolist())
+    (folder / "a.off").write_text(f"OFF\n{len(ball.vertices)} {len(ball.faces)} 0\n{points}{faces}")
+
+
 def good_series(folder: Path) -> None:
     """A label map of six slices."""
     import SimpleITK
@@ -346,6 +375,9 @@ NATIVE = {
     for item in (
         *map(image, ("a.nrrd", "packed.nrrd", "a.nhdr", "a.nii", "a.nii.gz", "a.mha", "packed.mha", "a.mhd")),
         *map(mesh, ("a.vtp", "a.vtk", "a.ply", "a.stl", "a.obj")),
+        Target("lh.pial", good_freesurfer, lambda folder: read_mesh(folder / "lh.pial")),
+        Target("a.surf.gii", good_gifti, lambda folder: read_mesh(folder / "a.surf.gii")),
+        Target("a.off", good_off, lambda folder: read_mesh(folder / "a.off")),
         Target("series/3.dcm", good_series, lambda folder: read_segmentation(folder / "series", None)),
         Target("a.dcm", good_seg, lambda folder: read_segmentation(folder / "a.dcm", None, "all")),
         Target(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QMimeData
 from PySide6.QtWidgets import QFileDialog, QInputDialog
 
+from homolog.cohort import IMAGE_SUFFIXES, MESH_SUFFIXES
 from homolog.errors import InputError, InUseError
 from homolog.files.atomic import replace_folder
 from homolog.files.project import ProjectFolder
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FILES", "Library", "dropped_paths"]
 
-FILES = "Segmentations and surfaces (*.nrrd *.nhdr *.nii *.nii.gz *.mha *.mhd *.vtp *.vtk *.ply *.stl *.obj)"
+FILES = f"Segmentations and surfaces ({' '.join(f'*{suffix}' for suffix in IMAGE_SUFFIXES + MESH_SUFFIXES)})"
 _TABLES, _READ = "Tables (*.csv)", "Tables (*.csv *.tsv *.txt *.xlsx)"
 _NOT_HELD = (
     "Subjects, settings, particles, surfaces and the shape model were saved. Groomed volumes, kept answers, "

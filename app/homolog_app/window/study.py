@@ -15,6 +15,8 @@ from homolog.cohort import (
     image_beside,
     landmarks_beside,
     read_cohort,
+    stem_of,
+    suffix_of,
     table,
 )
 from homolog.errors import InputError
@@ -124,21 +126,18 @@ def found_subjects(paths: Iterable[Path]) -> Cohort:
     subjects: list[Subject] = []
     notes: list[str] = []
     for path in paths:
-        suffix = next(
-            (suffix for suffix in IMAGE_SUFFIXES + MESH_SUFFIXES if path.name.lower().endswith(suffix)), None
-        )
         if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
             cohort = read_cohort(path)
             subjects += cohort.subjects
             notes += cohort.notes
-        elif suffix is None:
+        elif suffix_of(path) not in IMAGE_SUFFIXES + MESH_SUFFIXES:
             raise InputError(
                 f"{path.name} is not a segmentation or surface; known suffixes are "
                 f"{', '.join(IMAGE_SUFFIXES + MESH_SUFFIXES)}"
             )
         else:
-            name = path.name[: -len(suffix)]
-            subjects.append(Subject(name, path, landmarks=landmarks_beside(path), image=image_beside(path)))
+            landmarks, image = landmarks_beside(path), image_beside(path)
+            subjects.append(Subject(stem_of(path), path, landmarks=landmarks, image=image))
     return Cohort(tuple(subjects), Path(), tuple(notes))
 
 

@@ -40,6 +40,12 @@ _TIME = re.compile(
     r"(day|frame|month|phase|ses|session|time|timepoint|tp|visit|week|year)\d{1,4}"
     r"|baseline|diastole|ed|es|followup|post|postop|pre|preop|systole"
 )
+_OTHER_GIFTI = re.compile(
+    r"\.(shape|func|label|time|tensor|vector|coord|topo|rgba|dset|annot)\.gii$"
+    r"|(^|[^a-z])((very_?)?inflated|sphere|flat)([^a-z].*)?\.gii$",
+    re.IGNORECASE,
+)
+"""GIFTI files of values at the points of a surface, and surfaces that are unfolded."""
 _FEWEST = 3
 """Subjects that speak for a structure's name at the end of their files."""
 _FULL = 0.75
@@ -47,9 +53,13 @@ _FULL = 0.75
 
 
 def known_files(entries: Sequence[Path]) -> list[Path]:
-    """Return the segmentations and meshes."""
+    """Return the segmentations and meshes, without GIFTI files of values or of what is no anatomy."""
     return [
-        entry for entry in entries if suffix_of(entry) in IMAGE_SUFFIXES + MESH_SUFFIXES and entry.is_file()
+        entry
+        for entry in entries
+        if suffix_of(entry) in IMAGE_SUFFIXES + MESH_SUFFIXES
+        and not _OTHER_GIFTI.search(entry.name)
+        and entry.is_file()
     ]
 
 

@@ -43,6 +43,9 @@ _TEMPLATE = re.compile(r"fsaverage.*|[lr]h\.EC_average|cvs_avg.*", re.IGNORECASE
 _SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7")
 """Of segments that may overlap, and of label maps."""
 
+_LABEL_MAPS_OF_FREESURFER = (
+    "the label maps in mri/ were read; to take surfaces instead, name them in a cohort.csv (surf/lh.pial)"
+)
 _SAME_NAMES = "next to segmentations of the same names"
 
 _Files = Mapping[str, Path]
@@ -144,7 +147,13 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     cohort = tuple(_subject_of(name, files, by_structure) for name, files in every.items())
     empty = [item for item in below if item not in by_place and item not in templates]
     skipped = {"FreeSurfer's own": templates, "without a segmentation or mesh": empty}
-    return Cohort(cohort, folder, tuple(_skipped(why, items) for why, items in skipped.items() if items))
+    notes = [_skipped(why, items) for why, items in skipped.items() if items]
+    if any(
+        subject.path.parent.name == "mri" and (subject.path.parents[1] / "surf").is_dir()
+        for subject in cohort
+    ):
+        notes.append(_LABEL_MAPS_OF_FREESURFER)
+    return Cohort(cohort, folder, tuple(notes))
 
 
 def _subjects_below(folder: Path) -> list[dict[str, dict[str, Path]]]:

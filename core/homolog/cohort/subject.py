@@ -22,7 +22,9 @@ __all__ = [
 ]
 
 IMAGE_SUFFIXES = (".nii.gz", ".nii", ".seg.nrrd", ".nrrd", ".nhdr", ".mha", ".mhd", ".mgz", ".mgh", ".dcm")
-MESH_SUFFIXES = (".vtp", ".vtk", ".ply", ".stl", ".obj")
+FREESURFER_SUFFIXES = (".pial", ".white", ".smoothwm", ".midthickness", ".surf")
+"""Of FreeSurfer's surfaces: the last part of their names, which says what they are (``lh.pial``)."""
+MESH_SUFFIXES = (".vtp", ".vtk", ".ply", ".stl", ".obj", ".off", ".surf.gii", ".gii", *FREESURFER_SUFFIXES)
 
 _MARKUPS = ".mrk.json"
 IMAGE_ENDING = "_image"
@@ -124,8 +126,10 @@ def suffix_of(path: Path) -> str:
 
 
 def stem_of(path: Path) -> str:
-    """Return a file's name without its suffix; the whole name of a folder of DICOM files."""
+    """Return a file's name without its suffix; the whole of a DICOM folder's and FreeSurfer surface's."""
     suffix = suffix_of(path)
+    if suffix in FREESURFER_SUFFIXES:
+        return path.name
     known = suffix in IMAGE_SUFFIXES + MESH_SUFFIXES
     return path.name[: len(path.name) - len(suffix)] if known or not path.is_dir() else path.name
 

@@ -1,10 +1,10 @@
-"""Surface meshes as files: VTP, VTK, PLY, STL and OBJ.
+"""Surface meshes as files: VTP, VTK, PLY, STL, OBJ, OFF, GIFTI and FreeSurfer's.
 
 VTK's readers follow damaged files out of memory, which ends the program; here files are read without it.
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,11 @@ import numpy as np
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.files.atomic import atomic_write, write_text
+from homolog.files.brain_surfaces import read_freesurfer, read_gifti
 from homolog.files.legacy_vtk import read_legacy_vtk
 from homolog.files.ply import read_ply, write_ply
 from homolog.files.polygons import Polygons
-from homolog.files.stl_obj import read_obj, read_stl
+from homolog.files.stl_obj import read_obj, read_off, read_stl
 from homolog.files.vtp import read_vtp
 from homolog.memory import check_fits
 from homolog.surfaces.mesh import TriangleMesh
@@ -30,7 +31,11 @@ _READERS: dict[str, Callable[[bytes], Polygons]] = {
     ".ply": read_ply,
     ".stl": read_stl,
     ".obj": read_obj,
+    ".off": read_off,
+    ".gii": read_gifti,
+    **dict.fromkeys((".pial", ".white", ".smoothwm", ".midthickness", ".surf"), read_freesurfer),
 }
+_WRITTEN = (".vtp", ".vtk", ".ply", ".stl", ".obj")
 _READ_BYTES = 32  # of memory for each byte of a file, at most about
 _LPS_HEADER = "SPACE=LPS"  # 3D Slicer's mark for the patient frame used here
 
@@ -41,8 +46,9 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     Parameters
     ----------
     path : path
-        A file that ends in .vtp, .vtk, .ply, .stl or .obj. Coordinates are millimetres, LPS unless the
-        file says ``SPACE=RAS``.
+        A file that ends in .vtp, .vtk, .ply, .stl, .obj, .off, .gii (GIFTI), or .pial, .white, .smoothwm,
+        .midthickness or .surf (FreeSurfer). Coordinates are millimetres, LPS unless the file says
+        ``SPACE=RAS``; those of GIFTI and FreeSurfer are RAS.
 
     Returns
     -------
@@ -58,7 +64,7 @@ def read_mesh(path: str | PathLike[str]) -> TriangleMesh:
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        raise _unknown(path)
+        raise _unknown(path, _READERS)
     if not path.is_file():
         raise InputError(f"{path}: does not exist; correct the path or exclude it")
     check_fits(path, _READ_BYTES * path.stat().st_size, "simplify the surface")
@@ -138,8 +144,8 @@ def _write_obj(path: Path, mesh: TriangleMesh) -> None:
     write_text(path, "\n".join(lines) + "\n")
 
 
-def _unknown(path: Path) -> InputError:
-    return InputError(f"{path}: is not a mesh file; known types are {', '.join(_READERS)}")
+def _unknown(path: Path, known: Iterable[str]) -> InputError:
+    return InputError(f"{path}: is not a mesh file; known types are {', '.join(known)}")
 
 
 def _writer(path: Path) -> Any:  # noqa: ANN401 - VTK has no common type for its writers
@@ -149,7 +155,7 @@ def _writer(path: Path) -> Any:  # noqa: ANN401 - VTK has no common type for its
 
     writers = {".vtp": vtkXMLPolyDataWriter, ".vtk": vtkPolyDataWriter, ".stl": vtkSTLWriter}
     if path.suffix.lower() not in writers:
-        raise _unknown(path)
+        raise _unknown(path, _WRITTEN)
     return writers[path.suffix.lower()]()
 
 

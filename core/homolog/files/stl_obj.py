@@ -1,4 +1,4 @@
-"""Surfaces as lists of corners: STL, text and binary, and OBJ."""
+"""Surfaces as lists of corners: STL, text and binary, OBJ and OFF."""
 
 import re
 
@@ -7,12 +7,13 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog.files.polygons import Cells, Polygons, numbers_of
 
-__all__ = ["read_obj", "read_stl"]
+__all__ = ["read_obj", "read_off", "read_stl"]
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
 _BEGIN = 84  # bytes of a binary file before the first facet
 _VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)")
 _HEADER = 2000
+_OFF = re.compile(rb"\s*(?:ST|C|N)*OFF(?=\s|$)")
 
 
 def read_stl(content: bytes) -> Polygons:
@@ -77,3 +78,37 @@ def read_obj(content: bytes) -> Polygons:
             )
     table = np.array(points, dtype=np.float64).reshape(-1, 3)
     return Polygons(table, Cells.of_lists(faces), header=text[:_HEADER])
+
+
+def read_off(content: bytes) -> Polygons:
+    """Read the points and faces of an OFF file of text; colours, normals and textures are not looked at.
+
+    Raises
+    ------
+    ValueError
+        If it is cut short, binary, or no OFF.
+    """
+    lines = [line for item in content.split(b"\n") if (line := item.partition(b"#")[0].strip())]
+    kind = _OFF.match(lines[0]) if lines else None
+    if kind is None:
+        raise ValueError("no OFF, or one of points that are not three numbers")
+    rest = lines[0][kind.end() :].split()
+    counts = rest or lines.pop(1).split() if len(lines) > 1 else rest
+    if counts[:1] == [b"BINARY"]:
+        raise ValueError("binary OFF; save it as text")
+    points, faces = int(counts[0]), int(counts[1])
+    if min(points, faces) < 0 or 1 + points + faces > len(lines):
+        raise ValueError("cut short")
+    tokens = [token for line in lines[1 : points + 1] for token in _first(line.split(), 3)]
+    corners = []
+    for line in lines[points + 1 : points + faces + 1]:
+        count, *numbers = line.split()
+        corners.append([int(number) for number in _first(numbers, int(count))])
+    table = numbers_of(tokens, whole=False).reshape(-1, 3)
+    return Polygons(table, Cells.of_lists(corners), header=content[:_HEADER].decode("latin-1"))
+
+
+def _first(tokens: list[bytes], count: int) -> list[bytes]:
+    if not 0 <= count <= len(tokens):
+        raise ValueError("a line of too few numbers")
+    return tokens[:count]

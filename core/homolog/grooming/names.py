@@ -88,7 +88,7 @@ def _keys(name: str) -> frozenset[str]:
 
 def _tokens(name: str) -> list[str]:
     tokens = re.findall(r"[^\W_]+", unicodedata.normalize("NFKC", name).casefold())
-    return [_SYNONYMS.get(word, word) for word in tokens]
+    return [_SYNONYMS.get(word, word) for word in tokens if word != "hemi"]  # of BIDS' hemi-L
 
 
 _SYNONYMS = {
