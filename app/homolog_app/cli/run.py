@@ -21,6 +21,8 @@ from homolog.cohort import (
     landmarks_beside,
     mask_files,
     read_cohort,
+    stem_of,
+    suffix_of,
     with_values_of,
 )
 from homolog.errors import InputError
@@ -251,11 +253,9 @@ def _subjects_of(path: Path, segment: str | None) -> tuple[Subject, ...]:
             return (Subject(path.name, masks[0].parent.resolve()),)
     if path.is_dir() or path.suffix.lower() in TABLE_SUFFIXES:
         return read_cohort(path).subjects
-    suffixes = [item for item in (*IMAGE_SUFFIXES, *MESH_SUFFIXES) if path.name.lower().endswith(item)]
-    if not path.is_file() or not suffixes:
+    if not path.is_file() or suffix_of(path) not in IMAGE_SUFFIXES + MESH_SUFFIXES:
         raise InputError(f"{path}: is not a segmentation or mesh; correct the path")
-    name = path.name[: -len(max(suffixes, key=len))]
-    return (Subject(name, path.resolve(), landmarks=landmarks_beside(path.resolve())),)
+    return (Subject(stem_of(path), path.resolve(), landmarks=landmarks_beside(path.resolve())),)
 
 
 def _adds_particles(
