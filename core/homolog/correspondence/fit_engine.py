@@ -35,7 +35,6 @@ class EnsembleCoupling(HostCoupling):
         """Compute both gradients for this iteration's parameters."""
         parameters = stage.numpy()[int(iteration.numpy()[0])]
         a, b = (float(parameters[name]) for name in ("regularization", "normals_regularization"))
-        self._step = float(parameters["step"] * parameters["ensemble_weight"])
         self._regularization = a
         positions = np.asarray(self._rows(centred)[0], np.float64)
         normals = np.asarray(self._rows(logs)[0], np.float64)
@@ -47,6 +46,7 @@ class EnsembleCoupling(HostCoupling):
             0.0 if self._is_in_it else float(row @ rest) / self._ensemble.scale
             for row, rest in zip((positions, normals), rests, strict=True)
         ]
+        self._step = float(parameters["step"] * parameters["ensemble_weight"]) / (1.0 + leverages[0])
         self._gradients = [rest / (1.0 + h) for rest, h in zip(rests, leverages, strict=True)]
         self._entropies = 0.5 * self._ensemble.subjects[0] * np.log1p(leverages)
         self.stiffness.numpy()[0] = 1.0 / (b * (1.0 + leverages[1]))

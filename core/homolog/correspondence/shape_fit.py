@@ -18,7 +18,7 @@ from homolog.correspondence.ensemble import Ensemble, ShapeState
 from homolog.correspondence.fit_engine import FitEngine
 from homolog.correspondence.initialization.registration import snap_to_mesh
 from homolog.correspondence.launcher import Launcher
-from homolog.correspondence.loop import OptimizationLoop
+from homolog.correspondence.loop import RECORD_INTERVAL, OptimizationLoop
 from homolog.correspondence.mirror_images import with_mirror_images
 from homolog.correspondence.misplaced import MAX_MISPLACED_FRACTION, is_misplaced, predict_positions
 from homolog.correspondence.pose_search import SurfacePoints, Term, search_pose
@@ -30,7 +30,7 @@ from homolog.correspondence.surface_sets import Similarity
 from homolog.correspondence.types import InitialParticles, Shape
 from homolog.geometry import fit_similarity, inverse_matrices, transform_points
 from homolog.progress import Tick, no_tick
-from homolog.settings import OptimizeSettings
+from homolog.settings import OptimizeSettings, Procrustes
 from homolog.surfaces.mirroring import MIRROR, mirrors
 from homolog.threads import on_one_thread
 
@@ -38,10 +38,12 @@ __all__ = ["first_particles", "fit_shape", "fit_shape_from", "nearest_template",
 
 _ANNEAL_ITERATIONS, _FIRST_REGULARIZATION = 200, 1.0
 """Of a fit that starts from carried particles, which are near their places already."""
-_SETTLE_ITERATIONS = 300
-"""All are done: the objective of one shape fluctuates more than that of many."""
-_PLACED_ANNEAL, _PLACED_SETTLE = 60, 80
-"""Of a fit whose pose was searched for."""
+_SETTLE_ITERATIONS, _SETTLED = 300, 0.01
+"""At most, and the motion between two records at which 95 % of the particles have settled [spacings]: the
+objective of one shape fluctuates too much to tell."""
+_PLACED_ANNEAL, _PLACED_WEIGHTS = 60, 0.1
+"""Of a fit whose pose was searched for: iterations, and weights of the last stage over the run's. By then the
+particles have found their places, and lower weights spread them more evenly."""
 _TEMPLATE_POINTS = 256
 
 
@@ -136,8 +138,9 @@ def fit_shape(
     NumericalError
         If a particle is lost.
     """
-    stages = _stages(settings, len(local), _ANNEAL_ITERATIONS, _SETTLE_ITERATIONS)
-    return _fitted(shape, settings, ensemble, [local], stages[1:] if settled else stages, settled, tick)
+    stages = _stages(settings, len(local), _ANNEAL_ITERATIONS)
+    chosen = stages[1:] if settled else stages
+    return _fitted(shape, settings, ensemble, [local], chosen, settled=settled, searches=False, tick=tick)
 
 
 @on_one_thread
@@ -172,11 +175,17 @@ def fit_shape_from(
     NumericalError
         If a particle is lost.
     """
-    stages = _stages(settings, len(starts[0]), _PLACED_ANNEAL, _PLACED_SETTLE)
-    return _fitted(shape, settings, ensemble, starts, stages, False, tick)
+    anneal, settle = _stages(settings, len(starts[0]), _PLACED_ANNEAL)
+    settle = replace(
+        settle,
+        ensemble_weight=_PLACED_WEIGHTS * settle.ensemble_weight,
+        normals_weight=_PLACED_WEIGHTS * settle.normals_weight,
+    )
+    stages, searches = [anneal, settle], settings.procrustes not in (Procrustes.OFF, Procrustes.AUTO)
+    return _fitted(shape, settings, ensemble, starts, stages, settled=False, searches=searches, tick=tick)
 
 
-def _stages(settings: OptimizeSettings, count: int, anneal: int, settle: int) -> list[StagePlan]:
+def _stages(settings: OptimizeSettings, count: int, anneal: int) -> list[StagePlan]:
     """Return the stages of a fit with at most so many iterations."""
     stages = plan_stages(settings, count)
     first = min(_FIRST_REGULARIZATION, settings.regularization_start)
@@ -186,7 +195,7 @@ def _stages(settings: OptimizeSettings, count: int, anneal: int, settle: int) ->
         ensemble=(max(first, settings.regularization_end), settings.regularization_end),
         normals=(0.1, NORMALS_ANNEALING[1]),
     )
-    return [begin, replace(stages[1], iterations=min(settle, stages[1].iterations))]
+    return [begin, replace(stages[1], iterations=min(_SETTLE_ITERATIONS, stages[1].iterations))]
 
 
 def _fitted(
@@ -195,13 +204,15 @@ def _fitted(
     ensemble: Ensemble,
     starts: Sequence[FloatArray],
     stages: Sequence[StagePlan],
+    *,
     settled: bool,
+    searches: bool,
     tick: Tick,
 ) -> ShapeState:
     unit, opening = float(ensemble.unit[0]), float(ensemble.opening_scale[0])
     cohort, side = _prepared(shape, settings, len(starts[0]), unit, opening, free=True, tick=tick)
     first = [InitialParticles(transform_points(side, local)[None]) for local in starts]
-    loop = _FitLoop(ensemble, cohort, settings, stages, first, settled, tick)
+    loop = _FitLoop(ensemble, cohort, settings, stages, first, settled, searches, tick)
     try:
         loop.run(None)
         return loop.state(shape.alignment, side)
@@ -257,15 +268,16 @@ class _FitLoop(OptimizationLoop):
         stages: Sequence[StagePlan],
         starts: Sequence[InitialParticles],
         settled: bool,
+        searches: bool,
         tick: Tick,
     ) -> None:
-        self._ensemble, self._settled, self._starts = ensemble, settled, starts
+        self._ensemble, self._settled, self._searches, self._starts = ensemble, settled, searches, starts
         world = _matrix(cohort.to_optimizer[0])
         world[:3] *= cohort.unit
         super().__init__(
             [], world[None], cohort, settings, stages, starts[0], tick, observe=None, on_checkpoint=None
         )
-        self.tolerance = 0.0
+        self._recorded = np.empty((0, 3), np.float32)
 
     def state(self, placement: FloatArray, side: FloatArray) -> ShapeState:
         """Return how the particles ended."""
@@ -280,7 +292,7 @@ class _FitLoop(OptimizationLoop):
             poses = np.stack([fit_similarity(p, self._ensemble.mean, scaling=self.scaling) for p in starts])
         self.poses = poses[:1]
         self._set_particles(len(points), points[None])
-        if self.aligns and len(starts) > 1:
+        if self._searches:
             self._search(poses)
 
     def _search(self, poses: FloatArray) -> None:
@@ -312,6 +324,14 @@ class _FitLoop(OptimizationLoop):
         step = robust_step(points, points - rest, scaling=self.scaling)
         self.poses = (step @ pose)[None]
         self.engine.set_poses(self.poses)
+
+    def _has_converged(self, plan: StagePlan, done: int) -> bool:
+        """Return whether the particles hardly move any more."""
+        before, self._recorded = self._recorded, self.engine.host_positions()[0]
+        if not plan.until_converged or done < 2 * RECORD_INTERVAL or len(before) != len(self._recorded):
+            return False
+        moved = np.linalg.norm(self._recorded - before, axis=1)
+        return bool(np.quantile(moved, 0.95) < _SETTLED * np.sqrt(MEAN_AREA / len(moved)))
 
     def _relocate_misplaced(self, index: int, done: int) -> bool:
         if not self.settings.method.uses_normals or 2 * done > self.stages[index].iterations:
