@@ -30,14 +30,14 @@ def watched(running: psutil.Popen) -> tuple[float, float, float, float]:
         try:
             lines = dict(line.split(":", 1) for line in status.read_text().splitlines())
             times = running.cpu_times()
-            deleted = [item for item in running.memory_maps(grouped=False) if "(deleted)" in item.path]
+            maps = Path(f"/proc/{running.pid}/maps").read_text().splitlines()
         except (KeyError, OSError, psutil.Error):
             break  # it has just ended
         parts = [1024e-9 * int(lines[name].split()[0]) for name in ("VmRSS", "RssAnon") if name in lines]
-        parts.append(1e-9 * sum(span(item.addr) for item in deleted))
+        parts.append(1e-9 * sum(span(line.split()[0]) for line in maps if line.endswith("(deleted)")))
         peaks = [max(pair) for pair in zip(peaks, parts, strict=False)] if len(parts) == 3 else peaks
         seconds = times.user + times.system + times.children_user + times.children_system
-        time.sleep(0.05)
+        time.sleep(0.1)
     if running.wait() != 0:
         sys.exit(running.returncode)
     return peaks[0], peaks[1], peaks[2], seconds
@@ -68,7 +68,7 @@ def main() -> None:
         running = psutil.Popen(
             [sys.executable, "-m", "homolog_app", "run", str(scans), "--out", str(project), *SETTINGS.split(),
              "--particles", str(options.particles), *limit],
-            stdout=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         most, own, files, seconds = watched(running)
         result = contents(project)

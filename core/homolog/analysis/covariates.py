@@ -54,8 +54,7 @@ def covariate_columns(
         if missing:
             who = ", ".join(_name(names, index) for index in missing[:5])
             raise InputError(
-                f"covariate {title!r}: no value for {who}; fill it in, or exclude such subjects "
-                "(complete cases)"
+                f"{title!r}: no value for {who}; fill it in, or exclude such subjects (complete cases)"
             )
         numeric = None if title in categories else _numeric(title, values, names)
         if numeric is None:
