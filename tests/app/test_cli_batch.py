@@ -127,6 +127,20 @@ def test_run_refuses_an_unknown_name_with_near_ones(scans, tmp_path, capsys):
     assert "similar names: Left-Oval" in capsys.readouterr().err
 
 
+def test_structures_in_one_folder_are_run_by_name_and_listed_without(tmp_path, capsys):
+    image, ball = np.zeros((18, 18, 18), np.uint8), np.indices((18, 18, 18)) - 9
+    image[(ball**2).sum(axis=0) < 40] = 1
+    for name in ("p1_liver", "p1_spleen", "p2_liver", "p2_spleen", "p3_liver", "p3_spleen"):
+        SimpleITK.WriteImage(SimpleITK.GetImageFromArray(image), tmp_path / f"{name}.nii.gz")
+    out = tmp_path / "project"
+    assert main(["run", str(tmp_path), "--out", str(out), *QUIET, *QUICK]) == 2
+    message = capsys.readouterr().err
+    assert "liver (3), spleen (3)" in message
+    assert f"homolog run {tmp_path} --label liver" in message
+    assert main(["run", str(tmp_path), "--label", "liver", "--out", str(out), *QUIET, *QUICK]) == 0
+    assert [one.name for one in ProjectFolder(out).read().result.subjects] == ["p1", "p2", "p3"]
+
+
 def test_a_batch_makes_a_project_for_each_structure_and_goes_on_past_those_that_fail(finished):
     code, out = finished
     assert code == 1  # one failed

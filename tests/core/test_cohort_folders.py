@@ -4,6 +4,7 @@ import pytest
 
 from homolog.cohort import mask_files, read_cohort, sides_of
 from homolog.errors import InputError
+from homolog.grooming.structures import structures_of_files
 
 ENDS = ("first", "corr", "flirt")
 KINDS = (("labels", ".nrrd"), ("meshes", ".ply"))
@@ -139,9 +140,28 @@ def test_folders_with_files_of_the_same_subjects_are_no_groups(tmp_path):
         cohort_of(tmp_path, *(f"{item}/p0{i}_ED{end}.nrrd" for item, end in ends.items() for i in (1, 2)))
 
 
-def test_several_structures_of_each_subject_in_one_folder_are_refused(tmp_path):
-    with pytest.raises(InputError, match=r"liver, spleen .*own"):
-        cohort_of(tmp_path, *(f"p{i}_{item}.nii.gz" for item in ("liver", "spleen") for i in (1, 2, 3)))
+def test_several_structures_of_each_subject_in_one_folder_are_told_apart_by_their_names(tmp_path):
+    files = [f"p{i}_{item}.nii.gz" for item in ("liver", "spleen", "ct") for i in (1, 2, 10)]
+    found = cohort_of(tmp_path, *files, "p1_kidney_left.nii.gz")
+    assert [(one.name, one.image.name) for one in found.subjects] == [
+        (f"p{i}", f"p{i}_ct.nii.gz") for i in (1, 10, 2)
+    ]
+    masks = [mask_files(one.path) for one in found.subjects]
+    assert [*map(list, masks)] == [
+        ["kidney_left", "liver", "spleen"],
+        ["liver", "spleen"],
+        ["liver", "spleen"],
+    ]
+    assert masks[1]["spleen"] == tmp_path / "p10_spleen.nii.gz"
+    counts = {item.name: len(item.by_subject) for item in structures_of_files(found)}
+    assert counts == {"liver": 3, "spleen": 3, "kidney_left": 1}
+
+
+def test_a_scan_beside_the_only_structure_in_one_folder_is_no_subject(tmp_path):
+    found = cohort_of(tmp_path, *(f"p{i}_{item}.nii.gz" for item in ("liver", "ct") for i in (1, 2, 3)))
+    assert [(one.name, one.image.name) for one in found.subjects] == [
+        (f"p{i}_liver", f"p{i}_ct.nii.gz") for i in (1, 2, 3)
+    ]
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from shlex import quote
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +39,10 @@ if TYPE_CHECKING:
     from homolog.run import Run, RunStatus
 
 __all__ = ["add_parser", "interrupt_cancels", "run"]
+
+
+_LISTED = 12
+"""Structures that a message names, at most."""
 
 
 def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
@@ -77,6 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     with show_progress(arguments.progress) as progress:
         progress.show(0.0, "starting")
         from homolog.run import FinishReason, Phase, Run  # takes a second
+    _check_structure(arguments.cohort, cohort, settings.groom)
     if _is_there(arguments, project, cohort, settings):
         return _use(arguments, project, cohort)
     from_result = bool(arguments.fit) or _adds_particles(arguments, project, cohort, settings)
@@ -118,6 +124,22 @@ def run(arguments: argparse.Namespace) -> int:
     if not done:
         _say_what_is_left(job)
     return OK if done else CANCELLED
+
+
+def _check_structure(source: Path, cohort: Cohort, settings: GroomSettings) -> None:
+    """Refuse files of several structures of which none is chosen, in one message for all subjects."""
+    if settings.label is not None or settings.segment is not None:
+        return
+    from homolog.grooming.structures import structures_of_files
+
+    if structures := structures_of_files(cohort):
+        more = f" and {len(structures) - _LISTED} more" if len(structures) > _LISTED else ""
+        listed = ", ".join(f"{item.name} ({len(item.by_subject)})" for item in structures[:_LISTED])
+        raise InputError(
+            f"{source}: has a file for each structure of a subject: {listed}{more} (number of subjects); "
+            f"choose one: homolog run {source} --label {quote(structures[0].name)} …, or all: homolog batch "
+            f"{source} --labels all …"
+        )
 
 
 @cache

@@ -17,7 +17,7 @@ from homolog_app.window.asking import Part, ask, reported, waited
 from homolog_app.window.interrupted import interrupted_words
 from homolog_app.window.journal import Lost, find_lost
 from homolog_app.window.loaded import write_held
-from homolog_app.window.study import Study, found_subjects, with_table
+from homolog_app.window.study import Study, found_subjects, is_there, with_table
 from homolog_app.window.study_files import ViewRecord, open_project, save_project, study_of
 
 if TYPE_CHECKING:
@@ -361,7 +361,7 @@ class Library(Part):
 
     def _asked_where(self, study: Study) -> Path | None:
         """Ask where input files are that have moved; None if none has, or nobody knows."""
-        missing = [member.name for member in study.members if not member.subject.path.exists()]
+        missing = [member.name for member in study.members if not is_there(member.subject)]
         if not missing:
             return None
         text = f"{len(missing)} input files have moved, such as that of {missing[0]}."

@@ -14,6 +14,7 @@ from homolog.cohort import (
     TableChanges,
     image_beside,
     landmarks_beside,
+    mask_files,
     read_cohort,
     stem_of,
     suffix_of,
@@ -22,7 +23,7 @@ from homolog.cohort import (
 from homolog.errors import InputError
 from homolog.settings import RunSettings
 
-__all__ = ["Member", "Study", "found_subjects", "with_table"]
+__all__ = ["Member", "Study", "found_subjects", "is_there", "with_table"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +98,7 @@ class Study:
         values = {
             member.name: replace(member, subject=_relocated(member.subject, folder))
             for member in self.members
-            if not member.subject.path.exists() and (folder / member.subject.path.name).exists()
+            if not is_there(member.subject) and is_there(_relocated(member.subject, folder))
         }
         return self.with_members(values)
 
@@ -105,6 +106,11 @@ class Study:
         """Return the study without some members."""
         gone = set(names)
         return replace(self, members=tuple(member for member in self.members if member.name not in gone))
+
+
+def is_there(subject: Subject) -> bool:
+    """Return whether a subject's file or files are where they were."""
+    return subject.path.exists() or bool(mask_files(subject.path))
 
 
 def _relocated(subject: Subject, folder: Path) -> Subject:

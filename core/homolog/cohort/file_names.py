@@ -16,7 +16,9 @@ __all__ = [
     "known_files",
     "maps_of_all",
     "owner_of",
+    "pictures_among",
     "scans_beside",
+    "structure_in",
     "structures_in_names",
 ]
 
@@ -145,20 +147,33 @@ def are_times(structures: Iterable[str]) -> bool:
     return len(rest) > 1 and all(tokens and all(map(_TIME.fullmatch, tokens)) for tokens in rest)
 
 
-def structures_in_names(stems: Sequence[str]) -> list[str]:
+def structures_in_names(stems: Sequence[str]) -> dict[str, int]:
     """Return the structures in the names of one folder's files: ``p1_liver``, ``p1_spleen``, ``p2_liver`` ….
 
-    A structure is what follows a subject's number. Empty if the files are one for each subject, or what
-    follows is a side or a time, or few subjects share it.
+    A structure is what follows a subject's number; how many subjects have it is given, too. Empty if the
+    files are one for each subject, or what follows is a side or a time, or few subjects share it.
     """
     owners: dict[str, set[str]] = defaultdict(set)
     for stem in stems:
-        whose = owner_of(stem)
-        owners[stem[len(whose) :].strip("_-. ")].add(whose)
+        owners[structure_in(stem)].add(owner_of(stem))
     subjects = set().union(*owners.values())
-    whole = all(len(whose) >= _FULL * len(subjects) for whose in owners.values())
-    kinds = {kind for name in owners if (kind := _kind(name))}
-    return list(owners) if whole and len(kinds) > 1 and len(subjects) >= _FEWEST else []
+    whole = {name for name, whose in owners.items() if len(whose) >= _FULL * len(subjects)}
+    kinds = {kind for name in whole if (kind := _kind(name))}
+    several = len(kinds) > 1 and len(subjects) >= _FEWEST
+    return {name: len(whose) for name, whose in owners.items()} if several else {}
+
+
+def pictures_among(files: Sequence[Path]) -> dict[str, Path]:
+    """Return the scans, by whose they are: ``p1_ct``, where the other files are ``p1_liver`` or such."""
+    scans = {owner_of(stem_of(file)): file for file in files if is_picture(structure_in(stem_of(file)))}
+    others = [stem_of(file) for file in files if file not in scans.values()]
+    masks = {owner_of(stem) for stem in others if structure_in(stem)}
+    return scans if scans and scans.keys() <= masks and {owner_of(stem) for stem in others} <= masks else {}
+
+
+def structure_in(stem: str) -> str:
+    """Return the part of a file's name after whose it is; empty if there is none."""
+    return stem[len(owner_of(stem)) :].strip("_-. ")
 
 
 def owner_of(stem: str) -> str:

@@ -12,6 +12,7 @@ from homolog.cohort.file_names import (
     maps_of_all,
     meshes_beside,
     owner_of,
+    pictures_among,
     scans_beside,
     structures_in_names,
 )
@@ -82,21 +83,22 @@ def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[
     scans, meshes = scans_beside(files), meshes_beside(files)
     labels = [file for file in files if file not in scans and file not in meshes]
     chosen = maps_of_all(labels) or corrected(labels)
-    if several := structures_in_names([stem_of(file) for file in chosen]):
-        raise InputError(
-            f"{folder}: contains several structures of each subject: {_listed(several)} ({chosen[0].name}, "
-            f"{chosen[1].name} …); give each structure a folder of its own, or name the files of one in a "
-            "cohort.csv"
-        )
+    pictures = pictures_among(chosen)
+    chosen = [file for file in chosen if file not in pictures.values()]
+    several = structures_in_names([stem_of(file) for file in chosen])
     scan_of = {label: scan for scan, label in scans.items()}
     skipped = {
-        "next to label maps of the same subjects": list(scans),
+        "next to label maps of the same subjects": [*scans, *pictures.values()],
         _SAME_NAMES: meshes,
         f"next to {'maps of all structures' if maps_of_all(labels) else 'corrected ones'}": [
             file for file in labels if file not in chosen
         ],
     }
     notes = [_skipped(where, items) for where, items in skipped.items() if items]
+    if several:
+        owners = dict.fromkeys(owner_of(stem_of(file)) for file in chosen)
+        return [Subject(owner, folder / owner, image=pictures.get(owner)) for owner in owners], notes
+    scan_of |= {file: scan for file in chosen if (scan := pictures.get(owner_of(stem_of(file))))}
     return [_with_scan(file, scan_of.get(file)) for file in chosen], notes
 
 

@@ -42,7 +42,8 @@ class Subject:
         Unique within the cohort and fit for a file name.
     path : Path
         Segmentation (a file, the folder of a DICOM series, or a folder with a file for each structure) or
-        closed surface mesh.
+        closed surface mesh. ``FOLDER/p1`` where nothing is stands for the files ``p1_…`` of a folder, one for
+        each structure.
     group : str or None
         Value of the manifest's ``group`` column, if any.
     columns : mapping of str to str

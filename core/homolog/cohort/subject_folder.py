@@ -9,7 +9,9 @@ from homolog.cohort.file_names import (
     corrected,
     is_picture,
     known_files,
+    owner_of,
     scans_beside,
+    structure_in,
 )
 from homolog.cohort.subject import IMAGE_ENDING, stem_of, suffix_of
 
@@ -73,12 +75,16 @@ def mask_files(folder: Path) -> dict[str, Path]:
     Parameters
     ----------
     folder : Path
-        The subject's; its folder of segmentations is taken if it has one.
+        The subject's; its folder of segmentations is taken if it has one. If there is no such folder,
+        ``FOLDER/p1`` stands for the files ``p1_liver.nii.gz``, ``p1_spleen.nii.gz``, … of a common folder.
 
     Returns
     -------
     dict of str to Path
+        Empty if there are none.
     """
+    if not folder.exists():
+        return _masks_of_owner(folder.parent, folder.name)
     below = [
         entry for entry in entries_of(folder) if entry.is_dir() and entry.name.casefold().startswith(_LABELS)
     ]
@@ -95,6 +101,18 @@ def _masks(folder: Path) -> dict[str, Path]:
             files.setdefault(_structure(file).removesuffix(ending), file)
     masks = {name: file for name, file in files.items() if not is_picture(name)}
     return best_label_maps(masks or files)
+
+
+def _masks_of_owner(folder: Path, owner: str) -> dict[str, Path]:
+    """Return the files by structure whose names begin with that of their subject."""
+    if not folder.is_dir():
+        return {}
+    own = [file for file in entries_of(folder) if file.name.startswith(owner)]
+    known = [file for file in known_files(own) if owner_of(stem_of(file)) == owner]
+    best = corrected(known)
+    ending = "_corr" if len(best) < len(known) else ""
+    masks = {structure_in(stem_of(file)).removesuffix(ending): file for file in reversed(best)}
+    return {name: masks[name] for name in sorted(masks) if name and not is_picture(name)}
 
 
 def _structure(path: Path) -> str:

@@ -23,6 +23,7 @@ __all__ = [
     "mask_of",
     "masks_of",
     "structures_of",
+    "structures_of_files",
 ]
 
 _LISTED = 12
@@ -104,10 +105,10 @@ class Structures:
 
 def masks_of(subject: Subject) -> dict[str, Path]:
     """Return a subject's files by structure, if it has a folder with a file for each; empty otherwise."""
-    if not subject.path.is_dir():
+    if subject.path.is_file():
         return {}
     masks = mask_files(subject.path)
-    return masks if masks and not dicom_files(subject.path) else {}
+    return masks if masks and not (subject.path.is_dir() and dicom_files(subject.path)) else {}
 
 
 def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segment: str | None) -> Path:
@@ -155,6 +156,18 @@ def mask_of(subject: Subject, masks: Mapping[str, Path], label: int | None, segm
         nearest = f"similar names: {', '.join(alike)}; " if alike else ""
         raise InputError(f"{subject.path}: has no file of {segment!r}; {nearest}available: {listed}")
     return matches[0]
+
+
+def structures_of_files(cohort: Cohort) -> list[Structure]:
+    """Return the structures that subjects have a file for each of, by the files' names, the commonest first.
+
+    No file is read. Empty if every subject has just one file.
+    """
+    by_subject = {subject.name: masks for subject in cohort.subjects if (masks := masks_of(subject))}
+    if all(len(masks) == 1 for masks in by_subject.values()):
+        return []
+    unread = {subject: [Found(name, None, 0.0) for name in masks] for subject, masks in by_subject.items()}
+    return sorted(joined(unread), key=lambda structure: -len(structure.by_subject))
 
 
 def structures_of(subject: Subject) -> list[Found]:
