@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 
@@ -154,8 +155,18 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
         study_options(request),
         tick,
     )
-    run = {"groups": _groups, "regression": _regression, "pairs": _pairs}[request.kind]
-    overall, pairwise = run(question)
+    pairwise: tuple[Comparison, ...] = ()
+    if request.kind == "regression":
+        overall = _regression(question)
+    elif request.kind == "pairs":
+        overall = _pairs(question)
+    elif len(request.between) > 2:
+        overall, pairwise = compare_groups(
+            question.shapes, question.labels, request.between, **_details(question)
+        )
+    else:
+        two = request.between[0], request.between[1]
+        overall = compare_two_groups(question.shapes, question.labels, two, **_details(question))
     taken = set(overall.subjects.tolist())
     if request.kind == "pairs":
         taken |= {index for index, label in enumerate(question.labels) if label in request.between}
@@ -186,7 +197,13 @@ class _Question:
     tick: Tick
 
 
-_Answer = tuple[Comparison, tuple[Comparison, ...]]
+class _Details(TypedDict):
+    """Arguments of the comparisons of groups."""
+
+    covariates: FloatArray | None
+    options: Options
+    names: Sequence[str]
+    tick: Tick
 
 
 def _columns_of(result: Result) -> set[str]:
@@ -252,28 +269,18 @@ def _partners(
     return {result.names[index]: "the other one of the pair is missing" for index in alone}
 
 
-def _groups(question: _Question) -> _Answer:
-    request, names = question.request, question.result.names
-    members = np.flatnonzero(np.isin(question.labels, request.between))
-    extra = _covariates(question, members)
-    options, tick = question.options, question.tick
-    if len(request.between) > 2:
-        return compare_groups(
-            question.shapes,
-            question.labels,
-            request.between,
-            covariates=extra,
-            options=options,
-            names=names,
-            tick=tick,
-        )
-    two = request.between[0], request.between[1]
-    return compare_two_groups(
-        question.shapes, question.labels, two, covariates=extra, options=options, names=names, tick=tick
-    ), ()
+def _details(question: _Question) -> _Details:
+    """Return what a comparison of groups takes beside shapes and labels."""
+    members = np.flatnonzero(np.isin(question.labels, question.request.between))
+    return _Details(
+        covariates=_covariates(question, members),
+        options=question.options,
+        names=question.result.names,
+        tick=question.tick,
+    )
 
 
-def _regression(question: _Question) -> _Answer:
+def _regression(question: _Question) -> Comparison:
     request, names = question.request, question.result.names
     members = np.flatnonzero([bool(label) for label in question.labels])
     if not request.complete_cases:
@@ -295,10 +302,10 @@ def _regression(question: _Question) -> _Answer:
         names=[names[index] for index in members],
         tick=question.tick,
     )
-    return regression.renumbered(members), ()
+    return regression.renumbered(members)
 
 
-def _pairs(question: _Question) -> _Answer:
+def _pairs(question: _Question) -> Comparison:
     request, names = question.request, question.result.names
     column = request.pairs or ""
     first, second = pair_members(
@@ -309,10 +316,9 @@ def _pairs(question: _Question) -> _Answer:
         column=column,
     )
     title = f"{request.between[1]} - {request.between[0]}"
-    comparison = compare_pairs(
+    return compare_pairs(
         question.shapes, first, second, title, options=question.options, names=names, tick=question.tick
     )
-    return comparison, ()
 
 
 def _covariates(question: _Question, members: IntArray) -> FloatArray | None:

@@ -122,6 +122,14 @@ class MainWindow(QMainWindow):
         self.docks.show_for(open_)
         self._name_window()
 
+    @Slot()
+    def _show_progress(self) -> None:
+        """Show how far the work is; what is possible stays."""
+        desk = self.desk
+        if desk.work.kind in ("groom", "run"):
+            self.rail.show_steps(steps_of(desk.session, desk.work), self.step if desk.session.is_open else "")
+            self.inspector.show_work(desk.work)
+
     def closeEvent(self, event: QCloseEvent) -> None:
         """Ask, stop the work, let go of the graphics, then close."""
         if not self.library.may_leave():
@@ -185,6 +193,7 @@ class MainWindow(QMainWindow):
             self.inspector.explore.page_changed,
         ):  # fmt: skip
             signal.connect(self.refresh)
+        desk.work.progressed.connect(self._show_progress)
         desk.work.failed.connect(self.helping.show_error)
         self.inspector.settings_edited.connect(desk.edit_settings)
 

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication
 
 from homolog_app.scheme import DARK, LIGHT, Colours
 
-__all__ = ["Theme", "scaled"]
+__all__ = ["Theme", "scaled", "text_scale"]
 
 _SIZES, _USUAL = (12, 15, 17, 32), 12
 
@@ -69,7 +69,12 @@ class Theme(QObject):
 
 def scaled(size: int) -> int:
     """Return a size of letters [pixels], given for a system's font of 12 pixels, for the present one."""
-    return round(size * QFontInfo(QGuiApplication.font()).pixelSize() / _USUAL)
+    return round(size * text_scale())
+
+
+def text_scale() -> float:
+    """Return the size of the system's font relative to one of 12 pixels."""
+    return QFontInfo(QGuiApplication.font()).pixelSize() / _USUAL
 
 
 def _icon_folder() -> str:

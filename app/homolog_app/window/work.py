@@ -49,9 +49,12 @@ class Work(QObject):
     """Gives jobs to the computing thread and puts what they found into the session.
 
     Reading files and preparing kernels go on in the background: they give way to what the user orders.
+    `changed` says that a job begins, ends, pauses, or has a first or another preliminary model; `progressed`
+    only that the status of the same job is newer.
     """
 
     changed = Signal()
+    progressed = Signal()
     background = Signal(str)
     devices_known = Signal(object)
     failed = Signal(str, object)
@@ -69,6 +72,7 @@ class Work(QObject):
         self._next: _Order | None = None
         self._arrived: SimpleQueue[Survey] = SimpleQueue()
         self._prepared = False
+        self._told: tuple[object, ...] = ()
         self.to_restore: ProjectFolder | None = None
         self.cancelled_run: RunJob | None = None
         self.awaits_result = False  # the study being opened has one, which shows subjects without their files
@@ -270,7 +274,9 @@ class Work(QObject):
             self.status = status
         if self.kind not in ("groom", "run"):
             self.background.emit(status.message)
-        self.changed.emit()
+        state = (self.runner.job, self.status is None, status.paused, self.preliminary)
+        (self.progressed if state == self._told else self.changed).emit()
+        self._told = state
 
     @Slot(object)
     def _ended(self, ended: Ended) -> None:

@@ -50,7 +50,9 @@ def assert_same(mine, theirs):
     assert len(np.unique(colours)) > 50, "there is nothing to see"
 
 
-def test_subjects_are_drawn_again_with_layout_camera_opacity_and_scheme(explored, both):
+def test_subjects_are_drawn_again_with_layout_camera_opacity_scheme_and_size_of_texts(
+    explored, both, monkeypatch
+):
     explored.commands["view.raw"].trigger()
     wanted = {"a": "view.grid1", "b": "view.grid9"}
     for command in wanted.values():
@@ -63,6 +65,11 @@ def test_subjects_are_drawn_again_with_layout_camera_opacity_and_scheme(explored
     dark, theirs, _ = both()
     assert_same(dark, theirs)
     assert dark.mean() < mine.mean()
+    monkeypatch.setattr("homolog_app.window.scene.scene.text_scale", lambda: 1.5)  # of the system's font
+    explored.views.stage.scene.switch()
+    larger, theirs, _ = both()
+    assert_same(larger, theirs)
+    assert (larger != dark).any()
 
 
 def test_views_that_are_turned_alone_and_a_page_of_them_are_drawn_again(explored, both):

@@ -51,7 +51,13 @@ def test_the_particles_of_a_cancelled_run_can_be_kept(groomed, errors, wait):
     work = groomed.desk.work
     groomed.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
     groomed.commands["run.start"].trigger()
-    wait(lambda: (job := work.run_job) and job.frame and job.frame.world.shape[1] >= 16)
+    wait(lambda: (job := work.run_job) and job.frame)
+    changes, steps = [], []
+    work.changed.connect(lambda: changes.append(work.preliminary))
+    work.progressed.connect(lambda: steps.append(work.status.fraction))
+    wait(lambda: (job := work.run_job) and job.frame.world.shape[1] >= 16 and len(steps) > 2)
+    assert steps == sorted(steps)
+    assert not changes  # pages are not refreshed while a run goes on as before
     groomed.commands["run.cancel"].trigger()
     wait(lambda: not work.is_busy)
     assert groomed.desk.session.result is None

@@ -133,7 +133,8 @@ class CheckPage(ExplorePage):
         session = self.desk.session
         self.checked.changed.connect(self._show_inspection)
         self.checked.mended.connect(self._show_mended)
-        self.desk.work.changed.connect(self._tell_state)
+        for signal in (self.desk.work.changed, self.desk.work.progressed):
+            signal.connect(self._tell_state)
         self.table.selectionModel().currentRowChanged.connect(lambda now, _: self._choose(now.row()))
         for widget, command in (
             (self.again, "check.look"), (self.export, "check.export"), (self.mend, "check.mend"),

@@ -159,7 +159,8 @@ class GroupsPage(ExplorePage):
             signal.connect(self.shown_changed)
         session.selection_changed.connect(lambda: self.chart.show_selection(session.selection))
         self.fitted.changed.connect(self._follow_models)
-        self.desk.work.changed.connect(self._tell_work)
+        for signal in (self.desk.work.changed, self.desk.work.progressed):
+            signal.connect(self._tell_work)
         self.to_significant.clicked.connect(self._go_to_significant)
         self.way.valueChanged.connect(self._follow_way)
         self.player.swung.connect(lambda value: self.way.setValue(round(_WHOLE / 2 + value)))

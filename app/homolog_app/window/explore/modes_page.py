@@ -86,7 +86,8 @@ class ModesPage(ExplorePage):
     def _connect(self) -> None:
         session = self.desk.session
         self.fitted.changed.connect(self._show_model)
-        self.desk.work.changed.connect(self._tell_state)
+        for signal in (self.desk.work.changed, self.desk.work.progressed):
+            signal.connect(self._tell_state)
         self.sliders.moved.connect(self._follow_sliders)
         self.player.swung.connect(lambda value: self.sliders.show_value(self.sliders.chosen, value))
         self.who.activated.connect(lambda _: self._choose_subject(self.who.currentText()))

@@ -47,6 +47,8 @@ class Canvas(BaseModel):
         Of the views on the screen, in its pixels …
     ratio : float
         … of which each takes so many of the picture.
+    text : float
+        Size of the texts relative to a system font of 12 pixels.
     scheme : str
     layout, page : int
         Number of subjects a page, and which one is open; shapes of the model have a layout of their own.
@@ -67,6 +69,7 @@ class Canvas(BaseModel):
     width: _Pixels = 1280
     height: _Pixels = 720
     ratio: Annotated[float, Field(gt=0.0, le=8.0)] = 1.0
+    text: Annotated[float, Field(gt=0.0, le=8.0)] = 1.0
     scheme: Literal["light", "dark"] = "light"
     layout: Literal[1, 4, 9, 16] = 4
     page: Annotated[int, Field(ge=0)] = 0

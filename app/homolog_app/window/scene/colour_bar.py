@@ -8,6 +8,7 @@ from homolog_app.rendering.colour_scale import ColourScale
 from homolog_app.scheme import LIGHT, Colours
 from homolog_app.window.quantities import short
 from homolog_app.window.scene.colour_scale_picture import HEIGHT, MOST, SIDE, scale_picture
+from homolog_app.window.theme import text_scale
 
 __all__ = ["ColourBar"]
 
@@ -19,7 +20,7 @@ class ColourBar(QWidget):
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
-        self.setFixedHeight(HEIGHT)
+        self.setFixedHeight(round(HEIGHT * text_scale()))
         self._scale: ColourScale | None = None
         self._colours = LIGHT
         self._drawn: tuple[object, QImage] | None = None
@@ -59,7 +60,7 @@ class ColourBar(QWidget):
 
     def sizeHint(self) -> QSize:
         """Return the usual size."""
-        return QSize(MOST + 2 * SIDE, HEIGHT)
+        return QSize(MOST + 2 * SIDE, self.height())
 
     def paintEvent(self, event: QPaintEvent) -> None:
         """Paint the bar."""
@@ -71,10 +72,10 @@ class ColourBar(QWidget):
 
     def _picture(self, scale: ColourScale) -> QImage:
         """Return the scale's picture, kept as long as nothing of it changes."""
-        ratio = self.devicePixelRatioF()
-        wanted = scale, self._colours, self.width(), ratio
+        ratio, text = self.devicePixelRatioF(), text_scale()
+        wanted = scale, self._colours, self.width(), ratio, text
         if self._drawn is None or self._drawn[0] != wanted:
-            pixels = scale_picture(scale, self._colours, round(self.width() * ratio), ratio)
+            pixels = scale_picture(scale, self._colours, round(self.width() * ratio), ratio * text)
             height, width, _ = pixels.shape
             image = QImage(pixels.tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888).copy()
             image.setDevicePixelRatio(ratio)

@@ -46,6 +46,8 @@ class Grid:
         self._observer = window.AddObserver("StartEvent", self._before_drawing)
         self.ratio = 1.0
         """Pixels of the picture for each of a usual screen: names and letters keep their size."""
+        self.text = 1.0
+        """Size of the texts relative to a system font of 12 pixels."""
         self.quick = False
         """Whether light surfaces are drawn in place of full ones."""
         self._contents: Sequence[Content] = ()
@@ -154,9 +156,9 @@ class Grid:
         return Room(wide, high, 1.6 * self._text_px, lines * self._text_px + 0.025 * high)
 
     @property
-    def _text_px(self) -> int:
+    def _text_px(self) -> float:
         """Height of the texts, in pixels of a usual screen."""
-        return {1: 16, 4: 15, 9: 13}.get(self.count, 12)
+        return self.text * {1: 16, 4: 15, 9: 13}.get(self.count, 12)
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""

@@ -49,7 +49,7 @@ def drawn(shown: Shown, canvas: Canvas, scale: int = 1, *, transparent: bool = F
     window.SetNumberOfLayers(1)
     window.SetSize(round(canvas.width * ratio), round(canvas.height * ratio))
     grid = Grid(window, [vtkRenderer() for _ in range(MOST)])
-    grid.ratio, grid.layout = ratio, canvas.layout
+    grid.ratio, grid.text, grid.layout = ratio, canvas.text, canvas.layout
     grid.raw, grid.groomed, grid.balls = canvas.raw, canvas.groomed, canvas.particles
     grid.letters, grid.scale_bar = canvas.letters, canvas.scale_bar
     grid.opacity, grid.clip = canvas.opacity, canvas.clip
@@ -65,7 +65,9 @@ def drawn(shown: Shown, canvas: Canvas, scale: int = 1, *, transparent: bool = F
     if not transparent:
         pixels[..., 3] = 255
     if shown.scale is not None:
-        strip = scale_picture(shown.scale, colours, pixels.shape[1], ratio, transparent=transparent)
+        strip = scale_picture(
+            shown.scale, colours, pixels.shape[1], ratio * canvas.text, transparent=transparent
+        )
         pixels = np.concatenate([pixels, strip])
     return pixels
 

@@ -18,6 +18,7 @@ from homolog_app.window.scene.grid import MOST, Grid
 from homolog_app.window.scene.interactor import Interactor
 from homolog_app.window.scene.offscreen import drawn
 from homolog_app.window.scene.picking import Picker, aim
+from homolog_app.window.theme import text_scale
 
 __all__ = ["Scene"]
 
@@ -258,6 +259,7 @@ class Scene(QWidget):
         grid = self.grid
         return Canvas(
             width=self.plot.width(), height=self.plot.height(), ratio=self.devicePixelRatioF(),
+            text=grid.text,
             scheme="dark" if self._colours is DARK else "light",
             layout=grid.layout, page=grid.page, raw=grid.raw, groomed=grid.groomed, particles=grid.balls,
             opacity=grid.opacity, cameras=tuple(CameraState.of(camera) for camera in grid.cameras.each),
@@ -289,7 +291,7 @@ class Scene(QWidget):
 
     def _refresh(self, page: int | None = None) -> None:
         self._after_drawing()
-        self.grid.ratio = self.devicePixelRatioF()
+        self.grid.ratio, self.grid.text = self.devicePixelRatioF(), text_scale()
         if page is None:
             self.grid.refresh()
         else:
