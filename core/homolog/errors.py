@@ -1,6 +1,14 @@
 """Exceptions, grouped by who can fix the cause."""
 
-__all__ = ["Cancelled", "HomologError", "InUseError", "InputError", "NumericalError", "user_message"]
+__all__ = [
+    "Cancelled",
+    "HomologError",
+    "InUseError",
+    "InputError",
+    "NumericalError",
+    "WorkerDiedError",
+    "user_message",
+]
 
 
 class HomologError(Exception):
@@ -20,6 +28,10 @@ class InUseError(InputError):
 
 class NumericalError(HomologError, ArithmeticError):
     """A computation failed: the message names the subject and the step. Also an `ArithmeticError`."""
+
+
+class WorkerDiedError(NumericalError):
+    """A process that worked on single subjects died; what it had in hand can be begun again."""
 
 
 class Cancelled(HomologError):

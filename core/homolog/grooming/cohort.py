@@ -12,7 +12,7 @@ import numpy as np
 
 from homolog.cohort import Cohort, Subject
 from homolog.device import cores
-from homolog.errors import InputError, NumericalError
+from homolog.errors import InputError, NumericalError, WorkerDiedError
 from homolog.files.markups import read_markups
 from homolog.grooming.align import of_other_units
 from homolog.grooming.cache import content_key, is_outdated, load_groomed, save_groomed
@@ -252,7 +252,7 @@ def _as_they_finish(futures: dict[_Work, Subject], tick: Tick) -> Iterator[tuple
             for future in list(futures):
                 if future in done:
                     if isinstance(error := future.exception(), BrokenExecutor):
-                        raise NumericalError(
+                        raise WorkerDiedError(
                             "a grooming process died: for lack of memory (use fewer workers or a larger grid "
                             "spacing), or because a script of yours starts the work outside of "
                             'if __name__ == "__main__":'

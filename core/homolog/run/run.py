@@ -1,5 +1,6 @@
 """The pipeline, from files to a shape model, as a state machine that can be watched, paused and cancelled."""
 
+import logging
 import shutil
 from collections.abc import Callable, Sequence
 
@@ -9,7 +10,7 @@ from homolog.cluster import subject_executor
 from homolog.cohort import Cohort
 from homolog.correspondence import Checkpoint, Frame
 from homolog.device import choose_device, cores, device_faults
-from homolog.errors import Cancelled, InputError
+from homolog.errors import Cancelled, InputError, WorkerDiedError
 from homolog.files.atomic import report_os_errors
 from homolog.files.mapped import mapped_within
 from homolog.files.project import ProjectFolder
@@ -34,6 +35,10 @@ from homolog.settings import RunSettings
 
 __all__ = ["Run"]
 
+_log = logging.getLogger(__name__)
+
+_MOST_DEATHS = 3
+"""Of workers that groom, before the run ends; subjects that are done are not groomed again."""
 _FEWEST = 8
 """Particles that can carry a surface."""
 
@@ -280,20 +285,29 @@ class Run:
     ) -> tuple[Cohort, list[GroomedSubject]]:
         self._control.enter(Phase.GROOMING, "grooming")
         left_out: list[Problem] = []
-        with subject_executor(
-            self._settings.workers or cores(),
-            self._settings.cluster,
-            lambda line: self._control.enter(Phase.GROOMING, f"grooming on {line}"),
-        ) as executor:
-            groomed = groom_cohort(
-                cohort,
-                self._settings.groom,
-                executor=executor,
-                cache=self.project.groomed,
-                tick=self._control.tick,
-                left_out=left_out if self._skip_bad else None,
-                reduced=reduced,
-            )
+        groomed: list[GroomedSubject] = []
+        for deaths in range(1, _MOST_DEATHS + 1):
+            left_out.clear()
+            with subject_executor(
+                self._settings.workers or cores(),
+                self._settings.cluster,
+                lambda line: self._control.enter(Phase.GROOMING, f"grooming on {line}"),
+            ) as executor:
+                try:
+                    groomed = groom_cohort(
+                        cohort,
+                        self._settings.groom,
+                        executor=executor,
+                        cache=self.project.groomed,
+                        tick=self._control.tick,
+                        left_out=left_out if self._skip_bad else None,
+                        reduced=reduced,
+                    )
+                    break
+                except WorkerDiedError:
+                    if deaths == _MOST_DEATHS:
+                        raise
+                    _log.warning("grooming: a worker died; what it had in hand is begun again")
         if left_out:
             self._excluded |= {item.subject: item.message for item in left_out}
             cohort = cohort.without({item.subject for item in left_out})

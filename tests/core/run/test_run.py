@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from homolog.cohort import Cohort, Subject
-from homolog.errors import InputError, NumericalError
+from homolog.errors import InputError, NumericalError, WorkerDiedError
 from homolog.files.meshes import read_mesh
 from homolog.files.results import read_modes, read_result, read_surfaces
 from homolog.grooming import Problem, groom_cohort
@@ -204,6 +204,32 @@ def test_bad_files_can_be_left_out(start, groomed):
     assert run.execute() is FinishReason.COMPLETED
     assert read_result(groomed).names == ("a", "b", "c", "d")
     assert ["e.nrrd" in note for note in run.notes] == [True]
+
+
+def test_subjects_that_a_dead_worker_had_in_hand_are_groomed_again(start, groomed, monkeypatch):
+    deaths = []
+
+    def groom_after(count):
+        def die_first(*cohort, **how):
+            if len(deaths) < count:
+                deaths.append(1)
+                raise WorkerDiedError("a grooming process died")
+            return groom_cohort(*cohort, **how)
+
+        return die_first
+
+    monkeypatch.setattr("homolog.run.run.groom_cohort", groom_after(3))
+    with pytest.raises(WorkerDiedError):
+        start().execute()
+    monkeypatch.setattr("homolog.run.run.groom_cohort", groom_after(5))
+    run = start()
+
+    def cancel(status):
+        if status.phase is Phase.ALIGNING:
+            run.cancel()
+
+    assert run.execute(cancel) is FinishReason.CANCELLED
+    assert len(deaths) == 5
 
 
 def test_what_grooming_cannot_use_is_left_out_too(start, groomed, monkeypatch):
