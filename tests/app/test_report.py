@@ -239,10 +239,11 @@ def test_tables_say_what_they_are_of_and_what_each_column_holds(project):
     assert left_out.count("group is 'B'") == 6
 
 
-def test_subjects_without_a_value_are_left_out_by_choice_and_counted(project):
+def test_subjects_without_a_value_are_left_out_by_choice_and_counted(project, capsys):
     question = ["--covariates", "grade:c", "--between", "A", "B", "--size", "with"]
     assert _analyze(project, *question) == 2
     assert _analyze(project, *question, "--complete-cases") == 0
+    assert "1 subject was excluded for missing values" in capsys.readouterr().out
     (folder,) = (project.folder / "analysis").iterdir()
     (test,) = _rows(folder / "tests.csv")
     assert (test["n"], test["complete_cases"]) == ("11", "1")

@@ -146,6 +146,7 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
     _check(result, request)
     labels = column_of(result, request.column)
     left_out = _left_out(result, request, labels)
+    incomplete = list(left_out)
     taking = np.array([name not in left_out for name in result.names])
     question = _Question(
         result,
@@ -181,8 +182,17 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
         left_out,
         _areas(result),
         tuple(result.names),
-        _notes(result, request),
+        (*_notes(result, request), *_missing_words(incomplete)),
     )
+
+
+def _missing_words(names: Sequence[str]) -> list[str]:
+    """Return how many were excluded for missing values, and the first of them."""
+    if not names:
+        return []
+    verb = "subject was" if len(names) == 1 else "subjects were"
+    some = ", ".join(names[:5]) + (", …" if len(names) > 5 else "")
+    return [f"{len(names)} {verb} excluded for missing values (complete cases): {some}."]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -154,8 +154,8 @@ class _Search:
         inner = [np.inf, *values, np.inf]
         minima = [k for k in range(len(values)) if inner[k + 1] <= min(inner[k], inner[k + 2])]
         begun = sorted(minima, key=lambda k: values[k])[:_BEGUN]
-        found = [(value, pose, targets), *(self._descend(turned[k], targets) for k in begun)]
-        return min(found, key=lambda item: item[0])
+        ends = [(value, pose, targets), *(self._descend(turned[k], targets) for k in begun)]
+        return min(ends, key=lambda item: item[0])
 
     def _expected(self, pose: FloatArray, targets: FloatArray) -> FloatArray:
         """Return what the modes explain of the points nearest to the targets."""
