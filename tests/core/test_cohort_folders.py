@@ -153,6 +153,7 @@ def test_several_structures_of_each_subject_in_one_folder_are_told_apart_by_thei
         ["liver", "spleen"],
     ]
     assert masks[1]["spleen"] == tmp_path / "p10_spleen.nii.gz"
+    assert len(found.notes) == 1
     counts = {item.name: len(item.by_subject) for item in structures_of_files(found)}
     assert counts == {"liver": 3, "spleen": 3, "kidney_left": 1}
 
@@ -239,3 +240,31 @@ def test_surfaces_of_brains_are_subjects_with_sides(tmp_path):
     found = cohort_of(tmp_path / "freesurfer", "s1/mri/aseg.mgz", "s2/mri/aseg.mgz")
     assert [one.path.name for one in found.subjects] == ["aseg.mgz"] * 2
     assert "surf/lh.pial" in found.notes[0]
+
+
+def test_names_without_numbers_end_with_the_structure(tmp_path):
+    names = [f"{who}_{item}.stl" for who in ("anna", "bert", "carl") for item in ("femur", "tibia")]
+    found = cohort_of(tmp_path, *names)
+    assert {one.name: [*mask_files(one.path)] for one in found.subjects} == {
+        who: ["femur", "tibia"] for who in ("anna", "bert", "carl")
+    }
+
+
+def test_structures_before_numbers_may_be_groups_and_get_a_note(tmp_path):
+    found = cohort_of(tmp_path, *(f"{item}_{i}.nrrd" for item in ("liver", "spleen") for i in (1, 2, 3)))
+    assert len(found.subjects) == 6
+    assert "liver, spleen" in found.notes[0]
+    assert not cohort_of(tmp_path / "b", *(f"liver_{i}.nrrd" for i in (1, 2, 3))).notes
+
+
+def test_a_folder_for_each_side_gives_the_sides(tmp_path):
+    found = cohort_of(tmp_path, *(f"{side}/f{i}.stl" for side in ("left", "right") for i in (1, 2)))
+    assert sides_of(found).of == {f"f{i}_{side}": side for side in ("left", "right") for i in (1, 2)}
+    assert len(found.subjects) == 4
+
+
+def test_scans_of_benchmarks_are_no_structures(tmp_path):
+    kits = [f"case_{i}/{kind}.nii.gz" for i in (1, 2) for kind in ("imaging", "segmentation")]
+    oasis = [f"OAS_{i}/{kind}.nii.gz" for i in (3, 4) for kind in ("aligned_norm", "aligned_seg35")]
+    found = [one.path.name for one in cohort_of(tmp_path, *kits, *oasis).subjects]
+    assert found == ["aligned_seg35.nii.gz"] * 2 + ["segmentation.nii.gz"] * 2

@@ -13,8 +13,10 @@ __all__ = [
     "best_label_maps",
     "corrected",
     "is_picture",
+    "kinds_before_numbers",
     "known_files",
     "maps_of_all",
+    "numbered_part",
     "owner_of",
     "pictures_among",
     "scans_beside",
@@ -34,8 +36,10 @@ _MODALITIES = frozenset([
     "swi", "t1", "t1c", "t1ce", "t1gd", "t1n", "t1w", "t2", "t2f", "t2star", "t2w",
 ])
 # fmt: on
-_PICTURES = _MODALITIES | {"brain", "image", "img", "norm", "nu", "orig", "scan", "volume"}
+_PICTURES = _MODALITIES | {"brain", "image", "imaging", "img", "norm", "nu", "orig", "scan", "volume"}
 """What pictures are called that lie next to label maps."""
+_NORMALIZED = {"norm", "nu", "orig"}
+"""Last words of FreeSurfer's pictures."""
 _LABEL_MAPS = frozenset({"dseg", "firstseg"})
 """Words of BIDS and FSL for a map of all structures."""
 _TIME = re.compile(
@@ -48,6 +52,7 @@ _OTHER_GIFTI = re.compile(
     re.IGNORECASE,
 )
 """GIFTI files of values at the points of a surface, and surfaces that are unfolded."""
+_NUMBER_LAST = re.compile(r"(.*[^\W\d_])[-_. ]?(\d+)")
 _FEWEST = 3
 """Subjects that speak for a structure's name at the end of their files."""
 _FULL = 0.75
@@ -80,7 +85,7 @@ def is_picture(structure: str) -> bool:
     tokens = _words(structure)
     if not tokens or not _MASKS.isdisjoint(tokens):
         return False
-    return structure.casefold() in _PICTURES or tokens[-1] in _MODALITIES
+    return structure.casefold() in _PICTURES or tokens[-1] in _MODALITIES | _NORMALIZED
 
 
 def scans_beside(files: Sequence[Path]) -> dict[Path, Path]:
@@ -150,8 +155,9 @@ def are_times(structures: Iterable[str]) -> bool:
 def structures_in_names(stems: Sequence[str]) -> dict[str, int]:
     """Return the structures in the names of one folder's files: ``p1_liver``, ``p1_spleen``, ``p2_liver`` ….
 
-    A structure is what follows a subject's number; how many subjects have it is given, too. Empty if the
-    files are one for each subject, or what follows is a side or a time, or few subjects share it.
+    A structure is what follows a subject's number, or the last word where names have no numbers; how many
+    subjects have it is given, too. Empty if the files are one for each subject, or what follows is a side or
+    a time, or few subjects share it.
     """
     owners: dict[str, set[str]] = defaultdict(set)
     for stem in stems:
@@ -161,6 +167,20 @@ def structures_in_names(stems: Sequence[str]) -> dict[str, int]:
     kinds = {kind for name in whole if (kind := _kind(name))}
     several = len(kinds) > 1 and len(subjects) >= _FEWEST
     return {name: len(whose) for name, whose in owners.items()} if several else {}
+
+
+def kinds_before_numbers(stems: Sequence[str]) -> list[str]:
+    """Return what comes before the same numbers: ``liver_01``, ``spleen_01``, ``liver_02`` …; else nothing.
+
+    These may be structures as well as groups.
+    """
+    numbers: dict[str, set[str]] = defaultdict(set)
+    for stem in stems:
+        if parts := _NUMBER_LAST.fullmatch(stem):
+            numbers[parts[1]].add(parts[2])
+    every = set().union(*numbers.values())
+    kinds = [name for name, own in numbers.items() if _kind(name) and len(own) >= _FULL * len(every)]
+    return kinds if len(kinds) == len(numbers) > 1 and len(every) >= _FEWEST else []
 
 
 def pictures_among(files: Sequence[Path]) -> dict[str, Path]:
@@ -177,9 +197,14 @@ def structure_in(stem: str) -> str:
 
 
 def owner_of(stem: str) -> str:
-    """Return whose a file is: its name up to the end of the last word with a number, else all of it."""
+    """Return whose a file is: the numbered part of its name; without a number, all but the last word."""
+    return numbered_part(stem) or re.sub(r"[-_. ]+[^\W_]+$", "", stem) or stem
+
+
+def numbered_part(stem: str) -> str:
+    """Return a file's name up to the end of the last word with a number; empty if it has none."""
     numbered = re.match(r".*\d[^\W_]*", stem)
-    return numbered[0] if numbered else stem
+    return numbered[0] if numbered else ""
 
 
 def _kind(text: str) -> tuple[str, ...]:

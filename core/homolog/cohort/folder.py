@@ -8,14 +8,17 @@ from pathlib import Path
 
 from homolog.cohort.file_names import (
     corrected,
+    kinds_before_numbers,
     known_files,
     maps_of_all,
     meshes_beside,
+    numbered_part,
     owner_of,
     pictures_among,
     scans_beside,
     structures_in_names,
 )
+from homolog.cohort.sides import SIDE_COLUMN, is_side
 from homolog.cohort.subject import (
     IMAGE_SUFFIXES,
     MESH_SUFFIXES,
@@ -91,10 +94,15 @@ def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[
         "next to label maps of the same subjects": [*scans, *pictures.values()],
         _SAME_NAMES: meshes,
         f"next to {'maps of all structures' if maps_of_all(labels) else 'corrected ones'}": [
-            file for file in labels if file not in chosen
+            file for file in labels if file not in chosen and file not in pictures.values()
         ],
     }
     notes = [_skipped(where, items) for where, items in skipped.items() if items]
+    if kinds := kinds_before_numbers([stem_of(file) for file in chosen]):
+        notes.append(
+            f"files of the same numbers begin with {_listed(kinds)} and were all taken as subjects; give "
+            "each a folder of its own if these are structures"
+        )
     if several:
         owners = dict.fromkeys(owner_of(stem_of(file)) for file in chosen)
         return [Subject(owner, folder / owner, image=pictures.get(owner)) for owner in owners], notes
@@ -136,6 +144,8 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
         left = [item for item in by_folder if _MESH_FOLDER.fullmatch(item.name)]
         labelled = read_folder(labels)
         return replace(labelled, notes=(*labelled.notes, *([_skipped(_SAME_NAMES, left)] if left else [])))
+    if several and len(by_place) > 1 and all(is_side(item.name) for item in by_place):
+        return _of_sides(folder, list(by_place))
     if several and not _are_subjects(by_folder):
         return _of_groups(folder, by_folder)
     if not by_place:
@@ -224,10 +234,25 @@ def _say_what_is_in_them(folders: Iterable[Path]) -> bool:
     return any(kind.fullmatch(item.name) for item in folders for kind in kinds)
 
 
+def _of_sides(folder: Path, below: Sequence[Path]) -> Cohort:
+    """Return the cohort of a folder for each side of the body, whose subjects may have the same names."""
+    cohorts = {item.name: read_folder(item) for item in below}
+    subjects = [
+        replace(subject, name=f"{subject.name}_{side}", columns={**subject.columns, SIDE_COLUMN: side})
+        for side, cohort in cohorts.items()
+        for subject in cohort.subjects
+    ]
+    notes = [f"the folders {_listed(list(cohorts))} were taken as sides"]
+    notes += [f"{side}: {note}" for side, cohort in cohorts.items() for note in cohort.notes]
+    return Cohort(tuple(subjects), folder, tuple(notes))
+
+
 def _of_groups(folder: Path, by_folder: Mapping[Path, _Files]) -> Cohort:
     """Return the cohort of a folder for each group (controls, patients): its name is the subjects' group."""
     names = Counter(
-        owner for files in by_folder.values() for owner in {owner_of(name.casefold()) for name in files}
+        owner
+        for files in by_folder.values()
+        for owner in {numbered_part(name.casefold()) or name.casefold() for name in files}
     )
     mixed = max(names.values()) > 1 or any(re.search(r"\d", item.name) for item in by_folder)
     if mixed or _say_what_is_in_them(by_folder):
