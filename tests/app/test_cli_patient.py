@@ -1,13 +1,14 @@
 """``homolog reference`` and ``homolog patient`` from a finished run to two pages."""
 
 import csv
+import signal
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
-from homolog_app.cli import INPUT_ERROR, OK, main
+from homolog_app.cli import CANCELLED, INPUT_ERROR, OK, main
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +55,19 @@ def test_a_patient_gets_a_report_tables_and_surfaces(report):
     assert float(row["largest_z"]) < float(row["limit"])
     patient, expected = read_mesh(report / "patient.vtp"), read_mesh(report / "map.vtp")
     assert np.allclose(patient.vertices.mean(axis=0), expected.vertices.mean(axis=0), atol=1.0)
+
+
+def test_a_comparison_that_is_terminated_leaves_nothing(reference, ellipsoids, tmp_path, monkeypatch):
+    from homolog_app.report import patient
+
+    def terminated(folder, *_):
+        (folder / "half.csv").write_text("a,")
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(patient, "write_patients", terminated)
+    arguments = ["patient", str(reference), str(ellipsoids / "a.nrrd"), "--out", str(tmp_path / "out")]
+    assert main([*arguments, "--progress", "none"]) == CANCELLED
+    assert not list(tmp_path.iterdir())
 
 
 def test_particles_of_a_patient_lie_where_the_run_puts_them(report, reference, finished_run):

@@ -1,12 +1,14 @@
 """``homolog patient``: patients compared with a reference."""
 
 import argparse
+import signal
 import sys
 from pathlib import Path
 from typing import Any
 
 from homolog.errors import InputError
 from homolog_app.cli.progress import add_progress_option, show_progress
+from homolog_app.signals import handling
 
 __all__ = ["add_parser", "add_patient_options", "given_covariates", "run"]
 
@@ -105,7 +107,11 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.follow_up,
         tuple(arguments.repeat),
     )
-    with show_progress(arguments.progress) as progress, replace_folder(arguments.out) as folder:
+    with (
+        handling(signal.SIGTERM, signal.default_int_handler),  # tidy up as for Ctrl-C
+        show_progress(arguments.progress) as progress,
+        replace_folder(arguments.out) as folder,
+    ):
         summary = write_patients(folder, reference, request, progress.tick)
     sys.stdout.write("".join(f"{line}\n" for line in summary.lines))
     for line in summary.problems:

@@ -326,9 +326,12 @@ class _FitLoop(OptimizationLoop):
         self.engine.set_poses(self.poses)
 
     def _has_converged(self, plan: StagePlan, done: int) -> bool:
-        """Return whether the particles hardly move any more."""
+        """Return whether the particles hardly move any more, if the search for a pose has placed them.
+
+        Others may creep along the surface: all iterations are done.
+        """
         before, self._recorded = self._recorded, self.engine.host_positions()[0]
-        if not plan.until_converged or done < 2 * RECORD_INTERVAL or len(before) != len(self._recorded):
+        if not (self._searches and plan.until_converged) or done < 2 * RECORD_INTERVAL:
             return False
         moved = np.linalg.norm(self._recorded - before, axis=1)
         return bool(np.quantile(moved, 0.95) < _SETTLED * np.sqrt(MEAN_AREA / len(moved)))

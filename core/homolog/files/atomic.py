@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import psutil
+
 from homolog.errors import InputError
 
 __all__ = ["atomic_write", "is_stale_temp", "replace_folder", "report_os_errors", "write_text"]
@@ -64,6 +66,8 @@ def atomic_write(path: Path) -> Iterator[Path]:
 def replace_folder(path: Path) -> Iterator[Path]:
     """Give a folder to write to; it becomes `path` when the block ends well, and vanishes otherwise.
 
+    What a process that was killed left of the same folder vanishes too.
+
     Raises
     ------
     InputError
@@ -75,6 +79,7 @@ def replace_folder(path: Path) -> Iterator[Path]:
     temp = path.with_name(f"{_TEMP_PREFIX}{os.getpid()}-{path.name}")
     with report_os_errors(path):
         try:
+            _remove_abandoned(path)
             temp.mkdir(parents=True)
             yield temp
             if path.is_dir():
@@ -84,6 +89,17 @@ def replace_folder(path: Path) -> Iterator[Path]:
             raise _in_place(error, temp, path) from error
         finally:
             shutil.rmtree(temp, ignore_errors=True)
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Remove folders that processes which are no more began in place of `path`."""
+    if not path.parent.is_dir():
+        return
+    for item in path.parent.iterdir():
+        pid, _, name = item.name.removeprefix(_TEMP_PREFIX).partition("-")
+        begun = item.name.startswith(_TEMP_PREFIX) and name == path.name and pid.isdecimal()
+        if begun and item.is_dir() and not psutil.pid_exists(int(pid)):
+            shutil.rmtree(item, ignore_errors=True)
 
 
 def _in_place(error: InputError, temp: Path, path: Path) -> InputError:

@@ -202,7 +202,7 @@ def _cut_off(
         return []
     surface = reference.model.surface(fit.expected)
     areas = vertex_areas(surface)
-    missing = (z < -reference.limit) & _over_cap(groomed, fit, surface)
+    missing = _missing(groomed, fit, surface, areas / areas.sum(), z < -reference.limit)
     share = float(areas[missing].sum() / areas.sum())
     if share < _LEAST_MISSING:
         if gap > float(reference.gap[-1]):
@@ -222,17 +222,23 @@ def _cut_off(
     ]
 
 
-def _over_cap(groomed: GroomedSubject, fit: SurfaceFit, surface: TriangleMesh) -> BoolArray:
-    """Return which vertices lie over a flat end of the patient, along an axis of its image, (V,)."""
-    mesh = groomed.mesh
-    axes = groomed.field.index_to_world[:3, :3]
-    steps = np.linalg.norm(axes, axis=0)
-    along = mesh.vertices @ (axes / steps)
-    slope = mesh.vertex_normals @ (axes / steps)
-    depth = _CAP_DEPTH * steps
-    cap = ((slope > _CAP_COSINE) & (along > along.max(axis=0) - depth)).any(axis=1)
-    cap |= ((slope < -_CAP_COSINE) & (along < along.min(axis=0) + depth)).any(axis=1)
-    here = transform_points(inverse_matrices(fit.pose), surface.vertices)
+def _missing(
+    groomed: GroomedSubject, fit: SurfaceFit, surface: TriangleMesh, shares: FloatArray, inward: BoolArray
+) -> BoolArray:
+    """Return which vertices of the expected surface lie beyond flat ends of the patient, (V,).
+
+    An end along an axis of its image counts if the surface is expected to go on there: if it is, by more than
+    the limit, inward of the expected one.
+    """
+    mesh, here = groomed.mesh, transform_points(inverse_matrices(fit.pose), surface.vertices)
     nearest = np.asarray(KDTree(mesh.vertices).query(here, k=8)[1])
-    over: BoolArray = cap[nearest].mean(axis=1) >= _CAP_SHARE
-    return over
+    axes = groomed.field.index_to_world[:3, :3]
+    missing = np.zeros(len(here), bool)
+    for step in (*axes.T, *-axes.T):
+        length = float(np.linalg.norm(step))
+        along, slope = mesh.vertices @ step / length, mesh.vertex_normals @ step / length
+        cap = (slope > _CAP_COSINE) & (along > along.max() - _CAP_DEPTH * length)
+        over = inward & (cap[nearest].mean(axis=1) >= _CAP_SHARE)
+        if shares[over].sum() >= _LEAST_MISSING:
+            missing |= over | (here @ step / length > along.max())
+    return missing

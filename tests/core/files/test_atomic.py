@@ -1,3 +1,5 @@
+import os
+
 import pytest
 
 from homolog.errors import InputError
@@ -52,3 +54,13 @@ def test_a_folder_appears_whole_and_one_that_holds_anything_is_not_touched(tmp_p
     with pytest.raises(ZeroDivisionError), replace_folder(path) as part:
         _write_half(part / "half.txt")
     assert [item.name for item in path.parent.iterdir()] == ["series"]
+
+
+def test_folders_of_killed_processes_are_removed_and_those_of_others_are_not(tmp_path):
+    names = [".part-999999999-series", f".part-{os.getppid()}-series", ".part-999999999-other", ".part-x"]
+    for name in names:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "half.txt").write_text("half")
+    with replace_folder(tmp_path / "series"):
+        pass
+    assert {item.name for item in tmp_path.iterdir()} == {"series", *names[1:]}

@@ -221,7 +221,8 @@ def test_what_the_image_cuts_off_is_named_and_too_much_is_refused(reference, tem
         return groomed("p", TriangleMesh(points, faces), padded=True)
 
     found = compare_groomed(reference, cut(0.12), AGE)
-    assert any("cut off" in words for words in found.remarks)
+    (share,) = (int(words.split(" %")[0].split()[-1]) for words in found.remarks if "cut off" in words)
+    assert 8 <= share <= 16
     assert found.regions[0].peak < -2.0
     with pytest.raises(InputError, match="is cut off"):
         compare_groomed(reference, cut(0.45), AGE)
