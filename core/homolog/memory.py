@@ -1,5 +1,8 @@
 """How much memory there is, so that what can't fit is refused before it is begun."""
 
+import ctypes
+import gc
+import sys
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -8,7 +11,7 @@ from numpy.typing import NDArray
 
 from homolog.errors import InputError
 
-__all__ = ["Store", "check_fits", "free_memory", "in_memory", "resident_memory"]
+__all__ = ["Store", "check_fits", "free_memory", "in_memory", "resident_memory", "return_freed_memory"]
 
 _Item = TypeVar("_Item", bound=np.generic)
 
@@ -34,6 +37,15 @@ def resident_memory() -> int:
 def free_memory() -> int:
     """Return how much memory this machine can still give [bytes]."""
     return int(psutil.virtual_memory().available)
+
+
+def return_freed_memory() -> None:
+    """Return to the system what this process has freed, which the C library of Linux keeps otherwise."""
+    gc.collect()
+    if sys.platform == "linux":
+        library = ctypes.CDLL(None)
+        if hasattr(library, "malloc_trim"):  # of glibc
+            library.malloc_trim(0)
 
 
 def check_fits(what: object, needed: float, remedy: str) -> None:

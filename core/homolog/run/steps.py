@@ -8,7 +8,7 @@ from homolog.correspondence.prepared_cohort import GeodesicSolver
 from homolog.device import device_faults
 from homolog.geodesics import solve_tables
 from homolog.grooming import GroomedSubject, align_cohort
-from homolog.memory import Store, in_memory
+from homolog.memory import Store, in_memory, return_freed_memory
 from homolog.progress import Tick, run_in_background
 from homolog.run.control import Control
 from homolog.run.events import Phase
@@ -129,6 +129,7 @@ def run_optimization(
             solve=solve,
             store=store,
         )
+    return_freed_memory()  # tables and fields: as much as what follows needs
     return OptimizationOutcome(
         add_repair_notes(inputs, result), result.world, result.local, result.alignments, result.energies,
         result.iterations, result.reason.value, control.seconds,
