@@ -222,6 +222,7 @@ def _distributed() -> Any:  # noqa: ANN401 - an optional library without types
         raise InputError(
             'clusters need Dask, which is not installed; install it with: pip install "homolog[cluster]"'
         ) from error
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # its errors are raised, and told once
     return distributed
 
 

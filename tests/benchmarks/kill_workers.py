@@ -111,7 +111,7 @@ def one_try(whole: Path, project: ProjectFolder, case: str, phase: str, span: fl
         while running.poll() is None:
             for line in running.stdout:
                 if json.loads(line).get("phase") == phase and at is None:
-                    at = time.monotonic() + random.uniform(0.0, 0.6 * span)
+                    at = time.monotonic() + random.uniform(0.0, 0.3 * span)
             if at is not None and not done and time.monotonic() >= at:
                 with suppress(psutil.Error):
                     children = set(psutil.Process(running.pid).children(recursive=True))

@@ -9,6 +9,7 @@ import pytest
 from homolog.cohort import read_cohort
 from homolog.errors import InputError
 from homolog.exchange import write_markups, write_shapeworks
+from homolog.files.mapped import mapped_within
 from homolog.files.meshes import read_mesh, write_mesh
 from homolog.files.particles import write_particles
 from homolog.files.project import ProjectFolder
@@ -35,6 +36,11 @@ def octahedron():
     return TriangleMesh(corners, np.array(faces))
 
 
+def mapped(folder):
+    with mapped_within(folder, 1.0) as store:
+        store(np.ones(9))
+
+
 WRITES = {
     "project.json": lambda project: project.write(ProjectRecord()),
     "a.vtp": lambda project: write_mesh(project.folder / "a.vtp", surface(project)),
@@ -46,6 +52,7 @@ WRITES = {
     "a.csv": lambda project: write_table(project.folder / "a.csv", ["x"], [[1.0]] * 99),
     "a.mrk.json": lambda project: write_markups(project.folder / "a.mrk.json", np.ones((9, 3))),
     r"shapeworks[^:]*": lambda project: write_shapeworks(project, project.folder / "shapeworks"),
+    "project": lambda project: mapped(project.folder),
     r"tables/\w+\.npz": lambda project: solve_tables([octahedron()], np.inf, cache=project.folder / "tables"),
 }
 
