@@ -150,3 +150,12 @@ def test_a_part_of_the_objective_that_does_not_count_says_so():
     rows[:, 0], rows[:, 3] = np.arange(5), 0.0
     draw_energies(figure.subplots(1, 3), rows, COLOURS)
     assert [bool(axes.texts) for axes in figure.axes] == [False, False, True]
+
+
+def test_nearly_equal_measures_look_nearly_equal():
+    axes = _axes()
+    parts = [np.array([79.55, 79.551]), np.array([79.56, 79.562])]
+    draw_boxes(axes, parts, ("a", "b"), [("80 ± 0", "80")] * 2, "Distance", "mm", COLOURS)
+    low, high = axes.get_ylim()
+    assert high - low > 1.0
+    assert low < 79.55 < 79.562 < high

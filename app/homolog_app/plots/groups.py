@@ -24,6 +24,7 @@ __all__ = [
 
 _WAVE = 2.4  # radians from subject to subject, so that neighbours don't hide each other
 _BOX = 0.28
+_LEAST_RANGE = 0.02  # of an axis of measures, relative to their size
 _UNUSUAL = 0.05
 
 
@@ -136,6 +137,10 @@ def draw_boxes(
     names = [shortened(legible(name), room) for name in names]
     axes.set_xticks(range(len(parts)), map("\n".join, zip(names, below, strict=True)))
     axes.set_xlim(-0.6, len(parts) - 0.4)
+    low, high = axes.get_ylim()
+    middle = (low + high) / 2.0
+    if high - low < _LEAST_RANGE * abs(middle):  # nearly equal values look so
+        axes.set_ylim(middle - _LEAST_RANGE * abs(middle) / 2.0, middle + _LEAST_RANGE * abs(middle) / 2.0)
 
 
 def draw_measure(axes: Axes, x: FloatArray, y: FloatArray, title: str, label: str, colours: Colours) -> None:

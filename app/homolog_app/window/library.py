@@ -115,7 +115,7 @@ class Library(Part):
         resumable = opened.unfinished and project.checkpoint.is_file()
         self._window.show_step("correspond" if resumable and not opened.has_result else "cohort")
         if opened.has_result:
-            self._desk.work.open_result(project, lambda: self._window.show_step("explore"))
+            self._desk.work.open_result(project, lambda: self._show_as(opened.view))
         if resumable:
             particles = opened.study.settings.optimize.particles
             self._window.status.say(interrupted_words(project.checkpoint, particles))
@@ -373,12 +373,24 @@ class Library(Part):
         path = QFileDialog.getExistingDirectory(self._window, "Folder that contains the files now")
         return Path(path) if path else None
 
+    def _show_as(self, view: ViewRecord) -> None:
+        """Show a result as it was looked at when the project was saved."""
+        explore, views = self._window.inspector.explore, self._window.views
+        self._window.show_step("explore")
+        for page in explore.pages:
+            if page.title == view.page:
+                explore.open_page(page)
+        if views is not None:
+            views.look_as(view)
+
     def _view(self) -> ViewRecord:
-        views = self._window.views
-        layout = views.stage.scene.layout_count if views is not None else 4
-        return ViewRecord.model_validate(
-            {"step": self._window.step, "selection": self._desk.session.selection, "layout": layout}
+        window = self._window
+        view = ViewRecord(
+            step=window.step,
+            page=window.inspector.explore.page.title,
+            selection=tuple(self._desk.session.selection),
         )
+        return view if window.views is None else window.views.noted(view)
 
     def _forget(self) -> None:
         self._desk.preferences.forget()

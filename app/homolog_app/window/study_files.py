@@ -13,6 +13,7 @@ from homolog.files.project import ProjectFolder
 from homolog.files.project_table import update_table
 from homolog.files.records import ProjectRecord, SubjectRecord
 from homolog.settings import RunSettings
+from homolog_app.window.scene.canvas import CameraState
 from homolog_app.window.study import Member, Study
 
 __all__ = ["Opened", "StudyRecord", "ViewRecord", "open_project", "record_of", "save_project", "study_of"]
@@ -21,13 +22,33 @@ _FILE = "window.json"
 
 
 class ViewRecord(BaseModel):
-    """How the window looked: its step, selection and layout."""
+    """How the window looked.
+
+    Attributes
+    ----------
+    step, page : str
+        The open step, and the open page of Explore by its title.
+    selection : tuple of str
+    layout : int
+        Subjects a page of the views.
+    camera : CameraState or None
+        From where the views looked; None for the usual side.
+    opacity : float
+        Of the surfaces.
+    letters, scale_bar : bool
+        Whether the anatomical directions and a scale bar are shown.
+    """
 
     model_config = ConfigDict(frozen=True)
 
     step: str = "cohort"
+    page: str = ""
     selection: tuple[str, ...] = ()
     layout: Literal[1, 4, 9, 16] = 4
+    camera: CameraState | None = None
+    opacity: float = 1.0
+    letters: bool = True
+    scale_bar: bool = True
 
 
 class StudyRecord(BaseModel):

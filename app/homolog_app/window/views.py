@@ -21,6 +21,7 @@ from homolog_app.window.scene.cameras import VIEWS
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.picking import Pick
 from homolog_app.window.slices.scans import Scans, sliced_subject
+from homolog_app.window.study_files import ViewRecord
 from homolog_app.window.subjects import Groomed, subject_contents
 from homolog_app.window.view_menu import view_menu
 
@@ -213,6 +214,28 @@ class Views(QObject):
         menu = view_menu(self._window, name)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         menu.popup(at)
+
+    def noted(self, view: ViewRecord) -> ViewRecord:
+        """Return a record with how the views are looked at now."""
+        canvas = self.stage.scene.canvas
+        return view.model_copy(
+            update={
+                "layout": canvas.layout,
+                "camera": canvas.cameras[0],
+                "opacity": canvas.opacity,
+                "letters": canvas.letters,
+                "scale_bar": canvas.scale_bar,
+            }
+        )
+
+    def look_as(self, view: ViewRecord) -> None:
+        """Look from where a record says, at whole shapes, with its opacity, letters and scale bar."""
+        for name, shown in (("letters", view.letters), ("scale_bar", view.scale_bar)):
+            if self._window.commands[f"view.{name}"].isChecked() is not shown:
+                self._window.commands[f"view.{name}"].trigger()
+        self.stage.bar.opacity.setValue(round(100.0 * view.opacity))
+        if view.camera is not None:
+            self.stage.scene.look_from(view.camera)
 
     def choose_layout(self, count: int) -> None:
         """Show so many subjects a page, or so many shapes of the model."""

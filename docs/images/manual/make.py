@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from checking import keep_checking
+from controls import KEY, controls_of, open_page
 from exploring import keep_exploring
 from exporting import keep_exporting
 from PySide6.QtWidgets import QWidget
@@ -34,6 +35,8 @@ def main() -> None:
         window.resize(*SIZE)
         window.show()
 
+        session, work, order = window.desk.session, window.desk.work, window.commands
+
         def until(condition: Callable[[], object]) -> None:
             end = time.monotonic() + MOST
             while not condition():
@@ -50,9 +53,14 @@ def main() -> None:
 
         def keep(name: str, widget: QWidget = window) -> None:
             rest()
-            widget.grab().scaledToWidth(min(SIZE[0], widget.width())).save(str(HERE / f"{name}.png"))
+            picture = widget.grab().scaledToWidth(min(SIZE[0], widget.width())).toImage()
+            if widget is window and session.is_open:
+                page = open_page(window)
+                picture.setText(
+                    KEY, "\n".join([type(page).__name__, *sorted(controls_of(page, primary=True))])
+                )
+            picture.save(str(HERE / f"{name}.png"))
 
-        session, work, order = window.desk.session, window.desk.work, window.commands
         keep("start")
         window.load_views()
         keep_scan(window, until, keep)

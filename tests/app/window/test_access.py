@@ -3,9 +3,11 @@
 import importlib
 import pkgutil
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import homolog_app.window
 
@@ -389,3 +391,21 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     assert not walk.faults
     unseen = program_widgets() - walk.seen
     assert not unseen, "the walk lacks a place where these can be seen"
+
+
+def test_the_pictures_of_the_manual_show_the_present_controls_of_each_page(window, monkeypatch):
+    folder = Path(__file__).parents[3] / "docs" / "images" / "manual"
+    monkeypatch.syspath_prepend(str(folder))
+    from controls import KEY, controls_of
+
+    inspector = window.inspector
+    panels = (inspector.cohort, inspector.groom, inspector.correspond, *inspector.explore.pages)
+    present = {type(panel).__name__: controls_of(panel, primary=False) for panel in panels}
+    seen = set()
+    for path in sorted(folder.glob("*.png")):
+        with Image.open(path) as picture:
+            page, *recorded = picture.text.get(KEY, "").splitlines() or [""]
+        if page:
+            assert present[page] <= set(recorded), f"{path.name} is stale: run {folder / 'make.py'}"
+            seen.add(page)
+    assert seen == set(present)

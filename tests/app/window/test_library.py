@@ -114,6 +114,11 @@ def test_a_project_that_was_moved_is_found_whole_and_its_files_are_located(
     session.select(["d"])
     explored.commands["edit.include"].trigger()
     explored.commands["view.grid1"].trigger()
+    explored.commands["explore.measure"].trigger()
+    explored.commands["view.head"].trigger()
+    explored.commands["view.letters"].trigger()
+    explored.views.stage.bar.opacity.setValue(50)
+    wait(lambda: explored.commands["file.save"].isEnabled() and not explored.desk.work.is_busy)
     explored.commands["file.save"].trigger()
     close(explored)
     shutil.move(tmp_path / "copy", tmp_path / "elsewhere" / "moved")
@@ -125,6 +130,11 @@ def test_a_project_that_was_moved_is_found_whole_and_its_files_are_located(
     assert [one.included for one in window.desk.session.study.members] == [True, True, True, False]
     assert window.desk.session.selection == ("d",)
     assert window.views.stage.scene.layout_count == 1
+    assert window.inspector.explore.page.title == "Measure"
+    canvas = window.views.stage.scene.canvas
+    assert canvas.cameras[0].eye[2] > canvas.cameras[0].at[2] + canvas.cameras[0].height / 2.0
+    assert (canvas.opacity, canvas.letters, canvas.scale_bar) == (0.5, False, True)
+    assert not window.commands["view.letters"].isChecked()
     assert all(one.subject.path.parent == ellipsoids for one in window.desk.session.study.members)
     assert not errors
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["deviations_of", "measured_scene"]
 
-_PIN = 0.12
+_PIN = 0.07
 _NEARLY_ALL, _ROOM = 95.0, 1.25  # subjects differ from the mean shape
 
 

@@ -208,6 +208,12 @@ class Scene(QWidget):
         self.grid.cameras.turn(view)
         self.fit()
 
+    def look_from(self, state: CameraState) -> None:
+        """Look from where a camera was, at the whole shapes."""
+        for camera in self.grid.cameras.each:
+            state.set(camera)
+        self.fit()
+
     def fit(self) -> None:
         """Show the whole shapes, as large as the largest allows."""
         self._fitted = self.grid.fit(self.plot.width(), self.plot.height()) or self._fitted
