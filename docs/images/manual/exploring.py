@@ -60,6 +60,9 @@ def keep_exploring(
     order["explore.measure"].trigger()
     measure = explore.page
     until(lambda: measure.table.rowCount() > 0)
+    for box, entry in ((measure.map, "None"), (measure.kind, "Along the mode")):
+        box.setCurrentText(entry)
+        box.activated.emit(box.currentIndex())
     measure.place.setValue(100)
     keep("measure")
     explore.tabs.setCurrentIndex(0)

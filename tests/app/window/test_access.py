@@ -396,7 +396,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
 def test_the_pictures_of_the_manual_show_the_present_controls_of_each_page(window, monkeypatch):
     folder = Path(__file__).parents[3] / "docs" / "images" / "manual"
     monkeypatch.syspath_prepend(str(folder))
-    from controls import KEY, controls_of
+    from controls import KEY, controls_of, recorded
 
     inspector = window.inspector
     panels = (inspector.cohort, inspector.groom, inspector.correspond, *inspector.explore.pages)
@@ -404,8 +404,8 @@ def test_the_pictures_of_the_manual_show_the_present_controls_of_each_page(windo
     seen = set()
     for path in sorted(folder.glob("*.png")):
         with Image.open(path) as picture:
-            page, *recorded = picture.text.get(KEY, "").splitlines() or [""]
+            page, controls = recorded(picture.text.get(KEY, ""))
         if page:
-            assert present[page] <= set(recorded), f"{path.name} is stale: run {folder / 'make.py'}"
+            assert present[page] <= controls, f"{path.name} is stale: run {folder / 'make.py'}"
             seen.add(page)
     assert seen == set(present)
