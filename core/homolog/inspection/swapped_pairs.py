@@ -3,6 +3,7 @@
 import numpy as np
 
 from homolog.arrays import IntArray
+from homolog.geometry import fit_rotation
 from homolog.inspection.indicators import distance_residuals, swap_log_ratios
 from homolog.inspection.located_particles import LocatedParticles
 from homolog.inspection.neighbourhood import Neighbourhood
@@ -43,7 +44,22 @@ def swapped_pairs(
         i, j = divmod(int(at), n)
         if left[i, j] > _BOTH:
             break
-        if i < j and not taken & {i, j}:
+        pair = np.sort(candidates[[i, j]])
+        if i < j and not taken & {i, j} and _is_reversed(subject, pair, located, consensus):
             taken |= {i, j}
-            pairs.append(np.sort(candidates[[i, j]]))
+            pairs.append(pair)
     return pairs
+
+
+def _is_reversed(subject: int, pair: IntArray, located: LocatedParticles, consensus: Neighbourhood) -> bool:
+    """Return whether two particles lie the other way round than usual, as their neighbours are turned.
+
+    Only then does an exchange bring both together nearer to where they usually are (u, v), wherever they are
+    shifted to (a, b): |a - u|² + |b - v|² exceeds |b - u|² + |a - v|² by -2 (b - a)·(v - u).
+    """
+    near = np.setdiff1d(consensus.neighbours[pair], pair)
+    usual, here = consensus.shape, located.world[subject]
+    moved, still = (points[near] - points[near].mean(axis=0) for points in (here, usual))
+    left, right, _ = fit_rotation(moved.T @ still)
+    between = left @ right @ (usual[pair[1]] - usual[pair[0]])
+    return bool(between @ (here[pair[1]] - here[pair[0]]) < 0.0)
