@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import QMimeData
 from PySide6.QtWidgets import QFileDialog, QInputDialog
 
-from homolog.cohort import IMAGE_SUFFIXES, MESH_SUFFIXES
 from homolog.errors import InputError, InUseError
 from homolog.files.atomic import replace_folder
 from homolog.files.project import ProjectFolder
@@ -17,15 +16,14 @@ from homolog_app.window.asking import Part, ask, reported, waited
 from homolog_app.window.interrupted import interrupted_words
 from homolog_app.window.journal import Lost, find_lost
 from homolog_app.window.loaded import write_held
-from homolog_app.window.study import Study, found_subjects, is_there, with_table
+from homolog_app.window.study import FILES, Study, found_subjects, is_there, with_table
 from homolog_app.window.study_files import ViewRecord, open_project, save_project, study_of
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
-__all__ = ["FILES", "Library", "dropped_paths"]
+__all__ = ["Library", "dropped_paths"]
 
-FILES = f"Segmentations and surfaces ({' '.join(f'*{suffix}' for suffix in IMAGE_SUFFIXES + MESH_SUFFIXES)})"
 _TABLES, _READ = "Tables (*.csv)", "Tables (*.csv *.tsv *.txt *.xlsx)"
 _NOT_HELD = (
     "Subjects, settings, particles, surfaces and the shape model were saved. Groomed volumes, kept answers, "

@@ -23,7 +23,10 @@ from homolog.cohort import (
 from homolog.errors import InputError
 from homolog.settings import RunSettings
 
-__all__ = ["Member", "Study", "found_subjects", "is_there", "with_table"]
+__all__ = ["FILES", "Member", "Study", "found_subjects", "is_there", "with_table"]
+
+FILES = f"Segmentations and surfaces ({' '.join(f'*{suffix}' for suffix in IMAGE_SUFFIXES + MESH_SUFFIXES)})"
+"""A filter for dialogs of files."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from homolog_app.window.explore.measure_page import MeasurePage
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.patient_page import PatientPage
-from homolog_app.window.library import FILES
+from homolog_app.window.study import FILES
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
