@@ -20,6 +20,8 @@ import time
 from collections import defaultdict
 from pathlib import Path
 
+import psutil
+
 
 class StepTimes:
     """Wall and processor seconds and memory between the steps that a run reports, and its estimates."""
@@ -72,8 +74,9 @@ class StepTimes:
 
 
 def _processor_seconds():
-    own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
+    ended = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    running = [child.cpu_times() for child in psutil.Process().children(recursive=True)]  # one draws pictures
+    return sum(item.ru_utime + item.ru_stime for item in ended) + sum(t.user + t.system for t in running)
 
 
 def one_run(folder, particles, device, pictures):

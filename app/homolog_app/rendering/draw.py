@@ -23,6 +23,8 @@ RENDERER = "HOMOLOG_RENDERER"
 """Environment variable that chooses: ``opengl`` or ``software``."""
 
 _NO_OPENGL = "no OpenGL was found; install a graphics driver, or Mesa (libegl1 and libgl1-mesa-dri)"
+_EMULATED = ("llvmpipe", "softpipe", "swrast")
+"""OpenGL of Mesa without a graphics card: half as fast as what draws without OpenGL."""
 _PATIENCE_S = 120.0
 """A driver that needs longer to begin doesn't work."""
 
@@ -120,7 +122,7 @@ class RendererChoice:
 
     def _opengl(self, needed: bool) -> _Drawer:
         try:
-            return OpenGLProcess()
+            return OpenGLProcess(draws_emulated=needed)
         except (BrokenProcessPool, RuntimeError, ImportError, TimeoutError) as error:
             if needed:
                 raise InputError(f"{RENDERER}=opengl: this machine has no OpenGL that works") from error
@@ -128,19 +130,29 @@ class RendererChoice:
 
 
 class OpenGLProcess:
-    """VTK in a process of its own: it ends its process where it finds no OpenGL, and has one thread only."""
+    """VTK in a process of its own: it ends its process where it finds no OpenGL, and has one thread only.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    draws_emulated : bool
+        Draw with OpenGL even where that is emulated and slow; otherwise pictures are then drawn by software.
+    """
+
+    def __init__(self, *, draws_emulated: bool = True) -> None:
         stack = ExitStack()
         atexit.register(stack.close)
         self._executor = stack.enter_context(worker_processes(1))
         try:
-            self.name = f"OpenGL ({self._executor.submit(_begin).result(_PATIENCE_S)})"
+            card = self._executor.submit(_begin).result(_PATIENCE_S)
         except TimeoutError:
             stack.close()  # or this program would wait for that one at its end
             raise
+        self._software = None if draws_emulated or card not in _EMULATED else _software()
+        self.name = f"OpenGL ({card})" if self._software is None else self._software.name
 
     def draw(self, scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
+        if self._software is not None:
+            return self._software.draw(scene, frame, width)
         return self.call(_draw, scene, frame, width)
 
     def call(self, function: Callable[..., _T], *arguments: object) -> _T:
