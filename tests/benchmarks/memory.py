@@ -68,7 +68,7 @@ def main() -> None:
         running = psutil.Popen(
             [sys.executable, "-m", "homolog_app", "run", str(scans), "--out", str(project), *SETTINGS.split(),
              "--particles", str(options.particles), *limit],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
         )  # fmt: skip
         most, own, files, seconds = watched(running)
         result = contents(project)
