@@ -1,6 +1,8 @@
 """The range of the colour scale, set by hand."""
 
-from PySide6.QtCore import Signal, Slot
+from collections.abc import Callable
+
+from PySide6.QtCore import Qt, Slot
 from PySide6.QtWidgets import (
     QCheckBox,
     QDialog,
@@ -19,12 +21,29 @@ __all__ = ["RangeDialog"]
 
 
 class RangeDialog(QDialog):
-    """Lowest and highest value of the colours; what is chosen is seen at once."""
+    """Lowest and highest value of the colours; what is chosen is seen at once.
 
-    chosen = Signal(object)
+    Parameters
+    ----------
+    parent : QWidget
+    scale : ColourScale
+        The present range.
+    choose : callable
+        Takes the range that is chosen, or None for an automatic one.
+    present : callable
+        Returns the range that is then in force, None if colours are no longer shown.
+    """
 
-    def __init__(self, parent: QWidget, scale: ColourScale) -> None:
+    def __init__(
+        self,
+        parent: QWidget,
+        scale: ColourScale,
+        choose: Callable[[tuple[float, float] | None], object],
+        present: Callable[[], ColourScale | None],
+    ) -> None:
         super().__init__(parent)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self._choose, self._present = choose, present
         self.setWindowTitle("Colour range")
         self.setMinimumWidth(360)
         self.low, self.high = QLineEdit(short(scale.low)), QLineEdit(short(scale.high))
@@ -46,7 +65,7 @@ class RangeDialog(QDialog):
         self.apply = buttons.button(QDialogButtonBox.StandardButton.Apply)
         self.apply.setDefault(True)
         self.apply.clicked.connect(self._apply)
-        self.automatic.clicked.connect(lambda: self.chosen.emit(None))
+        self.automatic.clicked.connect(lambda: self._take(None))
         buttons.rejected.connect(self.reject)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
@@ -62,10 +81,12 @@ class RangeDialog(QDialog):
         self.high.selectAll()
         self.high.setFocus()
 
-    def show_scale(self, scale: ColourScale) -> None:
-        """Show the range in force."""
-        self.low.setText(short(scale.low))
-        self.high.setText(short(scale.high))
+    def _take(self, chosen: tuple[float, float] | None) -> None:
+        """Choose a range, and show the one in force."""
+        self._choose(chosen)
+        if (scale := self._present()) is not None:
+            self.low.setText(short(scale.low))
+            self.high.setText(short(scale.high))
 
     @Slot()
     def _follow(self) -> None:
@@ -85,4 +106,4 @@ class RangeDialog(QDialog):
         self.problem.setText("Enter two numbers; the lowest value must be less than the highest.")
         self.problem.setVisible(not valid)
         if valid:
-            self.chosen.emit((low, high))
+            self._take((low, high))

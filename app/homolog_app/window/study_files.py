@@ -13,7 +13,7 @@ from homolog.files.project import ProjectFolder
 from homolog.files.project_table import update_table
 from homolog.files.records import ProjectRecord, SubjectRecord
 from homolog.settings import RunSettings
-from homolog_app.window.scene.canvas import CameraState
+from homolog_app.window.scene.canvas import CameraState, Canvas
 from homolog_app.window.study import Member, Study
 
 __all__ = ["Opened", "StudyRecord", "ViewRecord", "open_project", "record_of", "save_project", "study_of"]
@@ -49,6 +49,11 @@ class ViewRecord(BaseModel):
     opacity: float = 1.0
     letters: bool = True
     scale_bar: bool = True
+
+    def of_canvas(self, canvas: Canvas) -> "ViewRecord":
+        """Return a copy with how a canvas is looked at."""
+        same = {name: getattr(canvas, name) for name in ("layout", "opacity", "letters", "scale_bar")}
+        return self.model_copy(update={**same, "camera": canvas.cameras[0]})
 
 
 class StudyRecord(BaseModel):

@@ -119,19 +119,10 @@ class Views(QObject):
     def choose_range(self) -> None:
         """Ask for the ends of the colour scale, and show them as they are typed."""
         page, scale = self._page, self._scale
-        if page is None or scale is None:
-            return
-        dialog = RangeDialog(self._window, scale)
-        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-
-        def take(range_: tuple[float, float] | None) -> None:
-            page.set_colour_range(range_)
-            if (present := self._scale) is not None:
-                dialog.show_scale(present)
-
-        dialog.chosen.connect(take)
-        self._explore.page_changed.connect(dialog.reject)
-        dialog.show()
+        if page is not None and scale is not None:
+            dialog = RangeDialog(self._window, scale, page.set_colour_range, lambda: self._scale)
+            self._explore.page_changed.connect(dialog.reject)
+            dialog.show()
 
     @property
     def layouts(self) -> tuple[int, ...]:
@@ -183,11 +174,9 @@ class Views(QObject):
     def pages(self) -> tuple[int, int]:
         """The open page, from 0, and how many there are; each subject is one where slices are shown."""
         scene = self.stage.scene
-        return (
-            (self.sliced, len(self._session.study.included))
-            if self.shows_slices
-            else (scene.page, scene.pages)
-        )
+        if self.shows_slices:
+            return self.sliced, len(self._session.study.included)
+        return scene.page, scene.pages
 
     @property
     def sliced(self) -> int:
@@ -217,16 +206,7 @@ class Views(QObject):
 
     def noted(self, view: ViewRecord) -> ViewRecord:
         """Return a record with how the views are looked at now."""
-        canvas = self.stage.scene.canvas
-        return view.model_copy(
-            update={
-                "layout": canvas.layout,
-                "camera": canvas.cameras[0],
-                "opacity": canvas.opacity,
-                "letters": canvas.letters,
-                "scale_bar": canvas.scale_bar,
-            }
-        )
+        return view.of_canvas(self.stage.scene.canvas)
 
     def look_as(self, view: ViewRecord) -> None:
         """Look from where a record says, at whole shapes, with its opacity, letters and scale bar."""
