@@ -37,31 +37,34 @@ def blas_threads(rows: int) -> AbstractContextManager[object]:
     return nullcontext() if rows >= _LARGE else _one_thread()
 
 
-class _Limit:
-    """How many blocks want one thread: the limit holds for the whole process, and for as long as any does."""
-
-    lock = threading.Lock()
-    count = 0
-    limiter: Any = None
+_local = threading.local()
 
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    with _Limit.lock:
-        if _Limit.count == 0:
-            _Limit.limiter = _controller().limit(limits=1, user_api="blas")
-        _Limit.count += 1
+    """Limit BLAS until the outermost of nested blocks ends.
+
+    The limit is the process's: where blocks of two threads overlap, the end of one ends both, and none stays.
+    """
+    depth = getattr(_local, "depth", 0)
+    libraries = _threads_at_first()
+    _local.depth = depth + 1
     try:
+        if depth == 0:
+            for library, _ in libraries:
+                library.set_num_threads(1)
         yield
     finally:
-        with _Limit.lock:
-            _Limit.count -= 1
-            if _Limit.count == 0:
-                _Limit.limiter.restore_original_limits()
+        _local.depth = depth
+        if depth == 0:
+            for library, threads in libraries:
+                library.set_num_threads(threads)
 
 
 @cache
-def _controller() -> ThreadpoolController:
+def _threads_at_first() -> list[tuple[Any, int]]:
+    """Return the libraries with a BLAS, and their numbers of threads before any limit."""
     import scipy.linalg  # noqa: F401 - has a BLAS of its own, which counts only if it is loaded
 
-    return ThreadpoolController()
+    found = ThreadpoolController().select(user_api="blas").lib_controllers
+    return [(library, library.num_threads) for library in found]
