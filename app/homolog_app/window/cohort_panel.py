@@ -131,7 +131,8 @@ class CohortPanel(Panel):
         more = f" and {len(bad) - 3} more, see the table" if len(bad) > 3 else ""
         plural = "file" if len(bad) == 1 else "files"
         lines = [f"{len(bad)} {plural} excluded. {listed}{more}"] if bad else []
-        lines += [f"The labels of {waiting} files overlap; choose one above."] if waiting else []
+        owners = "1 subject has" if waiting == 1 else f"{waiting} subjects have"
+        lines += [f"{owners} several structures; choose one above."] if waiting else []
         self.problems.setText("\n".join(lines))
         self.problems.setVisible(bool(lines))
         self._proceed.setEnabled(included >= 2 and not waiting)
