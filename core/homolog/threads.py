@@ -66,5 +66,5 @@ def _threads_at_first() -> list[tuple[Any, int]]:
     """Return the libraries with a BLAS, and their numbers of threads before any limit."""
     import scipy.linalg  # noqa: F401 - has a BLAS of its own, which counts only if it is loaded
 
-    found = ThreadpoolController().select(user_api="blas").lib_controllers
-    return [(library, library.num_threads) for library in found]
+    libraries = ThreadpoolController().select(user_api="blas").lib_controllers
+    return [(library, library.num_threads) for library in libraries]

@@ -223,12 +223,13 @@ def _map_caption(study: Study, comparison: Comparison) -> str:
     caption = (
         f"{what[study.request.kind]}, {comparison.title}, on the mean shape: blue is out of the tissue, "
         f"yellow into it. Second row: only where significant (family-wise p ≤ {LEVEL:g}, corrected for "
-        "pairs of groups and answers)."
+        "pairs of groups and analyses)."
     )
     if comparison.discriminant is not None:
         caption += (
-            " Third row: the way between the groups along the linear discriminant, only where 95 % bootstrap "
-            "intervals exclude zero, and nowhere if no difference of the whole shape can be shown."
+            " Third row: displacement along the linear discriminant, where its 95 % bootstrap interval "
+            "excludes zero. These intervals are not corrected over the surface: they show no local "
+            "difference. Nothing is shown if no difference of the whole shape can be."
         )
     return caption
 

@@ -60,7 +60,7 @@ def correction_words(study: Study, *, size: bool = False) -> str:
     """Return what p-values are corrected for, such as ``"corrected for 2 answers"``, or nothing."""
     parts = [f"{len(study.pairwise)} pairs of groups (Holm)"] if study.pairwise else []
     if study.request.answers > 1 and not size:
-        parts.append(f"{study.request.answers} answers (Bonferroni)")
+        parts.append(f"{study.request.answers} analyses (form and shape; Bonferroni)")
     return f"corrected for {' and '.join(parts)}" if parts else ""
 
 
@@ -102,7 +102,7 @@ def outlier_words(result: Result) -> list[str]:
     verb = "lies" if len(far) == 1 else "lie"
     return [
         f"{', '.join(far)}: {verb} far from all other shapes. Look at segmentation and particles before "
-        "trusting any test; F distributions are wrong with such subjects."
+        "trusting any test; p-values of F are unreliable with such subjects."
     ]
 
 
@@ -159,10 +159,13 @@ def _numbers(study: Study, comparison: Comparison) -> str:
         )
     elif comparison.test.modes and study.request.answers > 1:
         p = p_words(comparison.p_adjusted, comparison.test.permutations)
-        sentences.append(f"Whole shape: {p}, corrected for {study.request.answers} answers (Bonferroni).")
+        sentences.append(
+            f"Whole shape: {p}, corrected for {study.request.answers} analyses (form and shape; Bonferroni)."
+        )
     sentences.append(f"{effect_words(comparison)}.")
     sentences.append(
-        f"Locally significant: {region_words(study, comparison)} (family-wise error, {LEVEL:g})."
+        f"Locally significant: {region_words(study, comparison)} (p ≤ {LEVEL:g}, corrected over the surface"
+        f"{', ' + correction if correction else ''})."
     )
     if comparison.discriminant is not None:
         separation = comparison.discriminant

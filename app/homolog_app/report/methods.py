@@ -159,12 +159,15 @@ def _jointly(record: ResultRecord) -> str:
 
 
 _POSES = {
-    Procrustes.OFF: "Meanwhile their poses stayed as they were after grooming.",
-    Procrustes.RIGID: "Meanwhile they were aligned rigidly by their particles.",
+    Procrustes.OFF: "During the optimization their poses stayed as they were after grooming.",
+    Procrustes.RIGID: "During the optimization they were aligned rigidly by their particles.",
     Procrustes.FORM: (
-        "Meanwhile they were aligned by their particles and compared at one size; results keep their sizes."
+        "During the optimization they were aligned by their particles and scaled to one size; the positions "
+        "that are analyzed have their original sizes."
     ),
-    Procrustes.SIMILARITY: "Meanwhile they were aligned by their particles and scaled to one size.",
+    Procrustes.SIMILARITY: (
+        "During the optimization they were aligned by their particles and scaled to one size."
+    ),
 }
 
 
@@ -219,7 +222,7 @@ def _test_of_the_shape(study: Study) -> Iterator[str]:
     names = f"{', '.join(request.between[:-1])} and {request.between[-1]}" if request.between else ""
     tested = {
         "groups": f"the groups {names} of the column {request.column!r} were compared; "
-        "differences are the second named group minus the first",
+        "a difference A - B is the mean of A minus the mean of B",
         "regression": f"the linear effect of {request.column} was tested; effects are per unit of it",
         "pairs": f"{names} were compared in pairs by {request.pairs}, with random "
         "signs of the differences under the null",
@@ -287,7 +290,7 @@ def _discriminants(study: Study) -> Iterator[str]:
         f"Ledoit and Wolf. Balanced accuracy and area under the curve (AUC) come from {folds}-fold "
         f"stratified cross-validation, repeated {fits[0].repeats} times, with modes, covariates' "
         "effects and direction fitted without the left-out subjects; their intervals are those of Wilson "
-        "(joined as by Newcombe) and of DeLong (of an AUC of 1: one half of an error). Their p-values come "
+        "(joined as by Newcombe) and of DeLong (an AUC of 1 is taken as half an error). Their p-values come "
         f"from {fits[0].auc.permutations} permutations: before correction the least possible is "
         f"{1.0 / (fits[0].auc.permutations + 1):.2g}. Bounds of "
         f"the discriminant's map come from {len(fits[0].bootstrap)} bootstrap cohorts drawn within "

@@ -100,12 +100,12 @@ def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCa
 
 
 def _place(mean: FloatArray, normals: FloatArray, particle: int) -> str:
-    """Return where a particle lies, such as ``"left posterior, facing the middle"``."""
+    """Return where a particle lies, such as ``"left posterior, inner surface"``."""
     middle = (mean.min(axis=0) + mean.max(axis=0)) / 2.0
     offset = mean[particle] - middle
     share = offset / np.maximum(np.ptp(mean, axis=0) / 2.0, 1e-300)
     sides = [
         pair[int(part > 0.0)] for pair, part in zip(_SIDES, share, strict=True) if abs(part) > _OFF_THE_MIDDLE
     ]
-    facing = ", facing the middle" if normals[particle] @ offset < 0.0 else ""
+    facing = ", inner surface" if normals[particle] @ offset < 0.0 else ""
     return (" ".join(sides) or "middle") + facing

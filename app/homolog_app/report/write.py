@@ -202,7 +202,7 @@ def _study_section(
     spread = spread_words(read_spread(folder, fingerprint))
     page.paragraph(
         "The seed of the correspondence is part of the uncertainty. "
-        + (" ".join(spread) or "Its share was not computed: homolog analyze --seeds 5 does.")
+        + (" ".join(spread) or "Its share was not computed; homolog analyze --seeds 5 computes it.")
     )
     checks = [
         _check_row(study, comparison) for comparison in study.comparisons if comparison.dispersion is not None
@@ -213,9 +213,9 @@ def _study_section(
             "Permutation tests assume that without an effect subjects are exchangeable between the groups "
             "(with covariates: their residuals). Equal dispersion is tested by the permuted distance to the "
             "group centroid (PERMDISP), skewness of size "
-            "within groups by the test of D'Agostino. Outliers are subjects whose distance from the mean "
-            "of their group, divided by the group's median distance, is above the median of all by more than "
-            "five scaled median absolute deviations."
+            "within groups by the test of D'Agostino. For outliers, each subject's distance from the mean of "
+            "its group is divided by the group's median distance, which gives r. Outliers have r above "
+            "median(r) + 5 · 1.4826 · MAD(r), with MAD the median absolute deviation."
         )
         page.table(
             ["comparison", "dispersion (mm)", "F", "p", "skewness of size", "outliers"], checks, as_text=True
@@ -238,8 +238,8 @@ def _study_section(
         page.heading("Type I error rates on this cohort", 3)
         page.paragraph(
             f"The labels were permuted {study.request.null_repeats} times, so that there is nothing to "
-            "find. Permutation tests then have a type I error rate of 5 % by construction: their rows show "
-            "that the computation is right, not that the groups can be compared. The rows of F show whether "
+            "find. Permutation tests then have a type I error rate of 5 % by construction: their rows check "
+            "the software and do not validate the comparison. The rows of F show whether "
             "normal distributions may be assumed. The table can't show what differences in dispersion do; "
             "see Assumptions."
         )
@@ -271,8 +271,9 @@ def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
         "particle with the largest studentized statistic. Outward is along the normal of the mean surface, "
         "positive out of the tissue. The position was tested in all directions: the interval of its outward "
         "part alone may hold zero. Intervals are of the peak by itself, not corrected over the surface; "
-        "since the peak was chosen by its statistic, its effect is overestimated. Places are by patient "
-        "coordinates, from the middle of the mean shape; they are right if those of the input files are."
+        "since the peak was chosen by its statistic, its effect is overestimated. Places follow the axes "
+        "of the input files, from the middle of the mean shape: they are anatomical only if those are. On an "
+        "inner surface the normal points to the middle; there, into the tissue means a wider cavity."
     )
     page.table(
         [
@@ -361,7 +362,9 @@ def _sample(page: Page, study: Study, result: Result) -> None:
         as_text=True,
     )
     gone = [f"{name} ({why})" for name, why in study.left_out.items()]
-    page.paragraph(f"Not compared: {len(gone)} of {len(result.names)} subjects. {', '.join(gone)}".strip())
+    total = len(result.names)
+    left_out = f"Not compared: {len(gone)} of {total} subjects. {', '.join(gone)}"
+    page.paragraph(left_out if gone else f"All {total} subjects were compared.")
 
 
 def _closing(

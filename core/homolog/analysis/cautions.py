@@ -112,8 +112,8 @@ def outlier_caution(
         rest = f" Without {pronoun}, the whole shape has {effect}{p}, not corrected."
     return (
         f"{who} {'lies' if len(outliers) == 1 else 'lie'} far from the others, or from the rest of the "
-        "group. Look at segmentation and particles before trusting any test; F distributions are wrong with "
-        f"such subjects.{rest}"
+        "group. Look at segmentation and particles before trusting any test; p-values of F are unreliable "
+        f"with such subjects.{rest}"
     )
 
 
@@ -151,5 +151,5 @@ def _f_caution(comparison: "Comparison") -> str:
         return ""
     return (
         f"the type I error rate of the F test is {100 * excess:.1f} percentage points higher than that of "
-        "the permutation test; trust the latter."
+        "the permutation test; use the permutation p-value."
     )

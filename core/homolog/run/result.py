@@ -9,7 +9,7 @@ import numpy as np
 
 from homolog.analysis.reconstruction import MeanSurface
 from homolog.analysis.shape_model import ShapeModel
-from homolog.arrays import BoolArray, FloatArray
+from homolog.arrays import FloatArray
 from homolog.cohort import Cohort, sides_of
 from homolog.correspondence import OptimizedParticles, Shape
 from homolog.device import describe_device
@@ -137,13 +137,11 @@ def add_repair_notes(inputs: OptimizationInput, optimized: OptimizedParticles) -
     """Return the study with a note on every subject whose particles were repaired, if any were."""
     if not optimized.repaired.any():
         return inputs
-    subjects: BoolArray = np.any(optimized.repaired > 0, axis=1)
-    note = (
-        "misplaced particles (normals that disagreed with most subjects, exchanged, or off the surface) were "
-        f"repaired: {np.count_nonzero(optimized.repaired)} on {subjects.sum()} subjects in total"
-    )
+    counts = np.count_nonzero(optimized.repaired, axis=1)
+    note = "misplaced particles (normals that disagreed with most subjects, exchanged, or off the surface)"
     groomed = [
-        add_note(item, note) if odd else item for item, odd in zip(inputs.groomed, subjects, strict=True)
+        add_note(item, f"{note} were repaired: {count} of {len(repaired)}") if count else item
+        for item, count, repaired in zip(inputs.groomed, counts, optimized.repaired, strict=True)
     ]
     return replace(inputs, groomed=groomed)
 
