@@ -182,7 +182,6 @@ def _study_section(
     figures: Sequence[ReportFigure],
     kept: tuple[Path, str],
 ) -> None:
-    folder, fingerprint = kept
     page.heading(f"Study: {study.request.title}")
     _sample(page, study, result)
     page.heading("Results", 3)
@@ -199,7 +198,7 @@ def _study_section(
     )
     page.table(_COLUMNS, (_row(study, comparison) for comparison in study.comparisons))
     _where(page, study, carrier)
-    spread = spread_words(read_spread(folder, fingerprint))
+    spread = spread_words(read_spread(*kept))
     page.paragraph(
         "The seed of the correspondence is part of the uncertainty. "
         + (" ".join(spread) or "Its share was not computed; homolog analyze --seeds 5 computes it.")
@@ -210,12 +209,11 @@ def _study_section(
     if checks:
         page.heading("Assumptions", 3)
         page.paragraph(
-            "Permutation tests assume that without an effect subjects are exchangeable between the groups "
-            "(with covariates: their residuals). Equal dispersion is tested by the permuted distance to the "
-            "group centroid (PERMDISP), skewness of size "
-            "within groups by the test of D'Agostino. For outliers, each subject's distance from the mean of "
-            "its group is divided by the group's median distance, which gives r. Outliers have r above "
-            "median(r) + 5 · 1.4826 · MAD(r), with MAD the median absolute deviation."
+            "Permutation tests assume that without an effect subjects are exchangeable between the groups (with "
+            "covariates: their residuals). Equal dispersion is tested by the permuted distance to the centroid "
+            "(PERMDISP), skewness of size within groups by D'Agostino's test. Outliers have r above median(r) + "
+            "7.4 MAD(r): r is the distance from the mean over the group's median distance, MAD the median "
+            "absolute deviation."
         )
         page.table(
             ["comparison", "dispersion (mm)", "F", "p", "skewness of size", "outliers"], checks, as_text=True
@@ -273,7 +271,7 @@ def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
         "part alone may hold zero. Intervals are of the peak by itself, not corrected over the surface; "
         "since the peak was chosen by its statistic, its effect is overestimated. Places follow the axes "
         "of the input files, from the middle of the mean shape: they are anatomical only if those are. On an "
-        "inner surface the normal points to the middle; there, into the tissue means a wider cavity."
+        "inner surface (its normal points to the middle) into the tissue means a wider cavity."
     )
     page.table(
         [
@@ -362,9 +360,8 @@ def _sample(page: Page, study: Study, result: Result) -> None:
         as_text=True,
     )
     gone = [f"{name} ({why})" for name, why in study.left_out.items()]
-    total = len(result.names)
-    left_out = f"Not compared: {len(gone)} of {total} subjects. {', '.join(gone)}"
-    page.paragraph(left_out if gone else f"All {total} subjects were compared.")
+    excluded = f"Not compared: {len(gone)} of {len(result.names)} subjects. {', '.join(gone)}"
+    page.paragraph(excluded if gone else "All subjects were compared.")
 
 
 def _closing(
