@@ -209,9 +209,9 @@ def _study_section(
     if checks:
         page.heading("Assumptions", 3)
         page.paragraph(
-            "Permutation tests assume that without an effect subjects are exchangeable between the groups (with "
-            "covariates: their residuals). Equal dispersion is tested by the permuted distance to the centroid "
-            "(PERMDISP), skewness of size within groups by D'Agostino's test. Outliers have r above median(r) + "
+            "Permutation tests assume that without an effect subjects are exchangeable between groups (with "
+            "covariates: their residuals). Equal dispersion is tested by the permuted distance to the "
+            "centroid (PERMDISP), skewness of size by D'Agostino's test. Outliers have r above median(r) + "
             "7.4 MAD(r): r is the distance from the mean over the group's median distance, MAD the median "
             "absolute deviation."
         )
