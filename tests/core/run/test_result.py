@@ -36,7 +36,9 @@ def test_subjects_with_repaired_particles_say_so(inputs, found):
         for item, old in zip(add_note.groomed, inputs.groomed, strict=True)
     ]
     assert [len(each) for each in notes] == [int(k in (1, 2)) for k in range(len(inputs.shapes))]
-    assert "3 on 2 subjects" in notes[1][0]
+    particles = repaired.shape[1]
+    assert f"2 of {particles}" in notes[1][0]
+    assert f"1 of {particles}" in notes[2][0]
 
 
 def test_where_nothing_was_repaired_nothing_is_noted(inputs, found):
