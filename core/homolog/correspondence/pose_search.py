@@ -184,7 +184,7 @@ class _Search:
                 value, targets = lower, following
             matrix, slope = self._normal_equations(pose, targets)
             change = np.linalg.solve(
-                matrix + 1e-6 * np.trace(matrix) / len(matrix) * np.eye(len(matrix)), -slope
+                matrix + _DAMPING * np.trace(matrix) / len(matrix) * np.eye(len(matrix)), -slope
             )
             step = 1.0
             while step > _SMALLEST_STEP:
