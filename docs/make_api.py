@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import homolog as hl
+from homolog.analysis.assumptions import Dispersion
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.discriminant import Discriminant
-from homolog.analysis.dispersion import Dispersion
 from homolog.analysis.effects import Effect
 from homolog.analysis.mode_test import ModeTest
 from homolog.analysis.pointwise_test import PointwiseTest

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "anatomy"))
 
 from cohort import carried
 
-from homolog.analysis.landmarks import landmark_errors
+from homolog.analysis.thin_plate import landmark_errors
 from homolog.beans.evaluate import evaluate
 from homolog.beans.generate import NARROW, WIDE, draw_beans
 from homolog.cohort import read_cohort

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from optimizer import expert_landmarks, load
 
-from homolog.analysis.landmarks import landmark_errors
+from homolog.analysis.thin_plate import landmark_errors
 from homolog.correspondence import Shape, optimize
 from homolog.device import choose_device
 from homolog.settings import OptimizeSettings

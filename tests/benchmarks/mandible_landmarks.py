@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.landmarks import landmark_errors
+from homolog.analysis.thin_plate import landmark_errors
 from homolog.cohort import read_cohort
 from homolog.correspondence import Shape, optimize
 from homolog.device import choose_device

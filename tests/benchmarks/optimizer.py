@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from ventricle_walls import wall_swaps
 
-from homolog.analysis.landmarks import landmark_errors as errors_of_landmarks
+from homolog.analysis.thin_plate import landmark_errors as errors_of_landmarks
 from homolog.beans.evaluate import evaluate
 from homolog.beans.generate import NARROW, WIDE, draw_beans
 from homolog.correspondence import Shape, optimize

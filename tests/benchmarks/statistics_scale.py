@@ -15,11 +15,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from homolog.analysis.assumptions import dispersion_test
 from homolog.analysis.comparison import Options
-from homolog.analysis.covariates import covariate_columns
-from homolog.analysis.design import group_design
+from homolog.analysis.design import covariate_columns, group_design
 from homolog.analysis.discriminant import discriminant
-from homolog.analysis.dispersion import dispersion_test
 from homolog.analysis.mode_test import mode_test
 from homolog.analysis.parallel import parallel_analysis
 from homolog.analysis.pointwise_test import pointwise_test

@@ -12,8 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from homolog.analysis.covariates import covariate_columns
-from homolog.analysis.design import group_design
+from homolog.analysis.design import covariate_columns, group_design
 from homolog.analysis.discriminant import discriminant
 from homolog.analysis.mode_test import mode_test
 from homolog.analysis.null_simulation import null_simulation

@@ -31,17 +31,14 @@ from scipy import stats
 from scipy.spatial.distance import cdist
 
 from homolog import __version__
+from homolog.analysis.assumptions import dispersion_test, outliers_in_groups, size_skewness
 from homolog.analysis.cautions import dispersion_caution, outlier_caution, size_caution
-from homolog.analysis.covariates import covariate_columns
-from homolog.analysis.design import Design, group_design, paired_design, regression_design
-from homolog.analysis.dispersion import dispersion_test
+from homolog.analysis.design import Design, covariate_columns, group_design, paired_design, regression_design
 from homolog.analysis.effects import size_effect
 from homolog.analysis.mode_test import ModeStatistic
-from homolog.analysis.outliers import outliers_in_groups
 from homolog.analysis.permutation import draw_permutations, permutation_p_value
 from homolog.analysis.pointwise_test import PointwiseStatistic
-from homolog.analysis.skewness import size_skewness
-from homolog.analysis.studentized import observed_design
+from homolog.analysis.statistics import observed_design
 from homolog.threads import blas_threads
 
 PARTICLES = 128

@@ -84,10 +84,10 @@ def run(arguments: argparse.Namespace) -> int:
     from homolog.files.results import read_result
     from homolog.progress import part_of
     from homolog_app.report.findings import cautions, findings
-    from homolog_app.report.keep import keep_study
     from homolog_app.report.seeds import answer_by_seed, spread_words, write_spread
     from homolog_app.report.study import run_study
     from homolog_app.report.surface_maps import SurfaceCarrier
+    from homolog_app.report.tables import keep_study
 
     project = ProjectFolder(arguments.project)
     if arguments.seeds < 1:

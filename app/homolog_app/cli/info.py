@@ -61,7 +61,7 @@ def _landmarks(project: ProjectFolder, record: ProjectRecord) -> list[tuple[str,
     if not any(subject.landmarks for subject in record.subjects):
         return []
     from homolog.exchange import project_landmark_errors
-    from homolog_app.report.landmarks import landmark_words
+    from homolog_app.report.findings import landmark_words
 
     try:
         errors = project_landmark_errors(project)

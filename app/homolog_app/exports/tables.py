@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from homolog.analysis.outliers import shape_outliers
+from homolog.analysis.assumptions import shape_outliers
 from homolog.analysis.parallel import parallel_analysis
 from homolog.analysis.shape_model import ShapeModel
 from homolog.files.names import file_stems

@@ -1,16 +1,20 @@
 """What was found, in plain language with its numbers: effects with intervals, then p-values."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from homolog.analysis.assumptions import shape_outliers
 from homolog.analysis.cautions import LEVEL, cautions_of, p_words
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.effects import Effect
-from homolog.analysis.outliers import shape_outliers
 from homolog.analysis.procrustes import Alignment
 from homolog.files.results import Result
 from homolog_app.report.study import Study
+
+if TYPE_CHECKING:
+    from homolog.exchange import LandmarkErrors
 
 __all__ = [
     "LEVEL",
@@ -20,6 +24,7 @@ __all__ = [
     "effect_words",
     "findings",
     "interval_words",
+    "landmark_words",
     "outlier_words",
     "p_words",
     "percent_words",
@@ -104,6 +109,16 @@ def outlier_words(result: Result) -> list[str]:
         f"{', '.join(far)}: {verb} far from all other shapes. Look at segmentation and particles before "
         "trusting any test; p-values of F are unreliable with such subjects."
     ]
+
+
+def landmark_words(errors: "LandmarkErrors") -> str:
+    """Return a sentence about all landmarks."""
+    worst = int(errors.by_landmark.argmax())
+    return (
+        f"{len(errors.names)} landmarks of {len(errors.subjects)} subjects, carried to each other: mean "
+        f"error {errors.mean:.2f} mm, median {errors.median:.2f} mm; worst {errors.names[worst]}, mean "
+        f"{errors.by_landmark[worst]:.2f} mm"
+    )
 
 
 def cautions(study: Study) -> list[str]:

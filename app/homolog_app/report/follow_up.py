@@ -21,7 +21,7 @@ from homolog_app.rendering.colours import LIGHT
 from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page
-from homolog_app.report.patient_figures import change_pictures
+from homolog_app.report.patient_pages import change_pictures
 from homolog_app.report.patient_words import reference_rows
 from homolog_app.report.sheets import Sheet, write_sheets
 

@@ -25,26 +25,23 @@ from homolog.files.names import file_stems
 from homolog.files.particles import write_particles
 from homolog.files.tables import write_table
 from homolog.geometry import inverse_matrices
-from homolog.patient import PatientComparison, Reference, compare_patient, compare_times
+from homolog.patient import FollowUp, PatientComparison, Reference, compare_patient, compare_times
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import GroomSettings
 from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.follow_up import check_times, write_follow_up
 from homolog_app.report.page import Page
-from homolog_app.report.patient_figures import map_pictures, percentiles_figure
-from homolog_app.report.patient_groups import (
+from homolog_app.report.patient_pages import map_pictures, percentiles_figure, write_pdf
+from homolog_app.report.patient_words import (
     GROUP_CAUTION,
     GROUP_COLUMNS,
-    GroupRow,
-    group_rows,
-    group_sentence,
-)
-from homolog_app.report.patient_pages import write_pdf
-from homolog_app.report.patient_words import (
     METHOD,
     REGION_COLUMNS,
+    GroupRow,
     detectable_words,
+    group_rows,
+    group_sentence,
     measure_rows,
     nearest_words,
     reference_rows,
@@ -59,6 +56,7 @@ __all__ = [
     "write_patient",
     "write_patients",
     "write_report_file",
+    "write_times",
 ]
 
 _SUMMARY = (
@@ -374,3 +372,28 @@ def _summary(comparison: PatientComparison, reference: Reference) -> list[str | 
         f"{name} {apart:.2f}".strip() for name, apart in reference.nearest(comparison.fit.scores)
     )
     return [*numbers, nearest, "; ".join(comparison.remarks)]
+
+
+def write_times(
+    folder: Path,
+    follow_up: FollowUp,
+    reference: Reference,
+    tick: Tick = no_tick,
+    groups: Sequence[GroupRow] = (),
+) -> None:
+    """Write a patient at several times: a folder for each time, and the report of the change.
+
+    Parameters
+    ----------
+    folder : Path
+        Exists.
+    follow_up, reference, tick
+    groups : sequence of GroupRow
+        How typical the first time is of several groups.
+    """
+    times = follow_up.comparisons
+    stems = file_stems([item.name for item in times])
+    for number, (item, stem) in enumerate(zip(times, stems, strict=True)):
+        here = part_of(tick, 0.8 * number / len(times), 0.8 * (number + 1) / len(times))
+        write_patient(folder / stem, item, reference, here, () if number else groups)
+    write_follow_up(folder, follow_up, reference, part_of(tick, 0.8, 1.0))

@@ -8,7 +8,7 @@ from typing import TypedDict
 import numpy as np
 
 from homolog.analysis.comparison import Comparison, Options
-from homolog.analysis.covariates import covariate_columns, is_missing, lookalikes, numbers
+from homolog.analysis.design import covariate_columns, is_missing, lookalikes, numbers
 from homolog.analysis.procrustes import Alignment, rms_radii
 from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, pair_members, regress
 from homolog.arrays import FloatArray, IntArray, frozen

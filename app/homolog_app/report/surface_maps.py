@@ -1,20 +1,24 @@
-"""Results at particles carried to the mean surface, where they are drawn."""
+"""Results at particles carried to the mean surface, and connected regions of significant ones."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from homolog.analysis.cautions import LEVEL
 from homolog.analysis.comparison import Comparison
+from homolog.analysis.effects import Effect
 from homolog.analysis.thin_plate import MOST_CENTRES, farthest_points, thin_plate_operator
 from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.files.results import Result
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import nearest_particles
 from homolog_app.pictures import outward_displacement
+from homolog_app.report.study import Study
 
-__all__ = ["SurfaceCarrier"]
+__all__ = ["Region", "SurfaceCarrier", "significant_regions"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,3 +85,99 @@ class SurfaceCarrier:
         vertex = np.asarray(KDTree(mesh.vertices).query(comparison.mean)[1], dtype=np.int64)
         normals: FloatArray = mesh.vertex_normals[vertex]
         return normals
+
+
+_SIDES = (("right", "left"), ("anterior", "posterior"), ("inferior", "superior"))
+"""Of the axes of LPS coordinates: towards smaller and larger values."""
+_OFF_THE_MIDDLE = 1.0 / 3.0
+"""Share of half the extent along an axis from which a place is called by that axis' side."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """Significant particles next to each other.
+
+    Attributes
+    ----------
+    particles : (n,) int array
+        Their indices.
+    area : float
+        Of the mean surface that they stand for [mm²].
+    peak : int
+        The particle with the largest statistic.
+    position : (3,) array
+        Its mean position [mm].
+    place : str
+        The same in words, from the middle of the mean shape.
+    outward : Effect
+        Displacement at the peak along the outward normal [mm] with its interval, not corrected over the
+        surface.
+    length : float
+        Of the whole displacement at the peak [mm].
+    mean_outward : float
+        Outward displacement, mean over the region's area [mm].
+    p : float
+        Corrected p of the peak.
+    """
+
+    particles: IntArray
+    area: float
+    peak: int
+    position: FloatArray
+    place: str
+    outward: Effect
+    length: float
+    mean_outward: float
+    p: float
+
+    @property
+    def direction(self) -> str:
+        """Which way the surface lies at the peak, in words."""
+        return "out of the tissue" if self.outward.value > 0.0 else "into the tissue"
+
+
+def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCarrier) -> list[Region]:
+    """Return the regions of a comparison with one effect, the largest first."""
+    inside = comparison.p_fwe <= LEVEL
+    if len(comparison.pointwise.effect) > 1 or not inside.any():
+        return []
+    faces = carrier.mesh.faces
+    edges = carrier.nearest[np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])]
+    kept = edges[inside[edges].all(axis=1)]
+    graph = coo_matrix((np.ones(len(kept)), kept.T), shape=(len(inside), len(inside)))
+    labels = connected_components(graph, directed=False)[1]
+    normals = carrier.normals_at_particles(comparison)
+    effect = comparison.pointwise.effect[0]
+    outward = (effect * normals).sum(axis=1)
+    low, high = comparison.pointwise.bounds(normals)
+    regions = []
+    for label in np.unique(labels[inside]):
+        own = np.flatnonzero(inside & (labels == label))
+        areas = study.areas[own]
+        peak = int(own[comparison.pointwise.studentized[own].argmax()])
+        regions.append(
+            Region(
+                particles=own,
+                area=float(areas.sum()),
+                peak=peak,
+                position=comparison.mean[peak],
+                place=_place(comparison.mean, normals, peak),
+                outward=Effect(float(outward[peak]), float(low[peak]), float(high[peak])),
+                length=float(np.linalg.norm(effect[peak])),
+                mean_outward=float(outward[own] @ areas / max(float(areas.sum()), 1e-300)),
+                p=float(comparison.p_fwe[peak]),
+            )
+        )
+    return sorted(regions, key=lambda region: -region.area)
+
+
+def _place(mean: FloatArray, normals: FloatArray, particle: int) -> str:
+    """Return where a particle lies, such as ``"left posterior, inner surface"``."""
+    middle = (mean.min(axis=0) + mean.max(axis=0)) / 2.0
+    offset = mean[particle] - middle
+    share = offset / np.maximum(np.ptp(mean, axis=0) / 2.0, 1e-300)
+    sides = [
+        pair[int(part > 0.0)] for pair, part in zip(_SIDES, share, strict=True) if abs(part) > _OFF_THE_MIDDLE
+    ]
+    facing = ", inner surface" if normals[particle] @ offset < 0.0 else ""
+    return (" ".join(sides) or "middle") + facing

@@ -1,33 +1,60 @@
 """A study as tidy CSV tables, one fact a column, with a dictionary of the columns."""
 
+import csv
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 
 from homolog.analysis.comparison import Comparison, prepare_shapes
-from homolog.analysis.covariates import numbers
+from homolog.analysis.design import numbers
 from homolog.analysis.effects import Effect
-from homolog.analysis.welch_map import WelchMap, welch_map
+from homolog.analysis.welch import WelchMap, welch_map
 from homolog.errors import InputError
 from homolog.files.names import file_stems
+from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.files.tables import write_table
-from homolog_app.report.dictionary import MEANINGS
 from homolog_app.report.findings import LEVEL
-from homolog_app.report.regions import significant_regions
-from homolog_app.report.request import Answered, StudyRequest, category_of
+from homolog_app.report.request import Answered, StudyRequest, category_of, study_folder, write_request
 from homolog_app.report.study import SHAPE_SIZE, Study, column_of, compared_shapes, study_options
-from homolog_app.report.surface_maps import SurfaceCarrier
+from homolog_app.report.surface_maps import SurfaceCarrier, significant_regions
 
-__all__ = ["SampleRow", "sample_rows", "write_study_tables"]
+__all__ = ["SampleRow", "keep_study", "sample_rows"]
 
 _MOST_CATEGORIES = 8
 """Of a column that is not asked for, for it to be in the description of the sample."""
 _Cell = str | float | int | None
 SampleRow = tuple[str, str, str, int, float | None, float | None]
 """Group, variable, category, number of subjects, mean and standard deviation."""
+
+
+def keep_study(
+    project: ProjectFolder, study: Study, result: Result, carrier: SurfaceCarrier | None = None
+) -> Path:
+    """Write a study's tables and its question into the project; returns their folder.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+    study : Study
+    result : Result
+        That it was asked of.
+    carrier : SurfaceCarrier, optional
+        Of the result, if it is there already.
+
+    Raises
+    ------
+    InputError
+        If the project can't be written to.
+    """
+    folder = study_folder(project, study.request)
+    answered = Answered.now(project)
+    write_study_tables(folder, study, result, carrier or SurfaceCarrier.of(result), answered)
+    write_request(study.request, folder, answered)
+    return folder
 
 
 def write_study_tables(
@@ -95,10 +122,15 @@ def write_study_tables(
         write(f"particles_{stem}.csv", columns, lines)
     columns, lines = _subjects(study, result)
     write("subjects.csv", columns, lines)
+    meanings = _meanings()
     write_table(
         folder / "columns.csv",
         ["file", "column", "meaning"],
-        ([name, column, _meaning(column)] for name, columns in written.items() for column in columns),
+        (
+            [name, column, _meaning(column, meanings)]
+            for name, columns in written.items()
+            for column in columns
+        ),
     )
 
 
@@ -322,8 +354,15 @@ def _subjects(study: Study, result: Result) -> tuple[list[str], Iterator[list[_C
     )
 
 
-def _meaning(column: str) -> str:
-    """Return what a column holds: of `MEANINGS`, or what its ending says."""
+def _meanings() -> dict[str, str]:
+    """Return what each column of a study's tables holds."""
+    source = files("homolog_resources") / "report_columns.csv"
+    with source.open(encoding="utf-8") as stream:
+        return {row["column"]: row["meaning"] for row in csv.DictReader(stream)}
+
+
+def _meaning(column: str, meanings: Mapping[str, str]) -> str:
+    """Return what a column holds: of the meanings, or what its ending says."""
     plain = column.removesuffix("_per_unit")
     unit = ", per unit of the variable" if plain != column else ""
     for end, bound in (
@@ -338,5 +377,5 @@ def _meaning(column: str) -> str:
         return "position of the subject along the discriminant, root mean square over the particles"
     several = re.fullmatch(r"(effect_[xyz]|outward)_(\d+)_mm", plain)
     if several:
-        return f"{MEANINGS[f'{several[1]}_mm']}, group {int(several[2]) + 1} minus group 1"
-    return MEANINGS.get(plain, "the column of the question") + unit
+        return f"{meanings[f'{several[1]}_mm']}, group {int(several[2]) + 1} minus group 1"
+    return meanings.get(plain, "the column of the question") + unit

@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from math import ceil, log10
 from typing import TYPE_CHECKING
 
-from homolog.analysis.dispersion import Dispersion
+from homolog.analysis.assumptions import Dispersion, SizeSkewness
 from homolog.analysis.null_simulation import WHOLE_SHAPE_F, WHOLE_SHAPE_PERMUTATION
-from homolog.analysis.skewness import SizeSkewness
 from homolog.arrays import IntArray
 
 if TYPE_CHECKING:

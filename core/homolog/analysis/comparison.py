@@ -5,17 +5,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from homolog.analysis.assumptions import (
+    Dispersion,
+    SizeSkewness,
+    dispersion_test,
+    outliers_in_groups,
+    size_skewness,
+)
 from homolog.analysis.cautions import cautions_of
 from homolog.analysis.design import Design
 from homolog.analysis.discriminant import Discriminant
-from homolog.analysis.dispersion import Dispersion, dispersion_test
 from homolog.analysis.effects import Effect, corrected_distance, size_effect
 from homolog.analysis.mode_test import ModeTest, mode_test
 from homolog.analysis.null_simulation import FalsePositives, null_simulation
-from homolog.analysis.outliers import outliers_in_groups
 from homolog.analysis.pointwise_test import PointwiseTest, pointwise_test
 from homolog.analysis.procrustes import Alignment, aligned, rms_radii
-from homolog.analysis.skewness import SizeSkewness, size_skewness
 from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of

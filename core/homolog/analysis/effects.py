@@ -13,7 +13,7 @@ from homolog.analysis.permutation import (
     permutation_count,
     permutation_p_value,
 )
-from homolog.analysis.studentized import (
+from homolog.analysis.statistics import (
     WelchStatistic,
     equalize_groups,
     null_weights,

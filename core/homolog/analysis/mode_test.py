@@ -1,6 +1,6 @@
 """The test of whole shapes in the modes that parallel analysis retains.
 
-The p-value to trust is that of the permutation of a studentized statistic (`homolog.analysis.studentized`),
+The p-value to trust is that of the permutation of a studentized statistic (`homolog.analysis.statistics`),
 which holds when the groups' covariances differ. Hotelling's T², Wilks' lambda and F are reported with it.
 
 The modes are those of the data with covariates regressed out but with the tested effect still in, so they
@@ -25,13 +25,15 @@ from homolog.analysis.permutation import (
     permutation_p_value,
 )
 from homolog.analysis.shape_model import leading_scores
-from homolog.analysis.studentized import (
+from homolog.analysis.statistics import (
     WelchStatistic,
     equalize_groups,
+    hotelling,
     observed_design,
+    rao_f,
     studentized_ratio,
+    wilks_p,
 )
-from homolog.analysis.wilks import hotelling, rao_f, wilks_p
 from homolog.arrays import FloatArray, IntArray
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick, part_of

@@ -3,7 +3,7 @@
 Labels are exchanged, so every subject is as likely in one group as in another. The rows of permutation tests
 are therefore 5 % by construction: they show that the computation is right. Only the rows of parametric tests
 say something about the cohort, such as that its shapes are not normally distributed. None of them can show
-what groups of different dispersion do; `homolog.analysis.dispersion` tests for that.
+what groups of different dispersion do; `homolog.analysis.assumptions` tests for that.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from homolog.analysis.design import Design
 from homolog.analysis.mode_test import ModeStatistic
 from homolog.analysis.permutation import draw_permutations, permutation_count, permutation_p_value
 from homolog.analysis.pointwise_test import PointwiseStatistic
-from homolog.analysis.wilks import wilks_p
+from homolog.analysis.statistics import wilks_p
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, no_tick
 from homolog.threads import on_one_thread

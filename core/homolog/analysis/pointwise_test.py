@@ -1,6 +1,6 @@
 """Pointwise tests: one at every particle, corrected over the surface.
 
-Each particle's position is tested by a studentized statistic (`homolog.analysis.studentized`), which holds
+Each particle's position is tested by a studentized statistic (`homolog.analysis.statistics`), which holds
 when the groups' dispersions differ. Over the surface, family-wise error is held by the permutation
 distribution of the largest statistic (Westfall and Young 1993) and the false discovery rate by Benjamini
 and Hochberg (1995).
@@ -25,8 +25,13 @@ from homolog.analysis.permutation import (
     permutation_p_value,
     subtract_rounding,
 )
-from homolog.analysis.studentized import WelchStatistic, equalize_groups, null_weights, observed_design
-from homolog.analysis.wilks import wilks_p
+from homolog.analysis.statistics import (
+    WelchStatistic,
+    equalize_groups,
+    null_weights,
+    observed_design,
+    wilks_p,
+)
 from homolog.arrays import BoolArray, FloatArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, no_tick

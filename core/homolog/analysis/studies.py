@@ -39,7 +39,7 @@ def compare_two_groups(
     between : (str, str)
         The two groups.
     covariates : (M, c) array, optional
-        Adjusted for; as made by `homolog.analysis.covariates.covariate_columns`.
+        Adjusted for; as made by `homolog.analysis.design.covariate_columns`.
     options : Options
         How it is computed.
     names : sequence of str, optional

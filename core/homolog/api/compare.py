@@ -8,7 +8,7 @@ import numpy as np
 
 from homolog.analysis.checks import checked_particles
 from homolog.analysis.comparison import Comparison, Options
-from homolog.analysis.covariates import covariate_columns, is_missing
+from homolog.analysis.design import covariate_columns, is_missing
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.studies import compare_groups as compare_several
 from homolog.analysis.studies import compare_pairs, compare_two_groups, pair_members

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from homolog.analysis.landmarks import landmark_errors
+from homolog.analysis.thin_plate import landmark_errors
 from homolog.arrays import FloatArray, frozen
 from homolog.files.markups import landmark_table, read_markups
 from homolog.files.meshes import read_mesh

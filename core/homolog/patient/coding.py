@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from homolog.analysis.covariates import covariate_columns, is_missing, numbers
+from homolog.analysis.design import covariate_columns, is_missing, numbers
 from homolog.arrays import FloatArray, frozen
 from homolog.errors import InputError
 

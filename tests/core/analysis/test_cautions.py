@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import homolog as hl
+from homolog.analysis.assumptions import outliers_in_groups, size_skewness
 from homolog.analysis.cautions import size_caution
 from homolog.analysis.design import group_design, paired_design
-from homolog.analysis.outliers import outliers_in_groups
-from homolog.analysis.skewness import size_skewness
 
 LABELS = 8 * ["a"] + 14 * ["b"] + 20 * ["c"]
 

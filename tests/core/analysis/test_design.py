@@ -1,8 +1,14 @@
 import numpy as np
 import pytest
 
-from homolog.analysis.covariates import covariate_columns, lookalikes, numbers
-from homolog.analysis.design import group_design, paired_design, regression_design
+from homolog.analysis.design import (
+    covariate_columns,
+    group_design,
+    lookalikes,
+    numbers,
+    paired_design,
+    regression_design,
+)
 from homolog.analysis.permutation import draw_permutations, permutation_count, permutation_p_value
 from homolog.errors import InputError
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from homolog.analysis.assumptions import dispersion_test
 from homolog.analysis.design import group_design, paired_design, regression_design
-from homolog.analysis.dispersion import dispersion_test
 from homolog.analysis.mode_test import mode_test
 from homolog.analysis.pointwise_test import pointwise_test
 

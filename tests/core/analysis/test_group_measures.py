@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from homolog.analysis.group_measures import compare_measure
+from homolog.analysis.welch import compare_measure
 from homolog.errors import InputError
 
 

@@ -4,8 +4,7 @@ from scipy import stats
 from statsmodels.multivariate.manova import MANOVA
 from statsmodels.regression.linear_model import OLS
 
-from homolog.analysis.covariates import covariate_columns
-from homolog.analysis.design import group_design, paired_design, regression_design
+from homolog.analysis.design import covariate_columns, group_design, paired_design, regression_design
 from homolog.analysis.mode_test import ModeStatistic, mode_test
 from homolog.analysis.permutation import PermutedDesigns
 from homolog.errors import Cancelled, InputError

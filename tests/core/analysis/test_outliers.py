@@ -1,6 +1,6 @@
 import numpy as np
 
-from homolog.analysis.outliers import shape_outliers
+from homolog.analysis.assumptions import shape_outliers
 
 
 def test_broken_subjects_are_named_farthest_first(correlated):

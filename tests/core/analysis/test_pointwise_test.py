@@ -4,8 +4,7 @@ from scipy import stats
 from statsmodels.multivariate.manova import MANOVA
 from statsmodels.stats.multitest import multipletests
 
-from homolog.analysis.covariates import covariate_columns
-from homolog.analysis.design import group_design, paired_design
+from homolog.analysis.design import covariate_columns, group_design, paired_design
 from homolog.analysis.permutation import PermutedDesigns, draw_permutations
 from homolog.analysis.pointwise_test import PointwiseStatistic, pointwise_test
 from homolog.errors import InputError

@@ -4,7 +4,7 @@ from scipy import stats
 from statsmodels.stats.oneway import anova_oneway
 
 from homolog.analysis.design import group_design, paired_design, regression_design
-from homolog.analysis.studentized import WelchStatistic, equalize_groups, observed_design
+from homolog.analysis.statistics import WelchStatistic, equalize_groups, observed_design
 
 
 @pytest.mark.parametrize("counts", [(7, 12), (6, 9, 14), (4, 5, 6, 7)])

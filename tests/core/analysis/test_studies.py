@@ -6,7 +6,7 @@ from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
 from homolog.analysis.comparison import Options
-from homolog.analysis.covariates import covariate_columns
+from homolog.analysis.design import covariate_columns
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.studies import compare_groups, compare_pairs, compare_two_groups, holm, regress
 from homolog.errors import InputError

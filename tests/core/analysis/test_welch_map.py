@@ -3,7 +3,7 @@ import pytest
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
-from homolog.analysis.welch_map import welch_map
+from homolog.analysis.welch import welch_map
 from homolog.errors import InputError
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import homolog as hl
 from homolog.analysis.comparison import Options
-from homolog.analysis.covariates import covariate_columns
+from homolog.analysis.design import covariate_columns
 from homolog.analysis.studies import compare_two_groups
 
 QUICK = {"permutations": 199}

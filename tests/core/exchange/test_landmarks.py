@@ -5,7 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
-from homolog.analysis.landmarks import landmark_errors
+from homolog.analysis.thin_plate import landmark_errors
 from homolog.cohort import read_cohort
 from homolog.correspondence import Shape
 from homolog.errors import InputError

@@ -144,7 +144,7 @@ def map_answers(
 
 def keep_answers(project: ProjectFolder, answers: Answers, cohort: Cohort, tick: Tick) -> list[Path]:
     """Write the tables of all answers into the project, as ``homolog analyze`` does; return their folders."""
-    from homolog_app.report.keep import keep_study
+    from homolog_app.report.tables import keep_study
 
     tick(0.0, "keeping the answer")
     result = with_present_table(answers.models[0].result, cohort)
@@ -155,8 +155,8 @@ def repeat_by_seed(
     project: ProjectFolder, answers: Answers, cohort: Cohort, seeds: int, tick: Tick
 ) -> list[str]:
     """Answer with other seeds of the correspondence too, as ``--seeds`` does; keep what spreads."""
-    from homolog_app.report.keep import keep_study
     from homolog_app.report.seeds import answer_by_seed, spread_words, write_spread
+    from homolog_app.report.tables import keep_study
 
     result = with_present_table(answers.models[0].result, cohort)
     requests = answers.question.requests

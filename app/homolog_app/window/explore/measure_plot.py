@@ -7,7 +7,7 @@ import numpy as np
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QWidget
 
-from homolog.analysis.group_measures import GroupMeasure, compare_measure
+from homolog.analysis.welch import GroupMeasure, compare_measure
 from homolog.arrays import FloatArray
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.explore.plot import Plot

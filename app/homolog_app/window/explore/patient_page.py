@@ -293,8 +293,7 @@ class PatientPage(ExplorePage):
 
         def write(tick: Tick) -> None:
             from homolog.files.atomic import replace_folder
-            from homolog_app.report.patient import write_patient
-            from homolog_app.report.patient_times import write_times
+            from homolog_app.report.patient import write_patient, write_times
 
             with replace_folder(folder) as part:
                 if follow_up is None:

@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from homolog.analysis.covariates import is_missing, numbers
+from homolog.analysis.design import is_missing, numbers
 from homolog.cohort.column_types import CATEGORY
 from homolog.errors import InputError
 from homolog_app.report.study import SHAPE_SIZE

@@ -1,0 +1,261 @@
+"""What tests assume, and whether it holds: dispersion of the groups, skewness of sizes, outliers.
+
+Equal dispersion: each subject's distance to its group's centroid in the retained modes is compared between
+the groups (Anderson 2006, PERMDISP). Without groups, residuals are compared along the variable (Breusch and
+Pagan's idea). Tests of means of few and unequal groups do not bear skewed data. Subjects whose shape is far
+from all others have most often a broken segmentation or correspondence.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from homolog.analysis.design import Design, Exchange
+from homolog.analysis.permutation import null_distribution, permutation_p_value
+from homolog.analysis.shape_model import leading_scores
+from homolog.analysis.statistics import observed_design
+from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
+from homolog.threads import on_one_thread
+
+__all__ = [
+    "Dispersion",
+    "SizeSkewness",
+    "dispersion_test",
+    "outliers_in_groups",
+    "shape_outliers",
+    "size_skewness",
+]
+
+_CHUNK = 500
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dispersion:
+    """Dispersion of the groups, and whether it differs.
+
+    Attributes
+    ----------
+    distances : (M,) array
+        Distance of each subject to its group's centroid, or to its fitted shape, in the retained modes: root
+        mean square over the particles [mm], corrected for fitting the centroid.
+    by_group : dict
+        Mean distance in each group [mm]; empty without groups.
+    f : float
+        Ratio of the variances of the distances between and within groups.
+    p : float
+        Share of the permutations of the distances (covariates taken out) with as large a ratio.
+    permutations : int
+        Number of permutations.
+    """
+
+    distances: FloatArray
+    by_group: dict[str, float]
+    f: float
+    p: float
+    permutations: int
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "distances", frozen(self.distances, np.float64))
+
+    @property
+    def ratio(self) -> float:
+        """Largest mean distance of a group divided by the smallest; 1 without groups."""
+        means = list(self.by_group.values())
+        return max(means) / max(min(means), np.finfo(float).tiny) if means else 1.0
+
+
+@on_one_thread
+def dispersion_test(
+    particles: FloatArray,
+    design: Design,
+    modes: int,
+    members: dict[str, BoolArray],
+    *,
+    permutations: int = 10_000,
+    seed: int = 0,
+) -> Dispersion | None:
+    """Test whether residual distances differ between groups, or along a variable.
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array
+        Aligned positions [mm].
+    design : Design
+        Of groups or of a continuous variable.
+    modes : int
+        Number of leading modes.
+    members : dict of (M,) bool arrays
+        Who is in each group; empty for a continuous variable.
+    permutations : int
+        Permutations of the distances.
+    seed : int
+        Same seed, same result.
+
+    Returns
+    -------
+    Dispersion or None
+        None for pairs, whose differences are one group, or without a mode.
+    """
+    if design.exchange is Exchange.SIGNS or modes == 0:
+        return None
+    rows = design.residuals(particles.reshape(len(particles), -1))
+    scores, _ = leading_scores(rows, modes)
+    rest = scores - design.tested @ (design.tested.T @ scores)
+    columns = np.hstack([design.nuisance, design.tested])
+    leverage_left = np.maximum(1.0 - np.square(columns).sum(axis=1), 1e-6)
+    distances = np.sqrt(np.square(rest).sum(axis=1) / leverage_left / particles.shape[1])
+    # Permuting what nuisance columns leave holds the level better than permuting residuals of all columns.
+    values = design.residuals(distances[:, None])[:, 0]
+    observed = _ratio(values, design, observed_design(design).tested)
+    null_statistics = null_distribution(
+        lambda some: _ratio(values, design, some.tested), design, permutations, chunk=_CHUNK, seed=seed
+    )
+    by_group = {name: float(distances[own].mean()) for name, own in members.items()}
+    p = float(permutation_p_value(observed, null_statistics)[0])
+    return Dispersion(distances, by_group, float(observed[0]), p, len(null_statistics))
+
+
+def _ratio(values: FloatArray, design: Design, tested: FloatArray) -> FloatArray:
+    """Return the F ratio (c,) of values (M,), nuisance columns taken out, on tested bases (c, M, d)."""
+    explained = np.square(np.swapaxes(tested, 1, 2) @ values).sum(axis=1)
+    rest = np.maximum(values @ values - explained, np.finfo(float).tiny)
+    ratio: FloatArray = (explained / tested.shape[2]) / (rest / design.error_dof)
+    return ratio
+
+
+_FEWEST = 8
+"""Subjects below which the test is not defined."""
+_MODES = 5
+
+
+@dataclass(frozen=True, slots=True)
+class SizeSkewness:
+    """Skewness of sizes and shapes within groups.
+
+    Attributes
+    ----------
+    value : float
+        Skewness of the residuals, each divided by the standard deviation of its group.
+    p : float
+        Of the test that sizes are not skewed (D'Agostino 1970).
+    shape_p : float
+        Of the test that scores in the five leading modes are not skewed: their squared deviates, summed.
+    deviations : dict
+        Standard deviation of size in each group [mm]; empty for pairs.
+    """
+
+    value: float
+    p: float
+    shape_p: float
+    deviations: dict[str, float]
+
+
+def size_skewness(
+    size: FloatArray, shapes: FloatArray, design: Design, members: Mapping[str, BoolArray]
+) -> SizeSkewness | None:
+    """Test whether sizes and shapes are skewed within groups; None for a variable or under eight subjects.
+
+    Few sizes seldom show that they are skewed. Shapes, of which they are a part, show it more often.
+
+    Parameters
+    ----------
+    size : (M,) array
+        Size of each subject, or the differences of pairs [mm].
+    shapes : (M, N, 3) array
+        Aligned positions, or the differences of pairs [mm].
+    design : Design
+        What is tested.
+    members : mapping of str to (M,) bool arrays
+        Who is in each group; empty for pairs and for a variable.
+    """
+    paired = design.exchange is Exchange.SIGNS
+    if len(size) < _FEWEST or not (paired or members):
+        return None
+    residuals = _within(size[:, None], design)[:, 0]
+    deviations = {name: float(residuals[own].std(ddof=1)) for name, own in members.items()}
+    scale = np.ones(len(size))
+    for name, own in members.items():
+        scale[own] = deviations[name]
+    if residuals.std() <= 1e-9 * max(float(np.abs(size).max()), 1e-300) or scale.min() <= 0.0:
+        return None
+    standard = residuals / scale
+    return SizeSkewness(
+        float(stats.skew(standard)),
+        float(stats.skewtest(standard).pvalue),
+        _shape_p(_within(shapes.reshape(len(shapes), -1), design), members),
+        deviations,
+    )
+
+
+def _within(values: FloatArray, design: Design) -> FloatArray:
+    """Return what design and tested effect leave of values (M, P)."""
+    residuals = design.residuals(values)
+    residuals -= design.tested @ (design.tested.T @ residuals)
+    return residuals
+
+
+def _shape_p(residuals: FloatArray, members: Mapping[str, BoolArray]) -> float:
+    for own in members.values():
+        residuals[own] /= max(float(np.sqrt(np.square(residuals[own]).mean())), np.finfo(float).tiny)
+    scores, _ = leading_scores(residuals, _MODES)
+    deviates = stats.skewtest(scores[:, scores.std(axis=0) > 0.0], axis=0).statistic
+    return float(stats.chi2.sf(np.square(deviates).sum(), max(len(deviates), 1)))
+
+
+_LIMIT = 5.0
+
+
+def shape_outliers(particles: FloatArray, *, limit: float = _LIMIT) -> IntArray:
+    """Return the indices of subjects that lie far from the median shape, the farthest first.
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array
+        Aligned positions [mm].
+    limit : float
+        A subject is far if its distance is above the median distance by more than so many standard
+        deviations, taken from the median absolute deviation (Leys et al. 2013).
+
+    Returns
+    -------
+    (n,) int array
+        Distances are root mean squares over the particles from the median of each coordinate.
+    """
+    apart = particles - np.median(particles, axis=0)
+    distance = np.sqrt(np.square(apart).sum(axis=2).mean(axis=1))
+    return _far(distance, limit)
+
+
+def outliers_in_groups(
+    particles: FloatArray, design: Design, members: Collection[BoolArray] = (), *, limit: float = _LIMIT
+) -> IntArray:
+    """Return the indices of subjects that lie far from the mean of their group, the farthest first.
+
+    Parameters
+    ----------
+    particles : (M, N, 3) array
+        Aligned positions, or differences of pairs [mm].
+    design : Design
+        Distances are those from the shape that it fits to a subject.
+    members : collection of (M,) bool arrays
+        The groups; distances are divided by the median of their group.
+    limit : float
+        See `shape_outliers`.
+    """
+    rest = design.residuals(particles.reshape(len(particles), -1))
+    rest -= design.tested @ (design.tested.T @ rest)
+    distance = np.sqrt(np.square(rest).mean(axis=1))
+    for own in members:
+        distance[own] /= max(float(np.median(distance[own])), np.finfo(float).tiny)
+    return _far(distance, limit)
+
+
+def _far(distance: FloatArray, limit: float) -> IntArray:
+    above = distance - np.median(distance)
+    deviation = 1.4826 * np.median(np.abs(above))
+    far = np.flatnonzero(above > limit * deviation) if deviation > 0.0 else np.zeros(0, np.int64)
+    order: IntArray = far[np.argsort(-distance[far])]
+    return order
