@@ -60,7 +60,7 @@ def test_errors_become_lines_and_exit_codes(monkeypatch, capsys, error, code, te
     def fail(arguments):
         raise error
 
-    monkeypatch.setattr("homolog_app.cli.info.run", fail)
+    monkeypatch.setattr("homolog_app.cli.project.run_info", fail)
     assert main(["info", "."]) == code
     assert capsys.readouterr().err == text
 
@@ -70,7 +70,7 @@ def test_a_bug_is_not_hidden(monkeypatch, kind):
     def fail(arguments):
         raise kind
 
-    monkeypatch.setattr("homolog_app.cli.info.run", fail)
+    monkeypatch.setattr("homolog_app.cli.project.run_info", fail)
     with pytest.raises(kind):
         main(["info", "."])
 

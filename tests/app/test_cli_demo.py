@@ -4,7 +4,7 @@ import json
 import pytest
 
 from homolog_app.cli import main
-from homolog_app.cli.demo_table import ComparisonRow, table_text
+from homolog_app.cli.samples import ComparisonRow, table_text
 
 
 @pytest.fixture(scope="module")
@@ -12,7 +12,7 @@ def small_demo(tmp_path_factory):
     """A demo with four beans and few particles; the subjects' pictures are left out."""
     out = tmp_path_factory.mktemp("demo") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("homolog_app.cli.demo._SHAPES", 4)
+        patch.setattr("homolog_app.cli.samples._SHAPES", 4)
         patch.setattr("homolog_app.cli.figures.draw_figures", lambda project, tick: None)
         lines: list[str] = []
         patch.setattr("sys.stdout.write", lines.append)

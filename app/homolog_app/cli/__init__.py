@@ -1,9 +1,9 @@
 """The command line: the same pipeline as the window's.
 
-Each command is one module here with two functions: ``add_parser(subparsers)`` declares its options and
-``run(arguments)`` does the work and returns the exit code. Only the module of the given command is
-imported, and what is slow to import (warp, SimpleITK, VTK, matplotlib) inside ``run``, so that help answers
-at once.
+Each command is two functions of one module here: ``add_NAME(subparsers)`` declares its options and
+``run_NAME(arguments)`` does the work and returns the exit code. Only the module of the given command is
+imported, and what is slow to import (warp, SimpleITK, VTK, matplotlib) inside ``run_NAME``, so that help
+answers at once.
 """
 
 import argparse
@@ -24,27 +24,25 @@ OK, PROGRAM_ERROR, INPUT_ERROR, CANCELLED = 0, 1, 2, 130
 """Exit codes; 130 is the shell's own for a command ended by Ctrl-C."""
 
 _COMMANDS = {
-    "run": "groom a cohort, place corresponding particles, compute the shape model",
-    "labels": "list the structures in a cohort's label maps",
-    "batch": "compute a shape model of each structure of a cohort",
-    "info": "show what a project contains",
-    "table": "add or replace groups and covariates of a project",
-    "demo": "run the paper's coffee-bean experiment",
-    "sample": "generate a sample study with known truth",
-    "beans": "generate the paper's coffee-bean cohort",
-    "analyze": "compare groups, regress on a variable, compare pairs",
-    "check": "list places where the correspondence may be wrong, and repair them",
-    "report": "write one HTML page about a project's model and studies",
-    "reference": "freeze a project's controls as a reference for single patients",
-    "patient": "compare a patient's shape with a reference: how unusual, and where",
-    "import": "import a ShapeWorks project or a folder of particles",
-    "export": "films, pictures, plots, meshes, tables and particles for other programs",
-    "geodesics": "compute geodesic distances on a surface",
-    "worker": "work for a Dask scheduler, for runs with --cluster",
+    "run": ("run", "groom a cohort, place corresponding particles, compute the shape model"),
+    "labels": ("batch", "list the structures in a cohort's label maps"),
+    "batch": ("batch", "compute a shape model of each structure of a cohort"),
+    "info": ("project", "show what a project contains"),
+    "table": ("project", "add or replace groups and covariates of a project"),
+    "demo": ("samples", "run the paper's coffee-bean experiment"),
+    "sample": ("samples", "generate a sample study with known truth"),
+    "beans": ("samples", "generate the paper's coffee-bean cohort"),
+    "analyze": ("analysis", "compare groups, regress on a variable, compare pairs"),
+    "check": ("analysis", "list places where the correspondence may be wrong, and repair them"),
+    "report": ("analysis", "write one HTML page about a project's model and studies"),
+    "reference": ("patient", "freeze a project's controls as a reference for single patients"),
+    "patient": ("patient", "compare a patient's shape with a reference: how unusual, and where"),
+    "import": ("project", "import a ShapeWorks project or a folder of particles"),
+    "export": ("export", "films, pictures, plots, meshes, tables and particles for other programs"),
+    "geodesics": ("geodesics", "compute geodesic distances on a surface"),
+    "worker": ("run", "work for a Dask scheduler, for runs with --cluster"),
 }
-"""What each command does, for ``homolog --help``, which imports none of them."""
-
-_MODULES = {"import": "import_model"}  # a keyword of Python
+"""Module and purpose of each command, for ``homolog --help``, which imports none of them."""
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "QT_QPA_PLATFORM")
 
@@ -66,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if arguments.command is None:
             return open_window([])
-        return int(modules[arguments.command].run(arguments))
+        return int(getattr(modules[arguments.command], f"run_{arguments.command}")(arguments))
     except (InputError, NumericalError, OSError) as error:
         message = user_message(error)
         if message is None:
@@ -114,8 +112,8 @@ def command_parser(
     modules = {}
     for name in _COMMANDS:
         if name in commands:
-            modules[name] = importlib.import_module(f"{__name__}.{_MODULES.get(name, name)}")
-            modules[name].add_parser(subparsers)
+            modules[name] = importlib.import_module(f"{__name__}.{_COMMANDS[name][0]}")
+            getattr(modules[name], f"add_{name}")(subparsers)
         else:
             subparsers.add_parser(name)
     return parser, modules
@@ -129,7 +127,7 @@ class _Subparsers:
 
     def add_parser(self, name: str, **options: Any) -> argparse.ArgumentParser:  # noqa: ANN401 - argparse's own
         """Declare a command."""
-        return self._subparsers.add_parser(name, **(options | {"help": _COMMANDS[name]}))
+        return self._subparsers.add_parser(name, **(options | {"help": _COMMANDS[name][1]}))
 
 
 def _complain(message: str) -> None:

@@ -4,42 +4,250 @@ The window's exports are this command in a child process, so that both give the 
 """
 
 import argparse
-import importlib
 import signal
-from types import ModuleType
-from typing import Any
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from homolog_app.signals import handling
+from homolog.files.project import ProjectFolder
+from homolog_app.cli.analysis import add_report, run_report
+from homolog_app.cli.export_pictures import (
+    add_film,
+    add_group_option,
+    add_kind,
+    add_plot,
+    add_screenshot,
+    add_still,
+    exporting,
+    run_film,
+    run_plot,
+    run_screenshot,
+    run_still,
+)
+from homolog_app.cli.options import add_options, with_options
+from homolog_app.cli.patient import add_patient_report, run_patient_report
+from homolog_app.cli.progress import handling
+from homolog_app.exports.settings import MeshSettings, ParticleSettings, TableSettings
 
-__all__ = ["add_parser", "run"]
+if TYPE_CHECKING:
+    from homolog.progress import Tick
 
-_MODULES = {
-    "film": "export_film", "still": "export_still",
-    "screenshot": "export_screenshot", "plot": "export_plot", "meshes": "export_meshes",
-    "cohort": "export_cohort", "table": "export_table", "measures": "export_measures",
-    "particles": "export_points", "markups": "export_points", "shapeworks": "export_points",
-    "report": "report", "patient": "export_patient",
-}  # fmt: skip
-"""The module of each kind."""
+__all__ = ["add_export", "run_export"]
 
 
-def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+def add_cohort(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    add_kind(
+        kinds,
+        "cohort",
+        "names, files, groups and covariates as CSV",
+        "Write the table of the project's subjects; it can be read as a cohort again.",
+        "FILE.csv",
+    )
+
+
+def run_cohort(arguments: argparse.Namespace) -> int:
+    """Write the table; returns the exit code."""
+    from homolog_app.exports.cohort import write_cohort
+
+    with exporting(arguments):
+        write_cohort(arguments.out, ProjectFolder(arguments.project).cohort())
+    sys.stderr.write(f"{arguments.out}\n")
+    return 0
+
+
+def add_table(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    parser = add_kind(
+        kinds,
+        "table",
+        "scores, modes, measures and group results as CSV",
+        "Write scores.csv, modes.csv and subjects.csv (volume, area, size, distance from the mean), and a "
+        "folder of tables for each study that homolog analyze stored, or for the groups given here.",
+        "FOLDER",
+    )
+    add_group_option(parser, "compare two groups of a column instead of exporting the stored studies")
+    add_options(parser, TableSettings)
+
+
+def run_table(arguments: argparse.Namespace) -> int:
+    """Write the tables; returns the exit code."""
+    settings = with_options(TableSettings(), arguments)
+    from homolog.files.atomic import replace_folder
+    from homolog_app.exports.tables import write_tables
+
+    groups = tuple(arguments.group) if arguments.group else None
+    with exporting(arguments) as tick, replace_folder(arguments.out) as folder:
+        write_tables(ProjectFolder(arguments.project), folder, settings, groups, tick)
+    sys.stderr.write(f"{arguments.out}\n")
+    return 0
+
+
+def add_measures(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    parser = add_kind(
+        kinds,
+        "measures",
+        "distance of two particles, volume and surface area of each subject as CSV",
+        "Write the straight distance of two particles, the volume and the surface area of each subject's "
+        "groomed surface, in the size of its file.",
+        "FILE.csv",
+    )
+    parser.add_argument(
+        "--particles",
+        nargs=2,
+        type=int,
+        required=True,
+        metavar=("P", "Q"),
+        help="numbers of two particles, from 0",
+    )
+
+
+def run_measures(arguments: argparse.Namespace) -> int:
+    """Write the table; returns the exit code."""
+    from homolog.files.results import read_result, read_surface
+    from homolog_app.exports.measures import measure_meshes, write_measures
+
+    project = ProjectFolder(arguments.project)
+    with exporting(arguments) as tick:
+        result, record = read_result(project), project.read().result
+        assert record is not None, "a result that was read has a record"
+        meshes = [read_surface(project, subject) for subject in record.subjects]
+        write_measures(arguments.out, result, measure_meshes(meshes, tick), *arguments.particles)
+    sys.stderr.write(f"{arguments.out}\n")
+    return 0
+
+
+def add_meshes(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    parser = add_kind(
+        kinds,
+        "meshes",
+        "surfaces as VTP, PLY, STL or GLB",
+        "Write the mean, modes at both ends, and on request group means and subjects, in aligned LPS "
+        "millimetres. VTP, PLY and GLB also contain outward displacement [mm], VTP and PLY p and q; "
+        "meshes.csv describes the files.",
+        "FOLDER",
+    )
+    add_group_option(parser, "also the means of two groups of a column, with p and q of their difference")
+    add_options(parser, MeshSettings)
+
+
+def run_meshes(arguments: argparse.Namespace) -> int:
+    """Write the meshes; returns the exit code."""
+    settings = with_options(MeshSettings(), arguments)
+    from homolog.files.atomic import replace_folder
+    from homolog_app.exports.meshes import write_meshes
+
+    groups = tuple(arguments.group) if arguments.group else None
+    with exporting(arguments) as tick, replace_folder(arguments.out) as folder:
+        count = write_meshes(ProjectFolder(arguments.project), folder, settings, groups, tick)
+    sys.stderr.write(f"{arguments.out}: {count} surfaces\n")
+    return 0
+
+
+def add_particles(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    parser = add_kind(
+        kinds,
+        "particles",
+        "a .particles file a subject",
+        "Write each subject's particles and the mean's: one 'x y z' a line in mm, LPS; the line is the "
+        "correspondence.",
+        "FOLDER",
+    )
+    add_options(parser, ParticleSettings)
+
+
+def add_markups(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    parser = add_kind(
+        kinds,
+        "markups",
+        "point lists for 3D Slicer",
+        "Write each subject's particles and the mean's as .mrk.json, in mm, LPS; labels are the numbers of "
+        "the correspondences.",
+        "FOLDER",
+    )
+    add_options(parser, ParticleSettings)
+
+
+def add_shapeworks(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    add_kind(
+        kinds,
+        "shapeworks",
+        "a project that ShapeWorks opens",
+        "Write a .swproj with particles, groomed surfaces and alignments.",
+        "FOLDER",
+    )
+
+
+def run_points(arguments: argparse.Namespace) -> int:
+    """Write the points; returns the exit code."""
+    from homolog.files.atomic import replace_folder
+
+    with exporting(arguments) as tick, replace_folder(arguments.out) as folder:
+        if arguments.what == "shapeworks":
+            from homolog.exchange import write_shapeworks
+
+            write_shapeworks(ProjectFolder(arguments.project), folder, tick)
+        else:
+            _write_points(arguments, folder, tick)
+    sys.stderr.write(f"{arguments.out}\n")
+    return 0
+
+
+def _write_points(arguments: argparse.Namespace, folder: Path, tick: "Tick") -> None:
+    from homolog.exchange import write_markups
+    from homolog.files.names import file_stems
+    from homolog.files.particles import write_particles
+    from homolog.files.results import read_result
+
+    settings = with_options(ParticleSettings(), arguments)
+    result = read_result(ProjectFolder(arguments.project))
+    points = dict(zip(result.names, getattr(result, settings.coordinates), strict=True))
+    if settings.coordinates == "world":  # shapes in the coordinates of their files have no common mean
+        points["mean"] = result.world.mean(axis=0)
+    for index, (stem, point) in enumerate(zip(file_stems(list(points)), points.values(), strict=True)):
+        tick(index / len(points), f"writing {stem}")
+        if arguments.what == "particles":
+            write_particles(folder / f"{stem}_{settings.coordinates}.particles", point)
+        else:
+            write_markups(folder / f"{stem}.mrk.json", point, title=f"{stem} particles")
+
+
+_KINDS: dict[str, tuple[Callable[[Any], None], Callable[[argparse.Namespace], int]]] = {
+    "film": (add_film, run_film),
+    "still": (add_still, run_still),
+    "screenshot": (add_screenshot, run_screenshot),
+    "plot": (add_plot, run_plot),
+    "meshes": (add_meshes, run_meshes),
+    "cohort": (add_cohort, run_cohort),
+    "table": (add_table, run_table),
+    "measures": (add_measures, run_measures),
+    "particles": (add_particles, run_points),
+    "markups": (add_markups, run_points),
+    "shapeworks": (add_shapeworks, run_points),
+    "report": (add_report, run_report),
+    "patient": (add_patient_report, run_patient_report),
+}
+"""What declares and what writes each kind."""
+
+
+def add_export(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
     """Declare the command and its kinds."""
     parser = subparsers.add_parser(
         "export",
         description="Export a project's result. Ctrl-C removes partial files.",
     )
     kinds = parser.add_subparsers(dest="what", metavar="WHAT", title="what to export", required=True)
-    for module in dict.fromkeys(_modules().values()):
-        module.add_parser(kinds)
+    for add, _ in _KINDS.values():
+        add(kinds)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_export(arguments: argparse.Namespace) -> int:
     """Export; returns the exit code."""
     with handling(signal.SIGTERM, signal.default_int_handler):  # ended by the window: tidy up as for Ctrl-C
-        return int(_modules()[arguments.what].run(arguments))
-
-
-def _modules() -> dict[str, ModuleType]:
-    package = __name__.rpartition(".")[0]
-    return {kind: importlib.import_module(f"{package}.{name}") for kind, name in _MODULES.items()}
+        return _KINDS[arguments.what][1](arguments)

@@ -9,10 +9,10 @@ from typing import Any
 from homolog.errors import InputError
 from homolog_app.cli.progress import add_progress_option, show_progress
 
-__all__ = ["add_parser", "run"]
+__all__ = ["add_geodesics", "run_geodesics"]
 
 
-def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+def add_geodesics(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
     """Declare the command."""
     parser = subparsers.add_parser(
         "geodesics",
@@ -46,7 +46,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
     add_progress_option(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_geodesics(arguments: argparse.Namespace) -> int:
     """Compute, write and verify as asked; returns the exit code."""
     from homolog.device import choose_device, describe_device, device_faults
     from homolog.files.meshes import read_mesh

@@ -1,4 +1,4 @@
-"""``homolog patient``: patients compared with a reference."""
+"""Single patients: ``homolog reference``, ``patient`` and ``export patient``."""
 
 import argparse
 import signal
@@ -7,13 +7,88 @@ from pathlib import Path
 from typing import Any
 
 from homolog.errors import InputError
-from homolog_app.cli.progress import add_progress_option, show_progress
-from homolog_app.signals import handling
+from homolog.files.project import ProjectFolder
+from homolog_app.cli.export_pictures import exporting
+from homolog_app.cli.progress import add_progress_option, handling, show_progress
 
-__all__ = ["add_parser", "add_patient_options", "given_covariates", "run"]
+__all__ = [
+    "add_patient",
+    "add_patient_report",
+    "add_reference",
+    "run_patient",
+    "run_patient_report",
+    "run_reference",
+]
 
 
-def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+def add_reference(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "reference",
+        help="freeze a project's controls as a reference for single patients",
+        description="Freeze the model of a finished project's controls in one file, for homolog patient. "
+        "Each control is fitted as a patient to the model of the others, so that limits and percentiles "
+        "hold for new subjects. The file contains no control's surface, particles or file.",
+    )
+    parser.add_argument("project", type=Path, help="project folder")
+    parser.add_argument("--group", metavar="VALUE", help="who the controls are (default: all subjects)")
+    parser.add_argument(
+        "--column", default="group", help="column of the cohort's table for --group (default group)"
+    )
+    parser.add_argument(
+        "--adjust", nargs="+", metavar="COLUMN", default=[], help="covariates to adjust for, such as age sex"
+    )
+    parser.add_argument(
+        "--pairs",
+        metavar="COLUMN",
+        help="column that names the person, if controls were seen twice: the change that a follow-up expects",
+    )
+    parser.add_argument(
+        "--time", metavar="COLUMN", default="time", help="column that orders a person's times (default time)"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="reference to write (.npz); replaced if it exists",
+    )
+    parser.add_argument(
+        "--scores",
+        action="store_true",
+        help="keep each control's scores, to tell how near the nearest controls are to a patient",
+    )
+    parser.add_argument("--names", action="store_true", help="likewise, with the controls' names")
+    parser.add_argument("--workers", type=int, help="number of processes (default: one per core)")
+    add_progress_option(parser)
+
+
+def run_reference(arguments: argparse.Namespace) -> int:
+    """Make the reference; returns the exit code."""
+    from homolog.patient.build import make_reference
+    from homolog.patient.reference import check_name
+    from homolog_app.report.patient_words import reference_words
+
+    check_name(arguments.out)
+    with show_progress(arguments.progress) as progress:
+        reference = make_reference(
+            ProjectFolder(arguments.project),
+            group=arguments.group,
+            column=arguments.column,
+            adjust=arguments.adjust,
+            pairs=arguments.pairs,
+            time=arguments.time,
+            scores=arguments.scores,
+            names=arguments.names,
+            workers=arguments.workers,
+            tick=progress.tick,
+        )
+        reference.save(arguments.out)
+    sys.stdout.write("".join(f"{line}\n" for line in [*reference_words(reference), str(arguments.out)]))
+    return 0
+
+
+def add_patient(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
     """Declare the command."""
     parser = subparsers.add_parser(
         "patient",
@@ -88,7 +163,7 @@ def given_covariates(arguments: argparse.Namespace) -> dict[str, str]:
     return given
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_patient(arguments: argparse.Namespace) -> int:
     """Compare; returns the exit code."""
     from homolog.files.atomic import replace_folder
     from homolog.patient.reference import Reference
@@ -118,3 +193,43 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stderr.write(f"homolog: {line}\n")
     sys.stdout.write(f"{arguments.out}\n")
     return 2 if summary.problems else 0
+
+
+_SUFFIXES = (".pdf", ".html")
+
+
+def add_patient_report(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    parser = kinds.add_parser(
+        "patient",
+        help="report of one patient against a reference as PDF or HTML",
+        description="Compare a patient with a reference made by homolog reference and write the report "
+        "alone, as two pages of PDF or one HTML page. homolog patient also writes tables and surfaces.",
+    )
+    parser.add_argument("reference", type=Path, help="file that homolog reference wrote")
+    parser.add_argument("file", type=Path, help="segmentation or mesh of the patient")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="FILE", help="FILE (.pdf or .html); replaced if it exists"
+    )
+    add_patient_options(parser)
+    add_progress_option(parser)
+
+
+def run_patient_report(arguments: argparse.Namespace) -> int:
+    """Write the report; returns the exit code."""
+    if arguments.out.suffix.lower() not in _SUFFIXES:
+        raise InputError(f"{arguments.out}: the report is written as .pdf or .html; choose such a name")
+    from homolog.patient.reference import Reference
+    from homolog_app.report.patient import PatientRequest, write_report_file
+
+    with exporting(arguments) as tick:
+        request = PatientRequest(
+            (arguments.file,),
+            given_covariates(arguments),
+            arguments.side or "",
+            arguments.label,
+            arguments.force,
+        )
+        summary = write_report_file(arguments.out, Reference.load(arguments.reference), request, tick)
+    sys.stderr.write(f"{summary}\n{arguments.out}\n")
+    return 0

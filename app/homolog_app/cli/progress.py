@@ -1,15 +1,18 @@
-"""Progress of a command: a bar with the time left on a terminal, JSON lines for programs, or nothing."""
+"""Progress of a command (a bar with the time left, JSON lines or nothing) and what ends it early."""
 
 import argparse
 import json
 import shutil
+import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 from typing import TextIO
 
-__all__ = ["Progress", "add_progress_option", "remaining_seconds", "show_progress"]
+__all__ = ["Progress", "add_progress_option", "handling", "remaining_seconds", "show_progress"]
+
 
 _WIDTH = 28
 _REDRAW_S = 0.1
@@ -91,3 +94,13 @@ def show_progress(mode: str) -> Iterator[Progress]:
         yield progress
     finally:
         progress.close()
+
+
+@contextmanager
+def handling(number: int, handle: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Let a function answer a signal within the block; to be used in the main thread."""
+    before = signal.signal(number, handle)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)

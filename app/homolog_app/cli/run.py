@@ -1,4 +1,4 @@
-"""``homolog run``: from a cohort to a shape model, in a project folder."""
+"""``homolog run``, from a cohort to a shape model in a project folder, and ``homolog worker``."""
 
 import argparse
 import json
@@ -29,23 +29,35 @@ from homolog.cohort import (
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.settings import GroomSettings, OptimizeSettings, RunSettings
-from homolog_app.cli.cohorts import read_and_tell
-from homolog_app.cli.info import how_it_ended
 from homolog_app.cli.options import add_former_name, add_options, with_all_options
-from homolog_app.cli.progress import add_progress_option, show_progress
-from homolog_app.signals import handling
+from homolog_app.cli.progress import add_progress_option, handling, show_progress
+from homolog_app.cli.project import how_it_ended
 
 if TYPE_CHECKING:
     from homolog.run import Run, RunStatus
 
-__all__ = ["add_parser", "interrupt_cancels", "run"]
+__all__ = ["add_run", "add_worker", "cohort_of", "interrupt_cancels", "run_run", "run_worker"]
+
+
+def cohort_of(path: Path) -> Cohort:
+    """Return the cohort of a folder, table or project."""
+    project = ProjectFolder(path)
+    return project.cohort() if project.exists else read_and_tell(path)
+
+
+def read_and_tell(path: Path) -> Cohort:
+    """Return the cohort of a folder or table, and print which files were skipped and why."""
+    cohort = read_cohort(path)
+    for note in cohort.notes:
+        sys.stderr.write(f"homolog: note: {note}\n")
+    return cohort
 
 
 _LISTED = 12
 """Structures that a message names, at most."""
 
 
-def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+def add_run(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
     """Declare the command."""
     parser = subparsers.add_parser(
         "run",
@@ -76,7 +88,7 @@ def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the ty
         add_options(parser, model)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_run(arguments: argparse.Namespace) -> int:
     """Run the pipeline; returns the exit code."""
     project, cohort, settings = _what_to_run(arguments)
     with show_progress(arguments.progress) as progress:
@@ -318,3 +330,22 @@ def interrupt_cancels(cancel: Callable[[], None]) -> Iterator[None]:
 
     with handling(signal.SIGINT, handle):
         yield
+
+
+def add_worker(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "worker",
+        description="Work for a Dask scheduler, one subject at a time, until the scheduler ends or Ctrl-C. "
+        "Start one for each core, on any machine that sees the same files, and run with --cluster ADDRESS.",
+    )
+    parser.add_argument("address", help="of the scheduler, such as tcp://node1:8786")
+
+
+def run_worker(arguments: argparse.Namespace) -> int:
+    """Serve; returns the exit code."""
+    from homolog.cluster import serve_as_worker
+
+    sys.stderr.write(f"working for {arguments.address}; Ctrl-C ends it\n")
+    serve_as_worker(arguments.address)
+    return 0

@@ -15,7 +15,7 @@ from PySide6.QtCore import QStandardPaths, QTimer
 from PySide6.QtGui import QSurfaceFormat
 from PySide6.QtWidgets import QApplication
 
-from homolog_app.signals import handling
+from homolog_app.cli.progress import handling
 from homolog_app.window.desk import Desk
 from homolog_app.window.icons import application_icon
 from homolog_app.window.log_pane import LogMemory

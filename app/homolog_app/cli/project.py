@@ -1,4 +1,4 @@
-"""``homolog info``: what a project contains."""
+"""What a project contains (``homolog info``), and what is put into it (``table``, ``import``)."""
 
 import argparse
 import json
@@ -6,11 +6,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from homolog.cohort import with_table
 from homolog.errors import InputError, NumericalError
 from homolog.files.project import ProjectFolder
 from homolog.files.records import ProjectRecord, ResultRecord
+from homolog_app.cli.progress import add_progress_option, show_progress
 
-__all__ = ["add_parser", "how_it_ended", "run"]
+__all__ = ["add_import", "add_info", "add_table", "how_it_ended", "run_import", "run_info", "run_table"]
+
 
 _ENDINGS = {
     "converged": "converged after {} iterations",
@@ -20,14 +23,14 @@ _ENDINGS = {
 }
 
 
-def add_parser(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+def add_info(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
     """Declare the command."""
     parser = subparsers.add_parser("info", description="Show what a project contains.")
     parser.add_argument("project", type=Path, help="project folder")
     parser.add_argument("--json", action="store_true", help="print the complete record as JSON")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run_info(arguments: argparse.Namespace) -> int:
     """Print the record; returns the exit code."""
     project = ProjectFolder(arguments.project)
     project.recover()
@@ -108,3 +111,64 @@ def _groups(groups: list[str | None]) -> str:
     named = {name: groups.count(name) for name in groups if name is not None}
     listed = ", ".join(f"{count} {name}" for name, count in named.items())
     return f"{len(groups)} ({listed})" if listed else str(len(groups))
+
+
+def add_table(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "table",
+        description="Add or replace groups and covariates of a project from a table (CSV with commas, "
+        "semicolons or tabs, or XLSX). Its column name, subject or id, else the first one, names the "
+        "subjects, as the project does or as their files are called. Empty cells leave what is there. "
+        "Particles stay.",
+    )
+    parser.add_argument("project", type=Path, help="project folder")
+    parser.add_argument("table", type=Path, help="table to read")
+    parser.add_argument("--dry-run", action="store_true", help="show what would change, and change nothing")
+
+
+def run_table(arguments: argparse.Namespace) -> int:
+    """Say what changes and write it; returns the exit code."""
+    from homolog.files.project_table import update_table
+
+    project = ProjectFolder(arguments.project)
+    with project.locked(new=False):
+        changes = with_table(project.cohort().subjects, arguments.table)
+        sys.stdout.write("".join(f"{line}\n" for line in changes.lines))
+        if arguments.dry_run:
+            sys.stdout.write("nothing was written (--dry-run)\n")
+        elif not changes.is_empty:
+            update_table(project, changes.subjects)
+            sys.stdout.write(f"written to {project.folder}\n")
+    return 0
+
+
+def add_import(subparsers: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "import",
+        description="Make a project, with a result that can be looked at and analyzed, of a ShapeWorks "
+        "project (.swproj, .xlsx) or of a folder of .particles. Nothing is optimized.",
+    )
+    parser.add_argument("source", type=Path, help=".swproj or .xlsx file, or folder of .particles")
+    parser.add_argument("project", type=Path, help="project folder to create")
+    parser.add_argument("--domain", metavar="NAME", help="anatomy to import if the project has several")
+    add_progress_option(parser)
+
+
+def run_import(arguments: argparse.Namespace) -> int:
+    """Import the model; returns the exit code."""
+    from homolog.exchange import import_model
+
+    project = ProjectFolder(arguments.project)
+    with show_progress(arguments.progress) as progress:
+        notes = import_model(arguments.source, project, domain=arguments.domain, tick=progress.tick)
+    for note in notes:
+        sys.stderr.write(f"homolog: note: {note}\n")
+    result = project.read().result
+    assert result is not None, "an imported project has a result"
+    stream = sys.stderr if arguments.progress == "json" else sys.stdout
+    stream.write(
+        f"{len(result.subjects)} subjects x {result.particles} particles\nresults in {project.folder}\n"
+    )
+    return 0

@@ -1,0 +1,281 @@
+"""``homolog export film``, ``still``, ``screenshot`` and ``plot``: pictures of a project's result."""
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from homolog.errors import InputError
+from homolog.files.project import ProjectFolder
+from homolog.progress import Tick
+from homolog_app.cli.options import add_options, with_options
+from homolog_app.cli.progress import add_progress_option, show_progress
+from homolog_app.exports.settings import PlotSettings, ScreenshotSettings
+from homolog_app.films.settings import SIGHTS, FilmSettings, StillSettings, camera_view
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from homolog_app.films.motion import Motion
+    from homolog_app.window.explore.chosen import Snapshot
+    from homolog_app.window.scene.canvas import Canvas
+    from homolog_app.window.scene.content import Shown
+
+__all__ = [
+    "add_film",
+    "add_group_option",
+    "add_kind",
+    "add_plot",
+    "add_screenshot",
+    "add_still",
+    "exporting",
+    "run_film",
+    "run_plot",
+    "run_screenshot",
+    "run_still",
+]
+
+
+def add_kind(kinds: Any, name: str, summary: str, description: str, out: str) -> argparse.ArgumentParser:  # noqa: ANN401
+    """Declare a kind of export with what each has: project, place of the result, progress."""
+    parser: argparse.ArgumentParser = kinds.add_parser(name, help=summary, description=description)
+    parser.add_argument("project", type=Path, help="project folder")
+    what = "a new or empty folder" if out == "FOLDER" else f"{out}; replaced if it exists"
+    parser.add_argument("--out", type=Path, required=True, metavar=out.partition(" ")[0], help=what)
+    add_progress_option(parser)
+    return parser
+
+
+def add_group_option(parser: argparse.ArgumentParser, summary: str) -> None:
+    """Declare ``--group COLUMN A B``."""
+    parser.add_argument("--group", nargs=3, metavar=("COLUMN", "A", "B"), help=summary)
+
+
+@contextmanager
+def exporting(arguments: argparse.Namespace) -> Iterator[Tick]:
+    """Give the tick of an export; says at the end that it is done."""
+    with show_progress(arguments.progress) as progress:
+        progress.tick(0.0, "preparing")
+        yield progress.tick
+        progress.tick(1.0, "done")
+
+
+def add_motion_options(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--mode``, ``--group`` and ``--view``."""
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument(
+        "--mode", type=int, nargs="+", metavar="K", help="modes of variation, from 1; several form a grid"
+    )
+    what.add_argument(
+        "--group", nargs=3, metavar=("COLUMN", "A", "B"), help="from the mean of one group to that of another"
+    )
+    parser.add_argument(
+        "--view", nargs="+", type=_sight, metavar="VIEW", default=["oblique"],
+        help=f"view directions; several form a grid: {', '.join(SIGHTS)} (default oblique), or "
+        "camera:X,Y,Z,X,Y,Z, the directions to the viewer and upwards (LPS), as the window's dialogs give it",
+    )  # fmt: skip
+
+
+def _sight(text: str) -> str:
+    if text not in SIGHTS and camera_view(text) is None:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a view; choose {', '.join(SIGHTS)}, or camera: and six numbers"
+        )
+    return text
+
+
+def chosen_motions(arguments: argparse.Namespace, deviations: float) -> "Sequence[Motion]":
+    """Return what the options name; the mean at rest if they name nothing.
+
+    Raises
+    ------
+    InputError
+        If the project has no result, or no such mode or group.
+    """
+    from homolog.files.results import read_result
+    from homolog_app.films.motion import group_motion, mode_motions, standing
+
+    result = read_result(ProjectFolder(arguments.project))
+    if len(set(arguments.view)) < len(arguments.view) or len(set(arguments.mode or [])) < len(
+        arguments.mode or []
+    ):
+        raise InputError("--mode and --view: give each value once")
+    if arguments.mode:
+        return mode_motions(result, arguments.mode, deviations)
+    if arguments.group:
+        return [group_motion(result, *arguments.group)]
+    return [standing(result)]
+
+
+def add_film(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    parser = add_kind(
+        kinds,
+        "film",
+        "animation as MP4, GIF or numbered pictures",
+        "Animate the mean shape along modes, from one group's mean to another's, or on a turntable.",
+        "FILE (.mp4, .gif, or no suffix for a folder of PNG pictures)",
+    )
+    add_motion_options(parser)
+    add_options(parser, FilmSettings)
+
+
+def run_film(arguments: argparse.Namespace) -> int:
+    """Write the film; returns the exit code."""
+    settings = with_options(FilmSettings(), arguments)
+    from homolog.progress import part_of
+    from homolog_app.films.encode import FILM_SUFFIXES, write_film
+    from homolog_app.films.film import Film
+    from homolog_app.rendering.draw import renderer_name
+
+    if arguments.out.suffix.lower() not in FILM_SUFFIXES:
+        raise InputError(f"--out {arguments.out}: use .mp4 or .gif, or no suffix for a folder of PNG frames")
+    if not (arguments.mode or arguments.group or settings.turntable):
+        raise InputError("nothing moves; give --mode K, --group COLUMN A B or --turntable")
+    with exporting(arguments) as tick:
+        motions = chosen_motions(arguments, settings.deviations)
+        film = Film(motions, arguments.view, settings, turntable=settings.turntable)
+        write_film(
+            arguments.out,
+            lambda index: film.moment(index, settings),
+            settings.frames,
+            settings.fps,
+            part_of(tick, 0.05, 0.99),
+        )
+    facts = f"{settings.frames} frames at {settings.fps} fps, drawn with {renderer_name()}"
+    sys.stderr.write(f"{arguments.out}: {facts}\n")
+    return 0
+
+
+def add_still(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    parser = add_kind(
+        kinds,
+        "still",
+        "picture of any size as PNG",
+        "Draw the mean shape moved along modes or between group means: one frame of the film with the same "
+        "options.",
+        "FILE (.png)",
+    )
+    add_motion_options(parser)
+    add_options(parser, StillSettings)
+
+
+def run_still(arguments: argparse.Namespace) -> int:
+    """Write the picture; returns the exit code."""
+    settings = with_options(StillSettings(), arguments)
+    from homolog_app.films.encode import write_still
+    from homolog_app.films.film import Film
+    from homolog_app.rendering.draw import renderer_name
+
+    with exporting(arguments) as tick:
+        motions = chosen_motions(arguments, settings.deviations)
+        low, high = motions[0].low, motions[0].high
+        at = high if settings.at is None else settings.at
+        if not low <= at <= high:
+            raise InputError(f"--at {at:g}: must be from {low:g} to {high:g}")
+        film = Film(motions, arguments.view, settings, transparent=settings.transparent)
+        tick(0.5, "drawing")
+        write_still(arguments.out, film.draw((at - low) / (high - low) if high > low else 0.0))
+    facts = f"{settings.width} x {settings.height} pixels, drawn with {renderer_name()}"
+    sys.stderr.write(f"{arguments.out}: {facts}\n")
+    return 0
+
+
+def add_screenshot(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    parser = add_kind(
+        kinds,
+        "screenshot",
+        "the window's views as PNG",
+        "Draw the views as the window's Screenshot does. VIEW is JSON that describes page, shapes and "
+        "cameras; "
+        'the window\'s dialog shows it. The shortest is \'{"view": {"page": "modes"}}\'; pages are subjects, '
+        "modes, groups, measure and check. For views that no project contains, such as those of a run in "
+        "progress, the window writes NAME.views.npz with its picture; such a file is a VIEW, too.",
+        "FILE (.png)",
+    )
+    parser.add_argument("--view", required=True, metavar="VIEW", help="JSON, or a file that contains it")
+    add_options(parser, ScreenshotSettings)
+
+
+def run_screenshot(arguments: argparse.Namespace) -> int:
+    """Write the picture; returns the exit code."""
+    settings = with_options(ScreenshotSettings(), arguments)
+    from homolog_app.films.encode import write_still
+    from homolog_app.rendering.draw import with_opengl
+    from homolog_app.window.scene.kept import KEPT, read_shown
+    from homolog_app.window.snapshot import shown_again
+
+    with exporting(arguments) as tick:
+        if arguments.view.endswith(KEPT):
+            shown, canvas = read_shown(Path(arguments.view))
+        else:
+            wanted = _snapshot(arguments.view)
+            shown, canvas = shown_again(ProjectFolder(arguments.project), wanted, tick), wanted.canvas
+        tick(0.9, "drawing")
+        pixels = with_opengl(_drawn, shown, canvas, settings.scale, settings.transparent)
+        write_still(arguments.out, pixels)
+    sys.stderr.write(f"{arguments.out}: {pixels.shape[1]} x {pixels.shape[0]} pixels\n")
+    return 0
+
+
+def _drawn(shown: "Shown", canvas: "Canvas", scale: int, transparent: bool) -> "NDArray[np.uint8]":
+    from homolog_app.window.scene.offscreen import drawn
+
+    return drawn(shown, canvas, scale, transparent=transparent)
+
+
+def _snapshot(text: str) -> "Snapshot":
+    from pydantic import ValidationError
+
+    from homolog_app.window.explore.chosen import Snapshot
+
+    try:
+        content = text if text.lstrip().startswith("{") else Path(text).read_bytes()
+        return Snapshot.model_validate_json(content)
+    except OSError as error:
+        raise InputError(f"--view {text}: can't be read: {error.strerror}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "the JSON"
+        raise InputError(f"--view: {where}: {first['msg']}") from error
+
+
+_PLOT_SUFFIXES = (".svg", ".pdf", ".png")
+
+
+def add_plot(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type private
+    """Declare the kind."""
+    parser = add_kind(
+        kinds, "plot", "a plot as SVG, PDF or PNG", "Write a plot of the result.", "FILE (.svg, .pdf or .png)"
+    )
+    add_group_option(parser, "two groups of a column, for --kind difference and discriminant")
+    parser.add_argument(
+        "--colour-by",
+        metavar="COLUMN",
+        default="group",
+        help="column whose values scores show (default group)",
+    )
+    add_options(parser, PlotSettings)
+
+
+def run_plot(arguments: argparse.Namespace) -> int:
+    """Write the plot; returns the exit code."""
+    settings = with_options(PlotSettings(), arguments)
+    if arguments.out.suffix.lower() not in _PLOT_SUFFIXES:
+        raise InputError(f"--out {arguments.out}: must end in {', '.join(_PLOT_SUFFIXES)}")
+    from homolog.files.atomic import atomic_write
+    from homolog_app.exports.plots import draw_plot
+    from homolog_app.pictures import write_picture
+
+    with exporting(arguments) as tick:
+        groups = tuple(arguments.group) if arguments.group else None
+        figure = draw_plot(ProjectFolder(arguments.project), settings, groups, arguments.colour_by, tick)
+        with atomic_write(arguments.out) as part:
+            write_picture(figure, part)
+    sys.stderr.write(f"{arguments.out}\n")
+    return 0
