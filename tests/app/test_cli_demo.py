@@ -13,7 +13,7 @@ def small_demo(tmp_path_factory):
     out = tmp_path_factory.mktemp("demo") / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("homolog_app.cli.samples._SHAPES", 4)
-        patch.setattr("homolog_app.cli.figures.draw_figures", lambda project, tick: None)
+        patch.setattr("homolog_app.pictures.figures.draw_figures", lambda project, tick: None)
         lines: list[str] = []
         patch.setattr("sys.stdout.write", lines.append)
         code = main(["demo", "--out", str(out), "--particles", "8", "--progress", "json"])

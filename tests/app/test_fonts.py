@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from homolog_app import fonts
 from homolog_app.pictures import write_picture
 from homolog_app.plots import draw_discriminant, new_figure
-from homolog_app.scheme import LIGHT
+from homolog_app.rendering import text as fonts
+from homolog_app.rendering.scheme import LIGHT
 
 HAN = "王"
 

@@ -21,7 +21,7 @@ from homolog_app.pictures import (
     three_quarter_view,
     write_picture,
 )
-from homolog_app.pictures.displacement import common_limit
+from homolog_app.pictures.layout import common_limit
 from homolog_app.rendering.colours import diverging_colours, diverging_table
 
 

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from homolog_app import scheme
 from homolog_app.pictures.layout import write_picture
 from homolog_app.plots import (
     discriminant_points,
@@ -19,6 +18,7 @@ from homolog_app.plots import (
     group_style,
     new_figure,
 )
+from homolog_app.rendering import scheme
 from homolog_app.rendering.colours import DARK, LIGHT, page_colours
 
 COLOURS = scheme.LIGHT

@@ -10,13 +10,11 @@ import pytest
 
 from homolog.errors import InputError
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.clipping import Clip
+from homolog_app.rendering.camera import VIEWS, Clip, View, frame_around, three_quarter_view
 from homolog_app.rendering.colours import colours_by_place
 from homolog_app.rendering.draw import RENDERER, OpenGLProcess, RendererChoice
-from homolog_app.rendering.hollows import shaded
+from homolog_app.rendering.rays import Software, shaded
 from homolog_app.rendering.scene import Balls, Scene, Surface, surface
-from homolog_app.rendering.software import Software
-from homolog_app.rendering.views import VIEWS, View, frame_around, three_quarter_view
 
 GREY = np.array([0.8, 0.8, 0.8])
 

@@ -98,7 +98,7 @@ def one_run(folder, particles, device, pictures):
     Run(project, project.cohort(), settings).execute(times.observe)
     if pictures:
         times.enter("pictures")
-        from homolog_app.cli.figures import draw_figures
+        from homolog_app.pictures.figures import draw_figures
 
         draw_figures(project)
     times.enter("opening")

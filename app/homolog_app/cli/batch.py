@@ -176,7 +176,7 @@ def run_batch(arguments: argparse.Namespace) -> int:
 
 
 def _draw(item: "BatchItem", progress: Progress) -> None:
-    from homolog_app.cli.figures import draw_figures
+    from homolog_app.pictures.figures import draw_figures
 
     try:
         draw_figures(item.project, progress.tick)

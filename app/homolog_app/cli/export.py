@@ -49,7 +49,7 @@ def add_cohort(kinds: Any) -> None:  # noqa: ANN401 - argparse keeps the type pr
 
 def run_cohort(arguments: argparse.Namespace) -> int:
     """Write the table; returns the exit code."""
-    from homolog_app.exports.cohort import write_cohort
+    from homolog_app.exports.measures import write_cohort
 
     with exporting(arguments):
         write_cohort(arguments.out, ProjectFolder(arguments.project).cohort())

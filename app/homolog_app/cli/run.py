@@ -125,7 +125,7 @@ def run_run(arguments: argparse.Namespace) -> int:
     if done:
         _say_what_was_found(project)
     if done and arguments.figures:
-        from homolog_app.cli.figures import draw_figures
+        from homolog_app.pictures.figures import draw_figures
 
         with show_progress(arguments.progress) as progress:
             draw_figures(project, progress.tick)
@@ -159,7 +159,7 @@ def _start_drawing() -> None:
     """Load and start what draws while the result is computed and written: it takes seconds."""
 
     def start() -> None:
-        from homolog_app.cli import figures  # noqa: F401
+        from homolog_app.pictures import figures  # noqa: F401
         from homolog_app.rendering.draw import start_renderer
 
         start_renderer()

@@ -215,8 +215,8 @@ def _draw(out: Path, projects: dict[str, "ProjectFolder"], tick: Tick) -> None:
     from homolog.analysis.shape_model import ShapeModel
     from homolog.files.atomic import atomic_write
     from homolog.files.results import read_modes, read_result
-    from homolog_app.cli.figures import draw_figures
     from homolog_app.pictures import ModeSurfaces, draw_modes, write_picture
+    from homolog_app.pictures.figures import draw_figures
 
     models: dict[str, ModeSurfaces] = {}
     reference = None

@@ -1,4 +1,4 @@
-"""Measures of subjects and of shapes along a mode: distance of particles, volume, area, wall thickness."""
+"""Tables with a row a subject: the cohort, and distance of particles, volume, area and wall thickness."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,13 +7,49 @@ from pathlib import Path
 import numpy as np
 
 from homolog.arrays import FloatArray
+from homolog.cohort import Cohort
 from homolog.errors import InputError
+from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Measures", "distances", "measure_meshes", "write_measures"]
+__all__ = ["Measures", "distances", "measure_meshes", "write_cohort", "write_measures"]
+
+
+def write_cohort(path: Path, cohort: Cohort) -> None:
+    """Write a cohort as CSV; the file can be read as a cohort again.
+
+    Parameters
+    ----------
+    path : Path
+        File to make or replace. Paths in it start at its folder.
+    cohort : Cohort
+
+    Raises
+    ------
+    InputError
+        If the file can't be written.
+    """
+    relative = ProjectFolder(path.parent).describe(cohort)
+    columns = list(dict.fromkeys(name for item in relative for name in item.columns))
+    files = [name for name in ("landmarks", "image") if any(getattr(item, name) for item in relative)]
+    write_table(
+        path,
+        ["name", "path", "group", *files, *columns],
+        (
+            [
+                item.name,
+                item.path,
+                item.group,
+                *(getattr(item, name) for name in files),
+                *(item.columns.get(name) for name in columns),
+            ]
+            for item in relative
+        ),
+    )
+
 
 _MM3_IN_ML, _MM2_IN_CM2 = 1000.0, 100.0
 

@@ -1,14 +1,18 @@
-"""The mean, modes, groups and subjects as mesh files with what is known at their vertices."""
+"""A project's result as surfaces: VTP, PLY, STL, and binary glTF for slides, web pages and tablets."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import trimesh
+from trimesh.exchange.gltf import export_glb
 
 from homolog.analysis.procrustes import Alignment
 from homolog.analysis.shape_model import ShapeModel
-from homolog.arrays import Array
+from homolog.arrays import Array, FloatArray
+from homolog.files.atomic import atomic_write
 from homolog.files.meshes import write_mesh
 from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
@@ -18,14 +22,56 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import mirrors
 from homolog.surfaces.nearest import nearest_particles
-from homolog_app.exports.glb import write_glb
-from homolog_app.exports.groups import compare
 from homolog_app.exports.settings import MeshFormat, MeshSettings
-from homolog_app.films.motion import Motion, group_motion, mode_motions
+from homolog_app.exports.tables import compare
+from homolog_app.films.film import Motion, group_motion, mode_motions
 from homolog_app.pictures import LIGHT, common_limit, outward_displacement
 from homolog_app.rendering.colours import diverging_colours
 
-__all__ = ["write_meshes"]
+__all__ = ["write_glb", "write_meshes"]
+
+
+# glTF is in metres with y up and the viewer at +z: left stays at the right, superior up, anterior in front.
+_LPS_TO_GLTF = 0.001 * np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+
+def write_glb(
+    path: Path, mesh: TriangleMesh, colours: FloatArray, point_data: Mapping[str, Array] | None = None
+) -> None:
+    """Write a coloured surface; its vertices are stored in LPS millimetres, the node turns and scales them.
+
+    Parameters
+    ----------
+    path : Path
+        Replaced whole or not at all.
+    mesh : TriangleMesh
+        The surface.
+    colours : (3,) or (V, 3) array
+        Red, green, blue in [0, 1].
+    point_data : mapping of str to (V,) array, optional
+        Values at the vertices, kept as attributes ``_NAME``.
+
+    Raises
+    ------
+    InputError
+        If the file can't be written.
+    """
+    tints = np.empty((len(mesh.vertices), 4), dtype=np.uint8)
+    tints[:, :3], tints[:, 3] = np.rint(255.0 * np.broadcast_to(colours, mesh.vertices.shape)), 255
+    values: dict[str, Any] = {
+        f"_{name.upper()}": np.asarray(item, dtype=np.float32) for name, item in (point_data or {}).items()
+    }
+    surface = trimesh.Trimesh(
+        mesh.vertices, mesh.faces, vertex_normals=mesh.vertex_normals, vertex_colors=tints,
+        vertex_attributes=values, process=False,
+    )  # fmt: skip
+    surface.metadata["coordinates"] = "LPS millimetres"
+    placed = np.eye(4)
+    placed[:3, :3] = _LPS_TO_GLTF
+    scene = trimesh.Scene()
+    scene.add_geometry(surface, node_name=path.stem, geom_name=path.stem, transform=placed)
+    with atomic_write(path) as part:
+        part.write_bytes(export_glb(scene, include_normals=True))  # type: ignore[no-untyped-call]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""The result's numbers as CSV."""
+"""A project's result as tables: scores, modes, measures and compared groups."""
 
 from pathlib import Path
 
@@ -6,20 +6,42 @@ import numpy as np
 
 from homolog.analysis.assumptions import shape_outliers
 from homolog.analysis.parallel import parallel_analysis
+from homolog.analysis.procrustes import Alignment
 from homolog.analysis.shape_model import ShapeModel
 from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result, read_surface
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
-from homolog_app.exports.groups import compare
 from homolog_app.exports.settings import TableSettings
-from homolog_app.report.request import Answered, read_requests
-from homolog_app.report.study import run_study
+from homolog_app.report.request import Answered, StudyRequest, read_requests
+from homolog_app.report.study import Study, run_study
 from homolog_app.report.surface_maps import SurfaceCarrier
 from homolog_app.report.tables import write_study_tables
 
-__all__ = ["write_tables"]
+__all__ = ["compare", "write_tables"]
+
+
+def compare(
+    result: Result,
+    groups: tuple[str, str, str],
+    permutations: int,
+    seed: int,
+    tick: Tick = no_tick,
+    *,
+    alignment: Alignment = Alignment.RIGID,
+) -> Study:
+    """Compare two groups of a column: (column, first, second); raises as `run_study` does."""
+    column, first, second = groups
+    request = StudyRequest(
+        column=column,
+        between=(first, second),
+        alignment=alignment,
+        permutations=permutations,
+        null_repeats=0,
+        seed=seed,
+    )
+    return run_study(result, request, tick)
 
 
 def write_tables(

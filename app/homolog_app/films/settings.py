@@ -7,8 +7,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from homolog_app.clipping import Clip, ClipPlane
-from homolog_app.rendering.views import View
+from homolog_app.rendering.camera import Clip, ClipPlane, View
 
 __all__ = [
     "SIGHTS", "Background", "Colouring", "CutAway", "CutSettings", "FilmSettings", "PictureSettings",

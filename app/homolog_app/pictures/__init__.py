@@ -4,13 +4,16 @@ Shapes are drawn by `homolog_app.rendering`, captions and colour bars by matplot
 `matplotlib.figure.Figure`; `write_picture` stores it.
 """
 
-from homolog_app.pictures.differences import draw_differences
-from homolog_app.pictures.displacement import common_limit, outward_displacement
-from homolog_app.pictures.layout import write_picture
-from homolog_app.pictures.modes import ModeSurfaces, draw_modes
-from homolog_app.pictures.particles import draw_particles, draw_subjects
+from homolog_app.pictures.figures import (
+    ModeSurfaces,
+    draw_differences,
+    draw_modes,
+    draw_particles,
+    draw_subjects,
+)
+from homolog_app.pictures.layout import common_limit, outward_displacement, write_picture
+from homolog_app.rendering.camera import VIEWS, View, three_quarter_view
 from homolog_app.rendering.colours import DARK, LIGHT, Theme, colours_by_place
-from homolog_app.rendering.views import VIEWS, View, three_quarter_view
 
 __all__ = [
     "DARK",

@@ -1,8 +1,9 @@
-"""Panels in a grid with captions and the bar of a colour map, as a matplotlib figure."""
+"""Panels beside one another with captions and colour bars, displacements, and where to look from."""
 
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,77 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
-from homolog.arrays import Array
+from homolog.arrays import Array, FloatArray, IntArray
 from homolog.files.atomic import atomic_write
-from homolog_app.fonts import complete_texts
-from homolog_app.rendering.colour_scale import displacement_scale
-from homolog_app.rendering.colours import LIGHT, Theme
+from homolog.surfaces.mesh import TriangleMesh
+from homolog_app.rendering.camera import View, frame_around
+from homolog_app.rendering.colours import LIGHT, Theme, displacement_scale
+from homolog_app.rendering.rays import Software
+from homolog_app.rendering.scene import Scene, Surface
+from homolog_app.rendering.text import complete_texts
 
-__all__ = ["Panel", "arrange", "draw_displacement_bar", "write_picture"]
+__all__ = [
+    "Panel",
+    "arrange",
+    "common_limit",
+    "draw_displacement_bar",
+    "outward_displacement",
+    "view_of_region",
+    "write_picture",
+]
+
+
+_STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+
+
+def outward_displacement(mesh: TriangleMesh, displacement: FloatArray) -> FloatArray:
+    """Return the part of a displacement (V, 3) along the outward normals [mm], shape (V,)."""
+    return np.asarray((displacement * mesh.vertex_normals).sum(axis=1))
+
+
+def common_limit(values: Sequence[FloatArray]) -> float:
+    """Return a round value [mm] that 99 % of all the given values stay below."""
+    reach = float(np.percentile(np.abs(np.concatenate(values)), 99.0))
+    if reach <= 0.0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(reach))
+    return float(next(step for step in _STEPS if step * power >= 0.99 * reach) * power)
+
+
+_GLANCE = 72
+"""Pixels of a picture in which a region's visible part is counted."""
+
+
+def view_of_region(mesh: TriangleMesh, vertices: IntArray, centre: int) -> View:
+    """Return the direction from which most of a region is seen, as other walls may hide it.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    vertices : (n,) int array
+        Of the region.
+    centre : int
+        Its middle vertex, whose normal is tried first.
+    """
+    marked = np.zeros(mesh.vertices.shape, np.uint8)
+    marked[vertices] = 255
+    scene, software = Scene((Surface(mesh.vertices, mesh.vertex_normals, mesh.faces, marked),)), Software()
+    ways = [np.array(way, dtype=np.float64) for way in product((-1, 0, 1), repeat=3) if any(way)]
+    views = [_view(way) for way in [mesh.vertex_normals[centre], *ways]]
+    width = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))  # one scale for all
+    seen = [
+        float(image[..., :3].sum())
+        for image in (
+            software.draw(scene, frame_around([mesh.vertices], view, width=width), _GLANCE) for view in views
+        )
+    ]
+    return views[int(np.argmax(seen))]
+
+
+def _view(toward: FloatArray) -> View:
+    x, y, z = (toward / np.linalg.norm(toward)).tolist()
+    return View((x, y, z), (0.0, 0.0, 1.0) if abs(z) < 0.9 else (0.0, -1.0, 0.0))
+
 
 _DPI = 200
 _UNDATED = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}

@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from homolog.arrays import BoolArray, FloatArray
-from homolog_app.fonts import legible
 from homolog_app.plots.model import draw_scores
 from homolog_app.plots.style import FONT_PT, LINE_PT, TICK_PT, dress, group_style, letters, shortened
-from homolog_app.scheme import Colours
+from homolog_app.rendering.scheme import Colours
+from homolog_app.rendering.text import legible
 
 if TYPE_CHECKING:
     from homolog.patient import PatientComparison, Percentile, Reference

@@ -11,7 +11,6 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
 from homolog.arrays import FloatArray
-from homolog_app.fonts import complete_text
 from homolog_app.plots.style import (
     FONT_PT,
     LETTER,
@@ -25,7 +24,8 @@ from homolog_app.plots.style import (
     points_in,
     shortened,
 )
-from homolog_app.scheme import Colours
+from homolog_app.rendering.scheme import Colours
+from homolog_app.rendering.text import complete_text
 
 __all__ = [
     "draw_energies", "draw_energy_curves", "draw_energy_frames", "draw_place", "draw_quality", "draw_scores",

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from homolog_app.scheme import Colours
+from homolog_app.rendering.scheme import Colours
 
 __all__ = [
     "DPI", "FONT_PT", "LETTER", "LINE_PT", "TICK_PT", "dress", "group_order", "group_style", "legend_above",

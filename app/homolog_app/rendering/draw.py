@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from homolog.errors import InputError
 from homolog.workers import worker_processes
+from homolog_app.rendering.camera import Frame
 from homolog_app.rendering.scene import Scene
-from homolog_app.rendering.views import Frame
 
 __all__ = ["RENDERER", "draw", "renderer_name", "start_renderer", "with_opengl"]
 
@@ -172,7 +172,7 @@ def _draw(scene: Scene, frame: Frame, width: int) -> NDArray[np.uint8]:
 
 
 def _software() -> _Drawer:
-    from homolog_app.rendering.software import Software
+    from homolog_app.rendering.rays import Software
 
     return Software()
 

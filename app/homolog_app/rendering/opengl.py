@@ -15,8 +15,8 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
 
 from homolog_app.rendering.actors import RoundBalls, SceneActors
+from homolog_app.rendering.camera import VIEWS, Frame
 from homolog_app.rendering.scene import Balls, Scene
-from homolog_app.rendering.views import VIEWS, Frame
 
 __all__ = ["SMOOTH", "begin", "draw", "need_no_display", "pixels_of", "straight"]
 

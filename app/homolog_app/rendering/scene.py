@@ -6,7 +6,7 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray, frozen
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.clipping import Box, Cut
+from homolog_app.rendering.camera import Box, Cut
 
 __all__ = [
     "AMBIENT", "CAP", "DIFFUSE", "LIGHTS", "Arrows", "Balls", "Colour", "Scene", "Surface", "bytes_of",

@@ -17,7 +17,6 @@ from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.progress import Tick
-from homolog_app.clipping import Clip, ClipPlane
 from homolog_app.pictures import LIGHT, VIEWS, ModeSurfaces, Theme, draw_differences, draw_modes
 from homolog_app.plots import (
     draw_discriminant,
@@ -28,6 +27,7 @@ from homolog_app.plots import (
     group_order,
     new_figure,
 )
+from homolog_app.rendering.camera import Clip, ClipPlane
 from homolog_app.rendering.colours import page_colours
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.study import Study

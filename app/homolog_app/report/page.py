@@ -8,7 +8,7 @@ from importlib.resources import files
 
 from jinja2 import Environment, StrictUndefined
 
-from homolog_app.fonts import complete_texts
+from homolog_app.rendering.text import complete_texts
 from homolog_app.report.figures import ReportFigure
 
 __all__ = ["Link", "Page", "Picture"]

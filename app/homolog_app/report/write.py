@@ -15,8 +15,8 @@ from homolog.files.records import ResultRecord
 from homolog.files.results import Result, read_result
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
-from homolog_app.clipping import Clip
 from homolog_app.pictures import write_picture
+from homolog_app.rendering.camera import Clip
 from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure, model_figures, quality_rows, study_figures
 from homolog_app.report.findings import (

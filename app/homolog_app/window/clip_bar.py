@@ -3,7 +3,7 @@
 from PySide6.QtCore import Qt, Signal, Slot
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QSlider
 
-from homolog_app.clipping import Clip, ClipPlane
+from homolog_app.rendering.camera import Clip, ClipPlane
 from homolog_app.window.widgets import GRID, button, choice, label
 
 __all__ = ["ClipBar"]

@@ -7,9 +7,9 @@ from PySide6.QtCore import QAbstractTableModel, QModelIndex, QObject, QPersisten
 from PySide6.QtGui import QColor, QImage, QPixmap
 
 from homolog.arrays import Array
-from homolog_app.scheme import rgb
+from homolog_app.rendering.scheme import rgb
+from homolog_app.rendering.text import millilitres
 from homolog_app.window.icons import pixmap
-from homolog_app.window.quantities import millilitres
 from homolog_app.window.session import Session
 from homolog_app.window.study import Member
 from homolog_app.window.theme import Theme

@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
 )
 
 from homolog.parameters import Parameter, parameters
-from homolog_app.window.quantities import parse_number
+from homolog_app.rendering.text import parse_number
 from homolog_app.window.widgets import GRID, NumberBox, button, label
 
 __all__ = ["SettingsForm", "SettingsPair"]

@@ -8,8 +8,8 @@ from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QComboBox, QCompleter, QFrame, QVBoxLayout
 
 from homolog.arrays import Array
+from homolog_app.rendering.text import millilitres
 from homolog_app.window.cohort_model import thumbnail
-from homolog_app.window.quantities import millilitres
 from homolog_app.window.session import Session
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID, label

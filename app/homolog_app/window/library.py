@@ -334,7 +334,7 @@ class Library(Part):
     @reported
     def export_table(self, path: Path) -> None:
         """Write names, files, groups and covariates; the file can be read as a cohort again."""
-        from homolog_app.exports.cohort import write_cohort
+        from homolog_app.exports.measures import write_cohort
 
         write_cohort(path, self._desk.session.study.whole)
         self._window.status.say(f"Table written to {path}")

@@ -2,8 +2,8 @@
 
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QVBoxLayout, QWidget
 
+from homolog_app.rendering.text import duration
 from homolog_app.window.actions import Actions
-from homolog_app.window.quantities import duration
 from homolog_app.window.runner import Status
 from homolog_app.window.widgets import GRID, button, label
 

@@ -13,8 +13,8 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from homolog_app.rendering.colour_scale import ColourScale
-from homolog_app.window.quantities import parse_number, short
+from homolog_app.rendering.colours import ColourScale
+from homolog_app.rendering.text import parse_number, short
 from homolog_app.window.widgets import GRID, button, label
 
 __all__ = ["RangeDialog"]

@@ -9,7 +9,7 @@ from PySide6.QtCore import QObject, Qt, Signal, Slot
 from PySide6.QtGui import QColor, QFontInfo, QGuiApplication, QPalette
 from PySide6.QtWidgets import QApplication
 
-from homolog_app.scheme import DARK, LIGHT, Colours
+from homolog_app.rendering.scheme import DARK, LIGHT, Colours
 
 __all__ = ["Theme", "scaled", "text_scale"]
 

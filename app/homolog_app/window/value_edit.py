@@ -4,7 +4,7 @@ from PySide6.QtCore import Qt, Signal, Slot
 from PySide6.QtGui import QKeyEvent
 from PySide6.QtWidgets import QLineEdit
 
-from homolog_app.window.quantities import parse_number, signed
+from homolog_app.rendering.text import parse_number, signed
 
 __all__ = ["ValueEdit"]
 

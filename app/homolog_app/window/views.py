@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QApplication
 
 from homolog.arrays import FloatArray
 from homolog.geometry import inverse_matrices, transform_points
-from homolog_app.rendering.colour_scale import ColourScale
+from homolog_app.rendering.colours import ColourScale
 from homolog_app.window.availability import LAYOUTS
 from homolog_app.window.explore.chosen import ColouredView, Snapshot, SubjectsView
 from homolog_app.window.loaded import Loaded

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from homolog_app.clipping import Clip
-from homolog_app.scheme import LIGHT, rgb
+from homolog_app.rendering.camera import Clip
+from homolog_app.rendering.scheme import LIGHT, rgb
 from homolog_app.window.explore.chosen import Snapshot, SubjectsView
 from homolog_app.window.scene.canvas import CameraState
 from homolog_app.window.scene.content import Content, Shown

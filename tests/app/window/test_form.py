@@ -4,7 +4,7 @@ import pytest
 
 from homolog.parameters import parameters
 from homolog.settings import Alignment, GroomSettings, OptimizeSettings
-from homolog_app.window.quantities import duration, parse_number
+from homolog_app.rendering.text import duration, parse_number
 
 pytestmark = pytest.mark.window
 

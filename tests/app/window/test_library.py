@@ -11,7 +11,7 @@ import pytest
 from homolog.cohort import read_cohort
 from homolog.errors import InputError, user_message
 from homolog_app.cli import main
-from homolog_app.window.quantities import millilitres
+from homolog_app.rendering.text import millilitres
 
 HEAVY = ("warp", "SimpleITK", "pyvista", "pyvistaqt", "vtkmodules", "matplotlib", "skimage")
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from homolog_app.fonts import legible
+from homolog_app.rendering.text import legible
 
 pytestmark = pytest.mark.window
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from homolog_app.window.quantities import millilitres, short, signed, tick_words
+from homolog_app.rendering.text import millilitres, short, signed, tick_words
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from homolog_app.letters import direction_letters, edge_letters
+from homolog_app.rendering.camera import round_length
 from homolog_app.rendering.colours import colours_by_place
-from homolog_app.rendering.views import round_length
+from homolog_app.rendering.text import direction_letters, edge_letters
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.scene.kept import KEPT, read_shown, write_shown
 from homolog_app.window.scene.offscreen import drawn

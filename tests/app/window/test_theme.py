@@ -2,7 +2,7 @@
 
 import pytest
 
-from homolog_app.scheme import DARK, LIGHT, rgb
+from homolog_app.rendering.scheme import DARK, LIGHT, rgb
 
 TEXT, GRAPHICS = 4.5, 3.0  # WCAG 2.2, level AA
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.surfaces.mirroring import scale_of
-from homolog_app.rendering.colour_scale import ColourScale, viridis
+from homolog_app.rendering.colours import ColourScale, viridis
 from homolog_app.window.scene.content import Content, Numbers, Shown
 
 if TYPE_CHECKING:

@@ -11,11 +11,11 @@ from homolog.files.results import Result
 from homolog.progress import Tick, part_of
 from homolog.surfaces.nearest import nearest_particles
 from homolog_app.pictures import common_limit
+from homolog_app.rendering.text import short
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.request import StudyRequest
 from homolog_app.report.study import Study, compared_shapes, run_study, study_options
 from homolog_app.window.explore.model_shape import ModelShape
-from homolog_app.window.quantities import short
 
 __all__ = ["GroupAnswer", "GroupMap", "answer_groups", "carried_answer"]
 

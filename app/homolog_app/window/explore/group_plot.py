@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from homolog_app.rendering.text import short, signed
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
-from homolog_app.window.quantities import short, signed
 from homolog_app.window.theme import Theme
 
 if TYPE_CHECKING:

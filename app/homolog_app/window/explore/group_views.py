@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.arrays import Array, FloatArray
-from homolog_app.rendering.colour_scale import displacement_scale
+from homolog_app.rendering.colours import displacement_scale
 from homolog_app.report.findings import LEVEL
 from homolog_app.window.explore.chosen import GroupsView
 from homolog_app.window.explore.model_content import Look, arrow_factor, model_content

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from homolog_app.rendering.text import short, signed
 from homolog_app.report.findings import (
     LEVEL,
     correction_words,
@@ -13,7 +14,6 @@ from homolog_app.report.findings import (
     region_words,
 )
 from homolog_app.report.request import SIZE_WORDS, StudyRequest
-from homolog_app.window.quantities import short, signed
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.group_answer import GroupAnswer

@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
 
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, part_of
+from homolog_app.rendering.text import signed
 from homolog_app.window.actions import Actions
 from homolog_app.window.desk import Desk
 from homolog_app.window.explore.chosen import MeasureView
@@ -27,7 +28,6 @@ from homolog_app.window.explore.model_content import shown_alone
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.present import with_present_table
 from homolog_app.window.explore.subject_table import SORTED_BY, SubjectTable
-from homolog_app.window.quantities import signed
 from homolog_app.window.scene.content import Content, Shown
 from homolog_app.window.widgets import GRID, ActionButton, NumberBox, choice, dress_table, label, rule
 

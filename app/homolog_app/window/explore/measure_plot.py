@@ -9,9 +9,9 @@ from PySide6.QtWidgets import QHBoxLayout, QStackedWidget, QWidget
 
 from homolog.analysis.welch import GroupMeasure, compare_measure
 from homolog.arrays import FloatArray
+from homolog_app.rendering.text import short
 from homolog_app.window.explore.mode_plots import ELLIPSES, ScatterPlot
 from homolog_app.window.explore.plot import Plot
-from homolog_app.window.quantities import short
 from homolog_app.window.theme import Theme
 
 if TYPE_CHECKING:

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog_app.rendering.colour_scale import ColourScale, displacement_scale, viridis
+from homolog_app.rendering.colours import ColourScale, displacement_scale, viridis
 from homolog_app.rendering.scene import Arrows
+from homolog_app.rendering.text import signed
 from homolog_app.window.explore.chosen import MeasureView
 from homolog_app.window.explore.model_content import Look, model_content
-from homolog_app.window.quantities import signed
 from homolog_app.window.scene.content import Content, Shown
 
 if TYPE_CHECKING:

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.arrays import FloatArray
-from homolog_app.rendering.colour_scale import displacement_scale
+from homolog_app.rendering.colours import displacement_scale
+from homolog_app.rendering.text import short, signed
 from homolog_app.window.explore.chosen import ModesView
 from homolog_app.window.explore.model_content import Look, arrow_factor, model_content
-from homolog_app.window.quantities import short, signed
 from homolog_app.window.scene.content import Content, Shown
 
 if TYPE_CHECKING:

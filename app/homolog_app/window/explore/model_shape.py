@@ -22,7 +22,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import scale_of
-from homolog_app.pictures.displacement import common_limit
+from homolog_app.pictures.layout import common_limit
 
 __all__ = ["ModelShape", "facing", "fit_model_shape", "placement", "read_model_shape"]
 

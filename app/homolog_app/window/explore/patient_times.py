@@ -10,7 +10,7 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of
-from homolog_app.rendering.colour_scale import displacement_scale
+from homolog_app.rendering.colours import displacement_scale
 from homolog_app.window.explore.patient_views import on_patient
 from homolog_app.window.scene.content import Shown
 
@@ -100,7 +100,7 @@ def change_words(times: Times) -> str:
 
 def change_scene(follow_up: "FollowUp", only_beyond: bool) -> Shown:
     """Return the first surface with the map of change of each later time."""
-    from homolog_app.pictures.displacement import common_limit
+    from homolog_app.pictures.layout import common_limit
     from homolog_app.report.follow_up import beyond_limit, limit_words
 
     first = follow_up.comparisons[0]
@@ -123,7 +123,7 @@ def change_scene(follow_up: "FollowUp", only_beyond: bool) -> Shown:
 
 def change_regions(follow_up: "FollowUp") -> Sequence[ChangeRegion]:
     """Return the regions of all later times, in their order."""
-    from homolog_app.pictures.visible import view_of_region
+    from homolog_app.pictures.layout import view_of_region
 
     surface = follow_up.surface
     return [

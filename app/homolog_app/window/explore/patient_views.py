@@ -13,7 +13,7 @@ from homolog.errors import InputError
 from homolog.geometry import inverse_matrices, transform_points
 from homolog.progress import Tick
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.rendering.colour_scale import ColourScale, displacement_scale
+from homolog_app.rendering.colours import ColourScale, displacement_scale
 from homolog_app.window.explore.model_content import region_border
 from homolog_app.window.scene.content import Content, Shown
 
@@ -167,7 +167,7 @@ class Compared:
 def compared(reference: "Reference", path: Path, values: Mapping[str, str], tick: Tick) -> Compared:
     """Compare a patient's file with a reference; raises InputError if it can't be compared."""
     from homolog.patient import compare_patient
-    from homolog_app.pictures.visible import view_of_region
+    from homolog_app.pictures.layout import view_of_region
     from homolog_app.report.patient import patients_of
     from homolog_app.window.survey import survey_subject
 
@@ -200,7 +200,7 @@ def patient_slices(compared: Compared, reference: "Reference") -> "Sliced":
 def _scale(
     comparison: "PatientComparison", reference: "Reference", kind: str
 ) -> tuple[ColourScale, FloatArray]:
-    from homolog_app.pictures.displacement import common_limit
+    from homolog_app.pictures.layout import common_limit
 
     if kind == Z:
         reach = max(1.5 * reference.limit, 1.0)

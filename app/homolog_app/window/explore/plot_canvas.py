@@ -7,8 +7,8 @@ from matplotlib.backends.backend_qtagg import FigureCanvasQTAgg
 from matplotlib.figure import Figure
 from PySide6.QtGui import QPaintEvent, QResizeEvent, QWheelEvent
 
-from homolog_app.fonts import complete_texts
 from homolog_app.plots import DPI, new_figure
+from homolog_app.rendering.text import complete_texts
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.plot import Plot

@@ -21,8 +21,8 @@ from PySide6.QtWidgets import (
 )
 
 from homolog_app.cli.options import options_of
-from homolog_app.clipping import Clip
 from homolog_app.films.settings import CutAway, CutSettings, PictureSettings
+from homolog_app.rendering.camera import Clip
 from homolog_app.window.export.checks import content_problem, place_problem
 from homolog_app.window.export.child import Child
 from homolog_app.window.export.choosers import GroupChooser, MotionChooser

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from homolog_app.rendering.views import VIEWS as ANATOMICAL
-from homolog_app.rendering.views import View
+from homolog_app.rendering.camera import VIEWS as ANATOMICAL
+from homolog_app.rendering.camera import View
 
 if TYPE_CHECKING:
     from homolog_app.window.scene.cell import Cell

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from homolog_app.clipping import Clip
+from homolog_app.rendering.camera import Clip
 
 __all__ = ["CameraState", "Canvas"]
 

@@ -8,10 +8,10 @@ import numpy as np
 from homolog.arrays import Array, FloatArray
 from homolog.geometry import transform_points
 from homolog.surfaces.mirroring import mirrors, scale_of
-from homolog_app.clipping import Box, Clip, Cut, around, extent_of
 from homolog_app.rendering.actors import QuickBalls, SceneActors
+from homolog_app.rendering.camera import Box, Clip, Cut, around, extent_of
 from homolog_app.rendering.scene import Balls, Scene, Surface
-from homolog_app.scheme import LIGHT, Colours, rgb, rgb_bytes
+from homolog_app.rendering.scheme import LIGHT, Colours, rgb, rgb_bytes
 from homolog_app.window.scene.cameras import Room
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.scale_bar import ScaleBar

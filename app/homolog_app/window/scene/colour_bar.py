@@ -4,9 +4,9 @@ from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent
 from PySide6.QtWidgets import QWidget
 
-from homolog_app.rendering.colour_scale import ColourScale
-from homolog_app.scheme import LIGHT, Colours
-from homolog_app.window.quantities import short
+from homolog_app.rendering.colours import ColourScale
+from homolog_app.rendering.scheme import LIGHT, Colours
+from homolog_app.rendering.text import short
 from homolog_app.window.scene.colour_scale_picture import HEIGHT, MOST, SIDE, scale_picture
 from homolog_app.window.theme import text_scale
 

@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from homolog_app.fonts import font_file, written
-from homolog_app.rendering.colour_scale import GREY, ColourScale
-from homolog_app.scheme import Colours
-from homolog_app.window.quantities import tick_words
+from homolog_app.rendering.colours import GREY, ColourScale
+from homolog_app.rendering.scheme import Colours
+from homolog_app.rendering.text import font_file, tick_words, written
 
 __all__ = ["HEIGHT", "MOST", "SIDE", "scale_picture"]
 

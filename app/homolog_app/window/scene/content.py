@@ -7,7 +7,7 @@ import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.rendering.colour_scale import ColourScale
+from homolog_app.rendering.colours import ColourScale
 from homolog_app.rendering.scene import Arrows
 
 __all__ = ["Content", "Numbers", "Shown"]

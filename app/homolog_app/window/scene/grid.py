@@ -7,10 +7,10 @@ import numpy as np
 from vtkmodules.vtkRenderingCore import vtkRenderer
 
 from homolog.arrays import Array, FloatArray
-from homolog_app.clipping import Box, Clip, around
+from homolog_app.rendering.camera import Box, Clip, around
 from homolog_app.rendering.colours import colours_by_place
 from homolog_app.rendering.scene import ball_radius
-from homolog_app.scheme import Colours, rgb
+from homolog_app.rendering.scheme import Colours, rgb
 from homolog_app.window.scene.cameras import Cameras, Room
 from homolog_app.window.scene.cell import Cell
 from homolog_app.window.scene.content import Content, Shown

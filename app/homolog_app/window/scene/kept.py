@@ -11,7 +11,7 @@ from homolog.arrays import Array
 from homolog.errors import InputError
 from homolog.files.arrays import read_arrays, write_arrays
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.rendering.colour_scale import ColourScale
+from homolog_app.rendering.colours import ColourScale
 from homolog_app.rendering.scene import Arrows
 from homolog_app.window.scene.canvas import Canvas
 from homolog_app.window.scene.content import Content, Numbers, Shown

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vtkmodules.vtkRenderingCore import vtkRenderer, vtkRenderWindow
 
 from homolog_app.rendering.opengl import SMOOTH, need_no_display, pixels_of
-from homolog_app.scheme import DARK, LIGHT
+from homolog_app.rendering.scheme import DARK, LIGHT
 from homolog_app.window.scene.canvas import Canvas
 from homolog_app.window.scene.colour_scale_picture import scale_picture
 from homolog_app.window.scene.content import Shown

@@ -6,9 +6,8 @@ from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D, vtkTextActor
 
-from homolog_app.fonts import font_file
-from homolog_app.rendering.views import round_length
-from homolog_app.window.quantities import short
+from homolog_app.rendering.camera import round_length
+from homolog_app.rendering.text import font_file, short
 
 __all__ = ["ScaleBar"]
 

@@ -9,8 +9,8 @@ from PySide6.QtGui import QImage, QResizeEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from homolog.arrays import Array, FloatArray
-from homolog_app.clipping import Clip
-from homolog_app.scheme import DARK, LIGHT, Colours
+from homolog_app.rendering.camera import Clip
+from homolog_app.rendering.scheme import DARK, LIGHT, Colours
 from homolog_app.window.scene.canvas import CameraState, Canvas
 from homolog_app.window.scene.colour_bar import ColourBar
 from homolog_app.window.scene.content import Content, Shown

@@ -6,9 +6,8 @@ from vtkmodules.vtkRenderingCore import vtkTextActor
 from vtkmodules.vtkRenderingFreeType import vtkTextRendererStringToImage  # noqa: F401 - loads what writes
 
 from homolog.arrays import FloatArray
-from homolog_app.fonts import font_file, written
-from homolog_app.letters import edge_letters
-from homolog_app.scheme import Colours, rgb
+from homolog_app.rendering.scheme import Colours, rgb
+from homolog_app.rendering.text import edge_letters, font_file, written
 from homolog_app.window.scene.content import Numbers
 
 __all__ = ["NumberTexts", "Words"]

@@ -13,7 +13,7 @@ from homolog.geometry import transform_points
 from homolog.grooming.images import Segmentation
 from homolog.grooming.scans import Scan
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.letters import edge_letters
+from homolog_app.rendering.text import edge_letters
 
 __all__ = ["Grid", "Outline", "Plane", "Section", "Sliced", "mask_contour", "planes_of", "section_of"]
 

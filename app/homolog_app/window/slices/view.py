@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QCheckBox, QGridLayout, QVBoxLayout, QWidget
 
 from homolog.arrays import Array, FloatArray
 from homolog.geometry import transform_points
-from homolog_app.scheme import rgb
+from homolog_app.rendering.scheme import rgb
 from homolog_app.window.slices.canvas import MARGIN, Drawn, Line, SliceCanvas
 from homolog_app.window.slices.planes import Grid, Plane, Sliced, mask_contour, planes_of, section_of
 from homolog_app.window.slices.reader import ScanReader

@@ -1,0 +1,196 @@
+"""Words in pictures: fonts with all their signs, numbers in short, and anatomical letters at the edges."""
+
+import importlib.util
+import math
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from homolog.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.ft2font import FT2Font
+    from matplotlib.text import Text
+
+__all__ = [
+    "complete_text",
+    "complete_texts",
+    "direction_letters",
+    "duration",
+    "edge_letters",
+    "font_file",
+    "legible",
+    "millilitres",
+    "parse_number",
+    "short",
+    "signed",
+    "tick_words",
+    "written",
+]
+
+
+_USUAL = "DejaVu Sans"
+_BOX = "□"
+_ODD = ("bold", "italic", "oblique", "black", "light", "thin", "mono", "serif")
+
+
+@cache
+def font_file(text: str = "") -> Path:
+    """Return the first font that has all signs of some words, or else most: DejaVu Sans before others."""
+    best, fewest = _usual_file(), _lacking(_usual_file(), text)
+    for path in _system_files() if fewest else ():
+        if len(lacking := _lacking(path, text)) < len(fewest):
+            best, fewest = path, lacking
+        if not fewest:
+            break
+    return best
+
+
+def written(text: str, font: Path) -> str:
+    """Return words with a box for each sign that a font lacks: VTK would leave out the whole line."""
+    lacking = _lacking(font, text)
+    return "".join(_BOX if sign in lacking else sign for sign in text)
+
+
+def legible(text: str) -> str:
+    """Return words with a box for each sign that no font has."""
+    return "".join(written(sign, font_file(sign)) for sign in text)
+
+
+def complete_texts(figure: "Figure") -> None:
+    """Let all that a figure says be `complete_text`."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        complete_text(text)
+
+
+def complete_text(text: "Text") -> None:
+    """Let matplotlib write a text as it is: no part is a formula, each sign has a font or is a box."""
+    text.set_parse_math(False)
+    content = legible(text.get_text())
+    fonts = {font_file(sign) for sign in content} - {_usual_file()}
+    if fonts or content != text.get_text():
+        text.set_text(content)
+        text.set_fontfamily([_USUAL, *sorted(map(_family, fonts))])
+
+
+@cache
+def _usual_file() -> Path:
+    """Return the file of DejaVu Sans, without loading the rest of matplotlib."""
+    home = importlib.util.find_spec("matplotlib")
+    assert home is not None
+    assert home.origin is not None
+    return Path(home.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans.ttf"
+
+
+@cache
+def _system_files() -> tuple[Path, ...]:
+    """Return the system's fonts, upright ones of usual weight first."""
+    from matplotlib.font_manager import findSystemFonts
+
+    def oddness(path: Path) -> tuple[int, str]:
+        return sum(word in path.stem.lower() for word in _ODD), str(path)
+
+    return tuple(sorted(map(Path, findSystemFonts()), key=oddness))
+
+
+@cache
+def _font(path: Path) -> "FT2Font | None":
+    from matplotlib.ft2font import FT2Font
+
+    try:
+        return FT2Font(str(path))
+    except (OSError, RuntimeError):  # damaged, or of a kind that FreeType doesn't know
+        return None
+
+
+def _lacking(path: Path, text: str) -> frozenset[str]:
+    font = _font(path)
+    return frozenset(sign for sign in text if sign != "\n" and not (font and font.get_char_index(ord(sign))))
+
+
+def _family(path: Path) -> str:
+    from matplotlib.font_manager import fontManager
+
+    font = _font(path)
+    assert font is not None
+    if font.family_name not in fontManager.get_font_names():
+        fontManager.addfont(path)
+    return font.family_name
+
+
+def parse_number(text: str) -> float:
+    """Return the number of a text with a decimal point or comma; raises ValueError for anything else."""
+    if "_" in text:
+        raise ValueError(f"{text!r} is not a number")
+    return float(text.strip().replace(",", ".").replace("−", "-"))
+
+
+def duration(seconds: float) -> str:
+    """Return a time for people, no more exact than it is known: ``"about 3 min"``."""
+    if seconds < 60:
+        return f"about {max(5, round(seconds / 5) * 5)} s"
+    if seconds < 5400:
+        return f"about {round(seconds / 60)} min"
+    return f"about {seconds / 3600:.1f} h"
+
+
+def signed(value: float, digits: int = 2) -> str:
+    """Return a number with its sign, a true minus and fixed digits: ``"+1.50"``, ``"0.00"``."""
+    text = f"{value:+.{digits}f}"
+    return text[1:] if float(text) == 0.0 else text.replace("-", "−")
+
+
+def short(value: float) -> str:
+    """Return a number with three digits or all those before the point, and a true minus."""
+    if abs(value) <= 1e-12:
+        return "0"
+    return (f"{value:.0f}" if 1000.0 <= abs(value) < 1e6 else f"{value:.3g}").replace("-", "−")
+
+
+def millilitres(volume: float) -> str:
+    """Return a volume with three digits or all those before the point: ``"96.0 ml"``, ``"1532 ml"``."""
+    digits = 2 - math.floor(math.log10(volume)) if volume > 0.0 else 0
+    return f"{volume:.{min(max(digits, 0), 6)}f} ml"
+
+
+def tick_words(values: Sequence[float]) -> list[str]:
+    """Return the words of evenly spaced ticks, all with as many digits as tell them apart."""
+    step = values[1] - values[0] if len(values) > 1 else 1.0
+    digits = next(
+        digits for digits in range(10) if digits == 9 or abs(round(step, digits) - step) < 1e-3 * step
+    )
+    return [f"{value + 0.0:.{digits}f}".replace("-", "−") for value in values]
+
+
+_POSITIVE, _NEGATIVE = "LPS", "RAI"
+_OBLIQUE = 0.42  # sine of 25 degrees
+
+
+def direction_letters(direction: FloatArray) -> str:
+    """Name a direction in patient coordinates (LPS): ``"L"``, or ``"LA"`` if it lies between two axes."""
+    order = np.argsort(-np.abs(direction))
+    named = [axis for axis in order[:2] if abs(direction[axis]) >= _OBLIQUE]
+    return "".join(_POSITIVE[axis] if direction[axis] > 0 else _NEGATIVE[axis] for axis in named)
+
+
+def edge_letters(patient_axes: FloatArray, right: FloatArray, up: FloatArray) -> tuple[str, str, str, str]:
+    """Return the letters at the left, right, bottom and top edge.
+
+    Parameters
+    ----------
+    patient_axes : (3, 3) array
+        Columns: the patient's left, back and head in the coordinates that are shown.
+    right, up : (3,) arrays
+        The screen's unit directions in the same coordinates.
+    """
+    across, along = patient_axes.T @ right, patient_axes.T @ up
+    return (
+        direction_letters(-across), direction_letters(across),
+        direction_letters(-along), direction_letters(along),
+    )  # fmt: skip
