@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from homolog_app.films.film import Motion
+    from homolog_app.films.motion import Motion
     from homolog_app.window.explore.chosen import Snapshot
     from homolog_app.window.scene.canvas import Canvas
     from homolog_app.window.scene.content import Shown
@@ -96,7 +96,7 @@ def chosen_motions(arguments: argparse.Namespace, deviations: float) -> "Sequenc
         If the project has no result, or no such mode or group.
     """
     from homolog.files.results import read_result
-    from homolog_app.films.film import group_motion, mode_motions, standing
+    from homolog_app.films.motion import group_motion, mode_motions, standing
 
     result = read_result(ProjectFolder(arguments.project))
     if len(set(arguments.view)) < len(arguments.view) or len(set(arguments.mode or [])) < len(

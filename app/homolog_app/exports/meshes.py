@@ -24,7 +24,7 @@ from homolog.surfaces.mirroring import mirrors
 from homolog.surfaces.nearest import nearest_particles
 from homolog_app.exports.settings import MeshFormat, MeshSettings
 from homolog_app.exports.tables import compare
-from homolog_app.films.film import Motion, group_motion, mode_motions
+from homolog_app.films.motion import Motion, group_motion, mode_motions
 from homolog_app.pictures import LIGHT, common_limit, outward_displacement
 from homolog_app.rendering.colours import diverging_colours
 

@@ -11,7 +11,7 @@ from homolog.files.results import Result, read_result
 from homolog.progress import Tick, no_tick
 from homolog_app.exports.settings import Plot, PlotSettings
 from homolog_app.exports.tables import compare
-from homolog_app.films.film import mode_motions
+from homolog_app.films.motion import mode_motions
 from homolog_app.films.settings import Background
 from homolog_app.pictures import DARK, LIGHT, ModeSurfaces, Theme, draw_modes
 from homolog_app.report.figures import (

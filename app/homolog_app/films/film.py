@@ -1,19 +1,17 @@
-"""What films and stills show: shapes that move, frame by frame."""
+"""Frames: motions, seen from some sides, with captions and scales, drawn on a page."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from homolog.analysis.reconstruction import warp_surface
-from homolog.analysis.shape_model import ShapeModel
-from homolog.arrays import FloatArray
+from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
-from homolog.files.results import Result
-from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.films.page import SCALE_SHARE, Board, Box, Cell, make_plan, turned
+from homolog_app.films.motion import SCALE_SHARE, Box, Cell, Motion, make_plan, turned
 from homolog_app.films.settings import Background, Colouring, FilmSettings, PictureSettings, camera_view
 from homolog_app.pictures import (
     DARK,
@@ -24,132 +22,122 @@ from homolog_app.pictures import (
     outward_displacement,
     three_quarter_view,
 )
-from homolog_app.rendering.camera import Clip, Frame, cut_of
+from homolog_app.pictures.layout import draw_displacement_bar
+from homolog_app.rendering.camera import Clip, Frame, cut_of, round_length
 from homolog_app.rendering.colours import Theme, diverging_colours
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import hollows
 from homolog_app.rendering.scene import Scene, surface
-from homolog_app.rendering.text import edge_letters
+from homolog_app.rendering.text import complete_text, edge_letters
 
-__all__ = ["Film", "Motion", "group_means", "group_motion", "mode_motions", "standing"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Motion:
-    """A surface that moves on straight lines.
-
-    Attributes
-    ----------
-    start : TriangleMesh
-        Where nothing has moved.
-    displacement : (V, 3) array
-        How its vertices move for an amount of 1 [mm].
-    low, high : float
-        Amounts at the ends.
-    label : function of the amount
-        The caption: what is shown, and how far it has moved.
-    """
-
-    start: TriangleMesh
-    displacement: FloatArray
-    low: float
-    high: float
-    label: Callable[[float], str]
-
-    @property
-    def moves(self) -> bool:
-        """Whether it moves at all."""
-        return self.high > self.low
-
-    def at(self, amount: float) -> TriangleMesh:
-        """Return the surface moved by an amount."""
-        return TriangleMesh(self.start.vertices + amount * self.displacement, self.start.faces)
+__all__ = ["Board", "Film"]
 
 
-def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> list[Motion]:
-    """Return the mean surface moving along each of some modes.
-
-    Parameters
-    ----------
-    result : Result
-    modes : sequence of int
-        Counted from 1.
-    deviations : float
-        How far to either side, in standard deviations.
-
-    Raises
-    ------
-    InputError
-        If there is no such mode.
-    """
-    model = ShapeModel.fit(result.world, names=result.names)
-    count = len(model.explained_variance)
-    for mode in modes:
-        if not 1 <= mode <= count:
-            raise InputError(f"mode {mode}: the result has {count} modes; choose one from 1 to {count}")
-    chosen = np.array(modes) - 1
-    moves = _carried(result, (model.components * model.standard_deviations[:, None, None])[chosen])
-    return [
-        Motion(result.mean_surface, move, -deviations, deviations, _mode_words(model, mode, result))
-        for mode, move in zip(chosen.tolist(), moves, strict=True)
-    ]
+_DPI = 100.0
+_LEAST_TEXT = 8.0
 
 
-def _mode_words(model: ShapeModel, mode: int, result: Result) -> Callable[[float], str]:
-    aside = f", {result.mirrored} mirrored" if result.mirrored else ""
-    title = f"Mode {mode + 1} ({100.0 * model.explained_variance_ratio[mode]:.1f} % of variance{aside})"
-    return lambda amount: f"{title}   {_signed(amount)} SD"
+class Board:
+    """The page and its texts. Sizes are pixels; `em` is the size of the captions' letters."""
+
+    def __init__(self, width: int, height: int, theme: Theme, *, transparent: bool = False) -> None:
+        self.width, self.height = width, height
+        self.em = float(np.clip(0.032 * min(height, 0.75 * width), 12.0, 80.0))
+        self._theme = theme
+        paper = "none" if transparent else theme.background
+        self._figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI, facecolor=paper)
+        self._canvas = FigureCanvasAgg(self._figure)
+        self._changing: list[Text] = []
+        self._still: object | None = None
+
+    def text(self, x: float, y: float, content: str, *, room: float, size: float = 1.0) -> Text:
+        """Add a line centred on (x, y), size in em; letters shrink until the line fits into the room."""
+        points = size * self.em * 72.0 / _DPI
+        text = self._figure.text(
+            x / self.width, 1.0 - y / self.height, content, ha="center", va="center", color=self._theme.text,
+            fontsize=points,
+        )  # fmt: skip
+        complete_text(text)
+        taken = text.get_window_extent().width
+        text.set_fontsize(max(points * min(room / taken, 1.0), _LEAST_TEXT * 72.0 / _DPI))
+        return text
+
+    def changing_text(self, x: float, y: float, content: str, *, room: float, size: float = 1.0) -> Text:
+        """Add a line that is drawn anew in each frame; `words` are its longest."""
+        text = self.text(x, y, content, room=room, size=size)
+        text.set_animated(True)
+        self._changing.append(text)
+        return text
+
+    def scale_bar(self, x: float, y: float, most: float, millimetres_a_pixel: float) -> None:
+        """Draw a bar of a round length, at most so many pixels long, from (x, y) to the right."""
+        length = round_length(most * millimetres_a_pixel)
+        pixels = length / millimetres_a_pixel
+        thick = max(round(0.15 * self.em), 2)
+        bar = Rectangle(
+            (x / self.width, 1.0 - (y + thick) / self.height), pixels / self.width, thick / self.height,
+            color=self._theme.text, linewidth=0.0,
+        )  # fmt: skip
+        self._figure.add_artist(bar)
+        label = self.text(x + pixels / 2.0, y - 0.6 * self.em, f"{length:g} mm", room=8.0 * self.em, size=0.8)
+        label.set_x(max(label.get_position()[0], (x + 2.0 * self.em) / self.width))
+
+    def colour_bar(self, box: Box, limit: float) -> None:
+        """Draw the scale of the displacement colours from -limit to limit [mm]."""
+        place = self._figure.add_axes(
+            (
+                box.x / self.width,
+                1.0 - (box.y + box.height) / self.height,
+                box.width / self.width,
+                box.height / self.height,
+            )
+        )
+        draw_displacement_bar(place, limit, self._theme, 0.7 * self.em * 72.0 / _DPI)
+
+    def compose(self, images: Sequence[tuple[Box, Array]]) -> NDArray[np.uint8]:
+        """Return the page with images (red, green, blue, opacity; uint8) laid upon it, (H, W, 4)."""
+        if self._still is None:
+            self._canvas.draw()  # type: ignore[no-untyped-call]
+            self._still = self._canvas.copy_from_bbox(self._figure.bbox)  # type: ignore[no-untyped-call]
+        self._canvas.restore_region(self._still)  # type: ignore[no-untyped-call]
+        for text in self._changing:
+            complete_text(text)
+            self._figure.draw_artist(text)
+        page = np.array(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        for box, image in images:
+            seen = image[..., 3] > 0
+            rows, columns = (slice(*_ends(np.asarray(seen.any(axis=axis)))) for axis in (1, 0))
+            part = page[box.y : box.y + box.height, box.x : box.x + box.width][rows, columns]
+            _lay(image[rows, columns], part)
+        return np.asarray(page, dtype=np.uint8)
 
 
-def group_means(result: Result, column: str, groups: Sequence[str]) -> list[FloatArray]:
-    """Return the mean particles of some groups of a column, (N, 3) each [mm].
-
-    Raises
-    ------
-    InputError
-        If there is no such column or nobody is in one of the groups.
-    """
-    from homolog_app.report.study import column_of, levels  # brings slow imports along
-
-    labels = np.array(column_of(result, column))
-    for group in groups:
-        if group not in labels:
-            there = ", ".join(levels(labels.tolist())) or "no values; fill in the column first"
-            raise InputError(f"column {column!r}: no subject is in {group!r}; groups are: {there}")
-    return [result.world[labels == group].mean(axis=0) for group in groups]
+def _ends(filled: Array) -> tuple[int, int]:
+    """Return where the first run to the last true value begins and ends."""
+    there = np.flatnonzero(filled)
+    return (int(there[0]), int(there[-1]) + 1) if len(there) else (0, 0)
 
 
-def group_motion(result: Result, column: str, first: str, second: str) -> Motion:
-    """Return the surface that goes from one group's mean to another's; raises as `group_means` does."""
-    start, end = group_means(result, column, [first, second])
-    mean = result.world.mean(axis=0)
-    aside = f" ({result.mirrored} mirrored)" if result.mirrored else ""
-    to_start, move = _carried(result, np.stack([start - mean, end - start]))
-
-    def label(amount: float) -> str:
-        percent = f"{100.0 * amount:.0f}".rjust(3, "\u2007")  # as wide as a digit: the line stands still
-        return f"{column}: {first} → {second}{aside}   {percent} %"
-
-    mesh = result.mean_surface
-    return Motion(TriangleMesh(mesh.vertices + to_start, mesh.faces), move, 0.0, 1.0, label)
+def _lay(image: Array, part: NDArray[np.uint8]) -> None:
+    """Lay an image over a part of the page; only its few edge pixels have to be mixed."""
+    opacity = image[..., 3]
+    opaque = opacity == 255
+    np.copyto(part, image, where=opaque[..., None])
+    edge = (opacity > 0) & ~opaque
+    part[edge] = _over(image[edge], part[edge])
 
 
-def standing(result: Result) -> Motion:
-    """Return the mean surface at rest."""
-    surface = result.mean_surface
-    label = f"Mean shape ({result.mirrored} mirrored)" if result.mirrored else "Mean shape"
-    return Motion(surface, np.zeros_like(surface.vertices), 0.0, 0.0, lambda _: label)
-
-
-def _carried(result: Result, displacements: FloatArray) -> FloatArray:
-    """Return how the mean surface's vertices move (K, V, 3) when the mean particles do (K, N, 3) [mm]."""
-    mean = result.world.mean(axis=0)
-    return warp_surface(mean, result.mean_surface.vertices, displacements, result.smoothing)
-
-
-def _signed(amount: float) -> str:
-    text = f"{amount:+.1f}".replace("-", "−")
-    return "0.0" if text[1:] == "0.0" else text
+def _over(image: Array, page: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Mix pixels (n, 4) of an image and the page, both with straight (not premultiplied) opacity."""
+    front, behind = image[..., 3:] / np.float32(255.0), page.astype(np.float32)
+    mixed = behind + front * (image - behind)
+    mixed[..., 3:] = behind[..., 3:] + front * (255.0 - behind[..., 3:])
+    clear = page[..., 3] < 255
+    if clear.any():  # what is behind counts as much as it is opaque
+        share, own = mixed[clear, 3:], 255.0 * front[clear]
+        colour = own * image[clear, :3] + (share - own) * behind[clear, :3]
+        mixed[clear, :3] = colour / np.maximum(share, 1e-4)
+    return np.asarray(np.rint(mixed), dtype=np.uint8)
 
 
 _RIM = 1.4  # letters around a picture [em]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from homolog.errors import InputError
-from homolog_app.films.film import Film, Motion
+from homolog_app.films.film import Film
+from homolog_app.films.motion import Motion
 from homolog_app.films.settings import SIGHTS, FilmSettings, PictureSettings, camera_sight, camera_view
 
 SMALL = {"width": 480, "height": 320}
