@@ -17,7 +17,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import check_mesh
 
-__all__ = ["COLUMNS", "inspect_project", "mended", "rows", "write_suspects"]
+__all__ = ["COLUMNS", "inspect_project", "repaired", "rows", "write_suspects"]
 
 COLUMNS = ("kind", "subject", "severity", "particles", "x_mm", "y_mm", "z_mm", "area_mm2", "words")
 """Of the table; x, y and z say where to look in the coordinates of the subject's file."""
@@ -53,7 +53,7 @@ def _check_surfaces(names: Sequence[str], meshes: Sequence[TriangleMesh]) -> Non
             ) from error
 
 
-def mended(
+def repaired(
     project: ProjectFolder, inspection: Inspection, suspect: Suspect, tick: Tick = no_tick
 ) -> Inspection:
     """Optimize the particles of a suspect and two rings around them again; nothing is written.

@@ -155,7 +155,7 @@ def test_sides_that_are_said_later_are_heeded(project, tmp_path, options):
     sides = dict(zip("abcd", ("left", "right", "right", "right"), strict=True))
     cohort = manifest(tmp_path, "abcd", side=sides)
     assert ran_again(project, [str(cohort), "--out", str(project.folder), *options])
-    assert project.read().result.mirrored_words.startswith("1 left")
+    assert project.read().result.mirrored_text.startswith("1 left")
 
 
 def test_scans_come_from_the_table_and_stay_with_later_tables(project, tmp_path):

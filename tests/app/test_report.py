@@ -16,7 +16,7 @@ from homolog.files.tables import write_table
 from homolog.settings import RunSettings
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.cli import main
-from homolog_app.report.findings import p_words
+from homolog_app.report.findings import p_text
 from homolog_app.report.request import Answered, StudyRequest, read_requests, study_folder, write_request
 from homolog_app.report.study import column_of
 
@@ -175,12 +175,12 @@ def test_a_question_that_cannot_be_answered_is_refused_and_not_kept(project, wor
 
 
 def test_each_p_is_printed_with_no_more_digits_than_it_has():
-    assert [p_words(p) for p in (0.0, 0.00099, 0.0123, 0.21, 1.0)] == [
+    assert [p_text(p) for p in (0.0, 0.00099, 0.0123, 0.21, 1.0)] == [
         "p < 0.001", "p < 0.001", "p = 0.012", "p = 0.21", "p > 0.99",
     ]  # fmt: skip
-    assert p_words(1 / 200, 199) == "p = 0.005"
-    assert p_words(1 / 100, 99) == "p = 0.01"
-    assert p_words(1 / 20, 19) == "p = 0.05"
+    assert p_text(1 / 200, 199) == "p = 0.005"
+    assert p_text(1 / 100, 99) == "p = 0.01"
+    assert p_text(1 / 20, 19) == "p = 0.05"
 
 
 def test_a_group_that_scatters_more_raises_a_caution_where_answers_are_read(project, capsys):

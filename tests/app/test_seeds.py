@@ -11,7 +11,7 @@ from homolog.cohort import Cohort, Subject
 from homolog.files.project import ProjectFolder
 from homolog.run import Run
 from homolog_app.cli import main
-from homolog_app.report.seeds import SeedAnswer, read_spread, spread_words, write_spread
+from homolog_app.report.seeds import SeedAnswer, read_spread, spread_text, write_spread
 
 QUICK = ["--permutations", "99", "--null-repeats", "0", "--alignment", "rigid", "--progress", "none"]
 
@@ -54,7 +54,7 @@ def test_the_spread_is_between_the_smallest_and_the_largest(tmp_path):
     write_spread(tmp_path, answers)
     assert read_spread(tmp_path, "abc") == answers
     assert read_spread(tmp_path, "another result") == []
-    (words,) = spread_words(answers)
+    (words,) = spread_text(answers)
     assert "p = 0.011 to p = 0.080 (1 of 2 significant)" in words
     assert "3.1 to 4.7 % of the surface" in words
     assert "balanced accuracy 80 %" in words  # of both seeds

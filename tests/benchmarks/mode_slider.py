@@ -88,8 +88,8 @@ def time_parts(shape, modes: int, moves: int) -> dict[str, list[float]]:
 
 def content(shape, deviations):
     """Return what the views are given."""
-    from homolog_app.window.explore.chosen import ModesView
     from homolog_app.window.explore.mode_views import mode_scene
+    from homolog_app.window.explore.view_states import ModesView
 
     return mode_scene(ModesView(deviations=tuple(deviations)), [shape])
 

@@ -40,7 +40,7 @@ until(lambda: window.views is not None)
 window.desk.sweeper.settle()
 ready = time.process_time()
 print("3-D views loaded", ready, flush=True)
-window.library.take([Path(sys.argv[2])])
+window.projects.open_paths([Path(sys.argv[2])])
 until(lambda: window.desk.session.surveys)
 print("first shape of a dropped folder, from the drop", time.process_time() - ready, flush=True)
 window.desk.preferences.ask_on_close = False

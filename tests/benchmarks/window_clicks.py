@@ -40,10 +40,10 @@ def measure(project: Path, home: Path, *, run: bool) -> list[tuple[str, float, f
 
     app = make_application()
     window = make_window(app, home)
-    window.desk.preferences.ask_on_close = False
+    window.workspace.preferences.ask_on_close = False
     window.show()
     window.load_views()
-    window.desk.sweeper.settle()  # as `start` does
+    window.workspace.garbage_collector.settle()  # as `start` does
 
     def settle(condition=lambda: True, least: float = 0.3) -> None:
         end = time.monotonic() + least
@@ -51,8 +51,8 @@ def measure(project: Path, home: Path, *, run: bool) -> list[tuple[str, float, f
             app.processEvents()
             time.sleep(0.005)
 
-    work, session = window.desk.work, window.desk.session
-    window.library.take([project])
+    work, session = window.workspace.work, window.workspace.session
+    window.projects.open_paths([project])
     settle(lambda: session.result is not None and not work.is_busy)
     window.commands["explore.modes"].trigger()
     settle(lambda: window.inspector.explore.fitted.shape is not None and not work.is_busy)

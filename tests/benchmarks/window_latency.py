@@ -36,20 +36,20 @@ def measure(options: argparse.Namespace, folder: Path) -> None:
     (folder / "home").mkdir()
     write_beans(folder / "beans", draw_beans(options.shapes), 5)
     window = make_window(app, folder / "home")
-    window.desk.preferences.ask_on_close = False
+    window.workspace.preferences.ask_on_close = False
     window.show()
     window.load_views()
-    window.desk.sweeper.settle()  # as `start` does
+    window.workspace.garbage_collector.settle()  # as `start` does
 
     def until(condition) -> None:
         while not condition():
             app.processEvents()
             time.sleep(0.001)
 
-    work = window.desk.work
-    window.library.take([folder / "beans"])
-    until(lambda: len(window.desk.session.surveys) == options.shapes)
-    window.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=options.particles))
+    work = window.workspace.work
+    window.projects.open_paths([folder / "beans"])
+    until(lambda: len(window.workspace.session.surveys) == options.shapes)
+    window.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=options.particles))
     window.commands["run.groom"].trigger()
     until(lambda: not work.is_busy)
     window.commands[f"view.grid{options.views}"].trigger()
@@ -98,9 +98,9 @@ def watch(app, window, seconds: float) -> tuple[list[float], int]:
 
     thread = threading.Thread(target=post)
     thread.start()
-    job, last, frames = window.desk.work.run_job, None, 0
+    job, last, frames = window.workspace.work.run_job, None, 0
     end = time.monotonic() + seconds
-    while time.monotonic() < end and window.desk.work.run_job is job:
+    while time.monotonic() < end and window.workspace.work.run_job is job:
         app.processEvents()
         shown = window.views.run.frame
         frames += shown is not last

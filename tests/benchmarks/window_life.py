@@ -67,11 +67,11 @@ def play(options: argparse.Namespace, folder: Path) -> None:
     """Play a finished run and turn the views."""
     app, project = prepare(folder)
     window, until = open_window(app, folder, project)
-    until(lambda: len(window.desk.session.surveys) == 4)
+    until(lambda: len(window.workspace.session.surveys) == 4)
     for order in ("run.groom", "run.start"):
         window.commands[order].trigger()
-        until(lambda: not window.desk.work.is_busy)
-    if window.desk.session.result is None:
+        until(lambda: not window.workspace.work.is_busy)
+    if window.workspace.session.result is None:
         raise SystemExit("the run came to no result")
     window.show_step("explore")
     print("| minutes | memory MB | moments shown |")
@@ -104,13 +104,13 @@ def prepare(folder: Path) -> tuple:
     app = make_application()
     write_beans(folder / "beans", draw_beans(4), 5)
     window, until = open_window(app, folder, folder / "beans")
-    until(lambda: len(window.desk.session.surveys) == 4)
+    until(lambda: len(window.workspace.session.surveys) == 4)
     small = OptimizeSettings(particles=64, split_iterations=10, anneal_iterations=100, settle_iterations=100)
-    window.desk.edit_settings("optimize", "particles", small)
+    window.workspace.edit_settings("optimize", "particles", small)
     window.commands["run.groom"].trigger()
-    until(lambda: not window.desk.work.is_busy)
-    window.library.save_to(folder / "project")
-    until(lambda: not window.desk.work.is_busy)
+    until(lambda: not window.workspace.work.is_busy)
+    window.projects.save_to(folder / "project")
+    until(lambda: not window.workspace.work.is_busy)
     close(app, window)
     return app, folder / "project"
 
@@ -120,7 +120,7 @@ def open_window(app, folder: Path, path: Path) -> tuple:
 
     (folder / "home").mkdir(exist_ok=True)
     window = make_window(app, folder / "home")
-    window.desk.preferences.ask_on_close = False
+    window.workspace.preferences.ask_on_close = False
     window.show()
     window.load_views()
 
@@ -129,8 +129,8 @@ def open_window(app, folder: Path, path: Path) -> tuple:
             app.processEvents()
             time.sleep(0.002)
 
-    window.library.take([path])
-    until(lambda: window.views is not None and window.desk.session.is_open)
+    window.projects.open_paths([path])
+    until(lambda: window.views is not None and window.workspace.session.is_open)
     return window, until
 
 

@@ -87,10 +87,10 @@ def run_analyze(arguments: argparse.Namespace) -> int:
     from homolog.files.results import read_result
     from homolog.progress import part_of
     from homolog_app.report.findings import cautions, findings
-    from homolog_app.report.seeds import answer_by_seed, spread_words, write_spread
+    from homolog_app.report.seeds import answer_by_seed, spread_text, write_spread
     from homolog_app.report.study import run_study
     from homolog_app.report.surface_maps import SurfaceCarrier
-    from homolog_app.report.tables import keep_study
+    from homolog_app.report.tables import save_study
 
     project = ProjectFolder(arguments.project)
     if arguments.seeds < 1:
@@ -110,7 +110,7 @@ def run_analyze(arguments: argparse.Namespace) -> int:
             own = part_of(progress.tick, 0.0, 1.0 / arguments.seeds)
             tick = part_of(own, index / len(requests), (index + 1) / len(requests))
             study = run_study(result, request, tick)
-            folder = keep_study(project, study, result, carrier)
+            folder = save_study(project, study, result, carrier)
             lines += [
                 request.title,
                 *(f"  {finding.verdict} {finding.numbers}" for finding in findings(study)),
@@ -123,7 +123,7 @@ def run_analyze(arguments: argparse.Namespace) -> int:
             answers = answer_by_seed(project, result, requests, arguments.seeds, rest)
             for request, folder, spread in zip(requests, folders, answers, strict=True):
                 write_spread(folder, spread)
-                lines += [request.title, *(f"  {line}" for line in spread_words(spread))]
+                lines += [request.title, *(f"  {line}" for line in spread_text(spread))]
     stream = sys.stderr if arguments.progress == "json" else sys.stdout
     stream.write("\n".join(lines) + "\n")
     return 0
@@ -241,14 +241,14 @@ def _repair(
     """Repair the most severe suspects one after another; keep what gets better."""
     from homolog.progress import part_of
     from homolog.run.repair import write_repaired
-    from homolog_app.suspects import mended
+    from homolog_app.suspects import repaired
 
     chosen = inspection.suspects[:count]
     lines: list[str] = []
     notes: dict[str, str] = {}
     for number, suspect in enumerate(chosen):
         part = part_of(tick, 0.9 * number / len(chosen), 0.9 * (number + 1) / len(chosen))
-        after = mended(project, inspection, suspect, part)
+        after = repaired(project, inspection, suspect, part)
         name = result.names[suspect.subject]
         before, now = (
             sum(s.severity for s in item.suspects if s.subject == suspect.subject)

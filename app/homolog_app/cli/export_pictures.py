@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from homolog_app.films.motion import Motion
-    from homolog_app.window.explore.chosen import Snapshot
+    from homolog_app.window.explore.view_states import Snapshot
     from homolog_app.window.scene.canvas import Canvas
-    from homolog_app.window.scene.content import Shown
+    from homolog_app.window.scene.content import ViewContents
 
 __all__ = [
     "add_film",
@@ -73,13 +73,13 @@ def add_motion_options(parser: argparse.ArgumentParser) -> None:
         "--group", nargs=3, metavar=("COLUMN", "A", "B"), help="from the mean of one group to that of another"
     )
     parser.add_argument(
-        "--view", nargs="+", type=_sight, metavar="VIEW", default=["oblique"],
+        "--view", nargs="+", type=_direction, metavar="VIEW", default=["oblique"],
         help=f"view directions; several form a grid: {', '.join(SIGHTS)} (default oblique), or "
         "camera:X,Y,Z,X,Y,Z, the directions to the viewer and upwards (LPS), as the window's dialogs give it",
     )  # fmt: skip
 
 
-def _sight(text: str) -> str:
+def _direction(text: str) -> str:
     if text not in SIGHTS and camera_view(text) is None:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not a view; choose {', '.join(SIGHTS)}, or camera: and six numbers"
@@ -207,15 +207,15 @@ def run_screenshot(arguments: argparse.Namespace) -> int:
     settings = with_options(ScreenshotSettings(), arguments)
     from homolog_app.films.encode import write_still
     from homolog_app.rendering.draw import with_opengl
-    from homolog_app.window.scene.kept import KEPT, read_shown
-    from homolog_app.window.snapshot import shown_again
+    from homolog_app.window.scene.contents_file import KEPT, read_shown
+    from homolog_app.window.snapshot import view_contents_of
 
     with exporting(arguments) as tick:
         if arguments.view.endswith(KEPT):
             shown, canvas = read_shown(Path(arguments.view))
         else:
             wanted = _snapshot(arguments.view)
-            shown, canvas = shown_again(ProjectFolder(arguments.project), wanted, tick), wanted.canvas
+            shown, canvas = view_contents_of(ProjectFolder(arguments.project), wanted, tick), wanted.canvas
         tick(0.9, "drawing")
         pixels = with_opengl(_drawn, shown, canvas, settings.scale, settings.transparent)
         write_still(arguments.out, pixels)
@@ -223,7 +223,7 @@ def run_screenshot(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _drawn(shown: "Shown", canvas: "Canvas", scale: int, transparent: bool) -> "NDArray[np.uint8]":
+def _drawn(shown: "ViewContents", canvas: "Canvas", scale: int, transparent: bool) -> "NDArray[np.uint8]":
     from homolog_app.window.scene.offscreen import drawn
 
     return drawn(shown, canvas, scale, transparent=transparent)
@@ -232,7 +232,7 @@ def _drawn(shown: "Shown", canvas: "Canvas", scale: int, transparent: bool) -> "
 def _snapshot(text: str) -> "Snapshot":
     from pydantic import ValidationError
 
-    from homolog_app.window.explore.chosen import Snapshot
+    from homolog_app.window.explore.view_states import Snapshot
 
     try:
         content = text if text.lstrip().startswith("{") else Path(text).read_bytes()

@@ -67,7 +67,7 @@ def run_reference(arguments: argparse.Namespace) -> int:
     """Make the reference; returns the exit code."""
     from homolog.patient.build import make_reference
     from homolog.patient.reference import check_name
-    from homolog_app.report.patient_words import reference_words
+    from homolog_app.report.patient_words import reference_text
 
     check_name(arguments.out)
     with show_progress(arguments.progress) as progress:
@@ -84,7 +84,7 @@ def run_reference(arguments: argparse.Namespace) -> int:
             tick=progress.tick,
         )
         reference.save(arguments.out)
-    sys.stdout.write("".join(f"{line}\n" for line in [*reference_words(reference), str(arguments.out)]))
+    sys.stdout.write("".join(f"{line}\n" for line in [*reference_text(reference), str(arguments.out)]))
     return 0
 
 

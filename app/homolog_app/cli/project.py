@@ -64,13 +64,13 @@ def _landmarks(project: ProjectFolder, record: ProjectRecord) -> list[tuple[str,
     if not any(subject.landmarks for subject in record.subjects):
         return []
     from homolog.exchange import project_landmark_errors
-    from homolog_app.report.findings import landmark_words
+    from homolog_app.report.findings import landmark_text
 
     try:
         errors = project_landmark_errors(project)
     except (InputError, NumericalError) as error:
         return [("landmarks", str(error))]
-    return [("landmarks", "no two subjects share a landmark" if errors is None else landmark_words(errors))]
+    return [("landmarks", "no two subjects share a landmark" if errors is None else landmark_text(errors))]
 
 
 def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
@@ -85,8 +85,8 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
         ("method", f"{settings.method}, {result.metric} distances, seed {settings.seed}"),
         *([("source", result.source)] if result.source else []),
         ("ended", how_it_ended(result)),
-        ("surface", result.surface_words),
-        *([("mirrored", _mirrored(result))] if result.mirrored_words else []),
+        ("surface", result.surface_text),
+        *([("mirrored", _mirrored(result))] if result.mirrored_text else []),
         ("settings", json.dumps(changed) if changed else "defaults"),
         ("device", result.device),
         *([("time", _times(result))] if result.seconds else []),
@@ -100,7 +100,7 @@ def _result_facts(result: ResultRecord) -> list[tuple[str, str]]:
 
 def _mirrored(result: ResultRecord) -> str:
     names = ", ".join(subject.name for subject in result.subjects if subject.is_mirrored)
-    return f"{result.mirrored_words}: {names}"
+    return f"{result.mirrored_text}: {names}"
 
 
 def _times(result: ResultRecord) -> str:

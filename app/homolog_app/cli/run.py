@@ -118,12 +118,12 @@ def run_run(arguments: argparse.Namespace) -> int:
         try:
             reason = job.execute(observe)
         except InputError as error:
-            raise _with_way_out(error, job, len(cohort.subjects)) from error
+            raise _with_remedy(error, job, len(cohort.subjects)) from error
     for note in job.notes:
         sys.stderr.write(f"homolog: skipped: {note}\n")
     done = reason is FinishReason.COMPLETED
     if done:
-        _say_what_was_found(project)
+        _report_grooming(project)
     if done and arguments.figures:
         from homolog_app.pictures.figures import draw_figures
 
@@ -134,7 +134,7 @@ def run_run(arguments: argparse.Namespace) -> int:
     elif done:
         sys.stdout.write(f"{_summary(project)}\nresults in {project.folder}\n")
     if not done:
-        _say_what_is_left(job)
+        _report_cancelled(job)
     return OK if done else CANCELLED
 
 
@@ -167,7 +167,7 @@ def _start_drawing() -> None:
     Thread(target=start, name="homolog-drawing").start()
 
 
-def _with_way_out(error: InputError, job: "Run", count: int) -> InputError:
+def _with_remedy(error: InputError, job: "Run", count: int) -> InputError:
     """Return the refusal of some of a cohort's files, with how to go on without them."""
     if not 0 < len(job.notes) < count - 1 or str(error) != "\n".join(job.notes):
         return error
@@ -208,16 +208,16 @@ def _use(arguments: argparse.Namespace, project: ProjectFolder, cohort: Cohort) 
     return 0
 
 
-def _say_what_was_found(project: ProjectFolder) -> None:
+def _report_grooming(project: ProjectFolder) -> None:
     """Say what grooming found in the files and changed, also where nobody looks into the report."""
     result = project.read().result
     if result is None:
         return
-    for remark in [*filter(None, [result.mirrored_words]), *result.remarks]:
+    for remark in [*filter(None, [result.mirrored_text]), *result.remarks]:
         sys.stderr.write(f"homolog: note: {remark}\n")
 
 
-def _say_what_is_left(job: "Run") -> None:
+def _report_cancelled(job: "Run") -> None:
     """After a cancelled run: keep its particles if there is no better result, and say how to go on."""
     project = job.project
     if not project.exists:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
-from homolog_app.films.motion import SCALE_SHARE, Box, Cell, Motion, make_plan, turned
+from homolog_app.films.motion import SCALE_SHARE, Box, Motion, ViewCell, make_plan, turned
 from homolog_app.films.settings import Background, Colouring, FilmSettings, PictureSettings, camera_view
 from homolog_app.pictures import (
     DARK,
@@ -152,7 +152,7 @@ class Film:
     motions : sequence of Motion
         At least one.
     sights : sequence of str
-        Of `settings.SIGHTS`, or cameras (`settings.camera_sight`); at least one.
+        Of `settings.SIGHTS`, or cameras (`settings.camera_direction`); at least one.
     settings : PictureSettings
         Size, colours, captions.
     turntable : bool
@@ -244,7 +244,7 @@ class Film:
             ]
         )
 
-    def _letters_of(self, cell: Cell) -> list[Text]:
+    def _letters_of(self, cell: ViewCell) -> list[Text]:
         """Return the texts at the left, right, lower and upper edge of a shape."""
         em, box = self._board.em, cell.box
         x, y = box.x + box.width / 2.0, box.y + box.height / 2.0

@@ -16,9 +16,9 @@ from homolog_app.rendering.camera import Frame, View, frame_around
 __all__ = [
     "SCALE_SHARE",
     "Box",
-    "Cell",
     "Motion",
     "Plan",
+    "ViewCell",
     "group_means",
     "group_motion",
     "make_plan",
@@ -84,12 +84,12 @@ def mode_motions(result: Result, modes: Sequence[int], deviations: float) -> lis
     chosen = np.array(modes) - 1
     moves = _carried(result, (model.components * model.standard_deviations[:, None, None])[chosen])
     return [
-        Motion(result.mean_surface, move, -deviations, deviations, _mode_words(model, mode, result))
+        Motion(result.mean_surface, move, -deviations, deviations, _mode_text(model, mode, result))
         for mode, move in zip(chosen.tolist(), moves, strict=True)
     ]
 
 
-def _mode_words(model: ShapeModel, mode: int, result: Result) -> Callable[[float], str]:
+def _mode_text(model: ShapeModel, mode: int, result: Result) -> Callable[[float], str]:
     aside = f", {result.mirrored} mirrored" if result.mirrored else ""
     title = f"Mode {mode + 1} ({100.0 * model.explained_variance_ratio[mode]:.1f} % of variance{aside})"
     return lambda amount: f"{title}   {_signed(amount)} SD"
@@ -166,7 +166,7 @@ class Box:
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class ViewCell:
     """One picture: which motion, seen how, where on the page, and the most that the shape takes [pixels]."""
 
     motion: int
@@ -193,7 +193,7 @@ class Plan:
         The colour bar.
     """
 
-    cells: tuple[Cell, ...]
+    cells: tuple[ViewCell, ...]
     captions: tuple[tuple[float, float, float], ...]
     names: tuple[tuple[float, float, float, str], ...]
     millimetres: float
@@ -256,7 +256,7 @@ def make_plan(
     boxes = list(grid.boxes(len(flat)))
     inner = [Box(box.x + rim, box.y + rim, box.width - 2 * rim, box.height - 2 * rim) for box in boxes]
     cells = tuple(
-        Cell(
+        ViewCell(
             index // len(views), _sized(frame, box, millimetres), box,
             (frame.width / millimetres, frame.height / millimetres),
         )

@@ -11,7 +11,7 @@ from homolog_app.rendering.camera import Clip, ClipPlane, View
 
 __all__ = [
     "SIGHTS", "Background", "Colouring", "CutAway", "CutSettings", "FilmSettings", "PictureSettings",
-    "StillSettings", "camera_sight", "camera_view",
+    "StillSettings", "camera_direction", "camera_view",
 ]  # fmt: skip
 
 SIGHTS = ("oblique", "opposite", "anterior", "posterior", "left", "right", "superior", "inferior")
@@ -20,7 +20,7 @@ SIGHTS = ("oblique", "opposite", "anterior", "posterior", "left", "right", "supe
 _CAMERA = "camera:"
 
 
-def camera_sight(toward: Sequence[float], up: Sequence[float]) -> str:
+def camera_direction(toward: Sequence[float], up: Sequence[float]) -> str:
     """Return a camera as a word of the command line: the directions to the viewer and upwards in LPS."""
     length = hypot(*toward)
     return _CAMERA + ",".join(f"{value:.4g}" for value in (*(part / length for part in toward), *up))

@@ -325,7 +325,7 @@ def draw_figures(project: ProjectFolder, tick: Tick = no_tick) -> None:
     tick(0.0, "pictures")
     result, record = read_result(project), project.read().result
     assert record is not None, "a result was read"
-    aside = f" ({record.mirrored_words})" if record.mirrored_words else ""
+    aside = f" ({record.mirrored_text})" if record.mirrored_text else ""
     _write(
         project,
         "mean.png",

@@ -28,7 +28,7 @@ __all__ = [
     "parse_number",
     "short",
     "signed",
-    "tick_words",
+    "tick_labels",
     "written",
 ]
 
@@ -159,7 +159,7 @@ def millilitres(volume: float) -> str:
     return f"{volume:.{min(max(digits, 0), 6)}f} ml"
 
 
-def tick_words(values: Sequence[float]) -> list[str]:
+def tick_labels(values: Sequence[float]) -> list[str]:
     """Return the words of evenly spaced ticks, all with as many digits as tell them apart."""
     step = values[1] - values[0] if len(values) > 1 else 1.0
     digits = next(

@@ -59,7 +59,7 @@ def model_figures(
 ) -> Iterator[ReportFigure]:  # fmt: skip
     """Yield the figures of the shape model, whose shapes a plane may cut open."""
     parallel, record = parallel_analysis(result.world), project.read().result
-    mirrored = f" {record.mirrored_words}." if record is not None and record.mirrored_words else ""
+    mirrored = f" {record.mirrored_text}." if record is not None and record.mirrored_text else ""
     yield ReportFigure("scree", scree_figure(parallel), _scree_caption(parallel))
     if len(model.explained_variance) > 1:
         yield ReportFigure(
@@ -80,7 +80,7 @@ def model_figures(
             clip=clip,
         ),
         "The first modes at ±2 standard deviations. Blue is out of the tissue, yellow into it."
-        f"{mirrored}{_cut_words(clip)}",
+        f"{mirrored}{_cut_text(clip)}",
     )
     if len(result.world) > 2:
         tick(0.4, "model quality")
@@ -106,7 +106,7 @@ def study_figures(
         tick(index / len(stems), f"maps of {item.title}")
         if len(item.pointwise.effect) > 1:
             continue
-        caption = _map_caption(study, item) + _cut_words(clip)
+        caption = _map_caption(study, item) + _cut_text(clip)
         yield ReportFigure(f"{stem}_map", map_figure(item, carrier, clip=clip), caption, item.title)
         if item.discriminant is not None:
             yield ReportFigure(
@@ -204,7 +204,7 @@ def map_figure(
     return draw_differences(rows, views=views, clip=clip, theme=theme, width=300)
 
 
-def _cut_words(clip: Clip | None) -> str:
+def _cut_text(clip: Clip | None) -> str:
     if clip is None:
         return ""
     article = "an" if clip.plane is ClipPlane.AXIAL else "a"

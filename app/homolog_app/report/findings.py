@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from homolog.analysis.assumptions import shape_outliers
-from homolog.analysis.cautions import LEVEL, cautions_of, p_words
+from homolog.analysis.cautions import LEVEL, cautions_of, p_text
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.effects import Effect
 from homolog.analysis.procrustes import Alignment
@@ -20,31 +20,31 @@ __all__ = [
     "LEVEL",
     "Finding",
     "cautions",
-    "correction_words",
-    "effect_words",
+    "correction_text",
+    "effect_text",
     "findings",
-    "interval_words",
-    "landmark_words",
-    "outlier_words",
-    "p_words",
-    "percent_words",
-    "region_words",
+    "interval_text",
+    "landmark_text",
+    "outlier_text",
+    "p_text",
+    "percent_text",
+    "region_text",
 ]
 
 
-def interval_words(effect: Effect, digits: int = 2) -> str:
+def interval_text(effect: Effect, digits: int = 2) -> str:
     """Return an estimate with its interval, such as ``"1.27 (95 % CI 0.41 to 2.02)"``."""
     value, low, high = (f"{item:.{digits}f}" for item in (effect.value, effect.low, effect.high))
     return f"{value} (95 % CI {low} to {high})"
 
 
-def percent_words(effect: Effect) -> str:
+def percent_text(effect: Effect) -> str:
     """Return a share in per cent with its interval, such as ``"83 % (95 % CI 63 to 92 %)"``."""
     value, low, high = (f"{100.0 * item:.0f}" for item in (effect.value, effect.low, effect.high))
     return f"{value} % (95 % CI {low} to {high} %)"
 
 
-def effect_words(comparison: Comparison) -> str:
+def effect_text(comparison: Comparison) -> str:
     """Return the tests of the whole shape with their statistics, degrees of freedom and p-values."""
     test = comparison.test
     if not test.modes:
@@ -56,12 +56,12 @@ def effect_words(comparison: Comparison) -> str:
     how = f"all {test.permutations + 1}" if test.exact else f"{test.permutations}"
     return (
         f"Permutation test in {test.modes} {noun}: studentized statistic {test.studentized:.2f}, "
-        f"{p_words(test.p_permutation, test.permutations)} ({how} permutations, not corrected); "
-        f"{name}, F({test.dof[0]:g}, {test.dof[1]:.4g}) = {test.f:.2f}, {p_words(test.p)}"
+        f"{p_text(test.p_permutation, test.permutations)} ({how} permutations, not corrected); "
+        f"{name}, F({test.dof[0]:g}, {test.dof[1]:.4g}) = {test.f:.2f}, {p_text(test.p)}"
     )
 
 
-def correction_words(study: Study, *, size: bool = False) -> str:
+def correction_text(study: Study, *, size: bool = False) -> str:
     """Return what p-values are corrected for, such as ``"corrected for 2 answers"``, or nothing."""
     parts = [f"{len(study.pairwise)} pairs of groups (Holm)"] if study.pairwise else []
     if study.request.answers > 1 and not size:
@@ -69,7 +69,7 @@ def correction_words(study: Study, *, size: bool = False) -> str:
     return f"corrected for {' and '.join(parts)}" if parts else ""
 
 
-def region_words(study: Study, comparison: Comparison) -> str:
+def region_text(study: Study, comparison: Comparison) -> str:
     """Return where the effect is significant: particles, area and its share of the surface."""
     significant = comparison.p_fwe <= LEVEL
     if not significant.any():
@@ -99,7 +99,7 @@ def findings(study: Study) -> list[Finding]:
     ]
 
 
-def outlier_words(result: Result) -> list[str]:
+def outlier_text(result: Result) -> list[str]:
     """Return a warning if subjects lie far from all others."""
     far = [result.names[index] for index in shape_outliers(result.world)]
     if not far:
@@ -111,7 +111,7 @@ def outlier_words(result: Result) -> list[str]:
     ]
 
 
-def landmark_words(errors: "LandmarkErrors") -> str:
+def landmark_text(errors: "LandmarkErrors") -> str:
     """Return a sentence about all landmarks."""
     worst = int(errors.by_landmark.argmax())
     return (
@@ -165,21 +165,21 @@ def _numbers(study: Study, comparison: Comparison) -> str:
         }[kind]
         digits = 3 if kind == "regression" else 2
         sentences.append(
-            means.format(interval_words(comparison.distance, digits), column=study.request.column)
+            means.format(interval_text(comparison.distance, digits), column=study.request.column)
         )
-    correction = correction_words(study)
+    correction = correction_text(study)
     if comparison.test.modes and correction and (comparison is not study.overall or not study.pairwise):
         sentences.append(
-            f"Whole shape: {p_words(comparison.p_adjusted, comparison.test.permutations)}, {correction}."
+            f"Whole shape: {p_text(comparison.p_adjusted, comparison.test.permutations)}, {correction}."
         )
     elif comparison.test.modes and study.request.answers > 1:
-        p = p_words(comparison.p_adjusted, comparison.test.permutations)
+        p = p_text(comparison.p_adjusted, comparison.test.permutations)
         sentences.append(
             f"Whole shape: {p}, corrected for {study.request.answers} analyses (form and shape; Bonferroni)."
         )
-    sentences.append(f"{effect_words(comparison)}.")
+    sentences.append(f"{effect_text(comparison)}.")
     sentences.append(
-        f"Locally significant: {region_words(study, comparison)} (p ≤ {LEVEL:g}, corrected over the surface"
+        f"Locally significant: {region_text(study, comparison)} (p ≤ {LEVEL:g}, corrected over the surface"
         f"{', ' + correction if correction else ''})."
     )
     if comparison.discriminant is not None:
@@ -188,24 +188,24 @@ def _numbers(study: Study, comparison: Comparison) -> str:
         auc = _tested(comparison.auc_p_adjusted, separation.auc.permutations)
         corrected = f" (both p {correction})" if correction and accuracy else ""
         sentences.append(
-            f"Cross-validated linear discriminant: balanced accuracy {percent_words(separation.accuracy)}"
-            f"{accuracy}, AUC {interval_words(separation.auc)}{auc}{corrected}."
+            f"Cross-validated linear discriminant: balanced accuracy {percent_text(separation.accuracy)}"
+            f"{accuracy}, AUC {interval_text(separation.auc)}{auc}{corrected}."
         )
-    sentences += _size_words(study, comparison)
+    sentences += _size_text(study, comparison)
     return " ".join(sentences)
 
 
 def _tested(p: float | None, permutations: int) -> str:
-    return f", permutation {p_words(p, permutations)}" if p is not None else ""
+    return f", permutation {p_text(p, permutations)}" if p is not None else ""
 
 
-def _size_words(study: Study, comparison: Comparison) -> list[str]:
+def _size_text(study: Study, comparison: Comparison) -> list[str]:
     size, p = comparison.size, comparison.size_p_adjusted
     if size is None or p is None:
         return []
-    sentence = p_words(p, size.permutations)
+    sentence = p_text(p, size.permutations)
     if comparison in study.pairwise and study.pairwise:
-        sentence += f", {correction_words(study, size=True)}"
+        sentence += f", {correction_text(study, size=True)}"
     if np.isnan(size.value):
         return [f"Size alone: {sentence}."]
     unit = f"mm per unit of {study.request.column}" if study.request.kind == "regression" else "mm"

@@ -25,7 +25,7 @@ from homolog_app.report.patient_words import reference_rows
 from homolog_app.report.sheets import Sheet, write_sheets
 
 __all__ = [
-    "beyond_limit", "change_sentence", "check_times", "error_words", "expected_sentence", "limit_words",
+    "beyond_limit", "change_sentence", "check_times", "error_text", "expected_sentence", "limit_text",
     "write_follow_up",
 ]  # fmt: skip
 
@@ -54,7 +54,7 @@ def check_times(subjects: Sequence[Subject], repeats: Sequence[Path]) -> None:
             raise InputError(f"{path}: does not exist; correct the path")
 
 
-def error_words(follow_up: FollowUp) -> str:
+def error_text(follow_up: FollowUp) -> str:
     """Say what is known of the measurement error, and what a limit holds for."""
     if follow_up.error is None:
         return (
@@ -215,7 +215,7 @@ def _page(follow_up: FollowUp, reference: Reference, panels: Sequence[Sequence[P
     labels = [change.name for change in follow_up.changes]
     figure = arrange(panels, row_labels=labels, limit=limit, theme=LIGHT)
     known = beyond_limit(follow_up.changes[0], follow_up) is not None
-    faint = f", faint within the limit of {limit_words(follow_up)}" if known else ""
+    faint = f", faint within the limit of {limit_text(follow_up)}" if known else ""
     caption = f"Change in mm on the first surface: blue outward, yellow inward{faint}."
     page.figures([ReportFigure("changes", figure, caption)])
     page.heading("Numbers")
@@ -238,7 +238,7 @@ def beyond_limit(change: Change, follow_up: FollowUp) -> BoolArray | None:
     return None
 
 
-def limit_words(follow_up: FollowUp) -> str:
+def limit_text(follow_up: FollowUp) -> str:
     """Say of what the limit is that maps show."""
     return "controls' change" if follow_up.expected is not None else "measuring"
 
@@ -268,7 +268,7 @@ def _sentences(follow_up: FollowUp) -> list[str]:
     said = []
     for change in follow_up.changes:
         said += [change_sentence(change, follow_up), expected_sentence(change, follow_up)]
-    return [*filter(None, said), error_words(follow_up)]
+    return [*filter(None, said), error_text(follow_up)]
 
 
 def _method(follow_up: FollowUp) -> list[str]:

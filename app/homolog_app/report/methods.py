@@ -8,7 +8,7 @@ from homolog.analysis.comparison import Comparison
 from homolog.analysis.procrustes import Alignment
 from homolog.files.records import ResultRecord
 from homolog.settings import Procrustes
-from homolog_app.report.findings import LEVEL, correction_words
+from homolog_app.report.findings import LEVEL, correction_text
 from homolog_app.report.study import Study
 
 __all__ = ["methods", "references", "settings_rows"]
@@ -118,7 +118,7 @@ def _groomed(record: ResultRecord) -> str:
     if spacings:
         automatic = " (automatic)" if record.settings.groom.spacing is None else ""
         values["spacing"] = f"{_range(spacings, '.3g')} mm{automatic}"
-    if not record.mirrored_words:
+    if not record.mirrored_text:
         values["mirror"] += " (nobody was mirrored)"
     listed = ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in values.items())
     vertices = [subject.vertices for subject in record.subjects if subject.vertices]
@@ -141,7 +141,7 @@ def _placed(record: ResultRecord) -> str:
         )
     method = record.settings.optimize.method
     ended = "converged" if record.ended == "converged" else "was stopped before convergence"
-    mirrored = f" Before that, {record.mirrored_words}." if record.mirrored_words else ""
+    mirrored = f" Before that, {record.mirrored_text}." if record.mirrored_text else ""
     marked = ", first points on landmarks" if record.settings.optimize.landmarks else ""
     return (
         f"Corresponding points were placed with {program} on {count} by entropy-based particle optimization "
@@ -250,8 +250,8 @@ def _adjustments(study: Study) -> Iterator[str]:
         )
     if request.complete_cases:
         yield "Subjects with missing values were excluded (complete cases)."
-    if correction := correction_words(study):
-        size = correction_words(study, size=True)
+    if correction := correction_text(study):
+        size = correction_text(study, size=True)
         yield (
             f"P-values of the whole shape, of particles and of the discriminant were {correction}; "
             f"p-values of size were {size or 'not corrected'}."

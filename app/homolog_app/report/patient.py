@@ -39,11 +39,11 @@ from homolog_app.report.patient_words import (
     METHOD,
     REGION_COLUMNS,
     GroupRow,
-    detectable_words,
+    detectable_text,
     group_rows,
     group_sentence,
     measure_rows,
-    nearest_words,
+    nearest_controls_text,
     reference_rows,
     region_rows,
     verdict,
@@ -316,7 +316,7 @@ def patient_page(
     )
     page.heading("Finding")
     page.paragraph(verdict(comparison, reference))
-    page.paragraph(detectable_words(reference))
+    page.paragraph(detectable_text(reference))
     for text in comparison.remarks:
         page.caution(text)
     caption = (
@@ -340,7 +340,7 @@ def patient_page(
     page.table(
         ("", "value", "percentile of controls (95 % interval)", "p"), measure_rows(comparison, reference)
     )
-    if nearest := nearest_words(comparison, reference):
+    if nearest := nearest_controls_text(comparison, reference):
         page.paragraph(nearest)
     if groups:
         page.heading("Groups")

@@ -22,9 +22,9 @@ from homolog_app.report.patient_words import (
     GROUP_CAUTION,
     METHOD,
     REGION_COLUMNS,
-    detectable_words,
+    detectable_text,
     measure_rows,
-    nearest_words,
+    nearest_controls_text,
     reference_rows,
     region_rows,
     verdict,
@@ -192,7 +192,7 @@ def _first(comparison: PatientComparison, reference: Reference, maps: MapPicture
     )
     sheet.heading("Finding")
     sheet.text(verdict(comparison, reference), 9.0)
-    sheet.text(detectable_words(reference))
+    sheet.text(detectable_text(reference))
     sheet.heading("Difference from the shape that the reference expects of this subject (mm)")
     sheet.panels(maps.local, maps.limit)
     sheet.text("Within the limit colours are faint; beyond it they are full.", 7.5)
@@ -221,7 +221,7 @@ def _second(comparison: PatientComparison, reference: Reference, groups: Sequenc
     sheet.heading("Numbers")
     header = ("", "value", "percentile of controls (95 % interval)", "p")
     sheet.rows([header, *measure_rows(comparison, reference)], (0.0, 2.3, 3.4, 6.2))
-    if nearest := nearest_words(comparison, reference):
+    if nearest := nearest_controls_text(comparison, reference):
         sheet.text(nearest)
     if groups:
         sheet.heading("Groups")

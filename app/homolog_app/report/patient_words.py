@@ -14,13 +14,13 @@ __all__ = [
     "METHOD",
     "REGION_COLUMNS",
     "GroupRow",
-    "detectable_words",
+    "detectable_text",
     "group_rows",
     "group_sentence",
     "measure_rows",
-    "nearest_words",
+    "nearest_controls_text",
     "reference_rows",
-    "reference_words",
+    "reference_text",
     "region_rows",
     "verdict",
 ]
@@ -42,7 +42,7 @@ METHOD = (
 )
 
 
-def reference_words(reference: Reference) -> list[str]:
+def reference_text(reference: Reference) -> list[str]:
     """Describe a reference in a few lines."""
     about, quality = reference.provenance, reference.quality
     lines = [
@@ -123,7 +123,7 @@ def verdict(comparison: PatientComparison, reference: Reference) -> str:
     )
 
 
-def detectable_words(reference: Reference) -> str:
+def detectable_text(reference: Reference) -> str:
     """Say how small a difference is found at all."""
     least, most = np.quantile(reference.detectable, (0.05, 0.95)).tolist()
     return (
@@ -132,7 +132,7 @@ def detectable_words(reference: Reference) -> str:
     )
 
 
-def nearest_words(comparison: PatientComparison, reference: Reference) -> str:
+def nearest_controls_text(comparison: PatientComparison, reference: Reference) -> str:
     """Name the controls that are most like the patient; empty if the reference keeps no scores."""
     nearest = reference.nearest(comparison.fit.scores)
     if not nearest:

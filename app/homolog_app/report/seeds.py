@@ -16,11 +16,11 @@ from homolog.files.results import Result, read_result
 from homolog.files.tables import write_table
 from homolog.progress import Tick, no_tick, part_of
 from homolog.run import FinishReason, Run
-from homolog_app.report.findings import LEVEL, p_words
+from homolog_app.report.findings import LEVEL, p_text
 from homolog_app.report.request import StudyRequest
 from homolog_app.report.study import Study, run_study
 
-__all__ = ["FILE", "SeedAnswer", "answer_by_seed", "read_spread", "spread_words", "write_spread"]
+__all__ = ["FILE", "SeedAnswer", "answer_by_seed", "read_spread", "spread_text", "write_spread"]
 
 FILE = "seeds.csv"
 _FOLDER = "seeds"
@@ -148,7 +148,7 @@ def read_spread(folder: Path, fingerprint: str) -> list[SeedAnswer]:
     return repeats if all(item.fingerprint == fingerprint for item in repeats) else []
 
 
-def spread_words(answers: Sequence[SeedAnswer]) -> list[str]:
+def spread_text(answers: Sequence[SeedAnswer]) -> list[str]:
     """Return a sentence for each comparison: between what its answers lie."""
     sentences = []
     for title in dict.fromkeys(answer.comparison for answer in answers):
@@ -157,7 +157,7 @@ def spread_words(answers: Sequence[SeedAnswer]) -> list[str]:
         significant = sum(item.p <= LEVEL for item in own)
         text = (
             f"{title}: over {len(own)} seeds of the correspondence "
-            f"{_range(p_words(low, own[0].permutations), p_words(high, own[0].permutations))} "
+            f"{_range(p_text(low, own[0].permutations), p_text(high, own[0].permutations))} "
             f"({significant} of {len(own)} significant)"
         )
         distances = [item.distance for item in own if item.distance is not None]

@@ -182,11 +182,11 @@ def run_study(result: Result, request: StudyRequest, tick: Tick = no_tick) -> St
         left_out,
         _areas(result),
         tuple(result.names),
-        (*_notes(result, request), *_missing_words(incomplete)),
+        (*_notes(result, request), *_missing_text(incomplete)),
     )
 
 
-def _missing_words(names: Sequence[str]) -> list[str]:
+def _missing_text(names: Sequence[str]) -> list[str]:
     """Return how many were excluded for missing values, and the first of them."""
     if not names:
         return []

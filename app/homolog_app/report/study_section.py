@@ -9,14 +9,14 @@ from homolog.files.results import Result
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.findings import (
     LEVEL,
-    correction_words,
-    interval_words,
-    p_words,
-    percent_words,
-    region_words,
+    correction_text,
+    interval_text,
+    p_text,
+    percent_text,
+    region_text,
 )
 from homolog_app.report.page import Page
-from homolog_app.report.seeds import read_spread, spread_words
+from homolog_app.report.seeds import read_spread, spread_text
 from homolog_app.report.study import SHAPE_SIZE, Study
 from homolog_app.report.surface_maps import SurfaceCarrier, significant_regions
 from homolog_app.report.tables import sample_rows
@@ -36,12 +36,12 @@ def add_study(
     page.heading(f"Study: {study.request.title}")
     _sample(page, study, result)
     page.heading("Results", 3)
-    correction = correction_words(study)
+    correction = correction_text(study)
     page.paragraph(
         "Effects come with 95 % confidence intervals, which are not corrected for pairs or answers. "
         + (
             f"P-values of the whole shape, of particles and of the discriminant are {correction}; "
-            "those of size are " + (f"{correction_words(study, size=True)}. " if study.pairwise else "not. ")
+            "those of size are " + (f"{correction_text(study, size=True)}. " if study.pairwise else "not. ")
             if correction
             else "P-values are not corrected for other questions. "
         )
@@ -49,7 +49,7 @@ def add_study(
     )
     page.table(_COLUMNS, (_row(study, comparison) for comparison in study.comparisons))
     _where(page, study, carrier)
-    spread = spread_words(read_spread(*kept))
+    spread = spread_text(read_spread(*kept))
     page.paragraph(
         "The seed of the correspondence is part of the uncertainty. "
         + (" ".join(spread) or "Its share was not computed; homolog analyze --seeds 5 computes it.")
@@ -104,7 +104,7 @@ def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
             f"{len(region.particles)}",
             f"{region.area:.0f}",
             region.place,
-            f"{interval_words(region.outward)}, {region.direction}",
+            f"{interval_text(region.outward)}, {region.direction}",
             f"{region.length:.2f}",
             f"{region.mean_outward:.2f}",
             _p(region.p, comparison.pointwise.permutations),
@@ -150,17 +150,17 @@ def _row(study: Study, comparison: Comparison) -> tuple[str, ...]:
     return (
         comparison.title,
         str(test.modes),
-        interval_words(comparison.distance, digits) if comparison.distance is not None else "–",
+        interval_text(comparison.distance, digits) if comparison.distance is not None else "–",
         f"{test.studentized:.2f}" if test.modes else "–",
         _p(test.p_permutation, test.permutations),
         _p(comparison.p_adjusted, test.permutations),
         f"T² {test.t_squared:.1f}" if test.t_squared is not None else f"Λ {test.wilks:.3f}",
         f"{test.f:.2f} ({test.dof[0]:g}, {test.dof[1]:.4g})" if test.modes else "–",
         _p(test.p),
-        region_words(study, comparison),
-        percent_words(line.accuracy) if line is not None else "–",
-        interval_words(line.auc) if line is not None else "–",
-        f"{interval_words(size)} {unit}" if size is not None and isfinite(size.value) else "–",
+        region_text(study, comparison),
+        percent_text(line.accuracy) if line is not None else "–",
+        interval_text(line.auc) if line is not None else "–",
+        f"{interval_text(size)} {unit}" if size is not None and isfinite(size.value) else "–",
         _p(comparison.size_p_adjusted, size.permutations)
         if size is not None and comparison.size_p_adjusted is not None
         else "–",
@@ -168,7 +168,7 @@ def _row(study: Study, comparison: Comparison) -> tuple[str, ...]:
 
 
 def _p(p: float, permutations: int | None = None) -> str:
-    return p_words(p, permutations).removeprefix("p ").removeprefix("= ")
+    return p_text(p, permutations).removeprefix("p ").removeprefix("= ")
 
 
 def _check_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
@@ -183,12 +183,12 @@ def _check_row(study: Study, comparison: Comparison) -> tuple[str, ...]:
         mean,
         f"{dispersion.f:.2f}",
         _p(dispersion.p, dispersion.permutations),
-        "–" if skewness is None else f"{skewness.value:.2f} ({p_words(skewness.p)})",
+        "–" if skewness is None else f"{skewness.value:.2f} ({p_text(skewness.p)})",
         ", ".join(study.names[index] for index in comparison.outliers) or "none",
     )
 
 
-def _mean_words(mean: float, spread: float) -> str:
+def _mean_text(mean: float, spread: float) -> str:
     """Return mean and standard deviation with the same decimals, three digits of the latter."""
     size = spread or abs(mean)
     decimals = max(0, 2 - floor(log10(size))) if size else 0
@@ -204,7 +204,7 @@ def _sample(page: Page, study: Study, result: Result) -> None:
                 group,
                 f"{variable} {category}".strip() + (" (mm)" if variable == SHAPE_SIZE else ""),
                 str(count),
-                "–" if mean is None or spread is None else _mean_words(mean, spread),
+                "–" if mean is None or spread is None else _mean_text(mean, spread),
             )
             for group, variable, category, count, mean, spread in sample_rows(study, result)
         ),

@@ -22,7 +22,7 @@ from homolog_app.report.request import Answered, StudyRequest, category_of, stud
 from homolog_app.report.study import SHAPE_SIZE, Study, column_of, compared_shapes, study_options
 from homolog_app.report.surface_maps import SurfaceCarrier, significant_regions
 
-__all__ = ["SampleRow", "keep_study", "sample_rows"]
+__all__ = ["SampleRow", "sample_rows", "save_study"]
 
 _MOST_CATEGORIES = 8
 """Of a column that is not asked for, for it to be in the description of the sample."""
@@ -31,7 +31,7 @@ SampleRow = tuple[str, str, str, int, float | None, float | None]
 """Group, variable, category, number of subjects, mean and standard deviation."""
 
 
-def keep_study(
+def save_study(
     project: ProjectFolder, study: Study, result: Result, carrier: SurfaceCarrier | None = None
 ) -> Path:
     """Write a study's tables and its question into the project; returns their folder.

@@ -22,8 +22,8 @@ from homolog_app.report.figures import ReportFigure, model_figures, quality_rows
 from homolog_app.report.findings import (
     cautions,
     findings,
-    landmark_words,
-    outlier_words,
+    landmark_text,
+    outlier_text,
 )
 from homolog_app.report.methods import methods, references, settings_rows
 from homolog_app.report.page import Page
@@ -32,7 +32,7 @@ from homolog_app.report.sheets import write_page
 from homolog_app.report.study import Study, run_study
 from homolog_app.report.study_section import add_study
 from homolog_app.report.surface_maps import SurfaceCarrier
-from homolog_app.report.tables import keep_study
+from homolog_app.report.tables import save_study
 
 __all__ = ["write_report"]
 
@@ -78,7 +78,7 @@ def write_report(project: ProjectFolder, tick: Tick = no_tick, clip: Clip | None
     _model_section(page, folder, result, model, figures)
     for index, study in enumerate(studies):
         part = part_of(tick, 0.6 + 0.3 * index / len(studies), 0.6 + 0.3 * (index + 1) / len(studies))
-        keep_study(project, study, result, carrier)
+        save_study(project, study, result, carrier)
         own = list(study_figures(study, carrier, part, clip))
         add_study(
             page, study, result, carrier, own, (study_folder(project, study.request), record.fingerprint)
@@ -107,18 +107,18 @@ def _summary(page: Page, record: ResultRecord, result: Result, studies: Sequence
     )
     page.paragraph(
         f"{len(groups)} subjects{f' ({counts})' if any(groups) else ''} with {record.particles} "
-        f"corresponding particles each; {record.metric} distances; surface: {record.surface_words}."
+        f"corresponding particles each; {record.metric} distances; surface: {record.surface_text}."
     )
     if record.excluded:
         page.paragraph(f"Excluded before the run: {len(record.excluded)}. {' '.join(record.excluded)}")
-    if record.mirrored_words:
+    if record.mirrored_text:
         names = ", ".join(subject.name for subject in record.subjects if subject.is_mirrored)
         page.paragraph(
-            f"{record.mirrored_words}: {names}. Means, modes and differences are shown in the common frame."
+            f"{record.mirrored_text}: {names}. Means, modes and differences are shown in the common frame."
         )
     page.heading("Findings")
     if not studies:
-        for text in outlier_words(result):
+        for text in outlier_text(result):
             page.caution(text)
         page.paragraph("No study yet: homolog analyze PROJECT --group COLUMN.")
     for study in studies:
@@ -216,7 +216,7 @@ def _add_landmarks(page: Page, project: ProjectFolder) -> None:
         return
     page.heading("Landmarks")
     page.paragraph(
-        f"{landmark_words(errors)}. Each subject's landmarks were carried to each other subject by the "
+        f"{landmark_text(errors)}. Each subject's landmarks were carried to each other subject by the "
         "thin-plate spline of the particles, put on the surface, and compared with that subject's own."
     )
     page.table(

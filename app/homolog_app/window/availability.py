@@ -108,7 +108,7 @@ def available(
     chosen = bool(session.selection)
     two = len(session.study.included) >= 2
     groomed = study and bool(session.groomed or session.result)
-    further = session.going_on if session.is_result_written else None
+    further = session.extension_of if session.is_result_written else None
     return {
         "always": True,
         "idle": idle,

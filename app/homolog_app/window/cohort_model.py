@@ -46,7 +46,7 @@ class CohortModel(QAbstractTableModel):
         self._members: tuple[Member, ...] = ()
         self._columns: list[str] = []
         self._pictures: dict[tuple[str, str], QPixmap] = {}
-        session.study_changed.connect(self._take)
+        session.study_changed.connect(self._receive)
         session.facts_changed.connect(self._refresh)
         theme.changed.connect(self._refresh)
 
@@ -118,7 +118,7 @@ class CohortModel(QAbstractTableModel):
         self._session.edit(text, self._session.study.with_members({member.name: changed}))
         return True
 
-    def _take(self) -> None:
+    def _receive(self) -> None:
         study = self._session.study
         rows_same = [member.name for member in study.members] == [member.name for member in self._members]
         if rows_same and study.columns == self._columns:

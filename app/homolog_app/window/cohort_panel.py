@@ -67,7 +67,7 @@ class CohortPanel(Panel):
         for widget in (self.count, self.problems, proceed):
             self.footer.addWidget(widget)
         self._proceed: QWidget = proceed
-        self.table.selectionModel().selectionChanged.connect(self._tell_selection)
+        self.table.selectionModel().selectionChanged.connect(self._update_selection)
         session.selection_changed.connect(self._show_selection)
         session.study_changed.connect(self._count)
         session.facts_changed.connect(self._count)
@@ -137,7 +137,7 @@ class CohortPanel(Panel):
         self.problems.setVisible(bool(lines))
         self._proceed.setEnabled(included >= 2 and not waiting)
 
-    def _tell_selection(self) -> None:
+    def _update_selection(self) -> None:
         if self._following:
             return
         rows = self.table.selectionModel().selectedRows()

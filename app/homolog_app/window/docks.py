@@ -24,8 +24,8 @@ class Docks(QObject):
     def __init__(self, window: "MainWindow") -> None:
         super().__init__(window)
         self._window = window
-        self.curves = EnergyCurves(window.desk.theme)
-        self.log = LogPane(window.desk.memory)
+        self.curves = EnergyCurves(window.workspace.theme)
+        self.log = LogPane(window.workspace.memory)
         bottom = Qt.DockWidgetArea.BottomDockWidgetArea
         window.setCorner(Qt.Corner.BottomLeftCorner, Qt.DockWidgetArea.LeftDockWidgetArea)
         window.setCorner(Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea)
@@ -44,7 +44,7 @@ class Docks(QObject):
         window.tabifyDockWidget(self._curves_dock, self._log_dock)
         window.resizeDocks([self._inspector_dock], [_INSPECTOR], Qt.Orientation.Horizontal)
         self._log_dock.visibilityChanged.connect(lambda shown: window.commands["view.log"].setChecked(shown))
-        window.desk.session.facts_changed.connect(self._show_result)
+        window.workspace.session.facts_changed.connect(self._show_result)
 
     def handlers(self) -> dict[str, Callable[[], object]]:
         """Return what the commands of the docks do."""
@@ -59,8 +59,8 @@ class Docks(QObject):
         """Show the plots of the open page of Explore, or energies in the steps that they belong to."""
         for bar in self._window.findChildren(QTabBar, options=Qt.FindChildOption.FindDirectChildrenOnly):
             bar.setAccessibleName("Below the views")  # Qt makes it when it needs it
-        work, session, step = self._window.desk.work, self._window.desk.session, self._window.step
-        self._rail_dock.setVisible(self._window.desk.session.is_open)
+        work, session, step = self._window.workspace.work, self._window.workspace.session, self._window.step
+        self._rail_dock.setVisible(self._window.workspace.session.is_open)
         self._inspector_dock.setVisible(open_)
         plots = self._window.inspector.explore.page.plots if step == "explore" else None
         if plots is not None:
@@ -72,7 +72,7 @@ class Docks(QObject):
         self._curves_dock.setVisible(wanted and (work.run_job is not None or session.result is not None))
 
     def _show_result(self) -> None:
-        result = self._window.desk.session.result
+        result = self._window.workspace.session.result
         self.curves.show_rows(result.energies if result is not None else [])
 
     def _dock(self, title: str, widget: QWidget, area: Qt.DockWidgetArea) -> QDockWidget:

@@ -131,14 +131,14 @@ class SettingsPair(QWidget):
         layout.addWidget(self.unfold, alignment=Qt.AlignmentFlag.AlignLeft)
         layout.addWidget(self.more)
         for form in (self.main, self.more):
-            form.edited.connect(self._take)
+            form.edited.connect(self._receive)
 
     def show_values(self, values: BaseModel) -> None:
         """Show the settings in both parts."""
         self.main.show_values(values)
         self.more.show_values(values)
 
-    def _take(self, name: str, values: BaseModel) -> None:
+    def _receive(self, name: str, values: BaseModel) -> None:
         self.show_values(values)  # the other part goes on from here
         self.edited.emit(name, values)
 

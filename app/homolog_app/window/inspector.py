@@ -5,13 +5,13 @@ from PySide6.QtWidgets import QFrame, QStackedWidget, QVBoxLayout
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
-from homolog_app.window.desk import Desk
 from homolog_app.window.explore.panel import ExplorePanel
 from homolog_app.window.groom_panel import GroomPanel
 from homolog_app.window.jobs import Devices
 from homolog_app.window.rail import STEPS
 from homolog_app.window.run_panel import RunPanel
 from homolog_app.window.work import Work
+from homolog_app.window.workspace import Workspace
 
 __all__ = ["Inspector"]
 
@@ -21,14 +21,14 @@ class Inspector(QFrame):
 
     settings_edited = Signal(str, str, object)
 
-    def __init__(self, desk: Desk, actions: Actions) -> None:
+    def __init__(self, workspace: Workspace, actions: Actions) -> None:
         super().__init__()
         self.setObjectName("Inspector")
         self.setMinimumWidth(376)
-        self.cohort = CohortPanel(desk.session, desk.theme, actions)
-        self.groom = GroomPanel(desk.session, actions)
-        self.correspond = RunPanel(desk.session, actions)
-        self.explore = ExplorePanel(desk, actions)
+        self.cohort = CohortPanel(workspace.session, workspace.theme, actions)
+        self.groom = GroomPanel(workspace.session, actions)
+        self.correspond = RunPanel(workspace.session, actions)
+        self.explore = ExplorePanel(workspace, actions)
         self._pages = QStackedWidget()
         for panel in (self.cohort, self.groom, self.correspond, self.explore):
             self._pages.addWidget(panel)
@@ -42,7 +42,7 @@ class Inspector(QFrame):
         self.correspond.device_chosen.connect(
             lambda alias: self.settings_edited.emit("device", "device", alias)
         )
-        desk.work.devices_known.connect(self._show_devices)
+        workspace.work.devices_known.connect(self._show_devices)
 
     def show_step(self, step: str) -> None:
         """Turn to the page of a step."""

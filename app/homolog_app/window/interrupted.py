@@ -5,10 +5,10 @@ from pathlib import Path
 
 from homolog.errors import InputError
 
-__all__ = ["interrupted_words"]
+__all__ = ["interrupted_text"]
 
 
-def interrupted_words(checkpoint: Path, particles: int) -> str:
+def interrupted_text(checkpoint: Path, particles: int) -> str:
     """Return how far a run got whose checkpoint is there.
 
     Parameters

@@ -16,14 +16,14 @@ from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick, part_of
 from homolog.settings import GroomSettings, RunSettings
-from homolog_app.window.loaded import Loaded, Recorder, load_result
+from homolog_app.window.loaded_result import LoadedResult, Recorder, load_result
 from homolog_app.window.preliminary import PreliminaryFits, PreliminaryModel
 
 if TYPE_CHECKING:
     from homolog.correspondence import Frame
     from homolog.grooming import GroomedSubject
     from homolog.run import RunStatus
-    from homolog_app.window.survey import Survey
+    from homolog_app.window.file_survey import FileSurvey
 
 __all__ = [
     "Devices",
@@ -69,10 +69,10 @@ def prepare(tick: Tick) -> Devices:
 
 
 def read_files(
-    subjects: Sequence[Subject], groom: GroomSettings, arrived: "Callable[[Survey], None]", tick: Tick
+    subjects: Sequence[Subject], groom: GroomSettings, arrived: "Callable[[FileSurvey], None]", tick: Tick
 ) -> None:
     """Look into each file and hand over what is found, one by one."""
-    from homolog_app.window.survey import survey_subject
+    from homolog_app.window.file_survey import survey_subject
 
     for number, subject in enumerate(subjects):
         tick(number / len(subjects), f"reading {subject.name}")
@@ -206,12 +206,12 @@ class RunJob:
         """Wait, or go on."""
         self._run.set_paused(paused)
 
-    def keep(self, tick: Tick) -> Loaded | None:
+    def keep(self, tick: Tick) -> LoadedResult | None:
         """Make the particles of a cancelled run the result and read it; None if there are too few."""
         tick(0.0, "keeping the particles")
         return self._finished() if self._run.keep() else None
 
-    def execute(self) -> Loaded:
+    def execute(self) -> LoadedResult:
         """Do the run and read its result; raises Cancelled if it was cancelled."""
         from homolog.run import FinishReason
 
@@ -223,7 +223,7 @@ class RunJob:
             raise Cancelled("cancelled")
         return self._finished()
 
-    def _finished(self) -> Loaded:
+    def _finished(self) -> LoadedResult:
         self.recorder.write(self._run.project)
         return load_result(self._run.project)
 

@@ -14,7 +14,7 @@ from homolog.files.atomic import write_text
 from homolog.files.project import ProjectFolder
 from homolog_app.window.study_files import StudyRecord
 
-__all__ = ["Journal", "JournalRecord", "Lost", "find_lost"]
+__all__ = ["InterruptedSession", "Journal", "JournalRecord", "find_lost"]
 
 _RECORD, _LOCK, _DRAFT = "journal.json", "lock", "draft"
 
@@ -56,7 +56,7 @@ class Journal:
         self.clear_record()
         shutil.rmtree(self.draft.folder, ignore_errors=True)
 
-    def adopt(self, lost: "Lost") -> None:
+    def adopt(self, lost: "InterruptedSession") -> None:
         """Take over the draft of a window that is gone."""
         draft = lost.folder / _DRAFT
         if draft.is_dir():
@@ -71,7 +71,7 @@ class Journal:
 
 
 @dataclass(frozen=True, slots=True)
-class Lost:
+class InterruptedSession:
     """The journal of a window that is gone."""
 
     folder: Path
@@ -87,12 +87,12 @@ class Lost:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def find_lost(sessions: Path) -> list[Lost]:
+def find_lost(sessions: Path) -> list[InterruptedSession]:
     """Return the journals of windows that are gone, newest first; folders without one are removed.
 
     A lock tells who is alive: the system lets go of it when a process ends, however it ends.
     """
-    journals: list[tuple[float, Lost]] = []
+    journals: list[tuple[float, InterruptedSession]] = []
     for folder in sessions.iterdir() if sessions.is_dir() else ():
         lock = FileLock(folder / _LOCK)
         try:
@@ -102,7 +102,7 @@ def find_lost(sessions: Path) -> list[Lost]:
         lock.release()
         path = folder / _RECORD
         try:
-            lost = Lost(folder, JournalRecord.model_validate_json(path.read_bytes()))
+            lost = InterruptedSession(folder, JournalRecord.model_validate_json(path.read_bytes()))
             journals.append((path.stat().st_mtime, lost))
         except (OSError, ValidationError):
             shutil.rmtree(folder, ignore_errors=True)

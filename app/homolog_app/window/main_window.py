@@ -12,20 +12,20 @@ from PySide6.QtWidgets import QMainWindow, QStackedWidget
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.availability import available
-from homolog_app.window.desk import Desk
 from homolog_app.window.docks import Docks
+from homolog_app.window.explore.controller import ExploreController
 from homolog_app.window.explore.groups_page import GroupsPage
-from homolog_app.window.explore.orders import Exploring
 from homolog_app.window.explore.patient_page import PatientPage
-from homolog_app.window.export.exporting import Exporting
-from homolog_app.window.helping import Helping
+from homolog_app.window.export.controller import ExportController
+from homolog_app.window.help_controller import HelpController
 from homolog_app.window.inspector import Inspector
-from homolog_app.window.library import Library, dropped_paths
+from homolog_app.window.project_controller import ProjectController, dropped_paths
 from homolog_app.window.rail import STEPS, Rail
 from homolog_app.window.start_page import StartPage
 from homolog_app.window.status_bar import StatusBar
 from homolog_app.window.steps import steps_of
 from homolog_app.window.tour import Tour
+from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog_app.window.views import Views
@@ -41,26 +41,26 @@ class MainWindow(QMainWindow):
     views_ready = Signal()
     step_changed = Signal()
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, workspace: Workspace) -> None:
         super().__init__()
-        self.desk = desk
-        desk.setParent(self)
+        self.workspace = workspace
+        workspace.setParent(self)
         self.setAcceptDrops(True)
         self.resize(1440, 900)
-        self.commands = Actions(self, desk.theme)
+        self.commands = Actions(self, workspace.theme)
         self.step = "cohort"
         self.views: Views | None = None
-        self.start_page = StartPage(desk.theme, self.commands)
-        self.inspector = Inspector(desk, self.commands)
-        self.rail = Rail(desk.theme)
+        self.start_page = StartPage(workspace.theme, self.commands)
+        self.inspector = Inspector(workspace, self.commands)
+        self.rail = Rail(workspace.theme)
         self._lay_out()
         self.docks = Docks(self)
         self.status = StatusBar(self)
-        self.library = Library(self)
-        self.exporting = Exporting(self)
-        self.helping = Helping(self)
+        self.projects = ProjectController(self)
+        self.exporting = ExportController(self)
+        self.help = HelpController(self)
         self.tour = Tour(self)
-        self.exploring = Exploring(self)
+        self.exploring = ExploreController(self)
         self._connect()
         self._restore_geometry()
         self.refresh()
@@ -71,16 +71,16 @@ class MainWindow(QMainWindow):
         from homolog_app.window.stage import Stage
         from homolog_app.window.views import Views
 
-        if self.views is not None or self.desk.closed:
+        if self.views is not None or self.workspace.closed:
             return
-        stage = Stage(self.desk.theme, self.commands)
+        stage = Stage(self.workspace.theme, self.commands)
         self.views = Views(self, stage)
         self._middle.addWidget(stage)
         stage.place_card(self.tour.card)
         self._first_gl.deleteLater()
         self.commands.connect_handlers(self.views.handlers())
         self.refresh()
-        self.desk.work.go_on()
+        self.workspace.work.go_on()
         self.views_ready.emit()
 
     def show_step(self, step: str) -> None:
@@ -93,12 +93,13 @@ class MainWindow(QMainWindow):
     @Slot()
     def refresh(self) -> None:
         """Show what is possible now."""
-        desk, views = self.desk, self.views
+        workspace, views = self.workspace, self.views
         page, pages = views.pages if views else (0, 1)
         self.commands.enable(
             available(
-                desk.session, desk.project, busy=desk.work.is_busy, running=desk.work.run_job is not None,
-                kept=desk.work.cancelled_run is not None,
+                workspace.session, workspace.project, busy=workspace.work.is_busy,
+                running=workspace.work.run_job is not None,
+                kept=workspace.work.cancelled_run is not None,
                 page=page, pages=pages, ready=views is not None,
                 plays=self.step == "explore" and self.inspector.explore.page.plays,
                 answered=bool(self.inspector.explore.page_of(GroupsPage).answers),
@@ -109,45 +110,47 @@ class MainWindow(QMainWindow):
                 slices=views is not None and views.hides_views,
                 preliminary=self.inspector.explore.fitted.preliminary is not None,
             ),
-            desk.session.read_only,
+            workspace.session.read_only,
         )  # fmt: skip
-        steps = steps_of(desk.session, desk.work)
-        if not steps[self.step].enabled and desk.session.is_open and self.step != "cohort":
+        steps = steps_of(workspace.session, workspace.work)
+        if not steps[self.step].enabled and workspace.session.is_open and self.step != "cohort":
             self.show_step("cohort")
             return
-        self.rail.show_steps(steps, self.step if desk.session.is_open else "")
-        open_ = desk.session.is_open and views is not None
+        self.rail.show_steps(steps, self.step if workspace.session.is_open else "")
+        open_ = workspace.session.is_open and views is not None
         self._middle.setCurrentIndex(1 if open_ else 0)
-        self.inspector.show_work(desk.work)
+        self.inspector.show_work(workspace.work)
         self.docks.show_for(open_)
         self._name_window()
 
     @Slot()
     def _show_progress(self) -> None:
         """Show how far the work is; what is possible stays."""
-        desk = self.desk
-        if desk.work.kind in ("groom", "run"):
-            self.rail.show_steps(steps_of(desk.session, desk.work), self.step if desk.session.is_open else "")
-            self.inspector.show_work(desk.work)
+        workspace = self.workspace
+        if workspace.work.kind in ("groom", "run"):
+            self.rail.show_steps(
+                steps_of(workspace.session, workspace.work), self.step if workspace.session.is_open else ""
+            )
+            self.inspector.show_work(workspace.work)
 
     def closeEvent(self, event: QCloseEvent) -> None:
         """Ask, stop the work, let go of the graphics, then close."""
-        if not self.library.may_leave():
+        if not self.projects.may_leave():
             event.ignore()
             return
         self.setEnabled(False)
         self.status.say("Stopping…")
         self.exporting.close()
         if self.isVisible():
-            self.desk.preferences.keep_geometry(self.saveGeometry(), self.saveState())
+            self.workspace.preferences.keep_geometry(self.saveGeometry(), self.saveState())
         if self.views is not None:
             self.views.close()
-        self.desk.close()
+        self.workspace.close()
         event.accept()
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Take files and folders while nothing is going on."""
-        if dropped_paths(event.mimeData()) and not self.desk.work.is_busy and self.views is not None:
+        if dropped_paths(event.mimeData()) and not self.workspace.work.is_busy and self.views is not None:
             event.acceptProposedAction()
 
     def dropEvent(self, event: QDropEvent) -> None:
@@ -156,8 +159,8 @@ class MainWindow(QMainWindow):
         paths = dropped_paths(event.mimeData())
         if self.views is not None and self.views.scans.offer(paths, event.position().toPoint()):
             return
-        if self.step != "explore" or not self.exploring.take_files(paths):
-            self.library.take(paths)
+        if self.step != "explore" or not self.exploring.drop_files(paths):
+            self.projects.open_paths(paths)
 
     def changeEvent(self, event: QEvent) -> None:
         """Rest the drawing while minimized."""
@@ -167,7 +170,7 @@ class MainWindow(QMainWindow):
 
     def _restore_geometry(self) -> None:
         """Have the size, place and panel widths of the last time."""
-        known = self.desk.preferences.geometry
+        known = self.workspace.preferences.geometry
         if known is not None:
             geometry, state = known
             self.restoreGeometry(geometry)
@@ -183,33 +186,34 @@ class MainWindow(QMainWindow):
         self.setCentralWidget(self._middle)
 
     def _connect(self) -> None:
-        desk = self.desk
+        workspace = self.workspace
         self.commands.connect_handlers(self._handlers())
         for name, button in self.rail.buttons.items():
             button.clicked.connect(self.commands[f"view.{name}"].trigger)
         for signal in (
-            desk.session.study_changed, desk.session.facts_changed, desk.session.selection_changed,
-            desk.session.project_changed, desk.session.undo.indexChanged, desk.work.changed,
+            workspace.session.study_changed, workspace.session.facts_changed,
+            workspace.session.selection_changed,
+            workspace.session.project_changed, workspace.session.undo.indexChanged, workspace.work.changed,
             self.inspector.explore.page_changed,
         ):  # fmt: skip
             signal.connect(self.refresh)
-        desk.work.progressed.connect(self._show_progress)
-        desk.work.failed.connect(self.helping.show_error)
-        self.inspector.settings_edited.connect(desk.edit_settings)
+        workspace.work.progressed.connect(self._show_progress)
+        workspace.work.failed.connect(self.help.show_error)
+        self.inspector.settings_edited.connect(workspace.edit_settings)
 
     def _handlers(self) -> dict[str, Callable[[], object]]:
-        undo = self.desk.session.undo
+        undo = self.workspace.session.undo
         steps = {f"view.{name}": partial(self.show_step, name) for name in STEPS}
         own = {"file.quit": self.close, "edit.undo": undo.undo, "edit.redo": undo.redo}
         return {
-            **steps, **own, **self.docks.handlers(), **self.library.handlers(), **self.helping.handlers(),
+            **steps, **own, **self.docks.handlers(), **self.projects.handlers(), **self.help.handlers(),
             **self.exporting.handlers(),
-            **self.desk.handlers(), **self.tour.handlers(), **self.exploring.handlers(),
+            **self.workspace.handlers(), **self.tour.handlers(), **self.exploring.handlers(),
         }  # fmt: skip
 
     def _name_window(self) -> None:
-        session = self.desk.session
-        changed = session.is_open and (session.folder is None or self.desk.is_changed)
+        session = self.workspace.session
+        changed = session.is_open and (session.folder is None or self.workspace.is_changed)
         aside = " (read-only)" if session.read_only else ""
         self.setWindowTitle(f"{session.title}{aside}[*] — Homolog" if session.is_open else "Homolog")
         self.setWindowModified(changed)

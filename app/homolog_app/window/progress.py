@@ -7,7 +7,7 @@ from homolog_app.window.actions import Actions
 from homolog_app.window.runner import Status
 from homolog_app.window.widgets import GRID, button, label
 
-__all__ = ["Progress", "progress_words"]
+__all__ = ["Progress", "progress_text"]
 
 
 class Progress(QWidget):
@@ -37,10 +37,10 @@ class Progress(QWidget):
         self.setVisible(status is not None)
         if status is not None:
             self.bar.setValue(round(1000 * status.fraction))
-            self.message.setText(progress_words(status))
+            self.message.setText(progress_text(status))
 
 
-def progress_words(status: Status) -> str:
+def progress_text(status: Status) -> str:
     """Return a status as one line for people."""
     message = status.message[:1].upper() + status.message[1:]
     if status.paused:

@@ -88,7 +88,7 @@ class _StepButton(QAbstractButton):
         ink = colours.faint if not self._step.enabled else colours.accent if self._current else colours.text
         painter.drawPixmap((self.width() - 28) // 2, box.top() + 12, pixmap(self._name, ink, 28))
         self._paint_badge(painter, (self.width() + 28) // 2 + 2, box.top() + 14)
-        self._paint_words(painter, box, ink)
+        self._paint_text(painter, box, ink)
         painter.end()
 
     def _paint_badge(self, painter: QPainter, x: int, y: int) -> None:
@@ -103,7 +103,7 @@ class _StepButton(QAbstractButton):
             painter.setBrush(QColor(colours.sunken))
             painter.drawEllipse(QRect(x - 5, y - 5, 10, 10))
 
-    def _paint_words(self, painter: QPainter, box: QRect, ink: str) -> None:
+    def _paint_text(self, painter: QPainter, box: QRect, ink: str) -> None:
         font = QFont(self.font())
         font.setPixelSize(scaled(12))
         font.setWeight(QFont.Weight.DemiBold if self._current else QFont.Weight.Medium)

@@ -65,7 +65,7 @@ class RangeDialog(QDialog):
         self.apply = buttons.button(QDialogButtonBox.StandardButton.Apply)
         self.apply.setDefault(True)
         self.apply.clicked.connect(self._apply)
-        self.automatic.clicked.connect(lambda: self._take(None))
+        self.automatic.clicked.connect(lambda: self._receive(None))
         buttons.rejected.connect(self.reject)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(3 * GRID, 3 * GRID, 3 * GRID, 2 * GRID)
@@ -81,7 +81,7 @@ class RangeDialog(QDialog):
         self.high.selectAll()
         self.high.setFocus()
 
-    def _take(self, chosen: tuple[float, float] | None) -> None:
+    def _receive(self, chosen: tuple[float, float] | None) -> None:
         """Choose a range, and show the one in force."""
         self._choose(chosen)
         if (scale := self._present()) is not None:
@@ -106,4 +106,4 @@ class RangeDialog(QDialog):
         self.problem.setText("Enter two numbers; the lowest value must be less than the highest.")
         self.problem.setVisible(not valid)
         if valid:
-            self._take((low, high))
+            self._receive((low, high))

@@ -7,7 +7,7 @@ from homolog.files.project import ProjectFolder
 from homolog.settings import OptimizeSettings
 from homolog_app.window.actions import Actions
 from homolog_app.window.form import SettingsPair
-from homolog_app.window.interrupted import interrupted_words
+from homolog_app.window.interrupted import interrupted_text
 from homolog_app.window.progress import Progress
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
@@ -130,11 +130,11 @@ class RunPanel(Panel):
         if folder is None:
             return _STOPPED
         particles = self._session.study.settings.optimize.particles
-        return interrupted_words(ProjectFolder(folder).checkpoint, particles)
+        return interrupted_text(ProjectFolder(folder).checkpoint, particles)
 
     def _show_further(self) -> None:
         """Say what a run could add to the result."""
-        possible = self._session.going_on
+        possible = self._session.extension_of
         self.from_result.setVisible(possible is not None)
         if possible is None:
             return

@@ -38,12 +38,12 @@ class RunParticles(QObject):
     def __init__(self, window: "MainWindow", stage: "Stage") -> None:
         super().__init__(window)
         self._window, self._stage = window, stage
-        self._session, self._work = window.desk.session, window.desk.work
+        self._session, self._work = window.workspace.session, window.workspace.work
         self.particles: Mapping[str, FloatArray] = {}
         self.tints: Array | None = None
         self.frame: Frame | None = None
         self._look = QTimer(self, interval=_LOOK_MS)
-        self._look.timeout.connect(self._take_frame)
+        self._look.timeout.connect(self._show_newest_frame)
         self._player = QTimer(self, interval=_PLAY_MS)
         self._player.timeout.connect(self._step_on)
         stage.footer.frame_chosen.connect(self._show_moment)
@@ -60,7 +60,7 @@ class RunParticles(QObject):
         """Whether stored frames follow each other."""
         return self._player.isActive()
 
-    def take_result(self) -> None:
+    def set_result(self) -> None:
         """Have the particles of the session's result, unless a run is seen."""
         if self._work.run_job is None:
             result = self._session.result
@@ -98,11 +98,11 @@ class RunParticles(QObject):
             self._look.start()
         elif not running and self._look.isActive():
             self._look.stop()
-            self.take_result()
+            self.set_result()
             self.moved.emit(False)
 
     @Slot()
-    def _take_frame(self) -> None:
+    def _show_newest_frame(self) -> None:
         """Show the newest frame if there is one, then rest at least twice as long as drawing took."""
         job = self._work.run_job
         frame = job.frame if job is not None else None

@@ -1,4 +1,4 @@
-"""One thread computes, the window watches: the only bridge between the two."""
+"""Runs jobs in a computing thread and reports to the GUI thread; nothing else crosses between the two."""
 
 import os
 import threading
@@ -14,30 +14,30 @@ from homolog.cancellation import CancelToken
 from homolog.errors import Cancelled
 from homolog.progress import Tick
 
-__all__ = ["Ended", "Job", "Runner", "Status", "Task"]
+__all__ = ["Job", "JobOutcome", "Runner", "Status", "Task"]
 
 POLL_MS = 33
 _NICENESS = 10
 
 
 class Status(Protocol):
-    """What a job says of itself: the part of `homolog.run.RunStatus` that every job has."""
+    """Status of a job: the part of `homolog.run.RunStatus` that every job has."""
 
     @property
     def fraction(self) -> float:
-        """Done of the whole, in [0, 1]."""
+        """Fraction done, in [0, 1]."""
 
     @property
     def message(self) -> str:
-        """What is being done."""
+        """Description of the present step."""
 
     @property
     def eta_s(self) -> float | None:
-        """Seconds left, once that can be told."""
+        """Estimated seconds left; None while unknown."""
 
     @property
     def paused(self) -> bool:
-        """Whether it waits."""
+        """Whether the job is paused."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,24 +51,24 @@ class TaskStatus:
 
 
 class Job(Protocol):
-    """Something long: executed in the computing thread, reined in from the window's. `Run` is one."""
+    """A long computation: executed in the computing thread, controlled from the GUI thread. `Run` is one."""
 
     def execute(self) -> Any:  # noqa: ANN401 - each job has its own result
-        """Do the work."""
+        """Execute the job in the calling thread."""
 
     @property
     def status(self) -> Status:
-        """The newest status, from any thread."""
+        """Newest status; safe from any thread."""
 
     def cancel(self) -> None:
-        """Ask it to end, from any thread."""
+        """Request cancellation; safe from any thread."""
 
     def set_paused(self, paused: bool) -> None:
-        """Ask it to wait or go on, from any thread."""
+        """Pause or resume; safe from any thread."""
 
 
-class _Reins:
-    """Through which a task tells its status, and is held."""
+class _TaskControl:
+    """Status and cancel token of a `Task`."""
 
     def __init__(self, message: str) -> None:
         self.status: Status = TaskStatus(message=message)
@@ -76,42 +76,42 @@ class _Reins:
 
     def tick(self, fraction: float, message: str) -> None:
         self.status = TaskStatus(fraction=fraction, message=message)
-        self.token.wait_while_paused(lambda: self._say_waiting(fraction, message))
+        self.token.wait_while_paused(lambda: self._report_waiting(fraction, message))
 
-    def _say_waiting(self, fraction: float, message: str) -> None:
+    def _report_waiting(self, fraction: float, message: str) -> None:
         self.status = TaskStatus(fraction=fraction, message=message, paused=True)
 
 
 class Task:
-    """A function that takes a tick, as a job.
+    """Wraps a function that takes a tick as a job.
 
     Attributes
     ----------
     execute : callable
-        Does the work.
+        Executes the function.
     """
 
     def __init__(self, work: Callable[[Tick], Any], message: str) -> None:
-        self._reins = _Reins(message)
-        self.execute = partial(work, self._reins.tick)
+        self._control = _TaskControl(message)
+        self.execute = partial(work, self._control.tick)
 
     @property
     def status(self) -> Status:
-        """The newest status."""
-        return self._reins.status
+        """Newest status."""
+        return self._control.status
 
     def cancel(self) -> None:
-        """End at the next tick."""
-        self._reins.token.cancel()
+        """Cancel at the next tick."""
+        self._control.token.cancel()
 
     def set_paused(self, paused: bool) -> None:
-        """Wait at the next tick, or go on."""
-        self._reins.token.set_paused(paused)
+        """Pause at the next tick, or resume."""
+        self._control.token.set_paused(paused)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ended:
-    """How a job ended: with a result, cancelled, or with an error."""
+class JobOutcome:
+    """Outcome of a job: a result, a cancellation or an error."""
 
     job: Job
     result: Any = None
@@ -132,7 +132,7 @@ class Runner(QObject):
     def __init__(self, parent: QObject) -> None:
         super().__init__(parent)
         self._orders: SimpleQueue[Job | None] = SimpleQueue()
-        self._results: SimpleQueue[Ended] = SimpleQueue()
+        self._results: SimpleQueue[JobOutcome] = SimpleQueue()
         self._job: Job | None = None
         self._shown: Status | None = None
         self._thread = threading.Thread(target=self._work, name="homolog-compute", daemon=True)
@@ -183,11 +183,11 @@ class Runner(QObject):
         _step_back()
         while (job := self._orders.get()) is not None:
             try:
-                ended = Ended(job, result=job.execute())
+                ended = JobOutcome(job, result=job.execute())
             except Cancelled:
-                ended = Ended(job, cancelled=True)
+                ended = JobOutcome(job, cancelled=True)
             except BaseException as error:  # noqa: BLE001 - a job's every error is shown, the thread goes on
-                ended = Ended(job, error=error)
+                ended = JobOutcome(job, error=error)
             self._results.put(ended)
 
 

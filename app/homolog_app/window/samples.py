@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from homolog.analysis.procrustes import Alignment as Compared
+from homolog.analysis.procrustes import Alignment as ComparedPatient
 from homolog.progress import Tick
 from homolog.settings import Alignment, GroomSettings
 
@@ -38,7 +38,7 @@ class Stop:
     text: str
     offer: str = ""
     opens: str = ""
-    alignment: Compared | None = None
+    alignment: ComparedPatient | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ _HEART_STOPS = (
         "Colours show where the difference is significant: the wall is thinner in the infarct.",
         "explore.test",
         "explore.groups",
-        Compared.SIMILARITY,
+        ComparedPatient.SIMILARITY,
     ),
 )
 

@@ -11,13 +11,13 @@ from PySide6.QtGui import QUndoCommand, QUndoStack
 
 from homolog.cohort import Subject
 from homolog.settings import RunSettings
-from homolog_app.window.going_on import GoingOn, going_on
-from homolog_app.window.loaded import Loaded
+from homolog_app.window.extension import Extension, extension_of
+from homolog_app.window.loaded_result import LoadedResult
 from homolog_app.window.study import Member, Study
 from homolog_app.window.subjects import Groomed
 
 if TYPE_CHECKING:
-    from homolog_app.window.survey import Survey
+    from homolog_app.window.file_survey import FileSurvey
 
 __all__ = ["Session"]
 
@@ -39,10 +39,10 @@ class Session(QObject):
         self.folder: Path | None = None
         self.read_only = ""
         """Why nothing can be written to the folder; empty if it can."""
-        self.surveys: dict[str, Survey] = {}
+        self.surveys: dict[str, FileSurvey] = {}
         self.groomed: dict[str, Groomed] = {}
-        self.result: Loaded | None = None
-        self.written: Loaded | None = None
+        self.result: LoadedResult | None = None
+        self.written: LoadedResult | None = None
         """The result in the project's folder."""
         self.selection: tuple[str, ...] = ()
         self.undo.cleanChanged.connect(self.project_changed)
@@ -71,9 +71,9 @@ class Session(QObject):
         )
 
     @property
-    def going_on(self) -> GoingOn | None:
+    def extension_of(self) -> Extension | None:
         """What a run can add to the result; None without one."""
-        return going_on(self.study, self.result.record) if self.result is not None else None
+        return extension_of(self.study, self.result.record) if self.result is not None else None
 
     def edit(self, text: str, study: Study, key: str = "") -> None:
         """Make an edit that can be undone; successive edits with the same key become one."""
@@ -107,7 +107,7 @@ class Session(QObject):
             and np.array_equal(seen.result.local, written.result.local)
         )
 
-    def take_result(self, loaded: Loaded, text: str) -> None:
+    def set_result(self, loaded: LoadedResult, text: str) -> None:
         """Have the result that was written to the project; undo shows the one before.
 
         Not so if shapes were groomed with other settings since: they have taken the place of those before.
@@ -121,11 +121,11 @@ class Session(QObject):
         if clean:
             self.undo.setClean()
 
-    def exchange_result(self, loaded: Loaded, text: str) -> None:
+    def exchange_result(self, loaded: LoadedResult, text: str) -> None:
         """Show another result; undo shows the present one again."""
         self.undo.push(_Exchange(self, loaded, text))
 
-    def show_result(self, loaded: Loaded | None) -> None:
+    def show_result(self, loaded: LoadedResult | None) -> None:
         """Show another result without a trace in the history."""
         self.result = loaded
         self.facts_changed.emit()
@@ -181,7 +181,7 @@ class Session(QObject):
 class _Exchange(QUndoCommand):
     """From one result to the next."""
 
-    def __init__(self, session: Session, after: Loaded, text: str) -> None:
+    def __init__(self, session: Session, after: LoadedResult, text: str) -> None:
         super().__init__(text)
         self._session = session
         self._before, self._after = session.result, after

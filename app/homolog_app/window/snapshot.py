@@ -10,26 +10,26 @@ from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick, part_of
-from homolog_app.window.explore.check_shown import ENERGIES, Marks, checked_scene
-from homolog_app.window.explore.chosen import CheckView, GroupsView, MeasureView, ModesView, Snapshot
+from homolog_app.window.explore.check_scene import ENERGIES, Marks, checked_scene
 from homolog_app.window.explore.group_views import group_scene
 from homolog_app.window.explore.measure_views import measured_scene
 from homolog_app.window.explore.mode_views import mode_scene
-from homolog_app.window.explore.model_content import shown_alone
+from homolog_app.window.explore.model_content import single_subject
+from homolog_app.window.explore.view_states import CheckView, GroupsView, MeasureView, ModesView, Snapshot
+from homolog_app.window.file_survey import survey_subject
 from homolog_app.window.jobs import groomed_before
-from homolog_app.window.loaded import Loaded, load_result
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.loaded_result import LoadedResult, load_result
+from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.subjects import Groomed, moment_of, subject_contents
-from homolog_app.window.survey import survey_subject
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection
     from homolog_app.window.explore.model_shape import ModelShape
 
-__all__ = ["shown_again"]
+__all__ = ["view_contents_of"]
 
 
-def shown_again(project: ProjectFolder, wanted: Snapshot, tick: Tick) -> Shown:
+def view_contents_of(project: ProjectFolder, wanted: Snapshot, tick: Tick) -> ViewContents:
     """Return what the views showed.
 
     Parameters
@@ -52,7 +52,7 @@ def shown_again(project: ProjectFolder, wanted: Snapshot, tick: Tick) -> Shown:
             models = _models(project, _needed(project, loaded), wanted, part_of(tick, 0.1, 0.8))
             _check(view.subject in ("", *models[0].result.names), f"no subject {view.subject!r}")
             own = _contents(project, loaded, wanted, tick, view.subject) if view.subject else []
-            return mode_scene(view, models, shown_alone(own[0]) if own else None)
+            return mode_scene(view, models, single_subject(own[0]) if own else None)
         case GroupsView() as view:
             return _groups(project, _needed(project, loaded), wanted, view, tick)
         case MeasureView() as view:
@@ -63,14 +63,16 @@ def shown_again(project: ProjectFolder, wanted: Snapshot, tick: Tick) -> Shown:
             for name in filter(None, (view.subject, view.beside)):
                 _check(name in models[0].result.names, f"no subject {name!r}")
                 (content,) = _contents(project, loaded, wanted, tick, name)
-                named[name] = shown_alone(content)
+                named[name] = single_subject(content)
             return measured_scene(view, models[0], named)
         case CheckView() as view:
             contents = _contents(project, loaded, wanted, tick)
             shown = _checked(project, _needed(project, loaded), view, contents, part_of(tick, 0.2, 0.9))
             return shown if shown.particles is not None else _with_particles(shown, loaded, None)
         case view:
-            return _with_particles(Shown(_contents(project, loaded, wanted, tick)), loaded, view.moment)
+            return _with_particles(
+                ViewContents(_contents(project, loaded, wanted, tick)), loaded, view.moment
+            )
 
 
 def _check(fine: bool, fault: str) -> None:
@@ -78,14 +80,14 @@ def _check(fine: bool, fault: str) -> None:
         raise InputError(f"--view: {fault}")
 
 
-def _needed(project: ProjectFolder, loaded: Loaded | None) -> Loaded:
+def _needed(project: ProjectFolder, loaded: LoadedResult | None) -> LoadedResult:
     if loaded is None:
         raise InputError(f"{project.folder}: has no result yet; run it first")
     return loaded
 
 
 def _contents(
-    project: ProjectFolder, loaded: Loaded | None, wanted: Snapshot, tick: Tick, name: str = ""
+    project: ProjectFolder, loaded: LoadedResult | None, wanted: Snapshot, tick: Tick, name: str = ""
 ) -> list[Content]:
     """Return the contents of all subjects, or of one."""
     cohort, settings = project.cohort(), project.read().settings
@@ -102,7 +104,7 @@ def _contents(
     return subject_contents(subjects, surveys, groomed, loaded)
 
 
-def _with_particles(shown: Shown, loaded: Loaded | None, moment: int | None) -> Shown:
+def _with_particles(shown: ViewContents, loaded: LoadedResult | None, moment: int | None) -> ViewContents:
     """Return the subjects with their particles, at the end of the run or at a moment of it."""
     if loaded is None:
         return replace(shown, particles={})
@@ -113,7 +115,7 @@ def _with_particles(shown: Shown, loaded: Loaded | None, moment: int | None) -> 
     return replace(shown, particles=particles, tints=tints)
 
 
-def _models(project: ProjectFolder, loaded: Loaded, wanted: Snapshot, tick: Tick) -> "list[ModelShape]":
+def _models(project: ProjectFolder, loaded: LoadedResult, wanted: Snapshot, tick: Tick) -> "list[ModelShape]":
     from homolog_app.window.explore.model_shape import facing, fit_model_shape, read_model_shape
 
     title = wanted.title or project.folder.name
@@ -125,7 +127,9 @@ def _models(project: ProjectFolder, loaded: Loaded, wanted: Snapshot, tick: Tick
     return models
 
 
-def _groups(project: ProjectFolder, loaded: Loaded, wanted: Snapshot, view: GroupsView, tick: Tick) -> Shown:
+def _groups(
+    project: ProjectFolder, loaded: LoadedResult, wanted: Snapshot, view: GroupsView, tick: Tick
+) -> ViewContents:
     from homolog_app.window.explore.group_answer import answer_groups
 
     models = _models(project, loaded, wanted, part_of(tick, 0.1, 0.5))
@@ -142,8 +146,8 @@ def _groups(project: ProjectFolder, loaded: Loaded, wanted: Snapshot, view: Grou
 
 
 def _checked(
-    project: ProjectFolder, loaded: Loaded, view: CheckView, contents: list[Content], tick: Tick
-) -> Shown:
+    project: ProjectFolder, loaded: LoadedResult, view: CheckView, contents: list[Content], tick: Tick
+) -> ViewContents:
     from homolog.inspection import inspect
     from homolog_app.window.explore.check_work import distances_on, energies_of, textures_of
 

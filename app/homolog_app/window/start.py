@@ -16,12 +16,12 @@ from PySide6.QtGui import QSurfaceFormat
 from PySide6.QtWidgets import QApplication
 
 from homolog_app.cli.progress import handling
-from homolog_app.window.desk import Desk
 from homolog_app.window.icons import application_icon
 from homolog_app.window.log_pane import LogMemory
 from homolog_app.window.main_window import MainWindow
 from homolog_app.window.preferences import Preferences
 from homolog_app.window.theme import Theme
+from homolog_app.window.workspace import Workspace
 
 __all__ = ["interrupt_closes", "make_application", "make_window", "start"]
 
@@ -41,11 +41,11 @@ def start(paths: list[str]) -> int:
     window.show()
 
     def go_on() -> None:
-        window.desk.sweeper.settle()
+        window.workspace.garbage_collector.settle()
         if paths:
-            window.library.take([Path(path).resolve() for path in paths])
+            window.projects.open_paths([Path(path).resolve() for path in paths])
         else:
-            window.library.offer_recovery()
+            window.projects.offer_recovery()
 
     window.views_ready.connect(go_on)
     _load_views_soon(window)
@@ -77,7 +77,7 @@ def make_window(app: QApplication, home: Path) -> MainWindow:
     for name in ("homolog", "homolog_app"):
         logging.getLogger(name).setLevel(logging.INFO)
     theme = Theme(app, Preferences(home / "preferences.ini").scheme)
-    window = MainWindow(Desk(home, theme, memory))
+    window = MainWindow(Workspace(home, theme, memory))
     window.destroyed.connect(lambda: root.removeHandler(memory))
     return window
 
@@ -141,7 +141,7 @@ def _catch_exceptions(window: MainWindow) -> None:
 
     def show(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
         _log.critical("unexpected error", exc_info=(kind, error, trace))
-        window.helping.show_error("", error)
+        window.help.show_error("", error)
 
     def note(args: threading.ExceptHookArgs) -> None:
         _log.critical("unexpected error in %s: %s", args.thread, args.exc_value)

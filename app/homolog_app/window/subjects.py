@@ -11,12 +11,12 @@ from homolog.cohort import Subject
 from homolog.settings import GroomSettings
 from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.colours import colours_by_place
-from homolog_app.window.loaded import Loaded
+from homolog_app.window.loaded_result import LoadedResult
 from homolog_app.window.scene.content import Content
 
 if TYPE_CHECKING:
     from homolog.grooming import GroomedSubject
-    from homolog_app.window.survey import Survey
+    from homolog_app.window.file_survey import FileSurvey
 
 __all__ = ["Groomed", "moment_of", "subject_contents"]
 
@@ -30,7 +30,7 @@ class Groomed:
     settings: GroomSettings
 
 
-def moment_of(loaded: Loaded, index: int) -> tuple[dict[str, FloatArray], Array]:
+def moment_of(loaded: LoadedResult, index: int) -> tuple[dict[str, FloatArray], Array]:
     """Return the particles (N, 3) [mm] of each subject at a stored moment of the run, and their colours.
 
     All moments with as many particles have the same colours: those of the last one of them.
@@ -45,9 +45,9 @@ def moment_of(loaded: Loaded, index: int) -> tuple[dict[str, FloatArray], Array]
 
 def subject_contents(
     subjects: Sequence[Subject],
-    surveys: "Mapping[str, Survey]",
+    surveys: "Mapping[str, FileSurvey]",
     groomed: Mapping[str, Groomed],
-    result: Loaded | None,
+    result: LoadedResult | None,
 ) -> list[Content]:
     """Return what can be seen of each subject.
 

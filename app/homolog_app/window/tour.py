@@ -32,8 +32,8 @@ class Tour(QObject):
         self.card.back.clicked.connect(lambda: self.show_stop(self._at - 1))
         self.card.go_on.clicked.connect(lambda: self.show_stop(self._at + 1))
         self.card.end.clicked.connect(self.card.hide)
-        self.card.offer.clicked.connect(self._take_offer)
-        window.desk.work.changed.connect(self._refresh)
+        self.card.offer.clicked.connect(self._accept_offer)
+        window.workspace.work.changed.connect(self._refresh)
         offers = {stop.offer for sample in (BEANS, HEARTS) for stop in sample.stops if stop.offer}
         for offer in sorted(offers):
             window.commands[offer].changed.connect(self._refresh)
@@ -49,17 +49,17 @@ class Tour(QObject):
     def open_sample(self, sample: Sample) -> None:
         """Make a sample study, list its subjects and begin the tour."""
         window = self._window
-        if window.library.may_leave():
-            window.library.begin()
-            folder = window.desk.home / "samples" / sample.name
-            window.desk.work.make_sample(sample, folder, partial(self._take_sample, sample))
+        if window.projects.may_leave():
+            window.projects.begin()
+            folder = window.workspace.home / "samples" / sample.name
+            window.workspace.work.make_sample(sample, folder, partial(self._accept_sample, sample))
 
-    def _take_sample(self, sample: Sample, folder: Path) -> None:
+    def _accept_sample(self, sample: Sample, folder: Path) -> None:
         window, self._sample = self._window, sample
-        window.library.take([folder])
-        settings = window.desk.session.study.settings
-        window.desk.edit_settings("groom", "alignment", sample.groom_settings(settings.groom))
-        window.desk.edit_settings(
+        window.projects.open_paths([folder])
+        settings = window.workspace.session.study.settings
+        window.workspace.edit_settings("groom", "alignment", sample.groom_settings(settings.groom))
+        window.workspace.edit_settings(
             "optimize", "particles", settings.optimize.model_copy(update=sample.optimize)
         )
         self.show_stop(0)
@@ -83,7 +83,7 @@ class Tour(QObject):
     def _stops(self) -> tuple[Stop, ...]:
         return self._sample.stops
 
-    def _take_offer(self) -> None:
+    def _accept_offer(self) -> None:
         self._window.commands[self._stops[self._at].offer].trigger()
 
     def _refresh(self) -> None:
@@ -91,8 +91,8 @@ class Tour(QObject):
             return
         stop = self._stops[self._at]
         offer = self._window.commands[stop.offer] if stop.offer else None
-        last, work = self._at + 1 == len(self._stops), self._window.desk.work
-        carried_out = steps_of(self._window.desk.session, work)[stop.step].done and not work.is_busy
+        last, work = self._at + 1 == len(self._stops), self._window.workspace.work
+        carried_out = steps_of(self._window.workspace.session, work)[stop.step].done and not work.is_busy
         done = last or offer is None or carried_out
         self.card.show_stop(stop, f"{self._at + 1} of {len(self._stops)}", self._at > 0, done, last)
         if offer is not None:

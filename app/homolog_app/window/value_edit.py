@@ -32,7 +32,7 @@ class ValueEdit(QLineEdit):
         self.setToolTip(f"Type a number from {signed(low, 0)} to {signed(high, 0)}")
         self.setAlignment(Qt.AlignmentFlag.AlignRight)
         self.setFixedWidth(64)
-        self.editingFinished.connect(self._take)
+        self.editingFinished.connect(self._receive)
 
     def show_value(self, value: float) -> None:
         """Show a value; `entered` does not follow."""
@@ -48,7 +48,7 @@ class ValueEdit(QLineEdit):
             super().keyPressEvent(event)
 
     @Slot()
-    def _take(self) -> None:
+    def _receive(self) -> None:
         if self.text() == signed(self._value):
             return
         try:

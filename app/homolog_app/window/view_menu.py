@@ -25,9 +25,9 @@ def view_menu(window: "MainWindow", name: str) -> QMenu:
         Of the subject or shape that the view shows; nothing if it shows none.
     """
     menu, views = QMenu(window), window.views
-    subjects = {member.name for member in window.desk.session.study.included}
+    subjects = {member.name for member in window.workspace.session.study.included}
     if name in subjects and views is not None:
-        menu.addAction(f"Select {name.replace('&', '&&')}", lambda: window.desk.session.select([name]))
+        menu.addAction(f"Select {name.replace('&', '&&')}", lambda: window.workspace.session.select([name]))
         only = menu.addAction("Show only this subject", lambda: views.show_only(name))
         only.setEnabled(not views.shows_model)
         menu.addSeparator()

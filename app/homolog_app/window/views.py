@@ -13,14 +13,14 @@ from homolog.arrays import FloatArray
 from homolog.geometry import inverse_matrices, transform_points
 from homolog_app.rendering.colours import ColourScale
 from homolog_app.window.availability import LAYOUTS
-from homolog_app.window.explore.chosen import ColouredView, Snapshot, SubjectsView
-from homolog_app.window.loaded import Loaded
+from homolog_app.window.explore.view_states import ColouredView, Snapshot, SubjectsView
+from homolog_app.window.loaded_result import LoadedResult
 from homolog_app.window.range_dialog import RangeDialog
 from homolog_app.window.run_particles import RunParticles
 from homolog_app.window.scene.cameras import VIEWS
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.scene.picking import Pick
-from homolog_app.window.slices.scans import Scans, sliced_subject
+from homolog_app.window.slices.controller import ScanController, sliced_subject
 from homolog_app.window.study_files import ViewRecord
 from homolog_app.window.subjects import Groomed, subject_contents
 from homolog_app.window.view_menu import view_menu
@@ -39,17 +39,17 @@ class Views(QObject):
     def __init__(self, window: "MainWindow", stage: "Stage") -> None:
         super().__init__(window)
         self._window, self.stage = window, stage
-        self._session, self._work = window.desk.session, window.desk.work
+        self._session, self._work = window.workspace.session, window.workspace.work
         self._shown: list[object] = []
         self.subjects: list[Content] = []
         self.run = RunParticles(self._window, stage)
         self._explore = window.inspector.explore
-        self._result: Loaded | None = None
+        self._result: LoadedResult | None = None
         stage.bar.opacity_changed.connect(lambda value: stage.scene.switch(opacity=value))
         stage.clip.changed.connect(self._cut)
         stage.scene.bar.clicked.connect(lambda: window.commands["view.range"].trigger())
         self.run.moved.connect(self._show_run)
-        stage.scene.page_changed.connect(self._tell_page)
+        stage.scene.page_changed.connect(self._update_page)
         for signal in (self._session.study_changed, self._session.facts_changed):
             signal.connect(self.refresh)
         for signal in (self._explore.shown_changed, self._explore.page_changed, window.step_changed):
@@ -57,7 +57,7 @@ class Views(QObject):
         for page in self._explore.pages:
             page.place_wanted.connect(stage.scene.go_to)
             page.place_wanted.connect(self._point_slices)
-        self.scans = Scans(window)
+        self.scans = ScanController(window)
         stage.slices.scan_wanted.connect(self.scans.choose)
         stage.slices.beside.toggled.connect(self._switch_slices)
         stage.scene.picker.picked.connect(self._hand_over_pick)
@@ -188,7 +188,7 @@ class Views(QObject):
         """Show other subjects."""
         if self.shows_slices:
             self._session.select([self._session.study.included[self.sliced + step].name])
-            self._tell_page()
+            self._update_page()
         else:
             self.stage.scene.turn_page(step)
 
@@ -208,14 +208,14 @@ class Views(QObject):
         """Return a record with how the views are looked at now."""
         return view.of_canvas(self.stage.scene.canvas)
 
-    def look_as(self, view: ViewRecord) -> None:
+    def restore_view(self, view: ViewRecord) -> None:
         """Look from where a record says, at whole shapes, with its opacity, letters and scale bar."""
         for name, shown in (("letters", view.letters), ("scale_bar", view.scale_bar)):
             if self._window.commands[f"view.{name}"].isChecked() is not shown:
                 self._window.commands[f"view.{name}"].trigger()
         self.stage.bar.opacity.setValue(round(100.0 * view.opacity))
         if view.camera is not None:
-            self.stage.scene.look_from(view.camera)
+            self.stage.scene.set_camera(view.camera)
 
     def choose_layout(self, count: int) -> None:
         """Show so many subjects a page, or so many shapes of the model."""
@@ -240,7 +240,7 @@ class Views(QObject):
         if len(key) != len(self._shown) or any(a is not b for a, b in zip(key, self._shown, strict=True)):
             new_result, former = session.result is not self._result, self._result
             self._result = session.result
-            had_smooth = any(isinstance(content, Groomed | Loaded) for content in self._shown)
+            had_smooth = any(isinstance(content, Groomed | LoadedResult) for content in self._shown)
             smooth = bool(session.groomed or session.result)
             if smooth is not had_smooth:  # there must be something to see, and not the input behind it
                 self._window.commands["view.raw"].setChecked(not smooth)
@@ -250,7 +250,7 @@ class Views(QObject):
                 session.study.included, session.surveys, session.groomed, session.result
             )
             if new_result:
-                self.run.take_result()
+                self.run.set_result()
             self._display()
             same_run = former and session.result and former.record is session.result.record
             if new_result and session.result is not None and not same_run:
@@ -277,7 +277,7 @@ class Views(QObject):
     def _display(self) -> None:
         """Show the subjects, or what the open page of Explore makes of them."""
         page = self._page
-        shown = page.shown(self.subjects) if page is not None else Shown(self.subjects)
+        shown = page.shown(self.subjects) if page is not None else ViewContents(self.subjects)
         if shown.particles is None:
             tints = self.run.tints if shown.tints is None else shown.tints
             shown = replace(shown, particles=self.run.particles, tints=tints)
@@ -290,9 +290,9 @@ class Views(QObject):
         self._explore.fitted.draw_ms = self.stage.scene.draw_ms
         if self.shows_slices:
             self._show_slices()
-        self._tell_layout()
+        self._update_layout()
 
-    def _tell_layout(self) -> None:
+    def _update_layout(self) -> None:
         """Press the button of the present number of views; those that the page lacks can't be pressed."""
         page = self._page
         offered = page.layouts if page is not None else None
@@ -314,7 +314,7 @@ class Views(QObject):
     def _hand_over_pick(self, pick: Pick) -> None:
         """Let the open page of Explore answer a click."""
         if self._page is not None:
-            self._page.take_pick(pick)
+            self._page.handle_pick(pick)
         self._point_slices(pick.name, pick.place)
 
     @Slot(str, object, object)
@@ -356,7 +356,7 @@ class Views(QObject):
             self.stage.scene.show_name(self._session.selection[0])
         if self.shows_slices:
             self._show_slices()
-            self._tell_page()
+            self._update_page()
 
     def _switch(self, name: str) -> None:
         """Show or hide surfaces or particles; where slices are seen, leave them for what is asked for."""
@@ -378,7 +378,7 @@ class Views(QObject):
         self._cut()
         self.stage.bar.opacity.setEnabled(not self.hides_views)
         self.refresh()
-        self._tell_page()
+        self._update_page()
 
     def _show_slices(self) -> None:
         if not self._session.study.included:
@@ -388,7 +388,7 @@ class Views(QObject):
         self.stage.slices.show_subject(patient or sliced_subject(self._session, name))
 
     @Slot()
-    def _tell_page(self) -> None:
+    def _update_page(self) -> None:
         scene, total = self.stage.scene, len(self._session.study.included)
         if self.shows_slices:
             self.stage.footer.show_page(self.sliced + 1, self.sliced + 1, total)

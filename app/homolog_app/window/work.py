@@ -23,9 +23,9 @@ from homolog_app.window.jobs import (
     prepare,
     read_files,
 )
-from homolog_app.window.loaded import Loaded, load_result
+from homolog_app.window.loaded_result import LoadedResult, load_result
 from homolog_app.window.preliminary import PreliminaryModel
-from homolog_app.window.runner import Ended, Runner, Status, Task
+from homolog_app.window.runner import JobOutcome, Runner, Status, Task
 from homolog_app.window.samples import Sample
 from homolog_app.window.session import Session
 from homolog_app.window.subjects import Groomed
@@ -33,7 +33,7 @@ from homolog_app.window.subjects import Groomed
 if TYPE_CHECKING:
     from homolog.arrays import FloatArray
     from homolog.grooming import GroomedSubject
-    from homolog_app.window.survey import Survey
+    from homolog_app.window.file_survey import FileSurvey
 
     GroomedCohort = tuple[list[GroomedSubject], FloatArray]
 
@@ -70,7 +70,7 @@ class Work(QObject):
         self._then: Callable[[Any], object] | None = None
         self._generation = 0
         self._next: _Order | None = None
-        self._arrived: SimpleQueue[Survey] = SimpleQueue()
+        self._arrived: SimpleQueue[FileSurvey] = SimpleQueue()
         self._prepared = False
         self._told: tuple[object, ...] = ()
         self.to_restore: ProjectFolder | None = None
@@ -84,7 +84,7 @@ class Work(QObject):
         return self.kind not in ("", *_BACKGROUND) or self._next is not None
 
     @property
-    def is_keeping(self) -> bool:
+    def is_saving(self) -> bool:
         """Whether a result is being written, or is about to be."""
         return self.kind == "keep" or (self._next is not None and self._next[0] == "keep")
 
@@ -124,7 +124,7 @@ class Work(QObject):
         elif not self._prepared:
             self.compute("prepare", prepare, "preparing compute kernels", self._prepare_ended)
 
-    def look_for_groomed(self, project: ProjectFolder) -> None:
+    def restore_groomed(self, project: ProjectFolder) -> None:
         """Show what a project keeps of its grooming once its files are read, if it is still good for them."""
         self.to_restore = project
 
@@ -137,7 +137,7 @@ class Work(QObject):
         def take(groomed: "GroomedCohort | None") -> None:
             self.to_restore = None
             if groomed is not None:
-                self._take_groomed(groomed, settings.groom)
+                self._receive_groomed(groomed, settings.groom)
                 _log.info("%d subjects are already groomed", len(cohort.subjects))
 
         self.compute("restore", look, "looking for groomed shapes", take)
@@ -147,12 +147,12 @@ class Work(QObject):
         settings = self._session.study.settings
 
         def take(groomed: "GroomedCohort") -> None:
-            self._take_groomed(groomed, settings.groom)
+            self._receive_groomed(groomed, settings.groom)
             _log.info("groomed %d subjects", len(cohort.subjects))
 
         self.compute("groom", lambda tick: groom(cohort, settings, project, tick), "grooming", take)
 
-    def _take_groomed(self, groomed: "GroomedCohort", settings: GroomSettings) -> None:
+    def _receive_groomed(self, groomed: "GroomedCohort", settings: GroomSettings) -> None:
         self._session.groomed |= {
             item.name: Groomed(item, alignment, settings) for item, alignment in zip(*groomed, strict=True)
         }
@@ -187,13 +187,13 @@ class Work(QObject):
             from_result=from_result,
             title=self._session.title,
         )
-        self.compute("run", job, "", self._take_result)
+        self.compute("run", job, "", self._receive_result)
 
     def keep(self) -> None:
         """Make the particles of the run that was cancelled last the result."""
         job = self.cancelled_run
         if job is not None:
-            self.compute("keep", job.keep, "keeping the particles", self._take_result)
+            self.compute("keep", job.keep, "keeping the particles", self._receive_result)
 
     def compute(
         self, kind: str, work: RunJob | Callable[[Tick], _T], message: str, take: Callable[[_T], object]
@@ -229,8 +229,8 @@ class Work(QObject):
     def open_result(self, project: ProjectFolder, then: Callable[[], None]) -> None:
         """Read the result of a project, then do something."""
 
-        def take(loaded: Loaded) -> None:
-            self._take_result(loaded)
+        def take(loaded: LoadedResult) -> None:
+            self._receive_result(loaded)
             then()
 
         self.compute("open", lambda tick: load_result(project), "reading the result", take)
@@ -262,7 +262,7 @@ class Work(QObject):
         self.awaits_result = False
         self.runner.cancel()
 
-    def pause_or_go_on(self) -> None:
+    def toggle_pause(self) -> None:
         """Hold the run, or let it go on."""
         if self.run_job is not None:
             self.run_job.set_paused(not self.run_job.status.paused)
@@ -279,13 +279,13 @@ class Work(QObject):
         self._told = state
 
     @Slot(object)
-    def _ended(self, ended: Ended) -> None:
+    def _ended(self, ended: JobOutcome) -> None:
         self._drain()
         kind, self.kind, self.status = self.kind, "", None
         take, self._then = self._then, None
         if self._generation != self._session.generation and kind not in _BACKGROUND:
             take = self.cancelled_run = None
-            ended = Ended(ended.job, cancelled=True)
+            ended = JobOutcome(ended.job, cancelled=True)
         self.background.emit("")
         self._prepared |= kind == "prepare" and not ended.cancelled
         if ended.error is not None:
@@ -310,7 +310,7 @@ class Work(QObject):
 
     def _drain(self) -> None:
         """Put what was read into the session; bad files are left out until the user ticks them again."""
-        arrived: list[Survey] = []
+        arrived: list[FileSurvey] = []
         while not self._arrived.empty():
             arrived.append(self._arrived.get())
         if not arrived:
@@ -356,11 +356,11 @@ class Work(QObject):
     def _prepare_ended(self, devices: Devices) -> None:
         self.devices_known.emit(devices)
 
-    def _take_result(self, loaded: Loaded | None) -> None:
+    def _receive_result(self, loaded: LoadedResult | None) -> None:
         self.cancelled_run = None
         self.awaits_result = False
         if loaded is None:
             _log.warning("too few particles to keep")
             return
         _log.info("%s", loaded.summary)
-        self._session.take_result(loaded, "Place particles")
+        self._session.set_result(loaded, "Place particles")

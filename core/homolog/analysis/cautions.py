@@ -11,7 +11,7 @@ from homolog.arrays import IntArray
 if TYPE_CHECKING:
     from homolog.analysis.comparison import Comparison, Remainder
 
-__all__ = ["LEVEL", "cautions_of", "dispersion_caution", "outlier_caution", "p_words", "size_caution"]
+__all__ = ["LEVEL", "cautions_of", "dispersion_caution", "outlier_caution", "p_text", "size_caution"]
 
 LEVEL = 0.05
 """Corrected p-values up to this are called significant."""
@@ -50,7 +50,7 @@ def dispersion_caution(dispersion: Dispersion | None, counts: Mapping[str, int])
     uneven = _unlike(numbers)
     if dispersion.p > LEVEL and not (uneven and dispersion.ratio >= _UNLIKE):
         return ""
-    p = p_words(dispersion.p, dispersion.permutations)
+    p = p_text(dispersion.p, dispersion.permutations)
     if not numbers:
         return (
             f"how far subjects scatter changes with the variable (test of dispersion {p}). The permutation "
@@ -70,9 +70,9 @@ def size_caution(skewness: SizeSkewness | None, counts: Mapping[str, int]) -> st
     """Return a caution if skewness of sizes or shapes matters for the test of size; empty otherwise."""
     if skewness is None or min(skewness.p, skewness.shape_p) > LEVEL:
         return ""
-    skewed = f"sizes are skewed (skewness {skewness.value:.1f}, {p_words(skewness.p)})"
+    skewed = f"sizes are skewed (skewness {skewness.value:.1f}, {p_text(skewness.p)})"
     if skewness.p > LEVEL:
-        skewed = f"shapes are skewed ({p_words(skewness.shape_p)}), which sizes may be too,"
+        skewed = f"shapes are skewed ({p_text(skewness.shape_p)}), which sizes may be too,"
     if not skewness.deviations:
         return f"differences of {skewed}. The test of size assumes symmetric differences without an effect."
     unlike = [
@@ -106,7 +106,7 @@ def outlier_caution(
     if without is not None:
         far = without.distance
         effect = "" if far is None else f"D = {far.value:.2f} (95 % CI {far.low:.2f} to {far.high:.2f}), "
-        p = p_words(without.p, without.permutations)
+        p = p_text(without.p, without.permutations)
         pronoun = "it" if len(outliers) == 1 else "them"
         rest = f" Without {pronoun}, the whole shape has {effect}{p}, not corrected."
     return (
@@ -116,7 +116,7 @@ def outlier_caution(
     )
 
 
-def p_words(p: float, permutations: int | None = None) -> str:
+def p_text(p: float, permutations: int | None = None) -> str:
     """Return a p-value as papers print it, such as ``"p = 0.034"`` or ``"p < 0.001"``.
 
     Parameters

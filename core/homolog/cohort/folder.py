@@ -220,7 +220,7 @@ def _are_subjects(by_folder: Mapping[Path, _Files]) -> bool:
 
     Where files are numbered and folders are not, the files are the subjects.
     """
-    if _say_what_is_in_them(by_folder):
+    if _describe_contents(by_folder):
         return False
     counts = Counter(name.casefold() for files in by_folder.values() for name in files)
     numbered = [bool(re.search(r"\d", name)) for name in counts]
@@ -229,7 +229,7 @@ def _are_subjects(by_folder: Mapping[Path, _Files]) -> bool:
     return len(by_folder) > 1 and max(counts.values()) * 2 > len(by_folder)
 
 
-def _say_what_is_in_them(folders: Iterable[Path]) -> bool:
+def _describe_contents(folders: Iterable[Path]) -> bool:
     kinds = (_LABEL_FOLDER, _IMAGE_FOLDER, _MESH_FOLDER)
     return any(kind.fullmatch(item.name) for item in folders for kind in kinds)
 
@@ -255,7 +255,7 @@ def _of_groups(folder: Path, by_folder: Mapping[Path, _Files]) -> Cohort:
         for owner in {numbered_part(name.casefold()) or name.casefold() for name in files}
     )
     mixed = max(names.values()) > 1 or any(re.search(r"\d", item.name) for item in by_folder)
-    if mixed or _say_what_is_in_them(by_folder):
+    if mixed or _describe_contents(by_folder):
         counts = _listed(
             [f"{item.name} ({len(files)})" for item, files in by_folder.items() if len(files) > 1]
         )

@@ -34,7 +34,7 @@ def place_of(path: str, folder: Path) -> Path | None:
     literal = folder / path.replace("\\", "/")  # a file may be called a%20b
     if os.path.exists(literal):  # which never raises
         return literal
-    if not _is_whole(plain) or os.path.exists(place):
+    if not _is_integer(plain) or os.path.exists(place):
         return place
     parts = [part for part in PureWindowsPath(plain).parts[1:] if part != "."]
     if ".." in parts:
@@ -46,8 +46,8 @@ def place_of(path: str, folder: Path) -> Path | None:
 def leads_out(path: str) -> bool:
     """Return whether a path leads out of the project's folder, or to another machine."""
     plain = path.replace("\\", "/")
-    return _is_whole(plain) or ".." in PurePosixPath(plain).parts
+    return _is_integer(plain) or ".." in PurePosixPath(plain).parts
 
 
-def _is_whole(plain: str) -> bool:
+def _is_integer(plain: str) -> bool:
     return plain.startswith("/") or bool(PureWindowsPath(plain).drive)

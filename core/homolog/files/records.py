@@ -105,7 +105,7 @@ class ResultRecord(_Record):
         return [_summary(noted) for noted in kinds.values()]
 
     @property
-    def mirrored_words(self) -> str:
+    def mirrored_text(self) -> str:
         """Who was mirrored: "3 left subjects were mirrored to right"; empty if nobody was."""
         who = [subject for subject in self.subjects if subject.is_mirrored]
         if not who:
@@ -117,7 +117,7 @@ class ResultRecord(_Record):
         return f"{len(who)} {subjects} {'was' if len(who) == 1 else 'were'} mirrored{target}"
 
     @property
-    def surface_words(self) -> str:
+    def surface_text(self) -> str:
         """How the mean surface follows the particles."""
         text = f"{self.folded_faces} folded faces on the mean"
         if self.smoothed_particles:

@@ -181,14 +181,16 @@ def structures_of(subject: Subject) -> list[Found]:
     if subject.is_mesh:
         return []
     if masks := masks_of(subject):
-        return [structure for name, path in masks.items() if (structure := _found_in(name, path)) is not None]
+        return [
+            structure for name, path in masks.items() if (structure := _structure_in(name, path)) is not None
+        ]
     return [
         Found(extent.segment.name, extent.segment.value, extent.volume / 1000.0, extent.at_border)
         for extent in read_volume(subject.path).with_names().extents()
     ]
 
 
-def _found_in(name: str, path: Path) -> Found | None:
+def _structure_in(name: str, path: Path) -> Found | None:
     """Return the structure of a file of its own; None if it is empty."""
     if Subject(name, path).is_mesh:
         return Found(name, None, abs(read_mesh(path).volume) / 1000.0)

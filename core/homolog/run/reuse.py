@@ -39,7 +39,7 @@ def is_result_of(project: ProjectFolder, cohort: Cohort, settings: RunSettings, 
     """
     record = project.read()
     result = record.result
-    if result is None or record.unfinished or not _was_asked_for(result, cohort, settings):
+    if result is None or record.unfinished or not _matches_request(result, cohort, settings):
         return False
     for index, subject in enumerate(cohort.subjects):
         tick(index / len(cohort.subjects), f"comparing {subject.name} with the result")
@@ -52,7 +52,7 @@ def is_result_of(project: ProjectFolder, cohort: Cohort, settings: RunSettings, 
     return True
 
 
-def _was_asked_for(result: ResultRecord, cohort: Cohort, settings: RunSettings) -> bool:
+def _matches_request(result: ResultRecord, cohort: Cohort, settings: RunSettings) -> bool:
     """Return whether a result ended well, and is of these names, sides and settings."""
     own = result.settings
     return (

@@ -22,7 +22,7 @@ def keep_checking(
     """Exchange two particles of the open result, and keep pictures of finding and looking into that."""
     from homolog_app.window.explore.check_page import CheckPage
 
-    session, work, order = window.desk.session, window.desk.work, window.commands
+    session, work, order = window.workspace.session, window.workspace.work, window.commands
     loaded = session.result
     assert loaded is not None
     session.written = replace(loaded, result=_exchanged(loaded.result))

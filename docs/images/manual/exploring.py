@@ -16,7 +16,7 @@ def keep_exploring(
     """Keep a picture of each of the three pages; the result of the coffee beans is open."""
     from homolog.beans.generate import draw_beans
 
-    order, session, explore = window.commands, window.desk.session, window.inspector.explore
+    order, session, explore = window.commands, window.workspace.session, window.inspector.explore
     names = [one.name for one in session.study.members]
     beans = dict(zip(names, draw_beans(len(names)), strict=True))
     for group, side in (("anterior", -1.0), ("posterior", 1.0)):

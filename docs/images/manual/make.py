@@ -31,11 +31,11 @@ def main() -> None:
     app = make_application()
     with tempfile.TemporaryDirectory(prefix="homolog-") as folder:
         window = make_window(app, Path(folder))
-        window.desk.preferences.ask_on_close = False
+        window.workspace.preferences.ask_on_close = False
         window.resize(*SIZE)
         window.show()
 
-        session, work, order = window.desk.session, window.desk.work, window.commands
+        session, work, order = window.workspace.session, window.workspace.work, window.commands
 
         def until(condition: Callable[[], object]) -> None:
             end = time.monotonic() + MOST
@@ -79,16 +79,16 @@ def main() -> None:
         order["view.slice"].trigger()
         keep("slices")
         order["view.slice"].trigger()
-        window.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
+        window.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
         window.show_step("correspond")
         order["run.start"].trigger()
         until(lambda: work.run_job is None or not window.docks.curves.is_empty)
         rest(5.0)
         keep("run")
         until(lambda: not work.is_busy)
-        window.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=512))
+        window.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=512))
         keep("further")
-        window.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
+        window.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
         window.show_step("explore")
         order["explore.modes"].trigger()
         order["view.head"].trigger()
@@ -96,9 +96,9 @@ def main() -> None:
         keep_exploring(window, until, keep)
         keep_checking(window, until, keep)
         keep_exporting(window, until, keep)
-        window.desk.theme.choose("dark")
+        window.workspace.theme.choose("dark")
         keep("dark")
-        window.desk.theme.choose("light")
+        window.workspace.theme.choose("light")
         palette = CommandPalette(window, order)
         palette.query.setText("view")
         palette.show()

@@ -15,7 +15,7 @@ def keep_hearts(
     window: "MainWindow", until: Callable[[Callable[[], object]], None], keep: Callable[[str], None]
 ) -> None:
     """Generate the hearts, keep the tour's first card, place particles, and keep the other pictures."""
-    session, work, order = window.desk.session, window.desk.work, window.commands
+    session, work, order = window.workspace.session, window.workspace.work, window.commands
     order["file.sample_hearts"].trigger()
     until(lambda: len(session.surveys) == 20)
     order["view.grid9"].trigger()
@@ -33,10 +33,10 @@ def keep_scan(
     """Generate some hearts with grey-value scans, groom them and keep the slices."""
     from homolog.samples import make_study, write_study
 
-    session, work, order = window.desk.session, window.desk.work, window.commands
+    session, work, order = window.workspace.session, window.workspace.work, window.commands
     with tempfile.TemporaryDirectory() as folder:
         write_study(Path(folder), make_study("hearts", 4, 5), 5, scans=True)
-        window.library.take([Path(folder)])
+        window.projects.open_paths([Path(folder)])
         until(lambda: len(session.surveys) == 4)
         session.select(["heart_02"])
         window.show_step("groom")
@@ -46,7 +46,7 @@ def keep_scan(
         until(lambda: window.views.stage.slices.reader.read is not None)
         keep("scan")
         order["view.slice"].trigger()
-        window.desk.preferences.ask_on_close = False
+        window.workspace.preferences.ask_on_close = False
         order["file.close"].trigger()
 
 
@@ -83,7 +83,7 @@ def keep_patient(
     from homolog.samples import make_study, write_study
 
     window.commands["explore.patient"].trigger()
-    page, work = window.inspector.explore.page, window.desk.work
+    page, work = window.inspector.explore.page, window.workspace.work
     until(lambda: not work.is_busy)
     page.make_reference()
     until(lambda: page.reference is not None and not work.is_busy)

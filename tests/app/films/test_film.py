@@ -6,7 +6,7 @@ import pytest
 from homolog.errors import InputError
 from homolog_app.films.film import Film
 from homolog_app.films.motion import Motion
-from homolog_app.films.settings import SIGHTS, FilmSettings, PictureSettings, camera_sight, camera_view
+from homolog_app.films.settings import SIGHTS, FilmSettings, PictureSettings, camera_direction, camera_view
 
 SMALL = {"width": 480, "height": 320}
 BARE = {"caption": False, "scale_bar": False, "colours": "plain"}
@@ -130,7 +130,7 @@ def test_directions_stand_around_the_shape_and_turn_with_it(bulging):
 
 
 def test_a_camera_is_a_view_of_its_own(ellipsoid, bulging):
-    sight = camera_sight((0.0, -250.0, 0.0), (0.0, 0.0, 1.0))
+    sight = camera_direction((0.0, -250.0, 0.0), (0.0, 0.0, 1.0))
     assert sight == "camera:0,-1,0,0,0,1"
     settings = PictureSettings(**SMALL)
     own, known = (Film([bulging], [view], settings).draw(1.0) for view in (sight, "anterior"))

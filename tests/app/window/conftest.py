@@ -75,8 +75,8 @@ def make_window(qapp, tmp_path, wait, monkeypatch):
         home = home or tmp_path / "home"
         home.mkdir(exist_ok=True)
         window = make_window(qapp, home)
-        window.desk.preferences.ask_on_close = False
-        window.desk.theme.choose(os.environ.get("HOMOLOG_TEST_SCHEME", "light"))
+        window.workspace.preferences.ask_on_close = False
+        window.workspace.theme.choose(os.environ.get("HOMOLOG_TEST_SCHEME", "light"))
         windows.append(window)
         window.show()
         if views:
@@ -99,9 +99,9 @@ def window(make_window):
 @pytest.fixture
 def beans(window, ellipsoids, wait):
     """Return a window in which four small shapes are listed and read, 32 particles asked for."""
-    window.library.take([ellipsoids])
-    window.desk.edit_settings("optimize", "particles", quick_settings())
-    wait(lambda: len(window.desk.session.surveys) == 4)
+    window.projects.open_paths([ellipsoids])
+    window.workspace.edit_settings("optimize", "particles", quick_settings())
+    wait(lambda: len(window.workspace.session.surveys) == 4)
     return window
 
 
@@ -153,8 +153,8 @@ def finished(ellipsoids, groomed_cache, tmp_path_factory):
 def explored(window, finished, tmp_path, wait):
     """Return the window with a copy of the finished project open."""
     shutil.copytree(finished, tmp_path / "copy")
-    window.library.take([tmp_path / "copy"])
-    wait(lambda: window.desk.session.result is not None and window.step == "explore")
+    window.projects.open_paths([tmp_path / "copy"])
+    wait(lambda: window.workspace.session.result is not None and window.step == "explore")
     return window
 
 
@@ -211,8 +211,8 @@ def explore(window, tmp_path, wait):
 
     def open_page(project, page):
         shutil.copytree(project, tmp_path / project.name)
-        window.library.take([tmp_path / project.name])
-        wait(lambda: window.desk.session.result is not None and window.step == "explore")
+        window.projects.open_paths([tmp_path / project.name])
+        wait(lambda: window.workspace.session.result is not None and window.step == "explore")
         window.commands[f"explore.{page}"].trigger()
         explore = window.inspector.explore
         wait(lambda: explore.fitted.shape is not None)
@@ -224,10 +224,10 @@ def explore(window, tmp_path, wait):
 @pytest.fixture
 def groomed(beans, wait, groomed_cache):
     """Return the window after grooming."""
-    shutil.copytree(groomed_cache, beans.desk.project.groomed)
+    shutil.copytree(groomed_cache, beans.workspace.project.groomed)
     beans.commands["run.groom"].trigger()
-    wait(lambda: not beans.desk.work.is_busy)
-    assert beans.desk.session.is_groomed
+    wait(lambda: not beans.workspace.work.is_busy)
+    assert beans.workspace.session.is_groomed
     return beans
 
 
@@ -253,10 +253,10 @@ def close(qapp):
 @pytest.fixture
 def errors(monkeypatch):
     """Return the list of errors that would have been shown, instead of dialogs that nobody closes."""
-    from homolog_app.window.helping import Helping
+    from homolog_app.window.help_controller import HelpController
 
     shown = []
-    monkeypatch.setattr(Helping, "show_error", lambda _self, kind, error: shown.append((kind, error)))
+    monkeypatch.setattr(HelpController, "show_error", lambda _self, kind, error: shown.append((kind, error)))
     return shown
 
 

@@ -126,7 +126,7 @@ class Walk:
     """Looks at one place of the program after the other and collects what is wrong there."""
 
     def __init__(self, window):
-        self.window, self.theme = window, window.desk.theme
+        self.window, self.theme = window, window.workspace.theme
         self.seen, self.faults = set(), set()
 
     def look(self, where, root):
@@ -294,26 +294,26 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
     from PySide6.QtWidgets import QWidget
 
     from homolog.errors import InputError
-    from homolog_app.window.asking import ask
     from homolog_app.window.commands import COMMANDS
     from homolog_app.window.explore.groups_page import GroupsPage
     from homolog_app.window.explore.measure_page import MeasurePage
     from homolog_app.window.explore.plot_menu import EnlargedPlot
+    from homolog_app.window.questions import ask
 
     def rest():
         wait(lambda: not work.is_busy, seconds=120)
 
-    commands, desk, panels = window.commands, window.desk, window.inspector
-    session, work, scene = desk.session, desk.work, window.views.stage.scene
+    commands, workspace, panels = window.commands, window.workspace, window.inspector
+    session, work, scene = workspace.session, workspace.work, window.views.stage.scene
     window.views.stage.scene.hide()  # drawing it as tall takes long
     look("start", window)
-    window.library.take([two_labels(tmp_path / "two.nrrd")])
+    window.projects.open_paths([two_labels(tmp_path / "two.nrrd")])
     wait(lambda: session.surveys)
     look("labels", panels)
-    window.library.leave()
+    window.projects.leave()
 
     shutil.copytree(bean_project, tmp_path / "beans")
-    window.library.take([tmp_path / "beans"])
+    window.projects.open_paths([tmp_path / "beans"])
     wait(lambda: session.result is not None and window.step == "explore")
     rest()
     walk.seen |= {kind for one in [scene, *scene.findChildren(QWidget)] for kind in type(one).__mro__}
@@ -370,12 +370,12 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
         look(question, page)
 
     order(*(one.id for one in COMMANDS if one.title.endswith("…") or one.menu == "Help"))
-    window.helping.show_error("run", InputError("a.nrrd: is empty; choose another file"))
+    window.help.show_error("run", InputError("a.nrrd: is empty; choose another file"))
     order("view.corner")
     ask(window, "Leave?", "Something is not saved.", ("Save", "Cancel"))
 
     commands["view.correspond"].trigger()
-    desk.edit_settings("optimize", "particles", quick(200))
+    workspace.edit_settings("optimize", "particles", quick(200))
     look("more particles", panels)
     commands["run.more"].trigger()
     wait(lambda: work.run_job is not None and work.run_job.frame is not None)

@@ -53,10 +53,10 @@ def swapped(converged, tmp_path):
 @pytest.fixture
 def checking(window, swapped, errors, wait):
     """Return the window with that project open at the Check page, suspects found."""
-    window.library.take([swapped])
-    wait(lambda: window.desk.session.result is not None and window.step == "explore")
+    window.projects.open_paths([swapped])
+    wait(lambda: window.workspace.session.result is not None and window.step == "explore")
     window.commands["explore.check"].trigger()
-    wait(lambda: page_of(window).checked.inspection is not None and not window.desk.work.is_busy)
+    wait(lambda: page_of(window).checked.inspection is not None and not window.workspace.work.is_busy)
     assert not errors
     return window
 
@@ -68,7 +68,7 @@ def page_of(window):
 
 
 def settled(window, wait):
-    wait(lambda: not window.desk.work.is_busy)
+    wait(lambda: not window.workspace.work.is_busy)
 
 
 def show(window, wait, what):
@@ -83,7 +83,7 @@ def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
     from homolog.files.project import ProjectFolder
     from homolog.files.results import read_result
 
-    page, session = page_of(checking), checking.desk.session
+    page, session = page_of(checking), checking.workspace.session
     first = page.rows.suspects[0]
     assert (first.subject, set(first.particles)) == (SUBJECT, set(PAIR))
     checking.commands["check.next"].trigger()
@@ -117,7 +117,7 @@ def test_a_planted_swap_heads_the_list_and_is_mended_undone_and_kept(
 
 
 def test_all_suspects_are_optimized_again_in_one_step_that_can_be_undone(checking, errors, wait):
-    page, session = page_of(checking), checking.desk.session
+    page, session = page_of(checking), checking.workspace.session
     before, count = session.result, len(page.rows.suspects)
     checking.commands["check.mend_all"].trigger()
     wait(lambda: session.result is not before)
@@ -131,11 +131,11 @@ def test_all_suspects_are_optimized_again_in_one_step_that_can_be_undone(checkin
 
 
 def test_the_close_up_on_a_suspect_stays_when_something_else_is_shown_or_undone(checking, errors, wait):
-    page, session, scene = page_of(checking), checking.desk.session, checking.views.stage.scene
+    page, session, scene = page_of(checking), checking.workspace.session, checking.views.stage.scene
     checking.commands["check.next"].trigger()
     camera = scene.canvas.cameras[0]
     page.look.show_what.setCurrentIndex(page.look.show_what.findData("distances"))
-    wait(lambda: page.look.marks.distances is not None and not checking.desk.work.is_busy)
+    wait(lambda: page.look.marks.distances is not None and not checking.workspace.work.is_busy)
     assert scene.canvas.cameras[0] == camera
     page.look.show_what.setCurrentIndex(page.look.show_what.findData("places"))
     assert scene.canvas.cameras[0] == camera
@@ -155,7 +155,7 @@ def test_particles_that_could_not_be_written_count_as_unsaved(checking, monkeypa
     def fails(*_):
         raise InputError("the disk is full")
 
-    session = checking.desk.session
+    session = checking.workspace.session
     before = session.result
     checking.commands["check.next"].trigger()
     checking.commands["check.mend"].trigger()
@@ -163,21 +163,21 @@ def test_particles_that_could_not_be_written_count_as_unsaved(checking, monkeypa
     settled(checking, wait)
     monkeypatch.setattr("homolog.run.result.write_table", fails)
     checking.commands["file.save"].trigger()
-    assert checking.desk.is_changed  # a window that is closed now would still be asked
+    assert checking.workspace.is_changed  # a window that is closed now would still be asked
     wait(lambda: errors)
     settled(checking, wait)
     assert "disk is full" in str(errors[0][1])
-    assert checking.desk.is_changed
+    assert checking.workspace.is_changed
     assert page_of(checking).keep.isVisible()
 
 
 def test_cancelling_the_search_leaves_it_to_be_asked_for_again(window, swapped, errors, wait):
-    window.library.take([swapped])
-    wait(lambda: window.desk.session.result is not None and window.step == "explore")
+    window.projects.open_paths([swapped])
+    wait(lambda: window.workspace.session.result is not None and window.step == "explore")
     settled(window, wait)
     window.commands["explore.check"].trigger()
     page = page_of(window)
-    wait(lambda: window.desk.work.kind == "check")
+    wait(lambda: window.workspace.work.kind == "check")
     window.commands["run.cancel"].trigger()
     settled(window, wait)
     if page.checked.inspection is None:
@@ -192,14 +192,14 @@ def test_the_scheme_can_change_whatever_number_of_suspects_is_listed(checking, c
     page = page_of(checking)
     page.rows.show_suspects(page.rows.suspects[:count], ["a", "b", "c", "d"])
     for scheme in ("dark", "light"):
-        checking.desk.theme.choose(scheme)  # what Qt warns of would fail the test
+        checking.workspace.theme.choose(scheme)  # what Qt warns of would fail the test
 
 
 def test_a_clicked_particle_is_ringed_on_every_shape_with_its_normals(checking, wait):
     page, scene = page_of(checking), checking.views.stage.scene
     checking.commands["view.front"].trigger()
     scene.picture()
-    world = checking.desk.session.result.result.world
+    world = checking.workspace.session.result.result.world
     nearest = int(world[0][:, 1].argmin())
     renderer = scene.grid.cells[0].renderer
     renderer.SetWorldPoint(*world[0][nearest], 1.0)
@@ -232,7 +232,7 @@ def test_neighbours_are_coloured_by_the_distances_of_their_own_shape(checking, w
     page, scene = page_of(checking), checking.views.stage.scene
     page.look.particle.setValue(7)
     show(checking, wait, "neighbours")
-    names = checking.desk.session.result.result.names
+    names = checking.workspace.session.result.result.names
     places = page.checked.inspection.located
     for m, name in enumerate(names[:4]):
         tints = scene.grid.tints[name]
@@ -257,7 +257,7 @@ def test_distances_along_the_surface_stand_beside_straight_ones_on_one_scale(che
     from homolog_app.window.scene.picking import Pick
 
     place = page.checked.inspection.located.world[0, 30]
-    page.take_pick(Pick(scene.shown[1].name, place, None))
+    page.handle_pick(Pick(scene.shown[1].name, place, None))
     settled(checking, wait)
     again = page.look.marks.distances
     np.testing.assert_array_equal(again.place, place)
@@ -267,11 +267,11 @@ def test_distances_along_the_surface_stand_beside_straight_ones_on_one_scale(che
 def test_the_last_of_several_places_clicked_in_a_row_is_the_one_that_is_measured(checking, wait):
     from homolog_app.window.scene.picking import Pick
 
-    page, names = page_of(checking), checking.desk.session.result.result.names
+    page, names = page_of(checking), checking.workspace.session.result.result.names
     world = page.checked.inspection.located.world
     page.look.show_what.setCurrentIndex(page.look.show_what.findData("distances"))
     for m, particle in ((0, 3), (1, 30), (2, 50)):
-        page.take_pick(Pick(names[m], world[m, particle], particle))
+        page.handle_pick(Pick(names[m], world[m, particle], particle))
     wait(lambda: page.look.marks.distances is not None)
     assert page.look.marks.distances.subject == 2
     np.testing.assert_array_equal(page.look.marks.distances.place, world[2, 50])
@@ -279,7 +279,7 @@ def test_the_last_of_several_places_clicked_in_a_row_is_the_one_that_is_measured
 
 def test_each_part_of_the_energy_colours_the_particles(checking, wait):
     page, scene = page_of(checking), checking.views.stage.scene
-    names = checking.desk.session.result.result.names
+    names = checking.workspace.session.result.result.names
     for part in ("sampling", "ensemble", "normals"):
         show(checking, wait, part)
         wait(lambda: page.look.marks.energies is not None)
@@ -328,7 +328,7 @@ def test_every_control_can_be_reached_by_key_and_has_a_name(checking):
 def test_two_subjects_are_told_to_be_too_few(explored, errors, wait):
     from dataclasses import replace
 
-    session = explored.desk.session
+    session = explored.workspace.session
     settled(explored, wait)
     two = session.result.result
     kept = {name: session.result.surfaces[name] for name in two.names[:2]}

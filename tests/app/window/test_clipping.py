@@ -7,9 +7,9 @@ import pytest
 
 from homolog_app.rendering.camera import Clip
 from homolog_app.rendering.scheme import LIGHT, rgb
-from homolog_app.window.explore.chosen import Snapshot, SubjectsView
+from homolog_app.window.explore.view_states import Snapshot, SubjectsView
 from homolog_app.window.scene.canvas import CameraState
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.scene.offscreen import drawn
 
 pytestmark = pytest.mark.window
@@ -58,11 +58,11 @@ def areas(picture):
 @pytest.mark.parametrize("plane", ["axial", "view"])
 def test_a_hollow_shape_shows_its_wall_where_it_is_cut(beans, plane):
     canvas = beans.views.stage.scene.canvas
-    whole = drawn(Shown([shell()]), from_above(canvas, None))
+    whole = drawn(ViewContents([shell()]), from_above(canvas, None))
     assert areas(whole)[0] == 0.0
-    half = drawn(Shown([shell()]), from_above(canvas, Clip(plane=plane)))
+    half = drawn(ViewContents([shell()]), from_above(canvas, Clip(plane=plane)))
     np.testing.assert_allclose(areas(half), [np.pi * (100 - 36), np.pi * 100], rtol=0.03)
-    below = drawn(Shown([shell()]), from_above(canvas, Clip(plane=plane, flipped=True)))
+    below = drawn(ViewContents([shell()]), from_above(canvas, Clip(plane=plane, flipped=True)))
     assert areas(below)[0] < 2.0  # seen from outside
 
 
@@ -70,7 +70,7 @@ def test_particles_on_the_removed_side_are_not_drawn(beans):
     canvas, content = beans.views.stage.scene.canvas, shell()
     particle = {"shell": np.array([[0.0, 0.0, 10.0]])}
     tints = np.array([[255, 0, 255]], np.uint8)
-    shown = Shown([content], particles=particle, tints=tints)
+    shown = ViewContents([content], particles=particle, tints=tints)
     seen = [
         (
             np.abs(drawn(shown, from_above(canvas, clip))[..., :3].astype(int) - tints[0]).max(axis=2) < 120
@@ -124,7 +124,7 @@ def test_the_cut_surface_is_no_place_of_a_shape(beans, wait):
     from homolog.surfaces.mesh import TriangleMesh
 
     scene.display(
-        Shown([replace(content, groomed=TriangleMesh(solid.vertices[:3482], solid.faces[:half]))], 1)
+        ViewContents([replace(content, groomed=TriangleMesh(solid.vertices[:3482], solid.faces[:half]))], 1)
     )
     scene.look("head")
     picks = []

@@ -42,7 +42,7 @@ def test_a_new_result_is_fitted_again_and_nothing_of_the_old_one_is_shown(explor
     from dataclasses import replace
 
     explore(finished, "modes")
-    session, fitted = window.desk.session, window.inspector.explore.fitted
+    session, fitted = window.workspace.session, window.inspector.explore.fitted
     before = fitted.shape
     session.result = replace(session.result)
     session.facts_changed.emit()
@@ -53,7 +53,7 @@ def test_a_new_result_is_fitted_again_and_nothing_of_the_old_one_is_shown(explor
 
 def test_a_cancelled_fit_is_not_begun_again_until_the_page_is_opened_again(explore, finished, window, wait):
     explore(finished, "modes")
-    session, work = window.desk.session, window.desk.work
+    session, work = window.workspace.session, window.workspace.work
     from dataclasses import replace
 
     session.result = replace(session.result)

@@ -88,7 +88,7 @@ def test_the_report_is_written_into_the_project_which_is_held_again_after(explor
     explored.commands["export.report"].trigger()
     (report,) = explored.findChildren(ExportDialog)
     assert export(report, wait) == "done", report.note.text()
-    folder = explored.desk.project.folder
+    folder = explored.workspace.project.folder
     assert (folder / "report" / "report.html").is_file()
     words = [sys.executable, "-m", "homolog_app", "report", str(folder)]
     refused = subprocess.run(words, capture_output=True, text=True, check=False)
@@ -145,7 +145,7 @@ def test_the_menu_opens_each_export_with_the_project_and_its_groups(explored):
     opened = explored.findChildren(ExportDialog)
     assert [one.kind.name for one in opened] == list(KINDS)
     for one in opened:
-        assert str(explored.desk.project.folder) in one.line.text()
+        assert str(explored.workspace.project.folder) in one.line.text()
         one.close()
 
 
@@ -186,13 +186,13 @@ def test_groups_given_after_the_run_are_exported_once_they_are_saved(explored, t
 
     assert opened().caution == ""
     for names, group in ((["a", "c"], "thin"), (["b", "d"], "thick")):
-        explored.desk.session.select(names)
-        explored.desk.session.set_group(group)
+        explored.workspace.session.select(names)
+        explored.workspace.session.set_group(group)
     assert opened().columns["group"] == ["thin", "thick"] * 2
     assert opened().caution == "Unsaved edits are exported only after the project is saved."
-    explored.library.save()
+    explored.projects.save()
     assert opened().caution == ""
-    project, out = str(explored.desk.project.folder), str(tmp_path / "still.png")
+    project, out = str(explored.workspace.project.folder), str(tmp_path / "still.png")
     words = ["--group", "group", "thin", "thick", "--width", "480", "--height", "320"]
     assert main(["export", "still", project, *words, "--out", out, "--progress", "none"]) == 0
 

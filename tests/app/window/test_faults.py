@@ -67,53 +67,54 @@ def test_a_project_that_another_program_has_open_is_opened_read_only_if_the_user
 ):
     folder, asked, answers = copied(finished, tmp_path), [], ["Cancel", "Open read-only", "Close"]
     monkeypatch.setattr(
-        "homolog_app.window.library.ask", lambda _window, *words: asked.append(words) or answers.pop(0)
+        "homolog_app.window.project_controller.ask",
+        lambda _window, *words: asked.append(words) or answers.pop(0),
     )
-    session, commands = window.desk.session, window.commands
+    session, commands = window.workspace.session, window.commands
     with other_program(folder, 300) as said:
         assert said == "held"
         before = contents(folder)
-        window.library.take([folder])
+        window.projects.open_paths([folder])
         assert session.folder is None
-        window.library.take([folder])
-        wait(lambda: session.result is not None and not window.desk.work.is_busy)
+        window.projects.open_paths([folder])
+        wait(lambda: session.result is not None and not window.workspace.work.is_busy)
         assert "process" in asked[1][1]
         assert session.folder == folder
         assert "read-only" in window.windowTitle()
         session.select(["a"])
         session.set_group("sick")
-        assert not window.desk.is_changed
+        assert not window.workspace.is_changed
         assert not any(commands[entry.id].isEnabled() for entry in COMMANDS if entry.writes)
         assert "another Homolog" in commands["file.save"].toolTip()
         assert contents(folder) == before
-        window.library.save_to(tmp_path / "own")
+        window.projects.save_to(tmp_path / "own")
         assert not session.read_only
         assert commands["run.start"].isEnabled()
         assert contents(folder) == before
 
 
 def test_other_programs_are_kept_out_of_an_open_project_until_it_is_closed(explored):
-    folder = explored.desk.session.folder
+    folder = explored.workspace.session.folder
     with other_program(folder, 0) as said:
         assert "in use" in said
-    explored.library.leave()
+    explored.projects.leave()
     with other_program(folder, 0) as said:
         assert said == "held"
 
 
 def test_a_save_to_a_full_disk_is_told_and_leaves_the_project_as_it_was(explored, full_disk, errors):
-    folder = explored.desk.session.folder
+    folder = explored.workspace.session.folder
     before = (folder / "project.json").read_bytes()
-    explored.desk.session.select(["a"])
-    explored.desk.session.set_group("sick")
+    explored.workspace.session.select(["a"])
+    explored.workspace.session.set_group("sick")
     with full_disk():
-        explored.library.save()
+        explored.projects.save()
     (error,) = errors
     assert isinstance(error[1], InputError)
     assert f"{folder / 'project.json'}: can't be written: File too large; choose a folder" in str(error[1])
     assert (folder / "project.json").read_bytes() == before
-    assert explored.desk.is_changed
-    explored.library.save()
+    assert explored.workspace.is_changed
+    explored.projects.save()
     assert ProjectFolder(folder).read().subjects[0].group == "sick"
 
 
@@ -123,42 +124,43 @@ def test_a_project_deleted_while_it_is_open_is_told_and_saved_from_memory_elsewh
     from homolog.files.project import ProjectFolder
     from homolog.files.results import read_result
 
-    folder = explored.desk.session.folder
+    folder = explored.workspace.session.folder
     shutil.rmtree(folder)
-    explored.desk.session.select(["a"])
-    explored.desk.session.set_group("sick")
-    held = explored.desk.session.result
-    explored.library.save()
+    explored.workspace.session.select(["a"])
+    explored.workspace.session.set_group("sick")
+    held = explored.workspace.session.result
+    explored.projects.save()
     assert ["was moved or deleted" in str(error) for _, error in errors] == [True]
-    assert explored.desk.is_changed
+    assert explored.workspace.is_changed
     assert not folder.exists()
     told = []
     monkeypatch.setattr(
-        "homolog_app.window.library.ask", lambda _, __, words, answers: told.append(words) or answers[0]
+        "homolog_app.window.project_controller.ask",
+        lambda _, __, words, answers: told.append(words) or answers[0],
     )
-    explored.library.save_to(tmp_path / "elsewhere")
+    explored.projects.save_to(tmp_path / "elsewhere")
     assert len(errors) == 1
     assert "could not be saved" in told[0]
     written = read_result(ProjectFolder(tmp_path / "elsewhere"))
     np.testing.assert_allclose(written.world, held.result.world, atol=1e-5)
     assert written.groups[written.names.index("a")] == "sick"
-    assert not explored.desk.is_changed
+    assert not explored.workspace.is_changed
 
 
 def test_a_journal_that_cannot_be_written_is_told_and_work_goes_on(beans, full_disk, caplog):
-    beans.desk.write_journal()
-    (path,) = beans.desk.sessions.glob("*/journal.json")
+    beans.workspace.write_journal()
+    (path,) = beans.workspace.sessions.glob("*/journal.json")
     before = path.read_bytes()
-    beans.desk.session.select(["a"])
-    beans.desk.session.set_group("sick")
+    beans.workspace.session.select(["a"])
+    beans.workspace.session.set_group("sick")
     with full_disk():
-        beans.desk.write_journal()
+        beans.workspace.write_journal()
     assert f"no crash recovery: {path}: can't be written: File too large" in caplog.text
     assert path.read_bytes() == before
 
 
 def test_preferences_that_cannot_be_written_are_told_and_those_before_stay(window, full_disk, caplog):
-    preferences, path = window.desk.preferences, window.desk.home / "preferences.ini"
+    preferences, path = window.workspace.preferences, window.workspace.home / "preferences.ini"
     preferences.scheme = "light"
     before = path.read_bytes()
     with full_disk():
@@ -176,8 +178,8 @@ def test_the_problem_report_names_nobody_who_was_ever_in_the_session(window, ell
         "name,path,group,number\nErika Muster,Muster Erika.nrrd,Borderline,4711007\n"
         f"Max Beispiel,{ellipsoids / 'a.nrrd'},Gesund,61\n"
     )
-    window.library.take([folder / "cohort.csv"])
-    session, memory = window.desk.session, window.desk.memory
+    window.projects.open_paths([folder / "cohort.csv"])
+    session, memory = window.workspace.session, window.workspace.memory
     lines = [
         f"INFO {one.name} {one.subject.path} {one.subject.group} 4711007" for one in session.study.members
     ]
@@ -185,7 +187,7 @@ def test_the_problem_report_names_nobody_who_was_ever_in_the_session(window, ell
     lines.append(f'  File "{Path(problem_report.__code__.co_filename)}", line 3')
     memory.lines.extend((20, line) for line in lines)
     session.edit("Remove subjects", session.study.without(["Erika Muster"]))
-    window.library.begin()
+    window.projects.begin()
     text = problem_report(session, memory, f"InputError: {folder / 'Muster Erika.nrrd'}: cut short")
     for secret in ("Erika", "Muster", "Max", "Beispiel", "Klinik", "Borderline", "Gesund", "4711007", "Otto"):
         assert secret not in text, text

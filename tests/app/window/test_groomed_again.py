@@ -12,8 +12,8 @@ pytestmark = pytest.mark.window
 @pytest.fixture
 def saved(groomed, close, tmp_path):
     """Return a folder saved after grooming, and what was groomed; its window is closed."""
-    groomed.library.save_to(tmp_path / "study")
-    before = groomed.desk.session.groomed
+    groomed.projects.save_to(tmp_path / "study")
+    before = groomed.workspace.session.groomed
     close(groomed)
     return tmp_path / "study", before
 
@@ -21,15 +21,15 @@ def saved(groomed, close, tmp_path):
 def test_nothing_is_to_be_groomed_again(saved, make_window, wait, tmp_path):
     folder, before = saved
     window = make_window(tmp_path / "other home")
-    window.library.take([folder])
-    session = window.desk.session
+    window.projects.open_paths([folder])
+    session = window.workspace.session
     wait(lambda: session.is_groomed, what="for what was groomed before")
     assert window.commands["run.start"].isEnabled()
     for name, one in before.items():
         np.testing.assert_array_equal(session.groomed[name].alignment, one.alignment)
         np.testing.assert_array_equal(session.groomed[name].subject.mesh.vertices, one.subject.mesh.vertices)
     rougher = session.study.settings.groom.model_copy(update={"smoothing": 0.0})
-    window.desk.edit_settings("groom", "smoothing", rougher)
+    window.workspace.edit_settings("groom", "smoothing", rougher)
     assert not session.is_groomed
     window.commands["edit.undo"].trigger()
     assert session.is_groomed
@@ -48,10 +48,10 @@ def test_a_file_that_has_changed_since_is_not_taken_for_groomed(saved, make_wind
     shutil.copy(second, first)
     (folder / "project.json").write_text(json.dumps(record))
     window = make_window(tmp_path / "other home")
-    window.library.take([folder])
-    work = window.desk.work
+    window.projects.open_paths([folder])
+    work = window.workspace.work
     wait(
-        lambda: len(window.desk.session.surveys) == 4 and work.to_restore is None,
+        lambda: len(window.workspace.session.surveys) == 4 and work.to_restore is None,
         what="for the look at groomed/",
     )
-    assert not window.desk.session.groomed
+    assert not window.workspace.session.groomed

@@ -37,7 +37,7 @@ def compare(window, wait, explore):
 
     def tested(project, first, second, alignment="Form: size and shape (rigid alignment)"):
         page = window.inspector.explore.page
-        if window.desk.session.result is None:
+        if window.workspace.session.result is None:
             page = explore(project, "groups")
         page.form.first.setCurrentText(first)
         page.form.second.setCurrentText(second)
@@ -81,7 +81,7 @@ def test_a_click_passes_the_functions_that_the_architecture_names(
         return core(*given, **named)
 
     explore(bean_project, "groups")
-    wait(lambda: window.desk.work.runner.job is None, what="for what is done in the background")
+    wait(lambda: window.workspace.work.runner.job is None, what="for what is done in the background")
     monkeypatch.setattr(Runner, "start", started)
     monkeypatch.setattr(study, "compare_two_groups", computed)
     compare(bean_project, "slim", "wide")
@@ -182,8 +182,8 @@ def test_a_second_run_stands_below_with_the_same_colours_and_its_own_numbers(
 
 def test_the_original_method_stands_above_the_proposed_one(compare, bean_project, window):
     from homolog.settings import Method
-    from homolog_app.window.explore.chosen import GroupsView
     from homolog_app.window.explore.group_views import group_scene
+    from homolog_app.window.explore.view_states import GroupsView
 
     (answer,) = compare(bean_project, "slim", "wide").answers
     original = replace(answer.shape, name="first", method=Method.EUCLIDEAN)
@@ -194,7 +194,7 @@ def test_the_original_method_stands_above_the_proposed_one(compare, bean_project
 
 def test_groups_edited_after_the_run_are_the_ones_compared(compare, bean_project, window, explore):
     page = explore(bean_project, "groups")
-    session = window.desk.session
+    session = window.workspace.session
     names = [one.name for one in session.study.members]
     session.select(names[:4])
     session.set_group("early")
@@ -225,7 +225,7 @@ def test_an_answer_whose_question_has_changed_is_dimmed_and_says_so(compare, bea
     box.activated.emit(box.currentIndex())
     assert page.is_current
     assert page.keep.isEnabled()
-    session = window.desk.session
+    session = window.workspace.session
     session.select([session.study.members[0].name])
     session.set_group("third")
     assert page.stale.isVisible()
@@ -236,7 +236,7 @@ def test_an_answer_whose_question_has_changed_is_dimmed_and_says_so(compare, bea
 def test_all_pairs_of_groups_are_asked_of_form_and_shape_at_once_with_corrected_p(
     explore, bean_project, window, wait
 ):
-    page, session = explore(bean_project, "groups"), window.desk.session
+    page, session = explore(bean_project, "groups"), window.workspace.session
     names = [one.name for one in session.study.members]
     for group, members in (("a", names[:4]), ("b", names[4:7]), ("c", names[7:])):
         session.select(members)
@@ -273,7 +273,7 @@ def test_other_questions_asked_of_the_same_result_are_counted(compare, bean_proj
 
 def test_too_few_subjects_are_said_and_nothing_breaks(explore, finished, window, errors, wait):
     page = explore(finished, "groups")
-    session = window.desk.session
+    session = window.workspace.session
     for names, group in ((("a", "b"), "x"), (("c", "d"), "y")):
         session.select(names)
         session.set_group(group)
@@ -288,7 +288,7 @@ def test_a_test_can_be_cancelled(explore, bean_project, window, wait):
     window.commands["explore.test"].trigger()
     wait(lambda: page.progress.isVisible())
     window.commands["run.cancel"].trigger()
-    wait(lambda: not window.desk.work.is_busy)
+    wait(lambda: not window.workspace.work.is_busy)
     assert not page.answers
     assert page.go.isVisible()
 

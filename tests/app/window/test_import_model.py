@@ -16,8 +16,8 @@ def exported(finished_run, tmp_path):
 
 
 def test_a_shapeworks_project_is_imported_and_shown(window, exported, tmp_path, wait):
-    window.library.import_model(exported, tmp_path / "project")
-    session = window.desk.session
+    window.projects.import_model(exported, tmp_path / "project")
+    session = window.workspace.session
     wait(lambda: session.result is not None and len(session.surveys) == 4)
     assert [one.name for one in session.study.included] == ["a", "b", "c", "d"]
     assert len(session.result.particles["a"]) == 48
@@ -30,8 +30,8 @@ def test_a_folder_of_particles_is_imported_and_shown(window, exported, tmp_path,
     bare.mkdir()
     for path in exported.parent.glob("*_particles/*_world.particles"):
         shutil.copy(path, bare)
-    window.library.import_model(bare, tmp_path / "project")
-    session = window.desk.session
+    window.projects.import_model(bare, tmp_path / "project")
+    session = window.workspace.session
     wait(lambda: session.result is not None and len(session.surveys) == 4)
     assert [one.name for one in session.study.included] == ["a", "b", "c", "d"]
     assert set(session.result.surfaces) == {"a", "b", "c", "d"}

@@ -5,20 +5,20 @@ import os
 import numpy as np
 
 from homolog.files.arrays import write_arrays
-from homolog_app.window.interrupted import interrupted_words
+from homolog_app.window.interrupted import interrupted_text
 
 
 def test_an_unfinished_run_says_how_far_it_got(tmp_path):
     path = tmp_path / "checkpoint.npz"
     write_arrays(path, {"positions": np.zeros((4, 64, 3), np.float32), "iteration": 120})
-    assert "120 iterations, with 64 of 256 particles (25 %)" in interrupted_words(path, 256)
+    assert "120 iterations, with 64 of 256 particles (25 %)" in interrupted_text(path, 256)
     write_arrays(path, {"positions": np.zeros((4, 128, 3), np.float32), "iteration": 300})
     os.utime(path, ns=(1, 1))
-    assert "128 of 256 particles (50 %)" in interrupted_words(path, 256)
+    assert "128 of 256 particles (50 %)" in interrupted_text(path, 256)
 
 
 def test_a_damaged_checkpoint_is_said_to_be_unreadable(tmp_path):
     path = tmp_path / "checkpoint.npz"
     path.write_bytes(b"nothing")
-    assert "can't be read" in interrupted_words(path, 256)
-    assert "can't be read" in interrupted_words(tmp_path / "none.npz", 256)
+    assert "can't be read" in interrupted_text(path, 256)
+    assert "can't be read" in interrupted_text(tmp_path / "none.npz", 256)

@@ -24,7 +24,7 @@ def test_the_window_opens_before_anything_heavy_is_imported():
 
 @pytest.mark.window
 def test_every_edit_can_be_undone_and_made_again(beans):
-    session, undo = beans.desk.session, beans.commands["edit.undo"]
+    session, undo = beans.workspace.session, beans.commands["edit.undo"]
     states = [session.study]
     session.select(["a", "b"])
     session.set_group("left")
@@ -34,7 +34,7 @@ def test_every_edit_can_be_undone_and_made_again(beans):
     beans.commands["edit.remove"].trigger()
     states.append(session.study)
     groom = session.study.settings.groom.model_copy(update={"smoothing": 2.0})
-    beans.desk.edit_settings("groom", "smoothing", groom)
+    beans.workspace.edit_settings("groom", "smoothing", groom)
     states.append(session.study)
     assert len(set(map(id, states))) == 5
     for before in reversed(states[:-1]):
@@ -47,11 +47,11 @@ def test_every_edit_can_be_undone_and_made_again(beans):
 
 @pytest.mark.window
 def test_typing_a_number_is_one_edit(beans):
-    session = beans.desk.session
+    session = beans.workspace.session
     before = session.study
     for smoothing in (0.2, 0.25, 0.255):
         groom = session.study.settings.groom.model_copy(update={"smoothing": smoothing})
-        beans.desk.edit_settings("groom", "smoothing", groom)
+        beans.workspace.edit_settings("groom", "smoothing", groom)
     beans.commands["edit.undo"].trigger()
     assert session.study == before
 
@@ -60,7 +60,7 @@ def test_typing_a_number_is_one_edit(beans):
 def test_ticks_groups_and_covariates_are_edited_in_the_table(beans):
     from PySide6.QtCore import Qt
 
-    session, model = beans.desk.session, beans.inspector.cohort.model
+    session, model = beans.workspace.session, beans.inspector.cohort.model
     model.setData(model.index(1, 0), Qt.CheckState.Unchecked.value, Qt.ItemDataRole.CheckStateRole)
     model.setData(model.index(2, 1), "HCM")
     assert [one.included for one in session.study.members] == [True, False, True, True]
@@ -72,30 +72,30 @@ def test_ticks_groups_and_covariates_are_edited_in_the_table(beans):
 def test_the_table_is_sorted_by_number_and_filtered_by_any_column(beans):
     from PySide6.QtCore import Qt
 
-    panel, surveys = beans.inspector.cohort, beans.desk.session.surveys
+    panel, surveys = beans.inspector.cohort, beans.workspace.session.surveys
     panel.table.sortByColumn(2, Qt.SortOrder.DescendingOrder)
     names = [panel.rows.index(row, 0).data() for row in range(4)]
     assert names == sorted(surveys, key=lambda name: -surveys[name].volume_ml)
-    beans.desk.session.select(["c"])
-    beans.desk.session.set_group("special")
+    beans.workspace.session.select(["c"])
+    beans.workspace.session.set_group("special")
     panel.filter.setText("SPEC")
     assert [panel.rows.index(row, 0).data() for row in range(panel.rows.rowCount())] == ["c"]
 
 
 @pytest.mark.window
 def test_an_exported_table_is_read_as_the_same_cohort(beans, tmp_path):
-    session = beans.desk.session
+    session = beans.workspace.session
     session.select(["b"])
     session.set_group("NOR")
     member = session.study.members[0]
     aged = replace(member, subject=replace(member.subject, columns={"age": "61"}))
     session.edit("age", session.study.with_members({"a": aged}))
-    beans.library.export_table(tmp_path / "out" / "table.csv")
+    beans.projects.export_table(tmp_path / "out" / "table.csv")
     again = read_cohort(tmp_path / "out" / "table.csv").subjects
     assert [(one.name, one.group) for one in again] == [("a", None), ("b", "NOR"), ("c", None), ("d", None)]
     assert [one.path.resolve() for one in again] == [one.subject.path for one in session.study.members]
     assert again[0].columns["age"] == "61"
-    beans.library.save_to(tmp_path / "study")
+    beans.projects.save_to(tmp_path / "study")
     same = tmp_path / "out" / "same.csv"
     words = ["export", "cohort", str(tmp_path / "study"), "--out", str(same), "--progress", "none"]
     assert main(words) == 0
@@ -106,11 +106,11 @@ def test_an_exported_table_is_read_as_the_same_cohort(beans, tmp_path):
 def test_a_project_that_was_moved_is_found_whole_and_its_files_are_located(
     explored, close, make_window, ellipsoids, monkeypatch, tmp_path, wait, errors
 ):
-    monkeypatch.setattr("homolog_app.window.library.ask", lambda *given: given[3][0])
+    monkeypatch.setattr("homolog_app.window.project_controller.ask", lambda *given: given[3][0])
     monkeypatch.setattr(
-        "homolog_app.window.library.QFileDialog.getExistingDirectory", lambda *_: str(ellipsoids)
+        "homolog_app.window.project_controller.QFileDialog.getExistingDirectory", lambda *_: str(ellipsoids)
     )
-    session = explored.desk.session
+    session = explored.workspace.session
     session.select(["d"])
     explored.commands["edit.include"].trigger()
     explored.commands["view.grid1"].trigger()
@@ -118,24 +118,24 @@ def test_a_project_that_was_moved_is_found_whole_and_its_files_are_located(
     explored.commands["view.head"].trigger()
     explored.commands["view.letters"].trigger()
     explored.views.stage.bar.opacity.setValue(50)
-    wait(lambda: explored.commands["file.save"].isEnabled() and not explored.desk.work.is_busy)
+    wait(lambda: explored.commands["file.save"].isEnabled() and not explored.workspace.work.is_busy)
     explored.commands["file.save"].trigger()
     close(explored)
     shutil.move(tmp_path / "copy", tmp_path / "elsewhere" / "moved")
 
     window = make_window()
-    window.library.take([tmp_path / "elsewhere" / "moved"])
-    wait(lambda: window.desk.session.result is not None)
+    window.projects.open_paths([tmp_path / "elsewhere" / "moved"])
+    wait(lambda: window.workspace.session.result is not None)
     assert not errors
-    assert [one.included for one in window.desk.session.study.members] == [True, True, True, False]
-    assert window.desk.session.selection == ("d",)
+    assert [one.included for one in window.workspace.session.study.members] == [True, True, True, False]
+    assert window.workspace.session.selection == ("d",)
     assert window.views.stage.scene.layout_count == 1
     assert window.inspector.explore.page.title == "Measure"
     canvas = window.views.stage.scene.canvas
     assert canvas.cameras[0].eye[2] > canvas.cameras[0].at[2] + canvas.cameras[0].height / 2.0
     assert (canvas.opacity, canvas.letters, canvas.scale_bar) == (0.5, False, True)
     assert not window.commands["view.letters"].isChecked()
-    assert all(one.subject.path.parent == ellipsoids for one in window.desk.session.study.members)
+    assert all(one.subject.path.parent == ellipsoids for one in window.workspace.session.study.members)
     assert not errors
 
 
@@ -143,11 +143,11 @@ def test_a_project_that_was_moved_is_found_whole_and_its_files_are_located(
 def test_a_project_is_not_saved_over_other_files(beans, tmp_path, errors):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.tex").touch()
-    beans.library.save_to(tmp_path / "full")
+    beans.projects.save_to(tmp_path / "full")
     (error,) = [error for _, error in errors]
     assert isinstance(error, InputError)
     assert "not empty" in str(error)
-    assert beans.desk.is_changed
+    assert beans.workspace.is_changed
 
 
 @pytest.mark.window
@@ -160,7 +160,7 @@ def test_a_folder_dropped_on_the_window_is_listed(window, ellipsoids):
     none = Qt.KeyboardModifier.NoModifier
     drop = QDropEvent(QPointF(9, 9), Qt.DropAction.CopyAction, data, Qt.MouseButton.LeftButton, none)
     window.dropEvent(drop)
-    assert [one.name for one in window.desk.session.study.members] == ["a", "b", "c", "d"]
+    assert [one.name for one in window.workspace.session.study.members] == ["a", "b", "c", "d"]
 
 
 @pytest.mark.window
@@ -172,8 +172,8 @@ def test_the_label_picker_comes_up_where_files_hold_several_labels(window, tmp_p
     values[4:9, 4:9, 4:9], values[11:17, 11:17, 11:17] = 2, 5
     for name in "xy":
         SimpleITK.WriteImage(SimpleITK.GetImageFromArray(values), tmp_path / f"{name}.nrrd")
-    window.library.take([tmp_path / "x.nrrd", tmp_path / "y.nrrd"])
-    session, picker = window.desk.session, window.inspector.cohort.labels
+    window.projects.open_paths([tmp_path / "x.nrrd", tmp_path / "y.nrrd"])
+    session, picker = window.workspace.session, window.inspector.cohort.labels
     wait(lambda: len(session.surveys) == 2)
     assert picker.isVisibleTo(window)
     picker.choice.setCurrentIndex(picker.choice.findData(5))
@@ -187,7 +187,7 @@ def test_the_label_picker_comes_up_where_files_hold_several_labels(window, tmp_p
 def test_the_problem_report_names_no_subject_file_or_group(beans):
     from homolog_app.window.problem_report import problem_report
 
-    session = beans.desk.session
+    session = beans.workspace.session
     session.edit(
         "names",
         session.study.with_members(
@@ -202,7 +202,7 @@ def test_the_problem_report_names_no_subject_file_or_group(beans):
     session.select(["Erika Muster"])
     session.set_group("rare disease")
     logging.getLogger("homolog_app").warning("Erika Muster: %s failed", session.study.members[0].subject.path)
-    text = problem_report(session, beans.desk.memory, "Traceback of Erika Muster")
+    text = problem_report(session, beans.workspace.memory, "Traceback of Erika Muster")
     assert "Erika" not in text
     assert "rare disease" not in text
     assert str(session.study.members[0].subject.path.parent) not in text
@@ -216,7 +216,7 @@ def test_an_error_says_what_to_do_and_folds_its_details(window):
 
     from homolog_app.window.error_dialog import ErrorDialog
 
-    window.helping.show_error("groom", InputError("a: holds no voxel"))
+    window.help.show_error("groom", InputError("a: holds no voxel"))
     dialog = window.findChild(ErrorDialog)
     words = [one.text() for one in dialog.findChildren(QLabel)]
     assert "Grooming stopped" in words
@@ -231,7 +231,7 @@ def test_what_the_system_refuses_is_said_with_the_file(window, errors, monkeypat
         raise PermissionError(13, "Permission denied", str(path))
 
     monkeypatch.setattr("homolog_app.window.study.read_cohort", refuse)
-    window.library.take([tmp_path])
+    window.projects.open_paths([tmp_path])
     ((_, error),) = errors
     assert user_message(error).startswith(f"{tmp_path}: Permission denied; see who")
 
@@ -250,12 +250,13 @@ def test_none_keeps_its_references_while_the_window_is_painted(window, qapp):
 def test_closing_asks_about_unsaved_edits_and_obeys(beans, close, monkeypatch, tmp_path):
     answers, asked = iter(["Cancel", "Save"]), []
     monkeypatch.setattr(
-        "homolog_app.window.library.ask", lambda *given: asked.append(given[1]) or next(answers)
+        "homolog_app.window.project_controller.ask", lambda *given: asked.append(given[1]) or next(answers)
     )
     monkeypatch.setattr(
-        "homolog_app.window.library.QFileDialog.getSaveFileName", lambda *_: (str(tmp_path / "kept"), "")
+        "homolog_app.window.project_controller.QFileDialog.getSaveFileName",
+        lambda *_: (str(tmp_path / "kept"), ""),
     )
-    beans.desk.preferences.ask_on_close = True
+    beans.workspace.preferences.ask_on_close = True
     beans.close()
     assert beans.isVisible()
     close(beans)
@@ -267,7 +268,7 @@ def test_closing_asks_about_unsaved_edits_and_obeys(beans, close, monkeypatch, t
 def test_the_question_whether_to_stop_is_closed_when_the_work_has_ended(window, monkeypatch, wait):
     from PySide6.QtWidgets import QMessageBox
 
-    from homolog_app.window.asking import ask
+    from homolog_app.window.questions import ask
 
     monkeypatch.undo()  # the box is to be shown
     shown = []
@@ -289,15 +290,15 @@ def test_work_that_is_to_be_stopped_is_stopped_before_the_next_question(groomed,
         asked.append(title)
         return "Stop" if title == "The work is not finished" else "Cancel"
 
-    monkeypatch.setattr("homolog_app.window.library.ask", answer)
-    groomed.desk.preferences.ask_on_close = True
+    monkeypatch.setattr("homolog_app.window.project_controller.ask", answer)
+    groomed.workspace.preferences.ask_on_close = True
     groomed.commands["run.start"].trigger()
-    wait(lambda: groomed.desk.work.run_job is not None)
+    wait(lambda: groomed.workspace.work.run_job is not None)
     groomed.close()
     assert asked == ["The work is not finished", "Save Unsaved study?"]
-    wait(lambda: not groomed.desk.work.is_busy)
-    assert groomed.desk.session.result is None
-    groomed.desk.preferences.ask_on_close = False
+    wait(lambda: not groomed.workspace.work.is_busy)
+    assert groomed.workspace.session.result is None
+    groomed.workspace.preferences.ask_on_close = False
 
 
 @pytest.mark.window
@@ -314,8 +315,8 @@ def test_size_and_panel_widths_come_back(explored, close, make_window, tmp_path,
     close(explored)
     window = make_window()
     assert window.size().toTuple() == (1500, 850)
-    window.library.take([tmp_path / "copy"])
-    wait(lambda: window.desk.session.result is not None)
+    window.projects.open_paths([tmp_path / "copy"])
+    wait(lambda: window.workspace.session.result is not None)
     wait(lambda: panel(window).width() == 520, seconds=5)
 
 
@@ -323,7 +324,7 @@ def test_size_and_panel_widths_come_back(explored, close, make_window, tmp_path,
 def test_names_take_the_width_that_is_free(beans, wait):
     from homolog_app.window.cohort_model import NAME
 
-    panel, session = beans.inspector.cohort, beans.desk.session
+    panel, session = beans.inspector.cohort, beans.workspace.session
     long = "acdc_patient_001_myo"
     first = session.study.members[0]
     named = replace(first, subject=replace(first.subject, name=long))
@@ -339,7 +340,7 @@ def test_enter_closes_an_error_and_does_not_unfold_it(window, wait):
 
     from homolog_app.window.error_dialog import ErrorDialog
 
-    dialog = ErrorDialog(window, window.desk.theme, "Title", "Words", "Details", print)
+    dialog = ErrorDialog(window, window.workspace.theme, "Title", "Words", "Details", print)
     ended = []
     dialog.finished.connect(ended.append)
     dialog.open()
@@ -355,7 +356,7 @@ def test_the_subject_that_an_error_names_can_be_shown_or_left_out(groomed, wait)
     from homolog_app.window.error_dialog import ErrorDialog
 
     def pressed(text):
-        groomed.helping.show_error("run", InputError("c: its surface is open; close it"))
+        groomed.help.show_error("run", InputError("c: its surface is open; close it"))
         (dialog,) = groomed.findChildren(ErrorDialog)
         next(one for one in dialog.findChildren(QPushButton) if one.text() == text).click()
         wait(lambda: not groomed.findChildren(ErrorDialog))
@@ -363,17 +364,17 @@ def test_the_subject_that_an_error_names_can_be_shown_or_left_out(groomed, wait)
     groomed.show_step("correspond")
     pressed("Show c")
     assert groomed.step == "cohort"
-    assert groomed.desk.session.selection == ("c",)
+    assert groomed.workspace.session.selection == ("c",)
     pressed("Exclude it and continue")
-    assert [one.name for one in groomed.desk.session.study.included] == ["a", "b", "d"]
-    wait(lambda: groomed.desk.session.result is not None)
-    assert groomed.desk.session.result.result.names == ("a", "b", "d")
+    assert [one.name for one in groomed.workspace.session.study.included] == ["a", "b", "d"]
+    wait(lambda: groomed.workspace.session.result is not None)
+    assert groomed.workspace.session.result.result.names == ("a", "b", "d")
 
 
 @pytest.mark.window
 def test_buttons_can_be_pressed_only_when_their_command_can(groomed, wait):
     go, again = groomed.inspector.groom.go, groomed.inspector.groom.again
-    groomed.desk.session.select(["a"])
+    groomed.workspace.session.select(["a"])
     assert go.isEnabled()
     assert again.isEnabled()
     groomed.commands["run.start"].trigger()
@@ -381,7 +382,7 @@ def test_buttons_can_be_pressed_only_when_their_command_can(groomed, wait):
     assert not again.isEnabled()
     assert "Not now" in go.toolTip()
     groomed.commands["run.cancel"].trigger()
-    wait(lambda: not groomed.desk.work.is_busy)
+    wait(lambda: not groomed.workspace.work.is_busy)
     assert go.isEnabled()
 
 
@@ -390,7 +391,7 @@ def test_answers_of_an_earlier_result_are_listed_as_out_of_date(explored, tmp_pa
     from homolog.files.project import OUT_OF_DATE
     from homolog_app.report.request import Answered, StudyRequest, study_folder, write_request
 
-    page, project = explored.inspector.explore.pages[0], explored.desk.project
+    page, project = explored.inspector.explore.pages[0], explored.workspace.project
     assert page.kept_title.isHidden()
     requests = [StudyRequest(between=("a", "b")), StudyRequest(between=("a", "c"))]
     for one in requests:
@@ -404,7 +405,7 @@ def test_answers_of_an_earlier_result_are_listed_as_out_of_date(explored, tmp_pa
 
 @pytest.mark.window
 def test_a_result_of_another_cohort_or_other_settings_says_so_on_every_page(explored):
-    session, words = explored.desk.session, explored.inspector.explore.outdated
+    session, words = explored.workspace.session, explored.inspector.explore.outdated
     assert words.text() == ""
     session.select(["b"])
     explored.commands["edit.include"].trigger()
@@ -412,7 +413,7 @@ def test_a_result_of_another_cohort_or_other_settings_says_so_on_every_page(expl
     explored.commands["edit.undo"].trigger()
     assert words.text() == ""
     groom = session.study.settings.groom.model_copy(update={"smoothing": 2.0})
-    explored.desk.edit_settings("groom", "smoothing", groom)
+    explored.workspace.edit_settings("groom", "smoothing", groom)
     assert "settings have changed (smoothing)" in words.text()
     assert words.isVisible()
 
@@ -421,16 +422,16 @@ def test_a_result_of_another_cohort_or_other_settings_says_so_on_every_page(expl
 def test_closing_in_mid_run_asks_first(groomed, monkeypatch, wait):
     asked = []
     monkeypatch.setattr(
-        "homolog_app.window.library.ask", lambda *given: asked.append(given[1]) or given[3][-1]
+        "homolog_app.window.project_controller.ask", lambda *given: asked.append(given[1]) or given[3][-1]
     )
-    groomed.desk.preferences.ask_on_close = True
+    groomed.workspace.preferences.ask_on_close = True
     groomed.commands["run.start"].trigger()
-    wait(lambda: groomed.desk.work.run_job is not None)
+    wait(lambda: groomed.workspace.work.run_job is not None)
     groomed.close()
     assert asked == ["The work is not finished"]
     assert groomed.isVisible()
-    assert groomed.desk.work.is_busy
-    groomed.desk.preferences.ask_on_close = False
+    assert groomed.workspace.work.is_busy
+    groomed.workspace.preferences.ask_on_close = False
 
 
 @pytest.mark.window
@@ -442,11 +443,11 @@ def test_a_table_is_imported_once_its_preview_is_accepted(beans, tmp_path, monke
         asked.append(words)
         return answer
 
-    monkeypatch.setattr("homolog_app.window.library.ask", ask)
+    monkeypatch.setattr("homolog_app.window.project_controller.ask", ask)
     table = tmp_path / "subjects.csv"
     table.write_text("id;group;age\na;case;61\nb;control;48\nx;case;1\n", encoding="utf-8")
-    beans.library.import_table(table)
-    groups = [one.subject.group for one in beans.desk.session.study.members]
+    beans.projects.import_table(table)
+    groups = [one.subject.group for one in beans.workspace.session.study.members]
     assert groups == (["case", "control", None, None] if answer == "Import" else [None] * 4)
     assert "2 of 4" in asked[0]
     assert "x" in asked[0].splitlines()[-1]

@@ -18,8 +18,8 @@ PHASES = ("any", "geodesics", "splitting", "optimizing")
 
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_run_can_be_cancelled_in_every_phase(groomed, errors, wait, phase):
-    work = groomed.desk.work
-    groomed.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
+    work = groomed.workspace.work
+    groomed.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
     groomed.commands["run.start"].trigger()
     wait(lambda: work.run_job is None or phase in ("any", work.run_job.status.phase))
     assert work.run_job is not None
@@ -30,8 +30,8 @@ def test_a_run_can_be_cancelled_in_every_phase(groomed, errors, wait, phase):
 
 
 def test_a_paused_run_stands_still_and_goes_on(groomed, errors, wait):
-    work = groomed.desk.work
-    groomed.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=64))
+    work = groomed.workspace.work
+    groomed.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=64))
     groomed.commands["run.start"].trigger()
     wait(lambda: work.run_job.frame is not None)
     groomed.commands["run.pause"].trigger()
@@ -47,34 +47,34 @@ def test_a_paused_run_stands_still_and_goes_on(groomed, errors, wait):
 
 
 def test_a_cancelled_run_is_resumed_from_its_checkpoint(groomed, errors, wait, quick):
-    work = groomed.desk.work
-    groomed.desk.edit_settings("optimize", "particles", quick(64))
+    work = groomed.workspace.work
+    groomed.workspace.edit_settings("optimize", "particles", quick(64))
     groomed.commands["run.start"].trigger()
-    wait(lambda: work.run_job is None or groomed.desk.project.checkpoint.is_file())
+    wait(lambda: work.run_job is None or groomed.workspace.project.checkpoint.is_file())
     groomed.commands["run.cancel"].trigger()
     wait(lambda: not work.is_busy)
-    if groomed.desk.session.result is None:
+    if groomed.workspace.session.result is None:
         assert groomed.commands["run.resume"].isEnabled()
         groomed.commands["run.resume"].trigger()
         wait(lambda: not work.is_busy)
-    assert groomed.desk.session.result.result.world.shape[1] == 64
+    assert groomed.workspace.session.result.result.world.shape[1] == 64
     assert not errors
 
 
 def test_a_project_whose_run_was_stopped_says_so_when_it_is_opened(
     groomed, close, make_window, tmp_path, wait
 ):
-    work = groomed.desk.work
-    groomed.library.save_to(tmp_path / "stopped")
-    groomed.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
+    work = groomed.workspace.work
+    groomed.projects.save_to(tmp_path / "stopped")
+    groomed.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=256))
     groomed.commands["run.start"].trigger()
-    wait(lambda: work.run_job is None or groomed.desk.project.checkpoint.is_file())
+    wait(lambda: work.run_job is None or groomed.workspace.project.checkpoint.is_file())
     groomed.commands["run.cancel"].trigger()
     wait(lambda: not work.is_busy)
-    groomed.library.save()
+    groomed.projects.save()
     close(groomed)
     window = make_window()
-    window.library.take([tmp_path / "stopped"])
+    window.projects.open_paths([tmp_path / "stopped"])
     assert window.step == "correspond"
     wait(lambda: window.inspector.correspond.resume.isVisible())
     assert "Resume continues" in window.inspector.correspond.summary.text()
@@ -82,7 +82,7 @@ def test_a_project_whose_run_was_stopped_says_so_when_it_is_opened(
 
 def test_fifty_random_orders_leave_the_window_whole(groomed, errors, wait, quick):
     orders = random.Random(3)
-    groomed.desk.edit_settings("optimize", "particles", quick(16))
+    groomed.workspace.edit_settings("optimize", "particles", quick(16))
     names = ("run.start", "run.pause", "run.cancel", "run.groom", "view.next", "view.grid1", "view.grid9",
              "view.raw", "edit.undo", "edit.redo", "view.slice", "view.theme", "run.play")  # fmt: skip
     for _ in range(50):
@@ -90,15 +90,15 @@ def test_fifty_random_orders_leave_the_window_whole(groomed, errors, wait, quick
         groomed.commands[orders.choice(possible)].trigger()
         pause = time.monotonic() + orders.random() * 0.15
         wait(lambda end=pause: time.monotonic() > end)
-    groomed.desk.work.cancel()
-    wait(lambda: groomed.desk.work.run_job is None or not groomed.desk.work.run_job.status.paused)
-    wait(lambda: not groomed.desk.work.is_busy)
+    groomed.workspace.work.cancel()
+    wait(lambda: groomed.workspace.work.run_job is None or not groomed.workspace.work.run_job.status.paused)
+    wait(lambda: not groomed.workspace.work.is_busy)
     assert not errors
 
 
 def test_a_window_closed_in_mid_run_leaves_nothing_behind(groomed, close, wait):
     groomed.commands["run.start"].trigger()
-    wait(lambda: groomed.desk.work.run_job.frame is not None)
+    wait(lambda: groomed.workspace.work.run_job.frame is not None)
     close(groomed)
 
 
@@ -112,7 +112,7 @@ def test_an_interrupt_closes_the_window_unless_the_user_lets_it_go_on(make_windo
 
     window, before = make_window(views=False), signal.getsignal(signal.SIGINT)
     answers = [False, True]
-    monkeypatch.setattr(window.library, "may_leave", lambda: answers.pop(0))
+    monkeypatch.setattr(window.projects, "may_leave", lambda: answers.pop(0))
     with interrupt_closes(window):
         signal.raise_signal(signal.SIGINT)
         assert signal.getsignal(signal.SIGINT) is signal.SIG_DFL  # a second one would end the program
@@ -136,11 +136,11 @@ def test_a_closed_window_lets_go_of_everything_that_vtk_draws(qapp, ellipsoids, 
 
     before = drawn()
     window = make_window(qapp, tmp_path)
-    window.desk.preferences.ask_on_close = False
+    window.workspace.preferences.ask_on_close = False
     window.show()
     window.load_views()
-    window.library.take([ellipsoids])
-    wait(lambda session=window.desk.session: len(session.surveys) == 4)
+    window.projects.open_paths([ellipsoids])
+    wait(lambda session=window.workspace.session: len(session.surveys) == 4)
     assert drawn() > before + 16
     close(window)
     del window
@@ -164,7 +164,7 @@ if __name__ == "__main__":
         while not condition():
             app.processEvents()
             time.sleep(0.002)
-    window.library.take([cohort])
+    window.projects.open_paths([cohort])
     desk.edit_settings("optimize", "particles", OptimizeSettings(
         particles=128, split_iterations=30, anneal_iterations=100, settle_iterations=5))
     until(lambda: len(desk.session.surveys) == 4)
@@ -196,20 +196,20 @@ def test_after_a_kill_in_mid_run_the_next_start_offers_what_was_lost(
 
     asked = []
     monkeypatch.setattr(
-        "homolog_app.window.library.ask",
+        "homolog_app.window.project_controller.ask",
         lambda parent, title, words, answers: asked.append(f"{title} {words}") or answers[0],
     )
     window = make_window(home)
-    window.library.offer_recovery()
+    window.projects.offer_recovery()
     assert asked == [
         "Recover a study that was never saved? "
         "The program ended without closing it: 4 subjects, a run was in progress."
     ]
-    session = window.desk.session
+    session = window.workspace.session
     assert [one.name for one in session.study.members] == ["a", "b", "c", "d"]
     assert session.study.settings.optimize.particles == 128
     assert window.step == "correspond"
     window.commands["run.resume"].trigger()
-    wait(lambda: not window.desk.work.is_busy)
+    wait(lambda: not window.workspace.work.is_busy)
     assert session.result.result.world.shape == (4, 128, 3)
     assert not errors

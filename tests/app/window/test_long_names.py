@@ -37,8 +37,8 @@ def words_in(scene):
 
 
 def test_every_name_is_in_its_view_and_panels_stay_as_wide_as_they_are(window, named, tmp_path, wait, qapp):
-    window.library.take([named])
-    wait(lambda: window.desk.session.result is not None and window.step == "explore")
+    window.projects.open_paths([named])
+    wait(lambda: window.workspace.session.result is not None and window.step == "explore")
     scene = window.views.stage.scene
     scene.picture()
     wait(lambda: all(words_in(scene)[0]))
@@ -51,18 +51,18 @@ def test_every_name_is_in_its_view_and_panels_stay_as_wide_as_they_are(window, n
     panels = window.inspector
     for step in ("cohort", "groom", "correspond", "explore"):
         window.commands[f"view.{step}"].trigger()
-        window.desk.session.select([NAMES[0]])
+        window.workspace.session.select([NAMES[0]])
         assert panels.minimumSizeHint().width() <= panels.minimumWidth()
     for page in panels.explore.pages:
         panels.explore.open_page(page)
-        wait(lambda: not window.desk.work.is_busy)
+        wait(lambda: not window.workspace.work.is_busy)
         assert panels.minimumSizeHint().width() <= panels.minimumWidth()
     assert window.minimumSizeHint().width() <= 1100
 
 
 def test_a_covariate_with_an_ampersand_is_the_column_of_that_name(window, named, wait):
-    window.library.take([named])
-    wait(lambda: window.desk.session.result is not None)
+    window.projects.open_paths([named])
+    wait(lambda: window.workspace.session.result is not None)
     form = next(one.form for one in window.inspector.explore.pages if hasattr(one, "form"))
     (action,) = [one for one in form.covariate_menu.actions() if one.data() == "a & b"]
     action.setChecked(True)
@@ -72,8 +72,8 @@ def test_a_covariate_with_an_ampersand_is_the_column_of_that_name(window, named,
 
 def test_a_folder_opened_after_a_project_shows_its_input(explored, ellipsoids, wait):
     assert not explored.commands["view.raw"].isChecked()
-    explored.library.leave()
-    explored.library.take([ellipsoids])
-    wait(lambda: len(explored.desk.session.surveys) == 4)
+    explored.projects.leave()
+    explored.projects.open_paths([ellipsoids])
+    wait(lambda: len(explored.workspace.session.surveys) == 4)
     assert explored.commands["view.raw"].isChecked()
     assert explored.views.stage.scene.grid.raw

@@ -31,7 +31,7 @@ def test_names_of_subjects_have_room_beside_their_measures(page):
 
 
 def test_subjects_have_the_volume_and_area_of_their_own_surfaces(page, window):
-    surfaces = window.desk.session.result.surfaces
+    surfaces = window.workspace.session.result.surfaces
     for name, _, _, volume, area, wall in cells(page):
         mesh = surfaces[name][0]
         assert volume == pytest.approx(mesh.volume / 1000.0)
@@ -43,7 +43,7 @@ def test_subjects_have_the_volume_and_area_of_their_own_surfaces(page, window):
 
 
 def test_the_distance_is_that_of_the_chosen_particles(page, window):
-    local = window.desk.session.result.result.local
+    local = window.workspace.session.result.result.local
     for first, second in ((0, 16), (3, 30)):
         page.particles[0].setValue(first)
         page.particles[1].setValue(second)
@@ -57,7 +57,7 @@ def test_clicks_on_the_shape_set_the_two_particles_in_turn(page):
     page.place.setValue(100)
     particles = page.fitted.shape.model.instance(np.array([1.0]))
     for particle in (5, 9, 12):
-        page.take_pick(Pick("x", particles[particle] + 0.1, None))
+        page.handle_pick(Pick("x", particles[particle] + 0.1, None))
     assert page.pair == (12, 9)
 
 
@@ -104,7 +104,7 @@ def test_a_particle_that_is_not_there_is_refused(finished, tmp_path, capsys):
 
 def test_a_row_selects_its_subject(page, window):
     page.view.selectRow(2)
-    assert window.desk.session.selection == ("c",)
+    assert window.workspace.session.selection == ("c",)
 
 
 def test_a_map_shows_the_thickness_of_a_subject_and_its_distance_from_the_mean(page, window):
@@ -119,7 +119,7 @@ def test_a_map_shows_the_thickness_of_a_subject_and_its_distance_from_the_mean(p
         assert content.colours.shape == content.groomed.vertices.shape
         assert len(np.unique(content.colours, axis=0)) > 20
         assert window.commands["view.range"].isEnabled()
-    middle = wall_thickness(window.desk.session.result.surfaces["b"][0])
+    middle = wall_thickness(window.workspace.session.result.surfaces["b"][0])
     assert np.nanmedian(middle) == pytest.approx(10.0, rel=0.25)  # from side to side of an ellipsoid
     page.map.setCurrentIndex(0)
     page.map.activated.emit(0)
@@ -127,7 +127,7 @@ def test_a_map_shows_the_thickness_of_a_subject_and_its_distance_from_the_mean(p
 
 
 def test_measures_are_compared_by_group(page, window):
-    session = window.desk.session
+    session = window.workspace.session
     _, volume, _, _ = page.charts.boxes
     assert volume.is_empty
     for names, group in ((["a", "b"], "large"), (["c", "d"], "small")):
@@ -192,4 +192,4 @@ def test_one_measure_is_plotted_against_another(page, window):
     assert page.charts.currentWidget() is pairs
     np.testing.assert_allclose(pairs.points, [[row[5], row[4]] for row in cells(page)])
     pairs.subject_chosen.emit("c")
-    assert window.desk.session.selection == ("c",)
+    assert window.workspace.session.selection == ("c",)

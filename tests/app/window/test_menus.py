@@ -85,7 +85,7 @@ def test_a_plot_opens_in_its_own_window_and_names_and_ellipses_are_switched_on(m
 def test_a_click_with_ctrl_adds_to_the_selection(explored, modes, qapp, pixel):
     from PySide6.QtCore import Qt
 
-    plot, session = modes.charts.scatter, explored.desk.session
+    plot, session = modes.charts.scatter, explored.workspace.session
     session.select([])
     for name, selected in (("a", ("a",)), ("b", ("a", "b")), ("a", ("b",))):
         at = pixel(plot.canvas, *plot.points[plot.names.index(name)])

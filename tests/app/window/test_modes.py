@@ -75,7 +75,7 @@ def test_a_mode_says_how_far_it_moves_the_particles(page):
 def test_the_cross_goes_back_to_the_mean_with_another_model(page, window):
     page.sliders.show_value(0, 1.5)
     assert page.charts.scatter.mark != (0.0, 0.0)
-    window.library.begin()
+    window.projects.begin()
     assert page.charts.scatter.mark == (0.0, 0.0)
 
 
@@ -137,7 +137,7 @@ def test_a_subject_is_shown_beside_its_reconstruction(page, scene, window):
     page.who.activated.emit(page.who.currentIndex())
     own, built = scene.shown
     assert own.name == "bean_04"
-    assert window.desk.session.selection == ("bean_04",)
+    assert window.workspace.session.selection == ("bean_04",)
     model = page.fitted.shape
     index = model.result.names.index("bean_04")
     scores = model.model.scores[index] / model.model.standard_deviations
@@ -179,9 +179,9 @@ def test_a_click_in_the_scatter_selects_the_subject_everywhere(page, window, pix
     scores = model.model.scores / model.model.standard_deviations
     at = pixel(scatter.canvas, scores[6, 0], scores[6, 1])
     QTest.mouseClick(scatter.canvas, Qt.MouseButton.LeftButton, pos=at)
-    assert window.desk.session.selection == (model.result.names[6],)
+    assert window.workspace.session.selection == (model.result.names[6],)
     QTest.keyClick(scatter, Qt.Key.Key_Right)
-    assert window.desk.session.selection == (model.result.names[7],)
+    assert window.workspace.session.selection == (model.result.names[7],)
 
 
 def test_a_click_on_the_label_of_an_axis_offers_the_modes(page, qapp):

@@ -29,9 +29,9 @@ def page(explored, wait, monkeypatch, made):
     monkeypatch.setattr(build, "FEWEST", 4)
     explored.commands["explore.patient"].trigger()
     page = explored.inspector.explore.page
-    wait(lambda: not page.desk.work.is_busy)
+    wait(lambda: not page.workspace.work.is_busy)
     if made:
-        page.take_reference(made[0])
+        page.set_reference(made[0])
         return page
     page.make.click()
     wait(lambda: page.reference is not None, 300.0)
@@ -42,21 +42,21 @@ def page(explored, wait, monkeypatch, made):
 @pytest.fixture
 def patient(page, explored, ellipsoids, wait):
     """Return the page after a file was dropped on the window."""
-    assert explored.exploring.take_files([ellipsoids / "a.nrrd"])
-    wait(lambda: page.comparison is not None and not page.desk.work.is_busy, 300.0)
+    assert explored.exploring.drop_files([ellipsoids / "a.nrrd"])
+    wait(lambda: page.comparison is not None and not page.workspace.work.is_busy, 300.0)
     return page
 
 
 def test_a_dropped_file_is_compared_and_not_added_to_the_study(patient, explored, tmp_path, wait):
-    assert len(explored.desk.session.study.members) == 4
+    assert len(explored.workspace.session.study.members) == 4
     assert patient.comparison.name == "a"
     assert "limit" in patient.verdict.text()
     assert "percentile" in patient.bars.accessibleDescription()
     assert explored.commands["patient.save"].isEnabled()
     patient.write(tmp_path / "report")
     written = tmp_path / "report" / "report.pdf"
-    wait(lambda: written.is_file() and not patient.desk.work.is_busy, 300.0)
-    patient.keep_reference(tmp_path / "ref.npz")
+    wait(lambda: written.is_file() and not patient.workspace.work.is_busy, 300.0)
+    patient.save_reference(tmp_path / "ref.npz")
     first = patient.reference
     patient.open_reference(tmp_path / "ref.npz")
     assert patient.reference.fingerprint == first.fingerprint
@@ -103,10 +103,10 @@ def test_the_nearest_controls_are_named_and_saved_only_if_that_is_wanted(patient
     from homolog.patient import Reference
 
     assert patient.nearest.text().count(" SD") == 3
-    patient.keep_reference(tmp_path / "anonymous.npz")
+    patient.save_reference(tmp_path / "anonymous.npz")
     assert Reference.load(tmp_path / "anonymous.npz").names == ()
     patient.single.setChecked(True)
-    patient.keep_reference(tmp_path / "named.npz")
+    patient.save_reference(tmp_path / "named.npz")
     assert set(Reference.load(tmp_path / "named.npz").names) == {"a", "b", "c", "d"}
 
 
@@ -121,7 +121,7 @@ def test_slices_show_the_map_and_go_to_a_region_that_is_looked_at(patient, explo
     place = patient.comparison.expected.vertices[3]
     patient.place_wanted.emit("a", place, np.array([0.0, 0.0, 1.0]))
     assert np.linalg.norm(mesh - slices.place, axis=1).min() < 2.0
-    assert patient.take_scan("a", tmp := patient.desk.home / "none.nrrd")
+    assert patient.set_scan("a", tmp := patient.workspace.home / "none.nrrd")
     assert slices.sliced.image == tmp
 
 
@@ -129,12 +129,12 @@ def test_a_later_time_is_compared_with_the_first_and_a_repeat_tells_the_error(
     patient, explored, ellipsoids, tmp_path, wait
 ):
     patient.further.add_time(ellipsoids / "b.nrrd", repeats=False)
-    wait(lambda: patient.further.times.follow_up is not None and not patient.desk.work.is_busy, 300.0)
+    wait(lambda: patient.further.times.follow_up is not None and not patient.workspace.work.is_busy, 300.0)
     scene = explored.views.stage.scene
     assert [content.name for content in scene.shown] == ["b"]
     assert "No measurement error" in patient.further.change.text()
     patient.further.add_time(ellipsoids / "c.nrrd", repeats=True)
-    wait(lambda: len(patient.further.times.repeats) == 1 and not patient.desk.work.is_busy, 300.0)
+    wait(lambda: len(patient.further.times.repeats) == 1 and not patient.workspace.work.is_busy, 300.0)
     follow_up = patient.further.times.follow_up
     (change,) = follow_up.changes
     assert follow_up.repeats == 1
@@ -143,15 +143,15 @@ def test_a_later_time_is_compared_with_the_first_and_a_repeat_tells_the_error(
     patient.map.activated.emit(0)
     assert [content.name for content in scene.shown] == ["a"]
     patient.write(tmp_path / "report")
-    wait(lambda: (tmp_path / "report").is_dir() and not patient.desk.work.is_busy, 300.0)
+    wait(lambda: (tmp_path / "report").is_dir() and not patient.workspace.work.is_busy, 300.0)
     written = {str(path.relative_to(tmp_path / "report")) for path in (tmp_path / "report").rglob("*.*")}
     assert {"follow_up.pdf", "changes.csv", "a/report.pdf", "b/report.pdf"} <= written
 
 
 def test_the_patient_is_set_beside_further_groups(patient, tmp_path, wait):
-    patient.keep_reference(tmp_path / "other.npz")
+    patient.save_reference(tmp_path / "other.npz")
     patient.further.compare_groups([tmp_path / "other.npz"])
-    wait(lambda: patient.further.groups and not patient.desk.work.is_busy, 300.0)
+    wait(lambda: patient.further.groups and not patient.workspace.work.is_busy, 300.0)
     first, second = patient.further.groups
     assert first[2:5] == pytest.approx(second[2:5])
     assert patient.further.typical.text().count("p = ") == 2
@@ -162,5 +162,5 @@ def test_a_file_that_is_no_shape_leaves_the_patient_as_it_is(patient, explored, 
     (tmp_path / "notes.txt").write_text("nothing")
     before = patient.comparison
     patient.compare(tmp_path / "notes.txt")
-    wait(lambda: not patient.desk.work.is_busy)
+    wait(lambda: not patient.workspace.work.is_busy)
     assert patient.comparison is before

@@ -27,7 +27,7 @@ def screen_place(scene, point):
 
 
 def test_a_click_on_a_particle_names_it_and_its_subject(explored, scene):
-    result = explored.desk.session.result.result
+    result = explored.workspace.session.result.result
     nearest = int(result.world[0][:, 1].argmin())  # seen from the front, where y is smallest
     picks = []
     scene.picker.picked.connect(picks.append)
@@ -57,7 +57,7 @@ def test_a_drag_is_no_click(scene, qtbot):
 
 
 def test_going_to_a_place_puts_it_into_the_middle_of_its_view(explored, scene):
-    result = explored.desk.session.result.result
+    result = explored.workspace.session.result.result
     point = result.world[2][5]
     away = point - result.world[2].mean(axis=0)
     scene.go_to(result.names[2], point, away / np.linalg.norm(away))

@@ -8,9 +8,9 @@ pytestmark = pytest.mark.window
 @pytest.fixture
 def paused(groomed, wait, quick):
     """Return a window whose run is held with a preliminary model."""
-    window, work = groomed, groomed.desk.work
+    window, work = groomed, groomed.workspace.work
     settings = quick().model_copy(update={"anneal_iterations": 400})
-    window.desk.edit_settings("optimize", "anneal_iterations", settings)
+    window.workspace.edit_settings("optimize", "anneal_iterations", settings)
     window.show_step("correspond")
     window.commands["run.start"].trigger()
     wait(lambda: work.preliminary is not None, 200.0)
@@ -47,7 +47,7 @@ def test_the_finished_model_takes_the_place_of_the_preliminary_one_and_the_slide
     assert page.fitted.preliminary is None
     assert not page.mark.isVisible()
     assert page.sliders.values[0] == 1.5
-    assert page.fitted.shape.result is paused.desk.session.result.result
+    assert page.fitted.shape.result is paused.workspace.session.result.result
     assert paused.inspector.explore.tabs.isTabEnabled(0)
 
 
@@ -55,11 +55,11 @@ def test_a_cancelled_run_leaves_its_preliminary_model_until_another_study_is_ope
     paused.commands["view.explore"].trigger()
     page = paused.inspector.explore.page
     paused.commands["run.cancel"].trigger()
-    wait(lambda: not paused.desk.work.is_busy)
+    wait(lambda: not paused.workspace.work.is_busy)
     assert page.mark.isVisible()
     assert "cancelled" in page.mark.text()
     assert page.sliders.model is page.fitted.preliminary.shape
-    paused.library.begin()
+    paused.projects.begin()
     assert page.fitted.preliminary is None
     assert page.sliders.model is None
     assert not paused.commands["explore.modes"].isEnabled()

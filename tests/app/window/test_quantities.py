@@ -2,7 +2,7 @@
 
 import pytest
 
-from homolog_app.rendering.text import millilitres, short, signed, tick_words
+from homolog_app.rendering.text import millilitres, short, signed, tick_labels
 
 
 @pytest.mark.parametrize(
@@ -11,7 +11,7 @@ from homolog_app.rendering.text import millilitres, short, signed, tick_words
      ([-20.0, 0.0, 20.0], ["−20", "0", "20"]), ([], [])],
 )  # fmt: skip
 def test_ticks_have_as_many_digits_as_tell_them_apart(values, words):
-    assert tick_words(values) == words
+    assert tick_labels(values) == words
 
 
 def test_numbers_have_a_true_minus_and_no_exponent_that_people_would_not_write():

@@ -15,7 +15,7 @@ def page(explore, bean_project, window):
 
     from homolog.beans.generate import draw_beans
 
-    page, study = explore(bean_project, "groups"), window.desk.session.study
+    page, study = explore(bean_project, "groups"), window.workspace.session.study
     changed = {
         one.name: replace(
             one,
@@ -26,7 +26,7 @@ def page(explore, bean_project, window):
         )
         for index, (one, bean) in enumerate(zip(study.members, draw_beans(10), strict=True))
     }
-    window.desk.session.edit("Table", study.with_members(changed))
+    window.workspace.session.edit("Table", study.with_members(changed))
     return page
 
 
@@ -68,7 +68,7 @@ def test_shape_moves_with_the_number_as_the_beans_were_made(page, window, wait):
     assert "Change" in names
     assert "Mahalanobis D" not in names  # standard deviations apart are of groups
     assert page.chart.title == "Subjects by slot"
-    assert "mm along the effect" in page.chart.words_of(model.result.names[0])
+    assert "mm along the effect" in page.chart.text_of(model.result.names[0])
 
 
 def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait):
@@ -83,9 +83,9 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
     answer = ask(page, window, wait, "group")
     assert answer.study.request.covariates == ("slot",)
     assert dict(page.numbers.texts)["Adjusted for"] == "slot"
-    from homolog_app.window.explore.present import with_present_table
+    from homolog_app.window.explore.current_table import with_present_table
 
-    result = with_present_table(answer.shape.result, window.desk.session.study)
+    result = with_present_table(answer.shape.result, window.workspace.session.study)
     same = run_study(result, StudyRequest(between=("slim", "wide"), covariates=("slot",), null_repeats=0))
     assert same.overall.test.p_permutation == answer.pair.test.p_permutation
     np.testing.assert_array_equal(same.overall.pointwise.effect, answer.pair.pointwise.effect)
@@ -94,11 +94,11 @@ def test_a_covariate_is_allowed_for_as_the_command_line_does(page, window, wait)
 def test_an_answer_is_kept_as_the_command_line_keeps_it(page, window, wait, tmp_path, capsys):
     from homolog_app.cli import main
 
-    window.library.save()
+    window.projects.save()
     answer = ask(page, window, wait, "slot (as a number)")
     window.commands["explore.keep"].trigger()
     wait(page.kept.text)
-    project = window.desk.project.folder
+    project = window.workspace.project.folder
     folder = project / "analysis" / answer.study.request.name
     dated = ("tests.csv", "study.json")  # say when they were computed
     mine = {one.name: one.read_bytes() for one in folder.iterdir() if one.name not in dated}

@@ -9,8 +9,8 @@ import pytest
 from homolog_app.rendering.camera import round_length
 from homolog_app.rendering.colours import colours_by_place
 from homolog_app.rendering.text import direction_letters, edge_letters
-from homolog_app.window.scene.content import Content, Shown
-from homolog_app.window.scene.kept import KEPT, read_shown, write_shown
+from homolog_app.window.scene.content import Content, ViewContents
+from homolog_app.window.scene.contents_file import KEPT, read_shown, write_shown
 from homolog_app.window.scene.offscreen import drawn
 
 
@@ -61,7 +61,7 @@ class TestViews:
         middle = (content.raw.vertices @ content.alignment[:3, :3].T + content.alignment[:3, 3]).mean(axis=0)
         line = (middle + np.array([[-3.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))[None]
         without, within, through = (
-            drawn(Shown([replace(content, **marks)], 1), scene.canvas).astype(int)
+            drawn(ViewContents([replace(content, **marks)], 1), scene.canvas).astype(int)
             for marks in ({}, {"lines": line}, {"lines": line, "through": True})
         )
         np.testing.assert_array_equal(within, without)
@@ -71,7 +71,7 @@ class TestViews:
     def test_a_kept_view_says_what_is_seen_through_its_shape(self, beans, tmp_path):
         scene, path = beans.views.stage.scene, tmp_path / f"a{KEPT}"
         plain, other = scene.shown[:2]
-        write_shown(path, Shown([plain, replace(other, through=True)], 2), scene.canvas)
+        write_shown(path, ViewContents([plain, replace(other, through=True)], 2), scene.canvas)
         assert [one.through for one in read_shown(path)[0].contents] == [False, True]
 
     def test_every_layout_shows_its_number_of_subjects_and_pages_through_the_rest(self, beans):
@@ -82,7 +82,7 @@ class TestViews:
         beans.commands["view.grid1"].trigger()
         beans.commands["view.next"].trigger()
         assert [one.name for one in scene.shown] == ["b"]
-        beans.desk.session.select(["d"])
+        beans.workspace.session.select(["d"])
         assert [one.name for one in scene.shown] == ["d"]
         assert not beans.commands["view.next"].isEnabled()
 
@@ -114,8 +114,8 @@ class TestViews:
         assert len(seen[0] & seen[1]) > 20
 
     def test_a_few_views_at_a_time_are_drawn_if_drawing_is_slow(self, explored, wait):
-        scene, frames = explored.views.stage.scene, explored.desk.session.result.frames
-        names = explored.desk.session.result.result.names
+        scene, frames = explored.views.stage.scene, explored.workspace.session.result.frames
+        names = explored.workspace.session.result.result.names
         first, last = (dict(zip(names, one.particles, strict=True)) for one in (frames[-2], frames[-1]))
         scene.show_particles(first)
         scene.picture()
@@ -140,11 +140,11 @@ class TestViews:
 @pytest.mark.window
 def test_slices_go_from_subject_to_subject_and_switch_off_what_they_do_not_show(groomed):
     commands, footer = groomed.commands, groomed.views.stage.footer
-    groomed.desk.session.select(["a"])
+    groomed.workspace.session.select(["a"])
     commands["view.slice"].trigger()
     assert footer.page.text() == "1 of 4"
     commands["view.next"].trigger()
-    assert groomed.desk.session.selection == ("b",)
+    assert groomed.workspace.session.selection == ("b",)
     assert footer.page.text() == "2 of 4"
     for name in ("grid4", "link", "front"):
         assert not commands[f"view.{name}"].isEnabled(), name
@@ -227,8 +227,12 @@ def test_another_project_is_seen_from_the_usual_side(explored, tmp_path, wait):
     explored.commands["view.head"].trigger()
     assert camera.GetDirectionOfProjection() != pytest.approx(usual)
     shutil.copytree(tmp_path / "copy", tmp_path / "another")
-    explored.library.take([tmp_path / "another"])
-    wait(lambda: explored.desk.session.folder == tmp_path / "another" and explored.desk.session.result)
+    explored.projects.open_paths([tmp_path / "another"])
+    wait(
+        lambda: (
+            explored.workspace.session.folder == tmp_path / "another" and explored.workspace.session.result
+        )
+    )
     assert camera.GetDirectionOfProjection() == pytest.approx(usual)
 
 

@@ -27,7 +27,7 @@ def both(window, tmp_path, wait):
     window.resize(960, 720)  # drawing takes time by the pixel
 
     def saved(**changes):
-        session, work = window.desk.session, window.desk.work
+        session, work = window.workspace.session, window.workspace.work
         wait(lambda: not work.is_busy and len(session.surveys) == len(session.study.members))
         window.commands["view.screenshot"].trigger()
         (dialog,) = [one for one in window.findChildren(ScreenshotDialog) if one.isVisible()]
@@ -135,12 +135,12 @@ def test_measures_and_checks_are_drawn_again(explore, finished, window, both, wa
     page.look.mark(5, 1, np.array([5, 7]))
     for show in ("places", "neighbours", "distances", "ensemble", "checkerboard"):
         page.look.show_what.setCurrentIndex(page.look.show_what.findData(show))
-        wait(lambda: not window.desk.work.is_busy)
+        wait(lambda: not window.workspace.work.is_busy)
         assert_same(*both()[:2])
 
 
 def test_groomed_surfaces_before_a_run_are_drawn_again_and_transparently(groomed, both, tmp_path):
-    groomed.library.save_to(tmp_path / "study")
+    groomed.projects.save_to(tmp_path / "study")
     mine, theirs, _ = both(transparent=True)
     assert_same(mine, theirs)
     assert mine.shape[2] == 4
@@ -186,14 +186,14 @@ def running(groomed, wait):
     """Return a window in which a run has been paused."""
     from homolog.settings import OptimizeSettings
 
-    groomed.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
+    groomed.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
     groomed.commands["run.start"].trigger()
     wait(lambda: groomed.views.run.frame is not None)
     groomed.commands["run.pause"].trigger()
-    wait(lambda: groomed.desk.work.run_job.status.paused)
+    wait(lambda: groomed.workspace.work.run_job.status.paused)
     yield groomed
     groomed.commands["run.cancel"].trigger()
-    wait(lambda: not groomed.desk.work.is_busy)
+    wait(lambda: not groomed.workspace.work.is_busy)
 
 
 def dialog_of(window):
@@ -217,16 +217,16 @@ def test_a_run_that_goes_on_is_drawn_again_from_the_file_beside_the_picture(runn
     dialog.go.click()
     dialog.close()
     running.commands["run.cancel"].trigger()
-    wait(lambda: not running.desk.work.is_busy)
-    running.library.leave()
+    wait(lambda: not running.workspace.work.is_busy)
+    running.projects.leave()
     assert main([*words[1:], "--progress", "none"]) == 0
     assert_same(pixels(tmp_path / "mine.png"), pixels(tmp_path / "theirs.png"))
 
 
 def test_what_was_not_saved_is_drawn_again_from_the_file_beside_the_picture(explore, finished, window, both):
     page = explore(finished, "modes")
-    window.desk.session.select(["a"])
-    window.desk.session.set_group("sick")
+    window.workspace.session.select(["a"])
+    window.workspace.session.set_group("sick")
     page.sliders.show_value(0, -1.5)
     page.arrows.setChecked(True)
     mine, theirs, words = both()
@@ -253,7 +253,7 @@ def test_a_picture_shows_what_was_seen_when_it_was_asked_for(explored, tmp_path)
 
 def test_damaged_files_beside_a_picture_are_refused(explored, tmp_path, capsys):
     from homolog_app.cli import main
-    from homolog_app.window.scene.kept import write_shown
+    from homolog_app.window.scene.contents_file import write_shown
 
     whole = tmp_path / "whole.views.npz"
     scene = explored.views.stage.scene

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from homolog.cohort import Subject
-from homolog_app.window.survey import survey_subject
+from homolog_app.window.file_survey import survey_subject
 
 
 @pytest.fixture
@@ -37,8 +37,8 @@ def test_segments_are_listed_by_name_though_they_overlap(folder):
 
 @pytest.mark.window
 def test_a_segment_is_picked_by_its_name_whatever_its_value(window, folder, wait):
-    window.library.take([folder])
-    session, picker = window.desk.session, window.inspector.cohort.labels
+    window.projects.open_paths([folder])
+    session, picker = window.workspace.session, window.inspector.cohort.labels
     wait(lambda: len(session.surveys) == 2)
     assert [one.name for one in session.study.members] == ["x", "y"]
     assert all(one.included for one in session.study.members)

@@ -82,9 +82,9 @@ def test_a_window_maps_its_ends_to_black_and_white_and_survives_odd_values():
 @pytest.fixture
 def scanned(groomed, tmp_path, wait):
     """Return the window with slices of a subject, and the function that gives it a scan."""
-    path = groomed.desk.session.study.members[0].subject.path
+    path = groomed.workspace.session.study.members[0].subject.path
     volume = read_volume(path)
-    groomed.desk.session.select(["a"])
+    groomed.workspace.session.select(["a"])
     groomed.commands["view.slice"].trigger()
     reader = groomed.views.stage.slices.reader
 
@@ -110,7 +110,7 @@ def test_a_scan_is_read_and_shown_with_the_window_that_fits_it(scanned):
     assert slices.window_box.currentText() == "CT soft tissue"
     assert slices.window_box.isVisible()
     assert not slices.problem.isVisible()
-    session = scanned.window.desk.session
+    session = scanned.window.workspace.session
     session.undo.undo()
     assert session.study.members[0].subject.image is None
     assert slices.reader.read is None
@@ -121,7 +121,7 @@ def test_a_scan_of_another_frame_is_refused_with_numbers_and_the_segmentation_st
     assert slices.reader.read is None
     assert "mm apart" in slices.problem.text()
     assert slices.canvases[0].drawn is not None
-    assert scanned.window.desk.session.is_groomed
+    assert scanned.window.workspace.session.is_groomed
 
 
 def test_a_lost_scan_is_named_and_stops_nothing(scanned, tmp_path, wait):
@@ -144,7 +144,7 @@ def test_a_click_in_one_plane_moves_the_others_and_so_does_a_pick_on_the_surface
     assert (after[0], after[1] != before[1], after[2] != before[2]) == (before[0], True, True)
     coronal.stepped.emit(1)
     assert coronal.drawn.text != after[1]
-    session = scanned.window.desk.session
+    session = scanned.window.workspace.session
     vertex = session.groomed["a"].subject.mesh.vertices[100]
     world = transform_points(session.groomed["a"].alignment, vertex[None])[0]
     scanned.window.views.stage.scene.picker.picked.emit(Pick("a", world, None))
@@ -183,7 +183,7 @@ def test_an_image_that_is_dropped_on_a_subject_can_be_its_scan(scanned, tmp_path
     (tmp_path / "scan.nrrd").rename(other)
     assert window.views.scans.offer([other], at)
     window.findChildren(QMenu)[-1].actions()[0].trigger()
-    assert window.desk.session.study.members[0].subject.image == other
+    assert window.workspace.session.study.members[0].subject.image == other
     assert not window.views.scans.offer([tmp_path / "table.csv"], at)
     for menu in window.findChildren(QMenu):
         menu.close()

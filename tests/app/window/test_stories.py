@@ -15,17 +15,17 @@ def test_a_dropped_folder_becomes_particles_that_are_saved_and_found_again(
     groomed, make_window, close, errors, wait, tmp_path
 ):
     groomed.commands["run.start"].trigger()
-    wait(lambda: not groomed.desk.work.is_busy)
+    wait(lambda: not groomed.workspace.work.is_busy)
     assert not errors
-    before = groomed.desk.session.result.result
+    before = groomed.workspace.session.result.result
     assert before.world.shape == (4, 32, 3)
-    groomed.library.save_to(tmp_path / "study")
+    groomed.projects.save_to(tmp_path / "study")
     close(groomed)
 
     again = make_window()
-    again.library.take([tmp_path / "study"])
-    wait(lambda: again.desk.session.result is not None)
-    after = again.desk.session.result
+    again.projects.open_paths([tmp_path / "study"])
+    wait(lambda: again.workspace.session.result is not None)
+    after = again.workspace.session.result
     assert after.result.names == before.names
     np.testing.assert_array_equal(after.result.world, before.world)
     assert len(after.frames) > 1
@@ -33,12 +33,12 @@ def test_a_dropped_folder_becomes_particles_that_are_saved_and_found_again(
 
 
 def test_the_previous_result_stays_when_the_next_run_is_cancelled(explored, errors, wait):
-    session, work = explored.desk.session, explored.desk.work
+    session, work = explored.workspace.session, explored.workspace.work
     result = session.result
     wait(lambda: len(session.surveys) == 4)
     explored.commands["run.groom"].trigger()
     wait(lambda: not work.is_busy)
-    explored.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
+    explored.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
     explored.commands["run.start"].trigger()
     wait(lambda: work.run_job is not None and work.run_job.frame is not None)
     explored.commands["run.cancel"].trigger()
@@ -48,8 +48,8 @@ def test_the_previous_result_stays_when_the_next_run_is_cancelled(explored, erro
 
 
 def test_the_particles_of_a_cancelled_run_can_be_kept(groomed, errors, wait):
-    work = groomed.desk.work
-    groomed.desk.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
+    work = groomed.workspace.work
+    groomed.workspace.edit_settings("optimize", "particles", OptimizeSettings(particles=128))
     groomed.commands["run.start"].trigger()
     wait(lambda: (job := work.run_job) and job.frame)
     changes, steps = [], []
@@ -60,10 +60,10 @@ def test_the_particles_of_a_cancelled_run_can_be_kept(groomed, errors, wait):
     assert not changes  # pages are not refreshed while a run goes on as before
     groomed.commands["run.cancel"].trigger()
     wait(lambda: not work.is_busy)
-    assert groomed.desk.session.result is None
+    assert groomed.workspace.session.result is None
     groomed.commands["run.keep"].trigger()
     wait(lambda: not work.is_busy)
-    assert groomed.desk.session.result.result.world.shape[1] >= 16
+    assert groomed.workspace.session.result.result.world.shape[1] >= 16
     assert not errors
 
 
@@ -95,8 +95,8 @@ def test_twenty_good_files_load_and_five_bad_ones_are_listed_with_their_reason(
     (folder / "bad_open.stl").write_text("solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n")
     blank = SimpleITK.GetImageFromArray(np.zeros((8, 8, 8), np.uint8))
     SimpleITK.WriteImage(blank, folder / "bad_blank.mha")
-    window.library.take([folder])
-    session = window.desk.session
+    window.projects.open_paths([folder])
+    session = window.workspace.session
     wait(lambda: len(session.surveys) == 25)
     assert len(session.study.included) == 20
     panel = window.inspector.cohort
@@ -120,15 +120,15 @@ def test_a_tour_leads_from_the_sample_to_a_result(
     monkeypatch.setattr("homolog_app.window.samples.Sample.make", lambda *_: ellipsoids)
     window.commands[sample].trigger()
     wait(lambda: window.tour.card.isVisible())
-    session, card = window.desk.session, window.tour.card
+    session, card = window.workspace.session, window.tour.card
     wait(lambda: len(session.surveys) == 4 and card.go_on.isEnabled())
-    shutil.copytree(groomed_cache, window.desk.project.groomed)
-    window.desk.edit_settings("optimize", "particles", quick(16))
+    shutil.copytree(groomed_cache, window.workspace.project.groomed)
+    window.workspace.edit_settings("optimize", "particles", quick(16))
     for step in ("groom", "correspond"):
         card.go_on.click()
         assert window.step == step
         card.offer.click()
-        wait(lambda: card.go_on.isEnabled() and not window.desk.work.is_busy)
+        wait(lambda: card.go_on.isEnabled() and not window.workspace.work.is_busy)
     for page in pages:
         card.go_on.click()
         assert window.step == "explore"

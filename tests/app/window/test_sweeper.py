@@ -50,12 +50,12 @@ def tie_knots(freed):
 def test_what_the_computing_thread_leaves_is_collected_in_the_windows(
     make_window, wait, collections, monkeypatch
 ):
-    monkeypatch.setattr("homolog_app.window.sweeper._REST", 0.0)
-    desk = make_window(views=False).desk
+    monkeypatch.setattr("homolog_app.window.garbage_collector._REST", 0.0)
+    workspace = make_window(views=False).workspace
     freed, main = [], threading.current_thread().name
     ended = []
-    desk.work.runner.ended.connect(ended.append)
-    desk.work.runner.start(Task(tie_knots(freed), "knots"))
+    workspace.work.runner.ended.connect(ended.append)
+    workspace.work.runner.start(Task(tie_knots(freed), "knots"))
     hoard = []
 
     def all_are_freed():
@@ -75,8 +75,8 @@ def test_pythons_own_collector_goes_on_when_the_window_is_closed(make_window, cl
 
 
 def test_all_garbage_is_collected_now_and_then_but_not_all_the_time(make_window, collections, monkeypatch):
-    sweeper = make_window(views=False).desk.sweeper
-    monkeypatch.setattr("homolog_app.window.sweeper._REST", 1e6)
+    garbage_collector = make_window(views=False).workspace.garbage_collector
+    monkeypatch.setattr("homolog_app.window.garbage_collector._REST", 1e6)
     kinds = []
 
     def note(phase, info):
@@ -86,7 +86,7 @@ def test_all_garbage_is_collected_now_and_then_but_not_all_the_time(make_window,
     gc.callbacks.append(note)
     for _ in range(300):
         _ = [[] for _ in range(2000)]
-        sweeper.sweep()
+        garbage_collector.sweep()
     gc.callbacks.remove(note)
     assert kinds.count(2) == 1
     assert kinds.count(1) > 3

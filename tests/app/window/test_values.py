@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from homolog_app.window.explore.chosen import ModesView
-from homolog_app.window.explore.model_content import facing_away
+from homolog_app.window.explore.model_content import outward_sign
+from homolog_app.window.explore.view_states import ModesView
 from homolog_app.window.range_dialog import RangeDialog
 
 pytestmark = pytest.mark.window
@@ -59,7 +59,7 @@ def test_a_range_that_is_none_is_refused(range_):
 
 
 def test_a_control_group_is_the_reference_and_groups_can_be_swapped(explored):
-    session, form = explored.desk.session, explored.inspector.explore.pages[2].form
+    session, form = explored.workspace.session, explored.inspector.explore.pages[2].form
     for names, group in ((["a", "b"], "HCM"), (["c", "d"], "NOR")):
         session.select(names)
         session.set_group(group)
@@ -71,7 +71,7 @@ def test_a_control_group_is_the_reference_and_groups_can_be_swapped(explored):
 def test_the_inner_wall_of_a_hollow_shape_faces_its_middle():
     outer = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
     vertices, normals = np.concatenate([outer, 0.5 * outer]), np.concatenate([outer, -outer])
-    np.testing.assert_array_equal(facing_away(vertices, normals), np.repeat([1.0, -1.0], 6))
+    np.testing.assert_array_equal(outward_sign(vertices, normals), np.repeat([1.0, -1.0], 6))
 
 
 def test_colours_can_be_positive_away_from_the_middle(explored, modes):

@@ -44,10 +44,10 @@ def test_swapped_neighbours_return_to_their_places_and_nothing_else_moves(
     swapped, pair = with_swap(found, shape, particle)
     movable = np.zeros(swapped.shape[:2], dtype=bool)
     movable[shape, pair] = True
-    mended = repair(ellipsoid_shapes, SETTINGS, swapped, movable)
-    np.testing.assert_array_equal(mended.local[~movable], found.local[~movable])
-    np.testing.assert_array_equal(mended.world[~movable], found.world[~movable])
-    assert np.linalg.norm(mended.local - found.local, axis=-1).max() < 0.15 * spacing
+    repaired = repair(ellipsoid_shapes, SETTINGS, swapped, movable)
+    np.testing.assert_array_equal(repaired.local[~movable], found.local[~movable])
+    np.testing.assert_array_equal(repaired.world[~movable], found.world[~movable])
+    assert np.linalg.norm(repaired.local - found.local, axis=-1).max() < 0.15 * spacing
 
 
 def test_a_patch_may_move_on_all_subjects_while_one_is_not_trusted(found, spacing, ellipsoid_shapes):
@@ -56,10 +56,10 @@ def test_a_patch_may_move_on_all_subjects_while_one_is_not_trusted(found, spacin
     movable, wrong = np.zeros((2, *swapped.shape[:2]), dtype=bool)
     movable[:, near] = True
     wrong[1, pair] = True
-    mended = repair(ellipsoid_shapes, SETTINGS, swapped, movable, misplaced=wrong)
-    np.testing.assert_array_equal(mended.local[~movable], found.local[~movable])
-    assert np.linalg.norm(mended.local - found.local, axis=-1).max() < 0.3 * spacing
-    assert np.linalg.norm(mended.local - found.local, axis=-1)[movable].min() > 0.0
+    repaired = repair(ellipsoid_shapes, SETTINGS, swapped, movable, misplaced=wrong)
+    np.testing.assert_array_equal(repaired.local[~movable], found.local[~movable])
+    assert np.linalg.norm(repaired.local - found.local, axis=-1).max() < 0.3 * spacing
+    assert np.linalg.norm(repaired.local - found.local, axis=-1)[movable].min() > 0.0
 
 
 def test_the_prediction_does_not_look_at_what_is_misplaced():

@@ -109,13 +109,13 @@ def test_without_mirroring_left_and_right_are_mixed_up(scans, both, result):
     shutil.copytree(both.groomed, scans / "p_mixed" / "groomed")
     ProjectFolder(scans / "p_mixed").write(ProjectRecord())
     mixed = finished(scans / "p_mixed", scans / "both", OFF)
-    assert record_of(mixed).mirrored_words == ""
+    assert record_of(mixed).mirrored_text == ""
     assert np.var(read_result(mixed).world, axis=0).sum() > 2.0 * np.var(result.world, axis=0).sum()
 
 
 def test_the_record_says_who_was_mirrored(both):
     record = record_of(both)
-    assert record.mirrored_words.startswith("2 left")
+    assert record.mirrored_text.startswith("2 left")
     assert [
         subject.name for subject in record.subjects if any("mirrored" in note for note in subject.notes)
     ] == [
@@ -233,4 +233,4 @@ def test_projects_without_sides_are_still_read(both):
     for subject in old["subjects"]:
         del subject["side"]
     del old["settings"]["groom"]["mirror"]
-    assert ProjectRecord.model_validate({"result": old}).result.mirrored_words == "2 subjects were mirrored"
+    assert ProjectRecord.model_validate({"result": old}).result.mirrored_text == "2 subjects were mirrored"

@@ -41,7 +41,7 @@ def test_particles_torn_apart_along_a_mode_are_smoothed_over_and_told(project):
     write_repaired(project, local, {})
     result, record = read_result(project), project.read().result
     assert record.smoothed_particles == np.count_nonzero(result.smoothing) > 0
-    assert f"smoothed around {record.smoothed_particles} particles" in record.surface_words
+    assert f"smoothed around {record.smoothed_particles} particles" in record.surface_text
     assert len(read_modes(project, result.mean_surface)) > 0
 
 

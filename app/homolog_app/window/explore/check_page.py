@@ -10,18 +10,18 @@ from PySide6.QtWidgets import QHBoxLayout
 
 from homolog.arrays import FloatArray
 from homolog_app.window.actions import Actions
-from homolog_app.window.desk import Desk
-from homolog_app.window.explore.check_look import LookAt
-from homolog_app.window.explore.check_shown import checked_scene
+from homolog_app.window.explore.check_display import CheckDisplay
+from homolog_app.window.explore.check_scene import checked_scene
 from homolog_app.window.explore.check_sphere import NormalSphere
-from homolog_app.window.explore.check_state import Checked
+from homolog_app.window.explore.check_state import InspectionState
 from homolog_app.window.explore.check_table import SuspectModel, suspect_table
-from homolog_app.window.explore.chosen import CheckView
-from homolog_app.window.explore.fitted import Fitted
+from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.explore.page import ExplorePage
+from homolog_app.window.explore.view_states import CheckView
 from homolog_app.window.progress import Progress
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.widgets import GRID, button, label
+from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog.inspection import Suspect
@@ -38,22 +38,22 @@ class CheckPage(ExplorePage):
     title = "Check"
     hint = "Particles that may be mismatched. Select a row to see them."
 
-    def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
-        super().__init__(desk, actions, fitted)
-        self.checked = Checked(desk, self)
-        self.rows = SuspectModel(desk.theme)
+    def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
+        super().__init__(workspace, actions, fitted)
+        self.checked = InspectionState(workspace, self)
+        self.rows = SuspectModel(workspace.theme)
         self.table = suspect_table(self.rows)
         self.state, self.message = label("", "Hint", wrap=True), label("", wrap=True)
         self.again, self.export = button("Find suspects"), button("Export list…")
-        self.mend = button("Optimize again here", "primary")
+        self.repair = button("Optimize again here", "primary")
         self.mend_all_button = button("Optimize again at all suspects")
         self.keep = button("Save to project")
         self.unsaved = label(
             "Particles have changed; the project still has the previous ones.", "Hint", wrap=True
         )
         self.progress = Progress(actions)
-        self.look = LookAt(desk)
-        self.plots = self.sphere = NormalSphere(desk.theme)
+        self.look = CheckDisplay(workspace)
+        self.plots = self.sphere = NormalSphere(workspace.theme)
         self._lay_out()
         self._connect()
         self._show_inspection()
@@ -66,15 +66,15 @@ class CheckPage(ExplorePage):
         """Leave results that come while another page is open alone."""
         self.checked.want_no_more()
 
-    def take_pick(self, pick: "Pick") -> None:
+    def handle_pick(self, pick: "Pick") -> None:
         """Choose what was clicked."""
-        self.look.take_pick(pick)
+        self.look.handle_pick(pick)
 
-    def shown(self, subjects: Sequence[Content]) -> Shown:
+    def shown(self, subjects: Sequence[Content]) -> ViewContents:
         """Return the shapes with what is marked and coloured."""
         inspection = self.checked.inspection
         if inspection is None:
-            return Shown(subjects)
+            return ViewContents(subjects)
         return replace(checked_scene(subjects, inspection, self._names, self.look.marks), stays=True)
 
     @property
@@ -93,21 +93,21 @@ class CheckPage(ExplorePage):
         if count:
             self.table.selectRow((self.table.currentIndex().row() + 1) % count)
 
-    def mend_chosen(self) -> None:
+    def repair_chosen(self) -> None:
         """Optimize the particles around the chosen suspect again."""
         suspect = self._suspect
         if suspect is not None:
-            self.checked.mend([suspect])
+            self.checked.repair([suspect])
         else:
             self.message.setText("Choose a suspect in the list first.")
 
-    def mend_all(self) -> None:
+    def repair_all(self) -> None:
         """Optimize the particles around all suspects again, one after the other."""
-        self.checked.mend(self.rows.suspects)
+        self.checked.repair(self.rows.suspects)
 
     @property
     def _names(self) -> tuple[str, ...]:
-        result = self.desk.session.result
+        result = self.workspace.session.result
         return result.result.names if result is not None else ()
 
     @property
@@ -126,18 +126,18 @@ class CheckPage(ExplorePage):
         self.body.addLayout(row)
         self.body.addSpacing(GRID)
         self.body.addWidget(self.look)
-        for below in (self.progress, self.unsaved, self.keep, self.mend_all_button, self.mend):
+        for below in (self.progress, self.unsaved, self.keep, self.mend_all_button, self.repair):
             self.footer.addWidget(below)
 
     def _connect(self) -> None:
-        session = self.desk.session
+        session = self.workspace.session
         self.checked.changed.connect(self._show_inspection)
-        self.checked.mended.connect(self._show_mended)
-        for signal in (self.desk.work.changed, self.desk.work.progressed):
-            signal.connect(self._tell_state)
+        self.checked.repaired.connect(self._show_repaired)
+        for signal in (self.workspace.work.changed, self.workspace.work.progressed):
+            signal.connect(self._update_state)
         self.table.selectionModel().currentRowChanged.connect(lambda now, _: self._choose(now.row()))
         for widget, command in (
-            (self.again, "check.look"), (self.export, "check.export"), (self.mend, "check.mend"),
+            (self.again, "check.look"), (self.export, "check.export"), (self.repair, "check.mend"),
             (self.mend_all_button, "check.mend_all"),
             (self.keep, "check.keep"),
         ):  # fmt: skip
@@ -153,14 +153,14 @@ class CheckPage(ExplorePage):
         self.rows.show_suspects(inspection.suspects if inspection else (), self._names)
         self.message.setText("")
         self.look.show_inspection(inspection, self._names)
-        self._tell_state()
+        self._update_state()
 
     @Slot()
-    def _tell_state(self) -> None:
-        inspection, work = self.checked.inspection, self.desk.work
+    def _update_state(self) -> None:
+        inspection, work = self.checked.inspection, self.workspace.work
         for enabled in (self.table, self.export):
             enabled.setEnabled(inspection is not None)
-        self.mend.setEnabled(self._suspect is not None and not work.is_busy)
+        self.repair.setEnabled(self._suspect is not None and not work.is_busy)
         self.mend_all_button.setEnabled(
             inspection is not None and bool(inspection.suspects) and not work.is_busy
         )
@@ -198,23 +198,23 @@ class CheckPage(ExplorePage):
             suspect = self.rows.suspects[row]
             self.message.setText(f"{self._names[suspect.subject]}: {suspect.description}.")
             self.look.mark(int(suspect.particles[0]), suspect.subject, suspect.particles)
-            self._tell_state()
+            self._update_state()
             self._go(suspect.subject, suspect.place)
 
     def _look_on(self, name: str) -> None:
         particle = self.look.chosen
         if particle is not None:
             self.look.mark(particle, self._names.index(name))
-            self.desk.session.select([name])
+            self.workspace.session.select([name])
 
     def _go(self, subject: int, place: FloatArray) -> None:
         inspection = self.checked.inspection
         if inspection is not None:
             nearest = int(np.linalg.norm(inspection.located.world[subject] - place, axis=1).argmin())
-            self.desk.session.select([self._names[subject]])
+            self.workspace.session.select([self._names[subject]])
             self.place_wanted.emit(self._names[subject], place, inspection.located.normals[subject, nearest])
 
-    def _show_mended(self, suspects: "Sequence[Suspect]") -> None:
+    def _show_repaired(self, suspects: "Sequence[Suspect]") -> None:
         """Say what came of it, and stay where it was."""
         inspection = self.checked.inspection
         if inspection is None:

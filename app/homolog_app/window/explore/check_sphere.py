@@ -107,7 +107,7 @@ class NormalSphere(QWidget):
         else:
             self._paint_globe(painter)
             self._paint_normals(painter)
-            self._paint_words(painter)
+            self._paint_text(painter)
         painter.end()
 
     def _paint_globe(self, painter: QPainter) -> None:
@@ -143,7 +143,7 @@ class NormalSphere(QWidget):
         for arm in (QPointF(8, 0), QPointF(0, 8)):
             painter.drawLine(middle - arm, middle + arm)
 
-    def _paint_words(self, painter: QPainter) -> None:
+    def _paint_text(self, painter: QPainter) -> None:
         colours, disc = self._theme.colours, self._disc
         left, top = disc.right() + 2 * _MARGIN, disc.top() + 14
         painter.setPen(QColor(colours.text))

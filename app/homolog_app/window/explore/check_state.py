@@ -9,13 +9,13 @@ import numpy as np
 from PySide6.QtCore import QObject, Signal, Slot
 
 from homolog.progress import Tick
-from homolog_app.window.desk import Desk
-from homolog_app.window.loaded import Loaded, Recorder, write_held
+from homolog_app.window.loaded_result import LoadedResult, Recorder, write_from_memory
+from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, Suspect
 
-__all__ = ["Checked"]
+__all__ = ["InspectionState"]
 
 FEWEST = 3
 """Subjects that the inspection takes."""
@@ -25,27 +25,27 @@ FEWEST = 3
 class _Version:
     """A result, what the inspection says of it, and what was done to subjects since it was written."""
 
-    loaded: Loaded
+    loaded: LoadedResult
     inspection: "Inspection"
     notes: dict[str, str]
 
 
-class Checked(QObject):
+class InspectionState(QObject):
     """Inspects the session's result in the computing thread, when first wanted and after each change."""
 
     changed = Signal()
-    mended = Signal(object)
+    repaired = Signal(object)
 
-    def __init__(self, desk: Desk, parent: QObject) -> None:
+    def __init__(self, workspace: Workspace, parent: QObject) -> None:
         super().__init__(parent)
-        self._desk = desk
+        self._workspace = workspace
         self._wanted = False
-        self._asked: Loaded | None = None
-        self._seen: Loaded | None = None
+        self._asked: LoadedResult | None = None
+        self._seen: LoadedResult | None = None
         self._versions: list[_Version] = []
-        desk.session.facts_changed.connect(self._look)
-        desk.session.undo.cleanChanged.connect(self._follow_save)
-        desk.work.changed.connect(self._look)
+        workspace.session.facts_changed.connect(self._look)
+        workspace.session.undo.cleanChanged.connect(self._follow_save)
+        workspace.work.changed.connect(self._look)
 
     @property
     def inspection(self) -> "Inspection | None":
@@ -56,13 +56,13 @@ class Checked(QObject):
     @property
     def is_possible(self) -> bool:
         """Whether there are enough subjects to say which of them is the odd one."""
-        result = self._desk.session.result
+        result = self._workspace.session.result
         return result is not None and len(result.result.names) >= FEWEST
 
     @property
     def is_written(self) -> bool:
         """Whether the open result is the one in the project's folder."""
-        return self._desk.session.is_result_written
+        return self._workspace.session.is_result_written
 
     def want(self) -> None:
         """Inspect the result unless that was done; `changed` follows. Asks again if it was cancelled."""
@@ -73,12 +73,12 @@ class Checked(QObject):
         """Inspect no further results by itself."""
         self._wanted = False
 
-    def mend(self, suspects: "Sequence[Suspect]") -> None:
-        """Optimize the particles around suspects again; `mended` follows; one undo takes it back."""
-        version, desk = self._version, self._desk
+    def repair(self, suspects: "Sequence[Suspect]") -> None:
+        """Optimize the particles around suspects again; `repaired` follows; one undo takes it back."""
+        version, workspace = self._version, self._workspace
         if version is None or not suspects:
             return
-        project, inspection = desk.project, version.inspection
+        project, inspection = workspace.project, version.inspection
 
         names = list(dict.fromkeys(version.loaded.result.names[suspect.subject] for suspect in suspects))
         notes = version.notes | dict.fromkeys(names, "particles were optimized again where they were suspect")
@@ -88,13 +88,13 @@ class Checked(QObject):
             from homolog.progress import part_of
             from homolog.run.shape_files import surface_of_model
             from homolog.surfaces.mesh import TriangleMesh
-            from homolog_app.suspects import mended
+            from homolog_app.suspects import repaired
 
             after = inspection
             for index, suspect in enumerate(suspects):
                 part = part_of(tick, 0.8 * index / len(suspects), 0.8 * (index + 1) / len(suspects))
                 if any(_same(suspect, other) for other in after.suspects):  # or a neighbour's repair cured it
-                    after = mended(project, after, suspect, part)
+                    after = repaired(project, after, suspect, part)
             places = after.located
             model, last = ShapeModel.fit(places.world), part_of(tick, 0.8, 1.0)
             surface = surface_of_model(model, places.world, places.meshes, places.alignments, last)
@@ -109,14 +109,14 @@ class Checked(QObject):
 
         def take(after: _Version) -> None:
             self._versions.append(after)
-            desk.session.exchange_result(after.loaded, f"Optimize again: {', '.join(names)}")
-            self.mended.emit(tuple(suspects))
+            workspace.session.exchange_result(after.loaded, f"Optimize again: {', '.join(names)}")
+            self.repaired.emit(tuple(suspects))
 
-        desk.work.compute("mend", work, "optimizing particles again", take)
+        workspace.work.compute("mend", work, "optimizing particles again", take)
 
     def write(self) -> None:
         """Let the open result take the place of the one in the project's folder."""
-        session, project = self._desk.session, self._desk.project
+        session, project = self._workspace.session, self._workspace.project
         result, written, version = session.result, session.written, self._version
         if result is None or self.is_written:
             return
@@ -124,7 +124,7 @@ class Checked(QObject):
         same_run = written is not None and result.record is written.record
         cohort = session.study.whole
 
-        def work(tick: Tick) -> Loaded:
+        def work(tick: Tick) -> LoadedResult:
             from homolog.run.repair import write_repaired
 
             if same_run:
@@ -134,12 +134,12 @@ class Checked(QObject):
                 recorder.write(project)
                 return result
             record = project.read()  # a run was undone: the result before it is in memory only
-            write_held(project, result, cohort, tick)
+            write_from_memory(project, result, cohort, tick)
             following = {"subjects": record.subjects, "settings": record.settings}
             project.write(project.read().model_copy(update=following))
             return result
 
-        self._desk.work.compute("keep", work, "writing the result", self._take_written)
+        self._workspace.work.compute("keep", work, "writing the result", self._receive_written)
 
     def export(self, path: Path) -> None:
         """Write the list of suspects; raises InputError if the file can't be written."""
@@ -150,8 +150,8 @@ class Checked(QObject):
             inspection = version.inspection
             write_suspects(path, rows(inspection, inspection.suspects, version.loaded.result.names))
 
-    def _take_written(self, loaded: Loaded) -> None:
-        self._desk.session.written = loaded
+    def _receive_written(self, loaded: LoadedResult) -> None:
+        self._workspace.session.written = loaded
         self.changed.emit()
 
     @Slot(bool)
@@ -162,15 +162,15 @@ class Checked(QObject):
 
     @property
     def _version(self) -> _Version | None:
-        result = self._desk.session.result
+        result = self._workspace.session.result
         return next((version for version in self._versions if version.loaded is result), None)
 
     @Slot()
     def _look(self) -> None:
-        result, work = self._desk.session.result, self._desk.work
+        result, work = self._workspace.session.result, self._workspace.work
         known = self._version is not None
-        if known and not work.is_busy and self._desk.session.undo.isClean() and not self.is_written:
-            self._desk.session.undo.resetClean()  # writing was cancelled or failed
+        if known and not work.is_busy and self._workspace.session.undo.isClean() and not self.is_written:
+            self._workspace.session.undo.resetClean()  # writing was cancelled or failed
         if result is not self._seen:
             self._seen = result
             if not known:

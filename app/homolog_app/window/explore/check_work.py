@@ -9,7 +9,7 @@ from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
 from homolog.surfaces.mirroring import scale_of
-from homolog_app.window.explore.check_shown import Distances
+from homolog_app.window.explore.check_scene import Distances
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, ParticleEnergies

@@ -3,7 +3,7 @@
 from PySide6.QtWidgets import QHBoxLayout, QWidget
 
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.fitted import Fitted
+from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.widgets import GRID, ActionButton, button, label
 
 __all__ = ["CompareBox"]
@@ -12,7 +12,7 @@ __all__ = ["CompareBox"]
 class CompareBox(QWidget):
     """Says what is beside the open result, and offers to choose or leave it."""
 
-    def __init__(self, actions: Actions, fitted: Fitted) -> None:
+    def __init__(self, actions: Actions, fitted: ModelCache) -> None:
         super().__init__()
         self._fitted = fitted
         self.choose = ActionButton("Compare with…", actions["explore.compare"])

@@ -11,14 +11,14 @@ from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog_app.window.actions import Actions
-from homolog_app.window.desk import Desk
-from homolog_app.window.explore.patient_times import Times, change_words, with_file
+from homolog_app.window.explore.patient_times import PatientTimes, change_text, with_file
 from homolog_app.window.widgets import ActionButton, label
+from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog.patient import Reference
     from homolog_app.report.patient_words import GroupRow
-    from homolog_app.window.explore.patient_views import Compared
+    from homolog_app.window.explore.patient_views import ComparedPatient
 
 __all__ = ["FollowUpPart"]
 
@@ -36,12 +36,12 @@ class FollowUpPart(QWidget):
 
     changed = Signal()
 
-    def __init__(self, desk: Desk, actions: Actions) -> None:
+    def __init__(self, workspace: Workspace, actions: Actions) -> None:
         super().__init__()
-        self.desk = desk
-        self.times: Times | None = None
+        self.workspace = workspace
+        self.times: PatientTimes | None = None
         self.groups: tuple[GroupRow, ...] = ()
-        self._patient: tuple[Compared, Reference, Callable[[], Mapping[str, str]]] | None = None
+        self._patient: tuple[ComparedPatient, Reference, Callable[[], Mapping[str, str]]] | None = None
         self._others: dict[str, Reference] = {}
         body = QVBoxLayout(self)
         body.setContentsMargins(0, 0, 0, 0)
@@ -62,15 +62,15 @@ class FollowUpPart(QWidget):
             text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self._show()
 
-    def take_patient(
+    def set_patient(
         self,
-        compared: "Compared | None",
+        compared: "ComparedPatient | None",
         reference: "Reference | None",
         values: Callable[[], Mapping[str, str]],
     ) -> None:
         """Begin with another patient, or none; `values` returns the covariates that are typed in."""
         self._patient = (compared, reference, values) if compared and reference else None
-        self.times = Times((compared.comparison,)) if compared else None
+        self.times = PatientTimes((compared.comparison,)) if compared else None
         self.groups = ()
         self._show()
 
@@ -80,7 +80,7 @@ class FollowUpPart(QWidget):
             raise InputError(f"{path}: there is no patient yet; choose the file of the first time first")
         _, reference, values = self._patient
         work = partial(with_file, self.times, reference, path, dict(values()), repeats)
-        self.desk.work.compute("follow-up", work, "comparing the times", self._take_times)
+        self.workspace.work.compute("follow-up", work, "comparing the times", self._receive_times)
 
     def compare_groups(self, paths: list[Path]) -> None:
         """Read references of further groups and say how typical the patient is of each."""
@@ -91,14 +91,14 @@ class FollowUpPart(QWidget):
         self._others |= {str(path): Reference.load(path) for path in paths}
         compared, reference, values = self._patient
         work = partial(_typical, compared, reference, tuple(self._others.values()), dict(values()))
-        self.desk.work.compute("groups", work, "comparing with groups", self._take_groups)
+        self.workspace.work.compute("groups", work, "comparing with groups", self._receive_groups)
 
-    def _take_times(self, times: Times) -> None:
+    def _receive_times(self, times: PatientTimes) -> None:
         self.times = times
         self._show()
         self.changed.emit()
 
-    def _take_groups(self, groups: "tuple[GroupRow, ...]") -> None:
+    def _receive_groups(self, groups: "tuple[GroupRow, ...]") -> None:
         self.groups = groups
         self._show()
 
@@ -110,13 +110,13 @@ class FollowUpPart(QWidget):
 
             self.typical.setText("\n".join(group_sentence(row) for row in self.groups))
             self.caution.setText(GROUP_CAUTION)
-        self.change.setText(change_words(self.times) if self.times else "")
+        self.change.setText(change_text(self.times) if self.times else "")
         for text in (self.typical, self.caution, self.change):
             text.setVisible(bool(text.text()))
 
 
 def _typical(
-    compared: "Compared",
+    compared: "ComparedPatient",
     reference: "Reference",
     others: "tuple[Reference, ...]",
     values: Mapping[str, str],

@@ -167,7 +167,7 @@ def carried_answer(shape: ModelShape, result: Result, study: Study, index: int, 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Way:
+class _MorphPath:
     """From where to where, by how much (N, 3), and which share of it comes before the subjects' mean."""
 
     first: str
@@ -177,18 +177,20 @@ class _Way:
     values: FloatArray | None = None
 
 
-def _between(pair: Comparison) -> _Way:
+def _between(pair: Comparison) -> _MorphPath:
     first, second = pair.counts
-    return _Way(first, second, pair.pointwise.effect[0], pair.counts[second] / sum(pair.counts.values()))
+    return _MorphPath(
+        first, second, pair.pointwise.effect[0], pair.counts[second] / sum(pair.counts.values())
+    )
 
 
-def _slope(study: Study, pair: Comparison) -> _Way:
+def _slope(study: Study, pair: Comparison) -> _MorphPath:
     """Return the way from the lowest to the highest value."""
     values = np.array([float(study.labels[subject]) for subject in pair.subjects])
     low, high = float(values.min()), float(values.max())
     first, second = short(low), short(high)
     share = float((values.mean() - low) / (high - low))
-    return _Way(first, second, pair.pointwise.effect[0] * (high - low), share, values)
+    return _MorphPath(first, second, pair.pointwise.effect[0] * (high - low), share, values)
 
 
 def _along(result: Result, request: StudyRequest, pair: Comparison, effect: FloatArray) -> FloatArray:

@@ -205,11 +205,11 @@ class GroupForm(QWidget):
             action.setEnabled(not problem)
             action.setToolTip(problem or f"Remove the effect of {name} on shape before the test")
             action.setChecked(name in kept and not problem)
-            action.toggled.connect(self._tell_covariates)
+            action.toggled.connect(self._update_covariates)
             self.covariate_menu.addAction(action)
         self._name_covariates()
 
-    def _tell_covariates(self) -> None:
+    def _update_covariates(self) -> None:
         self._name_covariates()
         self.edited.emit()
 

@@ -79,7 +79,7 @@ class GroupPlot(ScatterPlot):
 
         return draw_place(axes, self.mark[0], None, self.theme.colours)
 
-    def words_of(self, name: str) -> str:
+    def text_of(self, name: str) -> str:
         """Return a subject's place in words."""
         index = self.names.index(name)
         x, y = self.points[index].tolist()

@@ -6,7 +6,7 @@ import numpy as np
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTreeWidget, QTreeWidgetItem
 
-from homolog_app.report.findings import LEVEL, correction_words, p_words
+from homolog_app.report.findings import LEVEL, correction_text, p_text
 from homolog_app.report.request import SIZE_WORDS
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def correction_sentence(answers: "Answers", others: int) -> str:
     others : int
         How many other questions were asked of the result since the project was opened.
     """
-    corrected = correction_words(answers.own[0])
+    corrected = correction_text(answers.own[0])
     if not others:
         return f"p is {corrected}." if corrected else ""
     plural = "question" if others == 1 else "questions"
@@ -116,7 +116,7 @@ def _heading(study: "Study") -> str:
     text = f"{text[0].upper()}{text[1:]}"
     if not study.pairwise or not overall.test.modes:
         return text
-    return f"{text}; any difference: {p_words(overall.p_adjusted, overall.test.permutations)}"
+    return f"{text}; any difference: {p_text(overall.p_adjusted, overall.test.permutations)}"
 
 
 def _values(study: "Study", comparison: "Comparison") -> tuple[str, str, str, str]:
@@ -126,7 +126,7 @@ def _values(study: "Study", comparison: "Comparison") -> tuple[str, str, str, st
         effect = f"{distance.value:.2f} ({distance.low:.2f} to {distance.high:.2f})"
     p = "–"
     if comparison.test.modes:
-        p = p_words(comparison.p_adjusted, comparison.test.permutations).removeprefix("p ").removeprefix("= ")
+        p = p_text(comparison.p_adjusted, comparison.test.permutations).removeprefix("p ").removeprefix("= ")
     significant = comparison.p_fwe <= LEVEL
     share = (
         100.0 * float(study.areas[significant].sum()) / max(float(study.areas.sum()), np.finfo(float).tiny)

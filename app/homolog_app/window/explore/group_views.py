@@ -9,9 +9,9 @@ import numpy as np
 from homolog.arrays import Array, FloatArray
 from homolog_app.rendering.colours import displacement_scale
 from homolog_app.report.findings import LEVEL
-from homolog_app.window.explore.chosen import GroupsView
-from homolog_app.window.explore.model_content import Look, arrow_factor, model_content
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.explore.model_content import DisplayOptions, arrow_factor, model_content
+from homolog_app.window.explore.view_states import GroupsView
+from homolog_app.window.scene.content import Content, ViewContents
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.group_answer import GroupAnswer, GroupMap
@@ -30,7 +30,7 @@ _GREY, _LEFT_OF_COLOUR = 150.0, 0.2
 _Models = Sequence["ModelShape"]
 
 
-def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswer]") -> Shown:
+def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswer]") -> ViewContents:
     """Return the maps with one colour scale for all, the original method above the proposed one.
 
     Parameters
@@ -43,11 +43,11 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
     """
     if not answers:
         plain = [
-            model_content(model, model.title_among(models), "mean", np.zeros_like(model.mean_normals), Look(),
-                          alignment=_placement(model, models))
+            model_content(model, model.title_among(models), "mean", np.zeros_like(model.mean_normals),
+                          DisplayOptions(), alignment=_placement(model, models))
             for model in models
         ]  # fmt: skip
-        return Shown(plain, len(plain), None, {})
+        return ViewContents(plain, len(plain), None, {})
     rows = sorted(
         answers, key=lambda answer: answer.shape.method.uses_geodesics + answer.shape.method.uses_normals
     )
@@ -75,12 +75,12 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
         contents += _row(
             view,
             answer,
-            Look(scale, factor, view.from_middle),
+            DisplayOptions(scale, factor, view.from_middle),
             _placement(answer.shape, models),
             answer.shape.title_among([row.shape for row in rows]) if len(rows) > 1 else "",
         )
     columns = len(contents) // len(rows)
-    return Shown(contents, 2 if columns == 4 and len(rows) == 1 else columns, scale, {})
+    return ViewContents(contents, 2 if columns == 4 and len(rows) == 1 else columns, scale, {})
 
 
 def _pale(table: Array) -> Array:
@@ -89,7 +89,7 @@ def _pale(table: Array) -> Array:
 
 
 def _row(
-    view: GroupsView, answer: "GroupAnswer", look: Look, placed: FloatArray, title: str
+    view: GroupsView, answer: "GroupAnswer", look: DisplayOptions, placed: FloatArray, title: str
 ) -> list[Content]:
     if view.count == 1:
         return [_mapped(view, answer, look, placed, view.map, title)]
@@ -102,7 +102,7 @@ def _row(
 
 
 def _mapped(
-    view: GroupsView, answer: "GroupAnswer", look: Look, placed: FloatArray, what: str, title: str
+    view: GroupsView, answer: "GroupAnswer", look: DisplayOptions, placed: FloatArray, what: str, title: str
 ) -> Content:
     """Return the map on the shape at the place that is chosen."""
     shape = answer.shape
@@ -111,7 +111,7 @@ def _mapped(
         note = "parallel analysis retains no mode: no discriminant"
         if answer.values is not None:
             note = "a number has no discriminant; look at the difference"
-        return model_content(shape, title or "mean", note, answer.start, Look(), alignment=placed)
+        return model_content(shape, title or "mean", note, answer.start, DisplayOptions(), alignment=placed)
     place = answer.at(view.way)
     slope = answer.values is not None
     name = (
@@ -134,7 +134,7 @@ def _mean(answer: "GroupAnswer", placed: FloatArray, way: float, title: str) -> 
         count = f"{known} subjects" if known else "by regression"
     names = (title, text) if title else (text, count)
     moved = _at(answer, answer.difference, way)
-    return model_content(answer.shape, *names, moved, Look(), alignment=placed)
+    return model_content(answer.shape, *names, moved, DisplayOptions(), alignment=placed)
 
 
 def _at(answer: "GroupAnswer", chosen: "GroupMap", way: float) -> FloatArray:

@@ -7,21 +7,21 @@ import numpy as np
 from homolog_app.rendering.text import short, signed
 from homolog_app.report.findings import (
     LEVEL,
-    correction_words,
-    interval_words,
-    p_words,
-    percent_words,
-    region_words,
+    correction_text,
+    interval_text,
+    p_text,
+    percent_text,
+    region_text,
 )
 from homolog_app.report.request import SIZE_WORDS, StudyRequest
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.group_answer import GroupAnswer
 
-__all__ = ["asked_words", "number_rows"]
+__all__ = ["number_rows", "question_text"]
 
 
-def asked_words(request: StudyRequest) -> str:
+def question_text(request: StudyRequest) -> str:
     """Return alignment, covariates and who is left out, as they stand below the headline."""
     how = SIZE_WORDS[request.alignment]
     parts = [f"{how[0].upper()}{how[1:]}"]
@@ -49,25 +49,25 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
         rows.append(("Left out", f"{gone} with missing values"))
     rows.append(("Modes retained (parallel analysis)", str(test.modes)))
     if pair.distance is not None and test.modes:
-        text = interval_words(pair.distance, 3 if slope else 2)
+        text = interval_text(pair.distance, 3 if slope else 2)
         rows.append(("Change per unit" if slope else "Mahalanobis D", f"{text} SD"))
     if test.modes:
         how = (
             f"All {test.permutations + 1} permutations" if test.exact else f"{test.permutations} permutations"
         )
-        rows.append((how, p_words(test.p_permutation, test.permutations)))
-        if correction := correction_words(study):
-            rows.append(("Corrected", f"{p_words(pair.p_adjusted, test.permutations)}, {correction}"))
+        rows.append((how, p_text(test.p_permutation, test.permutations)))
+        if correction := correction_text(study):
+            rows.append(("Corrected", f"{p_text(pair.p_adjusted, test.permutations)}, {correction}"))
     if test.t_squared is not None and test.modes:
         rows += [
             ("Hotelling's T²", f"{test.t_squared:.1f}"),
-            (f"F({test.dof[0]:g}, {test.dof[1]:.4g})", f"{test.f:.2f}, {p_words(test.p)}"),
+            (f"F({test.dof[0]:g}, {test.dof[1]:.4g})", f"{test.f:.2f}, {p_text(test.p)}"),
         ]
     if pair.dispersion is not None:
         mean = ", ".join(f"{name} {value:.2f} mm" for name, value in pair.dispersion.by_group.items())
-        p = p_words(pair.dispersion.p, pair.dispersion.permutations)
+        p = p_text(pair.dispersion.p, pair.dispersion.permutations)
         rows.append(("Dispersion", f"{mean}, {p}" if mean else p))
-    rows.append((f"Significant area (FWE-corrected p ≤ {LEVEL:g})", region_words(study, pair)))
+    rows.append((f"Significant area (FWE-corrected p ≤ {LEVEL:g})", region_text(study, pair)))
     if slope:
         most = float(np.linalg.norm(answer.difference.ways, axis=1).max())
         rows.append(("Change", f"up to {short(most)} mm from {answer.first} to {answer.second}"))
@@ -76,13 +76,13 @@ def _rows(answer: "GroupAnswer") -> list[tuple[str, str]]:
     if pair.discriminant is not None:
         discriminant = pair.discriminant
         known = ((p, discriminant.auc.permutations) for p in (pair.accuracy_p_adjusted, pair.auc_p_adjusted))
-        accuracy, auc = ("" if p is None else f", {p_words(p, count)}" for p, count in known)
-        rows.append(("Balanced accuracy", f"{percent_words(discriminant.accuracy)}{accuracy}"))
-        rows.append(("AUC", f"{interval_words(discriminant.auc)}{auc}"))
+        accuracy, auc = ("" if p is None else f", {p_text(p, count)}" for p, count in known)
+        rows.append(("Balanced accuracy", f"{percent_text(discriminant.accuracy)}{accuracy}"))
+        rows.append(("AUC", f"{interval_text(discriminant.auc)}{auc}"))
     if pair.size is not None and np.isfinite(pair.size.value) and pair.size_p_adjusted is not None:
         unit = f"mm per unit of {study.request.column}" if kind == "regression" else "mm"
         low, high = signed(pair.size.low), signed(pair.size.high)
-        p = p_words(pair.size_p_adjusted, pair.size.permutations)
+        p = p_text(pair.size_p_adjusted, pair.size.permutations)
         rows.append(("Size", f"{signed(pair.size.value)} {unit} (95 % CI {low} to {high}), {p}"))
     for simulated in pair.false_positives[:1]:
         assert simulated.test == WHOLE_SHAPE_F

@@ -9,7 +9,7 @@ from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.progress import Tick, part_of
 from homolog_app.report.request import StudyRequest, category_of
-from homolog_app.window.explore.present import with_present_table
+from homolog_app.window.explore.current_table import with_present_table
 from homolog_app.window.study import Study as Cohort
 
 if TYPE_CHECKING:
@@ -21,10 +21,10 @@ __all__ = [
     "Answers",
     "Question",
     "answer_question",
-    "keep_answers",
     "map_answers",
     "question_of",
     "repeat_by_seed",
+    "save_answers",
 ]
 
 
@@ -142,29 +142,29 @@ def map_answers(
     ]
 
 
-def keep_answers(project: ProjectFolder, answers: Answers, cohort: Cohort, tick: Tick) -> list[Path]:
+def save_answers(project: ProjectFolder, answers: Answers, cohort: Cohort, tick: Tick) -> list[Path]:
     """Write the tables of all answers into the project, as ``homolog analyze`` does; return their folders."""
-    from homolog_app.report.tables import keep_study
+    from homolog_app.report.tables import save_study
 
     tick(0.0, "keeping the answer")
     result = with_present_table(answers.models[0].result, cohort)
-    return [keep_study(project, study, result) for study in answers.own]
+    return [save_study(project, study, result) for study in answers.own]
 
 
 def repeat_by_seed(
     project: ProjectFolder, answers: Answers, cohort: Cohort, seeds: int, tick: Tick
 ) -> list[str]:
     """Answer with other seeds of the correspondence too, as ``--seeds`` does; keep what spreads."""
-    from homolog_app.report.seeds import answer_by_seed, spread_words, write_spread
-    from homolog_app.report.tables import keep_study
+    from homolog_app.report.seeds import answer_by_seed, spread_text, write_spread
+    from homolog_app.report.tables import save_study
 
     result = with_present_table(answers.models[0].result, cohort)
     requests = answers.question.requests
     spreads = answer_by_seed(project, result, requests, seeds, tick)
     sentences = []
     for study, spread in zip(answers.own, spreads, strict=True):
-        write_spread(keep_study(project, study, result), spread)
+        write_spread(save_study(project, study, result), spread)
         sentences += [
-            f"{study.request.title}: " * (len(requests) > 1) + sentence for sentence in spread_words(spread)
+            f"{study.request.title}: " * (len(requests) > 1) + sentence for sentence in spread_text(spread)
         ]
     return sentences

@@ -16,30 +16,30 @@ from PySide6.QtWidgets import (
 )
 
 from homolog_app.window.actions import Actions
-from homolog_app.window.desk import Desk
-from homolog_app.window.explore.chosen import GroupsView
 from homolog_app.window.explore.compare_box import CompareBox
-from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.group_form import GroupForm
 from homolog_app.window.explore.group_plot import GroupPlot
 from homolog_app.window.explore.group_results import GroupResults, correction_sentence
 from homolog_app.window.explore.group_views import GREY_WORDS, group_scene
-from homolog_app.window.explore.group_words import asked_words, number_rows
+from homolog_app.window.explore.group_words import number_rows, question_text
 from homolog_app.window.explore.group_work import (
     Answers,
     answer_question,
-    keep_answers,
     map_answers,
     question_of,
     repeat_by_seed,
+    save_answers,
 )
+from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.explore.numbers_table import NumbersTable
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.player import Player
 from homolog_app.window.explore.regions import largest_region, middle_of
+from homolog_app.window.explore.view_states import GroupsView
 from homolog_app.window.progress import Progress
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.widgets import GRID, button, choice, label, rule, set_dimmed
+from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.group_answer import GroupAnswer, GroupMap
@@ -59,14 +59,14 @@ class GroupsPage(ExplorePage):
     hint = "Differences between groups, or effects of a number, with their tests."
     plays = True
 
-    def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
-        super().__init__(desk, actions, fitted)
+    def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
+        super().__init__(workspace, actions, fitted)
         self.answers: list[GroupAnswer] = []
         self.all: Answers | None = None
         self._mapped = (0, 0)
         self._asked: frozenset[str] = frozenset()
         self._current = True
-        self.form = GroupForm(desk.session)
+        self.form = GroupForm(workspace.session)
         self.nothing = label(
             "Give subjects groups in Cohort (Ctrl+G) or import a table. Two subjects make a group.", wrap=True
         )
@@ -104,7 +104,7 @@ class GroupsPage(ExplorePage):
             "Place the particles again with other seeds, store the runs in the project, and report how the "
             "answer varies; takes as long as that many runs"
         )
-        self.plots = self.chart = GroupPlot(desk.theme)
+        self.plots = self.chart = GroupPlot(workspace.theme)
         self._lay_out()
         self._connect(actions)
         self.show_answers()
@@ -149,7 +149,7 @@ class GroupsPage(ExplorePage):
         self.footer.addWidget(self.go)
 
     def _connect(self, actions: Actions) -> None:
-        session = self.desk.session
+        session = self.workspace.session
         self.go.clicked.connect(actions["explore.test"].trigger)
         self.keep.clicked.connect(actions["explore.keep"].trigger)
         self.seeds.clicked.connect(self.repeat)
@@ -159,14 +159,14 @@ class GroupsPage(ExplorePage):
             signal.connect(self.shown_changed)
         session.selection_changed.connect(lambda: self.chart.show_selection(session.selection))
         self.fitted.changed.connect(self._follow_models)
-        for signal in (self.desk.work.changed, self.desk.work.progressed):
-            signal.connect(self._tell_work)
+        for signal in (self.workspace.work.changed, self.workspace.work.progressed):
+            signal.connect(self._update_buttons)
         self.to_significant.clicked.connect(self._go_to_significant)
-        self.way.valueChanged.connect(self._follow_way)
+        self.way.valueChanged.connect(self._follow_path)
         self.player.swung.connect(lambda value: self.way.setValue(round(_WHOLE / 2 + value)))
         for box in (self.map, self.views):
             box.activated.connect(lambda _: self.shown_changed.emit())
-        self.map.activated.connect(lambda _: self._tell_map())
+        self.map.activated.connect(lambda _: self._update_map())
         for tick in (self.significant, self.arrows):
             tick.toggled.connect(self.shown_changed)
         self.chart.subject_chosen.connect(lambda name: session.select([name]))
@@ -195,9 +195,9 @@ class GroupsPage(ExplorePage):
         if not models or not self.form.is_possible:
             return
         requests = self.form.requests
-        answer = partial(answer_question, models, self.desk.session.study, requests)
+        answer = partial(answer_question, models, self.workspace.session.study, requests)
         text = " and ".join(requests[0].between) or f"shapes along {requests[0].column}"
-        self.desk.work.compute("groups", answer, f"comparing {text}", self._take)
+        self.workspace.work.compute("groups", answer, f"comparing {text}", self._receive)
 
     @property
     def is_current(self) -> bool:
@@ -210,17 +210,17 @@ class GroupsPage(ExplorePage):
         if not self.form.is_possible:
             return False
         result = self.answers[0].shape.result
-        return question_of(self.form.requests, result, self.desk.session.study) == self.all.question
+        return question_of(self.form.requests, result, self.workspace.session.study) == self.all.question
 
-    def keep_study(self) -> None:
+    def save_study(self) -> None:
         """Write the answer's tables into the project, as ``homolog analyze`` does, for the report."""
         answers = self.all
         if answers is None or not self._current:
             return
-        project, cohort = self.desk.project, self.desk.session.study
-        self.desk.work.compute(
+        project, cohort = self.workspace.project, self.workspace.session.study
+        self.workspace.work.compute(
             "study",
-            lambda tick: keep_answers(project, answers, cohort, tick),
+            lambda tick: save_answers(project, answers, cohort, tick),
             "keeping the answer",
             lambda folders: self.kept.setText(
                 f"Stored in {', '.join(str(folder) for folder in folders)}; Export > Report includes it."
@@ -232,18 +232,18 @@ class GroupsPage(ExplorePage):
         answers = self.all
         if answers is None or not self._current:
             return
-        project, cohort = self.desk.project, self.desk.session.study
-        self.desk.work.compute(
+        project, cohort = self.workspace.project, self.workspace.session.study
+        self.workspace.work.compute(
             "seeds",
             lambda tick: repeat_by_seed(project, answers, cohort, _SEEDS, tick),
             f"answers of {_SEEDS} seeds",
             lambda sentences: self.kept.setText("\n".join(sentences)),
         )
 
-    def shown(self, subjects: Sequence[Content]) -> Shown:
+    def shown(self, subjects: Sequence[Content]) -> ViewContents:
         """Return the map of the answer; the mean shape before there is one."""
         view = self.chosen
-        return Shown(subjects) if view is None else group_scene(view, self.fitted.both, self.answers)
+        return ViewContents(subjects) if view is None else group_scene(view, self.fitted.both, self.answers)
 
     @property
     def chosen(self) -> GroupsView | None:
@@ -263,26 +263,26 @@ class GroupsPage(ExplorePage):
         """Before there is an answer, one view."""
         return (1,) if self.chosen is not None and not self.answers else super().layouts
 
-    def _take(self, answered: "tuple[Answers, list[GroupAnswer]]") -> None:
+    def _receive(self, answered: "tuple[Answers, list[GroupAnswer]]") -> None:
         self.all, self.answers = answered
         self._mapped = (0, 0)
         self._asked |= self.all.question.titles
         self.kept.clear()
         self.show_answers()
-        self._follow_way()
+        self._follow_path()
 
     def _choose_pair(self, request: int, pair: int) -> None:
         """Show another comparison: its numbers, and its map once it is carried to the surface."""
-        answers, models, cohort = self.all, self.fitted.both, self.desk.session.study
-        if answers is None or (request, pair) == self._mapped or self.desk.work.is_busy:
+        answers, models, cohort = self.all, self.fitted.both, self.workspace.session.study
+        if answers is None or (request, pair) == self._mapped or self.workspace.work.is_busy:
             return
 
         def take(mapped: "list[GroupAnswer]") -> None:
             self.answers, self._mapped = mapped, (request, pair)
             self.show_answers()
-            self._follow_way()
+            self._follow_path()
 
-        self.desk.work.compute(
+        self.workspace.work.compute(
             "groups",
             lambda tick: map_answers(answers, models, cohort, (request, pair), tick),
             "mapping",
@@ -300,7 +300,7 @@ class GroupsPage(ExplorePage):
         if again and self.answers:
             self.test(turns=False)
 
-    def _follow_way(self) -> None:
+    def _follow_path(self) -> None:
         first, second = self.chart.ends
         self.chart.show_cursor(first + (second - first) * self.way.value() / _WHOLE, 0.0)
         self.shown_changed.emit()
@@ -318,7 +318,7 @@ class GroupsPage(ExplorePage):
             return None
         return answer.discriminant if self.map.currentData() == "discriminant" else answer.difference
 
-    def _tell_map(self) -> None:
+    def _update_map(self) -> None:
         """Say what grey means on the chosen map, and whether there is a place to go to."""
         self.significant.setToolTip(f"Grey: {GREY_WORDS[self.map.currentData()]}")
         self.to_significant.setEnabled(self._map is not None and bool(self._map.significant.any()))
@@ -332,11 +332,11 @@ class GroupsPage(ExplorePage):
         place, normal = middle_of(self.answers[0].shape, largest)
         self.place_wanted.emit(content.name, place, normal)
 
-    def _tell_work(self) -> None:
-        work = self.desk.work
+    def _update_buttons(self) -> None:
+        work = self.workspace.work
         own = work.kind in ("groups", "model", "compare", "study", "seeds")
         for widget in (self.keep, self.seeds):
-            widget.setEnabled(not work.is_busy and self._current and not self.desk.session.read_only)
+            widget.setEnabled(not work.is_busy and self._current and not self.workspace.session.read_only)
         self.results.setEnabled(not work.is_busy)
         self.progress.show_status(work.status if own else None)
         self.go.setVisible(not (own and work.status is not None))
@@ -355,16 +355,16 @@ class GroupsPage(ExplorePage):
         for footer in (self.keep, self.seeds):
             footer.setVisible(bool(answers))
         if self.all is not None:
-            line = ["homolog", "analyze", str(self.desk.project.folder), *self.all.question.arguments]
+            line = ["homolog", "analyze", str(self.workspace.project.folder), *self.all.question.arguments]
             self.keep.setToolTip(f"Write its tables into the project, like: {shlex.join(line)}")
         self.first.setText(answers[0].first if answers else "")
         self.second.setText(answers[0].second if answers else "")
         self.chart.show_answer(answers[0] if answers else None)
-        self._tell_words()
-        self._tell_map()
-        self._tell_work()
+        self._update_texts()
+        self._update_map()
+        self._update_buttons()
 
-    def _tell_words(self) -> None:
+    def _update_texts(self) -> None:
         answers = self.answers
         self.nothing.setVisible(not answers and not self.form.is_possible)
         self.answer.setVisible(bool(answers))
@@ -379,7 +379,7 @@ class GroupsPage(ExplorePage):
         sentences = dict(zip(study.comparisons, findings(study), strict=True))
         first = sentences[answers[0].pair]
         self.verdict.setText(first.verdict.replace(" - ", " − "))
-        self.question.setText(asked_words(study.request))
+        self.question.setText(question_text(study.request))
         self.results.show_answers(self.all, self._mapped)
         self.others.setText(correction_sentence(self.all, len(self._asked - self.all.question.titles)))
         self.others.setVisible(bool(self.others.text()))

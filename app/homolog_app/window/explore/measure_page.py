@@ -19,17 +19,17 @@ from homolog.arrays import FloatArray
 from homolog.progress import Tick, part_of
 from homolog_app.rendering.text import signed
 from homolog_app.window.actions import Actions
-from homolog_app.window.desk import Desk
-from homolog_app.window.explore.chosen import MeasureView
-from homolog_app.window.explore.fitted import Fitted
+from homolog_app.window.explore.current_table import with_present_table
 from homolog_app.window.explore.measure_plot import MeasurePlots
 from homolog_app.window.explore.measure_views import deviations_of, measured_scene
-from homolog_app.window.explore.model_content import shown_alone
+from homolog_app.window.explore.model_cache import ModelCache
+from homolog_app.window.explore.model_content import single_subject
 from homolog_app.window.explore.page import ExplorePage
-from homolog_app.window.explore.present import with_present_table
 from homolog_app.window.explore.subject_table import SORTED_BY, SubjectTable
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.explore.view_states import MeasureView
+from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.widgets import GRID, ActionButton, NumberBox, choice, dress_table, label, rule
+from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog_app.exports.measures import Measures
@@ -54,8 +54,8 @@ class MeasurePage(ExplorePage):
     title = "Measure"
     hint = "Distances, volume, area and wall thickness: along a mode, for each subject, by group."
 
-    def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
-        super().__init__(desk, actions, fitted)
+    def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
+        super().__init__(workspace, actions, fitted)
         self._of: ModelShape | None = None
         self._subjects: Measures | None = None
         self._along: dict[int, Measures] = {}
@@ -74,7 +74,7 @@ class MeasurePage(ExplorePage):
         self._rows.setSortRole(SORTED_BY)
         self.view = QTableView()
         self.write_button = ActionButton("Export CSV…", actions["explore.table"])
-        self.plots = self.charts = MeasurePlots(desk.theme)
+        self.plots = self.charts = MeasurePlots(workspace.theme)
         self._lay_out()
         self._connect(actions)
 
@@ -128,8 +128,8 @@ class MeasurePage(ExplorePage):
 
     def _connect(self, actions: Actions) -> None:
         self.fitted.changed.connect(self._show_model)
-        self.desk.work.changed.connect(self._measure)
-        self.desk.session.study_changed.connect(self._show_table)
+        self.workspace.work.changed.connect(self._measure)
+        self.workspace.session.study_changed.connect(self._show_table)
         for box in self.particles:
             box.valueChanged.connect(self._show_measures)
         self.mode.currentIndexChanged.connect(self._show_mode)
@@ -137,10 +137,10 @@ class MeasurePage(ExplorePage):
         for chooser in (self.who, self.beside, self.map):
             chooser.activated.connect(lambda _: self.shown_changed.emit())
         self.kind.activated.connect(self.choose_plots)
-        self.charts.pairs.subject_chosen.connect(lambda name: self.desk.session.select([name]))
-        self.charts.pairs.subject_toggled.connect(self.desk.session.toggle_selected)
-        self.desk.session.selection_changed.connect(
-            lambda: self.charts.pairs.show_selection(self.desk.session.selection)
+        self.charts.pairs.subject_chosen.connect(lambda name: self.workspace.session.select([name]))
+        self.charts.pairs.subject_toggled.connect(self.workspace.session.toggle_selected)
+        self.workspace.session.selection_changed.connect(
+            lambda: self.charts.pairs.show_selection(self.workspace.session.selection)
         )
         self.view.selectionModel().currentRowChanged.connect(self._select)
         for plot in self.charts.each:
@@ -152,7 +152,7 @@ class MeasurePage(ExplorePage):
         self.fitted.want()
         self._measure()
 
-    def take_pick(self, pick: "Pick") -> None:
+    def handle_pick(self, pick: "Pick") -> None:
         """Set the first or the second particle to the nearest one, in turn."""
         view = self.chosen
         if self.fitted.shape is not None and view is not None:
@@ -166,13 +166,13 @@ class MeasurePage(ExplorePage):
             self.particles[self._next].setValue(nearest)
             self._next = 1 - self._next
 
-    def shown(self, subjects: Sequence[Content]) -> Shown:
+    def shown(self, subjects: Sequence[Content]) -> ViewContents:
         """Return the shape at the slider, with a line between the two particles."""
         view, shape = self.chosen, self.fitted.shape
         if view is None or shape is None:
-            return Shown(subjects)
+            return ViewContents(subjects)
         wanted = (view.subject, view.beside)
-        own = {subject.name: shown_alone(subject) for subject in subjects if subject.name in wanted}
+        own = {subject.name: single_subject(subject) for subject in subjects if subject.name in wanted}
         return measured_scene(view, shape, own)
 
     @property
@@ -190,9 +190,9 @@ class MeasurePage(ExplorePage):
         """Write the table of the subjects; raises InputError if it can't be written."""
         from homolog_app.exports.measures import write_measures
 
-        result = self.desk.session.result
+        result = self.workspace.session.result
         if result is not None and self._subjects is not None:
-            present = with_present_table(result.result, self.desk.session.study)
+            present = with_present_table(result.result, self.workspace.session.study)
             write_measures(path, present, self._subjects, *self.pair)
 
     @property
@@ -224,8 +224,8 @@ class MeasurePage(ExplorePage):
 
     def _measure(self) -> None:
         """Measure subjects and mode in the computing thread, where that was not done yet."""
-        shape, mode, work = self.fitted.shape, self.mode.currentIndex(), self.desk.work
-        loaded, request = self.desk.session.result, (shape, mode)
+        shape, mode, work = self.fitted.shape, self.mode.currentIndex(), self.workspace.work
+        loaded, request = self.workspace.session.result, (shape, mode)
         done = self._subjects is not None and mode in self._along
         if not self.isVisible() or shape is None or loaded is None or mode < 0 or done or work.is_busy:
             return
@@ -285,14 +285,14 @@ class MeasurePage(ExplorePage):
         self._show_place()
 
     def _show_table(self) -> None:
-        loaded = self.desk.session.result
+        loaded = self.workspace.session.result
         if loaded is None or self._subjects is None:
             self.table.show_rows([])
             self.charts.clear_measures()
             return
         from homolog_app.exports.measures import distances
 
-        result, measures = with_present_table(loaded.result, self.desk.session.study), self._subjects
+        result, measures = with_present_table(loaded.result, self.workspace.session.study), self._subjects
         columns = (distances(result.local, *self.pair), measures.volumes, measures.areas, measures.walls)
         groups = [group or "" for group in result.groups]
         rows = zip(result.names, groups, *(column.tolist() for column in columns), strict=True)
@@ -306,7 +306,7 @@ class MeasurePage(ExplorePage):
     def _select(self, row: QModelIndex, _: QModelIndex) -> None:
         name = self._rows.index(row.row(), 0).data()
         if name:
-            self.desk.session.select([name])
+            self.workspace.session.select([name])
 
 
 def _amounts() -> FloatArray:

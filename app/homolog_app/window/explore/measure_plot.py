@@ -173,7 +173,7 @@ class PairPlot(ScatterPlot):
             r = f"r = {x @ y / np.sqrt((x @ x) * (y @ y)):.2f}".replace("-", "−")
             axes.text(0.99, 0.98, r, ha="right", va="top", color=colours.text, transform=axes.transAxes)
 
-    def words_of(self, name: str) -> str:
+    def text_of(self, name: str) -> str:
         """Return a subject's measures in words."""
         index = self.names.index(name)
         each = zip(self.labels, self.points[index].tolist(), strict=True)

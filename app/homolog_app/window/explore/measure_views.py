@@ -10,9 +10,9 @@ from homolog.arrays import FloatArray
 from homolog_app.rendering.colours import ColourScale, displacement_scale, viridis
 from homolog_app.rendering.scene import Arrows
 from homolog_app.rendering.text import signed
-from homolog_app.window.explore.chosen import MeasureView
-from homolog_app.window.explore.model_content import Look, model_content
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.explore.model_content import DisplayOptions, model_content
+from homolog_app.window.explore.view_states import MeasureView
+from homolog_app.window.scene.content import Content, ViewContents
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.model_shape import ModelShape
@@ -30,7 +30,7 @@ def deviations_of(view: MeasureView) -> FloatArray:
     return deviations
 
 
-def measured_scene(view: MeasureView, shape: "ModelShape", subjects: Mapping[str, Content]) -> Shown:
+def measured_scene(view: MeasureView, shape: "ModelShape", subjects: Mapping[str, Content]) -> ViewContents:
     """Return the shape, or two side by side, with both particles marked.
 
     Parameters
@@ -48,7 +48,7 @@ def measured_scene(view: MeasureView, shape: "ModelShape", subjects: Mapping[str
             content, scale = _coloured(view, content, shape)
         contents.append(content)
         particles[content.name] = points
-    return Shown(contents, len(contents), scale, particles)
+    return ViewContents(contents, len(contents), scale, particles)
 
 
 def _measured(view: MeasureView, shape: "ModelShape", subject: Content | None) -> tuple[Content, FloatArray]:
@@ -57,7 +57,7 @@ def _measured(view: MeasureView, shape: "ModelShape", subject: Content | None) -
         deviations = deviations_of(view)
         particles = shape.model.instance(deviations)
         text = f"mode {view.mode + 1}: {signed(view.at)} SD"
-        content = model_content(shape, shape.title, text, shape.moved(deviations), Look())
+        content = model_content(shape, shape.title, text, shape.moved(deviations), DisplayOptions())
         return _with_pins(content, particles[list(view.particles)]), particles
     particles = shape.result.world[shape.result.names.index(subject.name)]
     return replace(subject, lines=particles[None, list(view.particles)], through=True), particles

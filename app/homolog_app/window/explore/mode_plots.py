@@ -208,7 +208,7 @@ class ScatterPlot(Plot):
             name = self._nearest(event)
             at = event.guiEvent.globalPosition().toPoint()
             canvas = cast("QWidget", event.canvas)
-            QToolTip.showText(at, self.words_of(name) if name else "", canvas)
+            QToolTip.showText(at, self.text_of(name) if name else "", canvas)
             on_label = self._axis_at(event) is not None
             canvas.setCursor(Qt.CursorShape.PointingHandCursor if on_label else Qt.CursorShape.ArrowCursor)
             return
@@ -254,7 +254,7 @@ class ScatterPlot(Plot):
         following = (chosen[0] + step) % len(self.names) if chosen else 0
         self.subject_chosen.emit(self.names[following])
 
-    def words_of(self, name: str) -> str:
+    def text_of(self, name: str) -> str:
         """Return a subject's place in words."""
         index = self.names.index(name)
         x, y = self.points[index].tolist()

@@ -159,9 +159,9 @@ class _Row(QWidget):
         grid.addWidget(label("SD", "Unit"), 0, 3)
         grid.addWidget(self._about, 1, 1, 1, 3)
         grid.setColumnStretch(1, 1)
-        self.slider.valueChanged.connect(self._tell)
+        self.slider.valueChanged.connect(self._update)
         self.typed.entered.connect(lambda value: self.slider.setValue(round(value * _STEPS)))
-        self._tell()
+        self._update()
 
     @property
     def value(self) -> float:
@@ -173,7 +173,7 @@ class _Row(QWidget):
         self.slider.blockSignals(True)
         self.slider.setValue(round(value * _STEPS))
         self.slider.blockSignals(False)
-        self._tell()
+        self._update()
 
-    def _tell(self) -> None:
+    def _update(self) -> None:
         self.typed.show_value(self.value)

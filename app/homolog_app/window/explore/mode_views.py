@@ -8,9 +8,9 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog_app.rendering.colours import displacement_scale
 from homolog_app.rendering.text import short, signed
-from homolog_app.window.explore.chosen import ModesView
-from homolog_app.window.explore.model_content import Look, arrow_factor, model_content
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.explore.model_content import DisplayOptions, arrow_factor, model_content
+from homolog_app.window.explore.view_states import ModesView
+from homolog_app.window.scene.content import Content, ViewContents
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.model_shape import ModelShape
@@ -27,7 +27,7 @@ _STAY = np.eye(4)
 _Models = Sequence["ModelShape"]
 
 
-def mode_scene(view: ModesView, models: _Models, subject: Content | None = None) -> Shown:
+def mode_scene(view: ModesView, models: _Models, subject: Content | None = None) -> ViewContents:
     """Return the contents with one colour scale for all of them.
 
     Parameters
@@ -41,7 +41,7 @@ def mode_scene(view: ModesView, models: _Models, subject: Content | None = None)
     look = _look(view, models)
     if view.count > 1:
         contents = [content for row in _rows(view, models) for content in _strip(view, models, look, row)]
-        return Shown(contents, len(_STEPS[view.count]) * len(models), look.scale, {})
+        return ViewContents(contents, len(_STEPS[view.count]) * len(models), look.scale, {})
     deviations = np.array(view.deviations)
     contents = [subject] if subject is not None else []
     particles = {}
@@ -63,19 +63,19 @@ def mode_scene(view: ModesView, models: _Models, subject: Content | None = None)
         first = models[0].result
         particles[subject.name] = first.world[first.names.index(subject.name)]
     same = len({len(points) for points in particles.values()}) == 1
-    return Shown(contents, len(contents), look.scale, particles if same else {})
+    return ViewContents(contents, len(contents), look.scale, particles if same else {})
 
 
-def _look(view: ModesView, models: _Models) -> Look:
+def _look(view: ModesView, models: _Models) -> DisplayOptions:
     limit = max(model.limit for model in models)
     factor = arrow_factor(models[0], limit) if view.arrows else 0.0
     note = f"arrows drawn {factor:g} × as long" if factor > 1.0 else ""
     if not view.colours:
-        return Look(None, factor)
+        return DisplayOptions(None, factor)
     middle = view.from_middle
     title = f"{'Displacement' if middle else 'Outward displacement'} from the mean"
     scale = displacement_scale(limit, title, note, from_middle=middle)
-    return Look(scale.within(view.colour_range), factor, middle)
+    return DisplayOptions(scale.within(view.colour_range), factor, middle)
 
 
 def _rows(view: ModesView, models: _Models) -> list[int]:
@@ -86,7 +86,7 @@ def _rows(view: ModesView, models: _Models) -> list[int]:
     return [mode for mode in order if mode < min(model.modes for model in models)][:room]
 
 
-def _strip(view: ModesView, models: _Models, look: Look, mode: int) -> list[Content]:
+def _strip(view: ModesView, models: _Models, look: DisplayOptions, mode: int) -> list[Content]:
     strip = []
     for model in models:
         for step in _STEPS[view.count]:

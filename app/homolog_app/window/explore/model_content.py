@@ -14,14 +14,21 @@ from homolog_app.window.scene.content import Content
 if TYPE_CHECKING:
     from homolog_app.window.explore.model_shape import ModelShape
 
-__all__ = ["Look", "arrow_factor", "facing_away", "model_content", "region_border", "shown_alone"]
+__all__ = [
+    "DisplayOptions",
+    "arrow_factor",
+    "model_content",
+    "outward_sign",
+    "region_border",
+    "single_subject",
+]
 
 _ARROW_SHARE = 0.09
 _FACTORS = (1.0, 2.0, 5.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class DisplayOptions:
     """How displacements are shown.
 
     Attributes
@@ -44,7 +51,7 @@ def model_content(
     name: str,
     note: str,
     moved: Array,
-    look: Look,
+    look: DisplayOptions,
     *,
     values: Array | None = None,
     ways: Array | None = None,
@@ -77,7 +84,7 @@ def model_content(
     if look.scale is not None:
         outward = shape.outward(moved) if values is None else values
         if look.from_middle:
-            outward = outward * facing_away(shape.mean.vertices, shape.mean_normals)
+            outward = outward * outward_sign(shape.mean.vertices, shape.mean_normals)
         colours = look.scale.colours(outward, faded)
     arrows = None
     if look.arrows:
@@ -90,13 +97,13 @@ def model_content(
     return Content(name, None, mesh, None, placed, note, colours, normals, arrows, lines)
 
 
-def facing_away(vertices: Array, normals: Array) -> Array:
+def outward_sign(vertices: Array, normals: Array) -> Array:
     """Return 1 for vertices (V, 3) whose outward normal points away from their middle, -1 for others."""
     away = np.einsum("vi,vi->v", vertices - vertices.mean(axis=0), normals)
     return np.where(away >= 0.0, 1.0, -1.0)
 
 
-def shown_alone(subject: Content) -> Content:
+def single_subject(subject: Content) -> Content:
     """Return a subject with its groomed surface only, which the caption names."""
     return replace(subject, raw=None, note="groomed surface")
 

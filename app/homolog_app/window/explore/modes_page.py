@@ -9,17 +9,17 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel
 
 from homolog.arrays import FloatArray
 from homolog_app.window.actions import Actions
-from homolog_app.window.desk import Desk
-from homolog_app.window.explore.chosen import ModesView
 from homolog_app.window.explore.compare_box import CompareBox
-from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.mode_plots import ModePlots
 from homolog_app.window.explore.mode_sliders import ModeSliders
 from homolog_app.window.explore.mode_views import mode_scene
+from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.player import Player
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.explore.view_states import ModesView
+from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.widgets import GRID, choice, label
+from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.model_shape import ModelShape
@@ -40,8 +40,8 @@ class ModesPage(ExplorePage):
     hint = "What varies. Move the mean shape along its modes, alone or combined."
     plays = True
 
-    def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
-        super().__init__(desk, actions, fitted)
+    def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
+        super().__init__(workspace, actions, fitted)
         self.sliders = ModeSliders()
         self.player = Player(actions, lambda: fitted.draw_ms, _RANGES)
         self.who = choice("Shape that is shown")
@@ -53,7 +53,7 @@ class ModesPage(ExplorePage):
         self.mark.hide()
         self.state = label("", "Hint", wrap=True)
         self.compare = CompareBox(actions, fitted)
-        self.plots = self.charts = ModePlots(desk.theme)
+        self.plots = self.charts = ModePlots(workspace.theme)
         self._was_preliminary = False
         self.base.hide()
         self._lay_out()
@@ -84,10 +84,10 @@ class ModesPage(ExplorePage):
         self.body.addStretch()
 
     def _connect(self) -> None:
-        session = self.desk.session
+        session = self.workspace.session
         self.fitted.changed.connect(self._show_model)
-        for signal in (self.desk.work.changed, self.desk.work.progressed):
-            signal.connect(self._tell_state)
+        for signal in (self.workspace.work.changed, self.workspace.work.progressed):
+            signal.connect(self._update_state)
         self.sliders.moved.connect(self._follow_sliders)
         self.player.swung.connect(lambda value: self.sliders.show_value(self.sliders.chosen, value))
         self.who.activated.connect(lambda _: self._choose_subject(self.who.currentText()))
@@ -117,11 +117,11 @@ class ModesPage(ExplorePage):
         """Hold."""
         self.player.stop()
 
-    def shown(self, subjects: Sequence[Content]) -> Shown:
+    def shown(self, subjects: Sequence[Content]) -> ViewContents:
         """Return the shape at the sliders, with what is chosen to be beside it."""
         view = self.chosen
         if view is None:
-            return Shown(subjects)
+            return ViewContents(subjects)
         own = next((content for content in subjects if content.name == view.subject), None)
         own = own and replace(own, raw=None, note="groomed surface")
         early = self.fitted.preliminary
@@ -172,15 +172,15 @@ class ModesPage(ExplorePage):
                 self.who.setCurrentIndex(subject)
                 self.sliders.choose(chosen)
                 self.sliders.show_values(values)
-        self._tell_state()
+        self._update_state()
         self.shown_changed.emit()
 
-    def _tell_state(self) -> None:
-        shape, work = self._shape, self.desk.work
+    def _update_state(self) -> None:
+        shape, work = self._shape, self.workspace.work
         for widget in (self.sliders, self.player, self.who, self.views):
             widget.setEnabled(shape is not None)
         self.compare.setEnabled(self.fitted.shape is not None)
-        self._tell_preliminary()
+        self._update_preliminary_mark()
         if shape is None:
             busy = work.kind == "model" and work.status is not None
             text = (
@@ -193,15 +193,15 @@ class ModesPage(ExplorePage):
         share = 100.0 * float(shape.model.explained_variance_ratio[:kept].sum())
         self.state.setText(f"{kept} {verb} retained by parallel analysis: {share:.1f} % of the variance.")
 
-    def _tell_preliminary(self) -> None:
+    def _update_preliminary_mark(self) -> None:
         """Mark a model of a run that has not finished."""
-        early, work = self.fitted.preliminary, self.desk.work
+        early, work = self.fitted.preliminary, self.workspace.work
         self.mark.setVisible(early is not None)
         if early is None:
             return
         if work.run_job is not None:
             text = "The model is replaced as the run continues."
-        elif self.desk.session.result is None:
+        elif self.workspace.session.result is None:
             text = "The run was cancelled: keep the particles or resume the run in Correspond."
         else:
             text = "The model of the result is being fitted."
@@ -230,13 +230,13 @@ class ModesPage(ExplorePage):
         shape = self._shape
         self.player.stop()
         if shape is not None and self._subject:
-            self.desk.session.select([name])
+            self.workspace.session.select([name])
             self.sliders.show_values(self._scores()[shape.result.names.index(name)])
         else:
             self.sliders.show_values(())
 
     def _follow_selection(self) -> None:
-        self.charts.scatter.show_selection(self.desk.session.selection)
+        self.charts.scatter.show_selection(self.workspace.session.selection)
 
     def _scores(self) -> FloatArray:
         shape = self._shape
@@ -247,7 +247,7 @@ class ModesPage(ExplorePage):
         shape = self._shape
         if shape is None:
             return
-        present = {member.name: member.subject.group or "" for member in self.desk.session.study.members}
+        present = {member.name: member.subject.group or "" for member in self.workspace.session.study.members}
         groups = [present.get(name, "") for name in shape.result.names]
         self.charts.show_scores(self._scores(), shape, groups)
         self._follow_selection()

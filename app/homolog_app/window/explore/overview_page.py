@@ -5,10 +5,10 @@ from PySide6.QtCore import Qt
 from homolog.errors import InputError
 from homolog_app.report.request import kept_studies
 from homolog_app.window.actions import Actions
-from homolog_app.window.desk import Desk
-from homolog_app.window.explore.fitted import Fitted
+from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.widgets import GRID, ActionButton, label
+from homolog_app.window.workspace import Workspace
 
 __all__ = ["OverviewPage"]
 
@@ -27,9 +27,9 @@ class OverviewPage(ExplorePage):
     title = "Overview"
     hint = "Equal colours mark corresponding places."
 
-    def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
-        super().__init__(desk, actions, fitted)
-        session = self._session = desk.session
+    def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
+        super().__init__(workspace, actions, fitted)
+        session = self._session = workspace.session
         self._busy = False
         self.summary = label("", wrap=True)
         self.summary.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
@@ -60,7 +60,7 @@ class OverviewPage(ExplorePage):
         self.save = ActionButton("Save project…", actions["file.save"], "primary")
         self.footer.addWidget(self.save)
         session.facts_changed.connect(self._show)
-        desk.work.changed.connect(self._follow_work)
+        workspace.work.changed.connect(self._follow_work)
         session.project_changed.connect(self._show)
 
     def enter(self) -> None:
@@ -69,7 +69,7 @@ class OverviewPage(ExplorePage):
 
     def _follow_work(self) -> None:
         """Look again once an answer was kept or particles were placed."""
-        busy = self.desk.work.is_busy
+        busy = self.workspace.work.is_busy
         if self._busy and not busy:
             self._show_kept()
         self._busy = busy
@@ -77,7 +77,7 @@ class OverviewPage(ExplorePage):
     def _show_kept(self) -> None:
         """List the answers in the project's folder, those of an earlier result apart."""
         try:
-            kept = kept_studies(self.desk.project) if self._session.folder else []
+            kept = kept_studies(self.workspace.project) if self._session.folder else []
         except InputError as error:
             kept, text = [], str(error)
         else:

@@ -8,15 +8,15 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QWidget
 
 from homolog_app.window.actions import Actions
-from homolog_app.window.desk import Desk
-from homolog_app.window.explore.chosen import View
-from homolog_app.window.explore.fitted import Fitted
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.explore.model_cache import ModelCache
+from homolog_app.window.explore.view_states import View
+from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.widgets import Panel
+from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog_app.window.scene.picking import Pick
-    from homolog_app.window.slices.planes import Sliced
+    from homolog_app.window.slices.planes import SliceScene
 
 __all__ = ["ExplorePage"]
 
@@ -26,7 +26,7 @@ class ExplorePage(Panel):
 
     To change what is shown, emit `shown_changed`: the views then ask `shown`. To have them look at a place,
     emit `place_wanted` with a subject's name, the place and the surface's normal there. A command that
-    needs the page to be seen emits `page_wanted`. Long work goes through `desk.work.compute`.
+    needs the page to be seen emits `page_wanted`. Long work goes through `workspace.work.compute`.
 
     Attributes
     ----------
@@ -51,9 +51,9 @@ class ExplorePage(Panel):
     place_wanted = Signal(str, object, object)
     page_wanted = Signal()
 
-    def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
+    def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
         super().__init__(self.title, self.hint)
-        self.desk, self.actions_, self.fitted = desk, actions, fitted
+        self.workspace, self.actions_, self.fitted = workspace, actions, fitted
         self.plots: QWidget | None = None
         self.views: QComboBox | None = None
         self.colour_range: tuple[float, float] | None = None
@@ -80,7 +80,7 @@ class ExplorePage(Panel):
             self.views.setCurrentIndex(self.views.findData(count))
             self.shown_changed.emit()
 
-    def shown(self, subjects: Sequence[Content]) -> Shown:
+    def shown(self, subjects: Sequence[Content]) -> ViewContents:
         """Return what the views show.
 
         Parameters
@@ -88,7 +88,7 @@ class ExplorePage(Panel):
         subjects : sequence of Content
             The subjects as they are shown anyway; `dataclasses.replace` gives them colours, arrows, lines.
         """
-        return Shown(subjects)
+        return ViewContents(subjects)
 
     def set_colour_range(self, range_: tuple[float, float] | None) -> None:
         """Set the ends of the colour scale by hand, or let them be chosen by the values."""
@@ -107,19 +107,19 @@ class ExplorePage(Panel):
         """Whether what is shown follows from the project and `chosen`."""
         return True
 
-    def sliced(self) -> "Sliced | None":
+    def sliced(self) -> "SliceScene | None":
         """Return what slices show while the page is open; None for the selected subject's."""
         return None
 
-    def take_scan(self, name: str, path: Path) -> bool:
+    def set_scan(self, name: str, path: Path) -> bool:
         """Take a scan of what `sliced` names; return whether it does."""
         return False
 
-    def take_files(self, paths: Sequence[Path]) -> bool:
+    def drop_files(self, paths: Sequence[Path]) -> bool:
         """Do something with files that were dropped while the page is open; return whether it did."""
         return False
 
-    def take_pick(self, pick: "Pick") -> None:
+    def handle_pick(self, pick: "Pick") -> None:
         """Do what is to be done when something was clicked in a view."""
 
     def stop(self) -> None:

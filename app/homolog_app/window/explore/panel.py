@@ -6,17 +6,17 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
 from homolog_app.window.actions import Actions
-from homolog_app.window.desk import Desk
 from homolog_app.window.explore.check_page import CheckPage
-from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.measure_page import MeasurePage
+from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.overview_page import OverviewPage
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.patient_page import PatientPage
-from homolog_app.window.going_on import outdated_words
+from homolog_app.window.extension import outdated_text
 from homolog_app.window.widgets import GRID, label
+from homolog_app.window.workspace import Workspace
 
 __all__ = ["PAGES", "ExplorePanel"]
 
@@ -40,20 +40,20 @@ class ExplorePanel(QWidget):
     page_changed = Signal()
     shown_changed = Signal()
 
-    def __init__(self, desk: Desk, actions: Actions) -> None:
+    def __init__(self, workspace: Workspace, actions: Actions) -> None:
         super().__init__()
         self.setAccessibleName("Explore")
-        self.fitted = Fitted(desk, self)
+        self.fitted = ModelCache(workspace, self)
         self.tabs = QTabBar()
         self.tabs.setExpanding(False)
         self.tabs.setDrawBase(False)
         self.tabs.setAccessibleName("Pages of Explore")
         self._stack = QStackedWidget()
-        self.pages = [kind(desk, actions, self.fitted) for kind in PAGES]
+        self.pages = [kind(workspace, actions, self.fitted) for kind in PAGES]
         for page in self.pages:
             self.tabs.addTab(page.title)
             self._stack.addWidget(page)
-            page.shown_changed.connect(lambda page=page: self._tell(page))
+            page.shown_changed.connect(lambda page=page: self._update(page))
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, GRID // 2, 0, 0)
         layout.setSpacing(0)
@@ -63,13 +63,13 @@ class ExplorePanel(QWidget):
         layout.addWidget(self.outdated)
         layout.addWidget(self._stack, 1)
         self.tabs.currentChanged.connect(self._turn)
-        self._session = desk.session
-        for signal in (desk.session.study_changed, desk.session.facts_changed):
-            signal.connect(self._tell_outdated)
+        self._session = workspace.session
+        for signal in (workspace.session.study_changed, workspace.session.facts_changed):
+            signal.connect(self._update_outdated)
         self._page_before: ExplorePage | None = None
-        for signal in (desk.session.facts_changed, self.fitted.changed):
+        for signal in (workspace.session.facts_changed, self.fitted.changed):
             signal.connect(self._offer_pages)
-        self._tell_outdated()
+        self._update_outdated()
 
     @property
     def page(self) -> ExplorePage:
@@ -84,10 +84,10 @@ class ExplorePanel(QWidget):
         """Turn to a page."""
         self.tabs.setCurrentIndex(self.pages.index(page))
 
-    def _tell_outdated(self) -> None:
+    def _update_outdated(self) -> None:
         """Say whether what the pages show is of another cohort or other settings than those in force."""
         result = self._session.result
-        text = outdated_words(self._session.study, result.record) if result is not None else ""
+        text = outdated_text(self._session.study, result.record) if result is not None else ""
         self.outdated.setText(text)
         self.outdated.setVisible(bool(text))
 
@@ -113,6 +113,6 @@ class ExplorePanel(QWidget):
         self.page.enter()
         self.page_changed.emit()
 
-    def _tell(self, page: ExplorePage) -> None:
+    def _update(self, page: ExplorePage) -> None:
         if page is self.page:
             self.shown_changed.emit()

@@ -24,17 +24,16 @@ from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog_app.window.actions import Actions
-from homolog_app.window.desk import Desk
-from homolog_app.window.explore.fitted import Fitted
 from homolog_app.window.explore.follow_up_part import FollowUpPart
+from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.patient_texts import about_text, nearest_text, verdict_text
 from homolog_app.window.explore.patient_times import CHANGE, change_regions, change_scene
 from homolog_app.window.explore.patient_views import (
     EXPECTED,
     MEAN,
-    Compared,
-    PatientLook,
+    ComparedPatient,
+    PatientDisplay,
     Z,
     compared,
     patient_scene,
@@ -43,12 +42,13 @@ from homolog_app.window.explore.patient_views import (
 )
 from homolog_app.window.explore.percentile_bars import PercentileBars
 from homolog_app.window.explore.subject_table import SubjectTable
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.widgets import ActionButton, choice, dress_table, label, rule
+from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog.patient import FollowUp, PatientComparison, Reference
-    from homolog_app.window.slices.planes import Sliced
+    from homolog_app.window.slices.planes import SliceScene
 
 __all__ = ["PatientPage"]
 
@@ -72,11 +72,11 @@ class PatientPage(ExplorePage):
     title = "Patient"
     hint = f"One shape against the controls: how unusual, and where. {_RESEARCH}"
 
-    def __init__(self, desk: Desk, actions: Actions, fitted: Fitted) -> None:
-        super().__init__(desk, actions, fitted)
+    def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
+        super().__init__(workspace, actions, fitted)
         self.reference: Reference | None = None
         self.comparison: PatientComparison | None = None
-        self._compared: Compared | None = None
+        self._compared: ComparedPatient | None = None
         self.places: list[tuple[FloatArray, FloatArray]] = []
         self.group = choice("Controls")
         self.adjust = QLineEdit()
@@ -103,10 +103,10 @@ class PatientPage(ExplorePage):
         self.nearest = label("", "FieldHelp", wrap=True)
         self.single = QCheckBox("Save with names and scores of controls")
         self.single.setToolTip("Needed to name the nearest controls; they are data of single subjects")
-        self.bars = PercentileBars(desk.theme)
+        self.bars = PercentileBars(workspace.theme)
         self.table = SubjectTable(_HEADS, self)
         self.regions = QTableView()
-        self.further = FollowUpPart(desk, actions)
+        self.further = FollowUpPart(workspace, actions)
         self.save = ActionButton("Save report…", actions["patient.save"])
         self._lay_out()
         self._connect()
@@ -162,7 +162,7 @@ class PatientPage(ExplorePage):
         self.footer.addWidget(self.save)
 
     def _connect(self) -> None:
-        self.desk.session.study_changed.connect(self._show_groups)
+        self.workspace.session.study_changed.connect(self._show_groups)
         self.regions.clicked.connect(self._go_to)
         for box in (self.map, self.views, self.path):
             box.activated.connect(lambda _: self._show_map())
@@ -183,16 +183,16 @@ class PatientPage(ExplorePage):
         """A patient's file is no part of the project."""
         return self.comparison is None
 
-    def shown(self, subjects: Sequence[Content]) -> Shown:
+    def shown(self, subjects: Sequence[Content]) -> ViewContents:
         """Return the patient, or the subjects until there is one."""
         if self.comparison is None or self.reference is None:
-            return Shown(subjects)
+            return ViewContents(subjects)
         if self._change is not None:
             return change_scene(self._change, self.only_beyond.isChecked())
         return patient_scene(
             self.comparison,
             self.reference,
-            PatientLook(
+            PatientDisplay(
                 self.map.currentData(),
                 self.views.currentData(),
                 self.way.value() / _STEPS,
@@ -202,7 +202,7 @@ class PatientPage(ExplorePage):
             ),
         )
 
-    def sliced(self) -> "Sliced | None":
+    def sliced(self) -> "SliceScene | None":
         """Return the patient's scan or voxels, with the map as a contour."""
         compared = self._compared
         if compared is None or self.reference is None:
@@ -215,7 +215,7 @@ class PatientPage(ExplorePage):
         times = self.further.times
         return times.follow_up if times is not None and self.map.currentData() == CHANGE else None
 
-    def take_scan(self, name: str, path: Path) -> bool:
+    def set_scan(self, name: str, path: Path) -> bool:
         """Take the patient's scan."""
         if self._compared is None or name != self._compared.comparison.name:
             return False
@@ -223,7 +223,7 @@ class PatientPage(ExplorePage):
         self.shown_changed.emit()
         return True
 
-    def take_files(self, paths: Sequence[Path]) -> bool:
+    def drop_files(self, paths: Sequence[Path]) -> bool:
         """Compare a file that was dropped while the page is open."""
         if self.reference is None or len(paths) != 1:
             return False
@@ -232,7 +232,7 @@ class PatientPage(ExplorePage):
 
     def make_reference(self) -> None:
         """Freeze the model of the chosen group of the open project, fitting each control as a patient."""
-        project = self.desk.project
+        project = self.workspace.project
         group = None if self.group.currentIndex() <= 0 else self.group.currentText()
         columns = self.adjust.text().replace(",", " ").split()
         person, time, *_ = [*self.twice.text().replace(",", " ").split(), "", ""]
@@ -245,24 +245,24 @@ class PatientPage(ExplorePage):
                 tick=tick,
             )  # fmt: skip
 
-        self.desk.work.compute("reference", make, "fitting controls one by one", self.take_reference)
+        self.workspace.work.compute("reference", make, "fitting controls one by one", self.set_reference)
 
     def open_reference(self, path: Path) -> None:
         """Read a reference; raises InputError if the file is none."""
         from homolog.patient import Reference
 
-        self.take_reference(Reference.load(path))
+        self.set_reference(Reference.load(path))
 
-    def keep_reference(self, path: Path) -> None:
+    def save_reference(self, path: Path) -> None:
         """Write the reference; raises InputError if it can't be written."""
         if self.reference is not None:
             kept = self.reference if self.single.isChecked() else self.reference.anonymous()
             kept.save(path)
 
-    def take_reference(self, reference: "Reference") -> None:
+    def set_reference(self, reference: "Reference") -> None:
         """Compare with this one from now on."""
         self.reference = reference
-        self._take(None)
+        self._receive(None)
         self._show_reference()
 
     def compare(self, path: Path) -> None:
@@ -276,11 +276,11 @@ class PatientPage(ExplorePage):
         reference = self.reference
         if reference is None:
             raise InputError(f"{path}: there is nothing to compare it with; make or open a reference first")
-        self.desk.work.compute(
+        self.workspace.work.compute(
             "patient",
             partial(compared, reference, path, self._values()),
             "comparing the patient",
-            self._take,
+            self._receive,
         )
 
     def write(self, folder: Path) -> None:
@@ -301,9 +301,9 @@ class PatientPage(ExplorePage):
                 else:
                     write_times(part, follow_up, reference, tick, groups)
 
-        self.desk.work.compute("report", write, "writing the report", lambda _: None)
+        self.workspace.work.compute("report", write, "writing the report", lambda _: None)
 
-    def _take(self, compared: Compared | None) -> None:
+    def _receive(self, compared: ComparedPatient | None) -> None:
         self._compared = compared
         comparison = self.comparison = compared.comparison if compared else None
         reference = self.reference
@@ -314,7 +314,7 @@ class PatientPage(ExplorePage):
         self.bars.show_patient(comparison, reference)
         self.nearest.setText(nearest_text(comparison, reference))
         self.nearest.setVisible(bool(self.nearest.text()))
-        self.further.take_patient(compared, reference, self._values)
+        self.further.set_patient(compared, reference, self._values)
         self._offer_change()
         for widget in (self.verdict, self.map, self.only_beyond, self.bars, self.regions):
             widget.setEnabled(there)
@@ -362,7 +362,7 @@ class PatientPage(ExplorePage):
         """Offer the groups of the cohort as controls."""
         chosen = self.group.currentText()
         self.group.clear()
-        self.group.addItems([_EVERYONE, *filter(None, self.desk.session.study.groups)])
+        self.group.addItems([_EVERYONE, *filter(None, self.workspace.session.study.groups)])
         self.group.setCurrentIndex(max(0, self.group.findText(chosen)))
 
     def _show_reference(self) -> None:
@@ -375,7 +375,7 @@ class PatientPage(ExplorePage):
             self.fields[name] = QLineEdit()
             self.fields[name].setAccessibleName(name)
             self.form.addRow(name.capitalize(), self.fields[name])
-        self._take(None)
+        self._receive(None)
 
     def _go_to(self, row: QModelIndex) -> None:
         """Look at a region."""

@@ -12,24 +12,24 @@ def verdict_text(comparison: "PatientComparison | None", reference: "Reference |
     """Say what was found; empty without a patient."""
     if comparison is None or reference is None:
         return ""
-    from homolog_app.report.patient_words import detectable_words, verdict
+    from homolog_app.report.patient_words import detectable_text, verdict
 
-    return f"{verdict(comparison, reference)}\n{detectable_words(reference)}"
+    return f"{verdict(comparison, reference)}\n{detectable_text(reference)}"
 
 
 def nearest_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
     """Name the nearest controls; empty without a patient or if they are not kept."""
     if comparison is None or reference is None:
         return ""
-    from homolog_app.report.patient_words import nearest_words
+    from homolog_app.report.patient_words import nearest_controls_text
 
-    return nearest_words(comparison, reference)
+    return nearest_controls_text(comparison, reference)
 
 
 def about_text(reference: "Reference | None") -> str:
     """Describe the reference, or say how to get one."""
     if reference is None:
         return "None yet: make one of this result, or open a file."
-    from homolog_app.report.patient_words import reference_words
+    from homolog_app.report.patient_words import reference_text
 
-    return "\n".join(reference_words(reference))
+    return "\n".join(reference_text(reference))

@@ -12,19 +12,27 @@ from homolog.errors import InputError
 from homolog.progress import Tick, part_of
 from homolog_app.rendering.colours import displacement_scale
 from homolog_app.window.explore.patient_views import on_patient
-from homolog_app.window.scene.content import Shown
+from homolog_app.window.scene.content import ViewContents
 
 if TYPE_CHECKING:
     from homolog.patient import FollowUp, PatientComparison, Reference, Region
 
-__all__ = ["CHANGE", "ChangeRegion", "Times", "change_regions", "change_scene", "change_words", "with_file"]
+__all__ = [
+    "CHANGE",
+    "ChangeRegion",
+    "PatientTimes",
+    "change_regions",
+    "change_scene",
+    "change_text",
+    "with_file",
+]
 
 CHANGE = "change"
 """Map: distance from the first surface to a later one [mm]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Times:
+class PatientTimes:
     """A patient at several times.
 
     Attributes
@@ -53,8 +61,13 @@ class ChangeRegion:
 
 
 def with_file(
-    times: Times, reference: "Reference", path: Path, values: Mapping[str, str], repeats: bool, tick: Tick
-) -> Times:
+    times: PatientTimes,
+    reference: "Reference",
+    path: Path,
+    values: Mapping[str, str],
+    repeats: bool,
+    tick: Tick,
+) -> PatientTimes:
     """Return the times with one more file: a later time, or a further segmentation of the first one.
 
     Raises
@@ -85,9 +98,9 @@ def with_file(
     )
 
 
-def change_words(times: Times) -> str:
+def change_text(times: PatientTimes) -> str:
     """Say what changed, and what is known of the error of measuring."""
-    from homolog_app.report.follow_up import change_sentence, error_words, expected_sentence
+    from homolog_app.report.follow_up import change_sentence, error_text, expected_sentence
 
     if times.follow_up is None:
         count = len(times.repeats)
@@ -95,17 +108,17 @@ def change_words(times: Times) -> str:
     said = []
     for change in times.follow_up.changes:
         said += [change_sentence(change, times.follow_up), expected_sentence(change, times.follow_up)]
-    return "\n".join([*filter(None, said), error_words(times.follow_up)])
+    return "\n".join([*filter(None, said), error_text(times.follow_up)])
 
 
-def change_scene(follow_up: "FollowUp", only_beyond: bool) -> Shown:
+def change_scene(follow_up: "FollowUp", only_beyond: bool) -> ViewContents:
     """Return the first surface with the map of change of each later time."""
     from homolog_app.pictures.layout import common_limit
-    from homolog_app.report.follow_up import beyond_limit, limit_words
+    from homolog_app.report.follow_up import beyond_limit, limit_text
 
     first = follow_up.comparisons[0]
     limit = common_limit([change.distance for change in follow_up.changes])
-    known, cause = beyond_limit(follow_up.changes[0], follow_up) is not None, limit_words(follow_up)
+    known, cause = beyond_limit(follow_up.changes[0], follow_up) is not None, limit_text(follow_up)
     note = f"lines: limit of {cause}" if known else "without a limit"
     scale = displacement_scale(limit, f"Change since {first.name}", note)
     if only_beyond and known:
@@ -118,7 +131,7 @@ def change_scene(follow_up: "FollowUp", only_beyond: bool) -> Shown:
         contents.append(
             on_patient(first, change.name, title, follow_up.surface, scale, change.distance, faded, beyond)
         )
-    return Shown(contents, int(np.ceil(np.sqrt(len(contents)))), scale, {})
+    return ViewContents(contents, int(np.ceil(np.sqrt(len(contents)))), scale, {})
 
 
 def change_regions(follow_up: "FollowUp") -> Sequence[ChangeRegion]:

@@ -15,18 +15,18 @@ from homolog.progress import Tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colours import ColourScale, displacement_scale
 from homolog_app.window.explore.model_content import region_border
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scene.content import Content, ViewContents
 
 if TYPE_CHECKING:
     from homolog.grooming.images import Segmentation
     from homolog.patient import PatientComparison, Reference
-    from homolog_app.window.slices.planes import Sliced
+    from homolog_app.window.slices.planes import SliceScene
 
 __all__ = [
     "EXPECTED",
     "MEAN",
-    "Compared",
-    "PatientLook",
+    "ComparedPatient",
+    "PatientDisplay",
     "Z",
     "compared",
     "on_patient",
@@ -40,7 +40,7 @@ EXPECTED, MEAN, Z = "expected", "mean", "z"
 
 
 @dataclass(frozen=True, slots=True)
-class PatientLook:
+class PatientDisplay:
     """How a patient is looked at.
 
     Attributes
@@ -67,7 +67,9 @@ class PatientLook:
     only_beyond: bool
 
 
-def patient_scene(comparison: "PatientComparison", reference: "Reference", look: PatientLook) -> Shown:
+def patient_scene(
+    comparison: "PatientComparison", reference: "Reference", look: PatientDisplay
+) -> ViewContents:
     """Return what the views show."""
     kind, count, only_beyond = look.kind, look.count, look.only_beyond
     scale, values = _scale(comparison, reference, kind)
@@ -76,20 +78,20 @@ def patient_scene(comparison: "PatientComparison", reference: "Reference", look:
     if faded is not None:
         scale = replace(scale, grey_words="within the limit of 5 % of healthy subjects")
     steps = _steps(comparison, reference) if look.by_modes else _straight(comparison)
-    note, vertices = _on_the_way(comparison.mean.vertices, steps, look.way)
+    note, vertices = _point_on_path(comparison.mean.vertices, steps, look.way)
     shape = TriangleMesh(vertices, comparison.mean.faces)
     mapped = on_patient(comparison, comparison.name, note, shape, scale, values, faded, beyond)
     if look.overlaid:
         mean = comparison.mean.placed(inverse_matrices(comparison.placement))
         mapped = replace(mapped, raw=mean, overlaid=True)
     if count == 1:
-        return Shown([mapped], 1, scale, {})
+        return ViewContents([mapped], 1, scale, {})
     plain = [
         on_patient(comparison, "Mean", "of the reference, at the patient's covariates", comparison.mean),
         Content("Patient", None, comparison.mesh, None, comparison.placement, comparison.name),
         on_patient(comparison, "Expected", "by the reference, of this patient", comparison.expected),
     ]
-    return Shown([*plain, mapped], 2, scale, {})
+    return ViewContents([*plain, mapped], 2, scale, {})
 
 
 _Step = tuple[str, FloatArray]
@@ -115,7 +117,7 @@ def _steps(comparison: "PatientComparison", reference: "Reference") -> list[_Ste
     return [*steps, ("of the difference outside of the modes", patient_surface(comparison).vertices)]
 
 
-def _on_the_way(start: FloatArray, steps: Sequence[_Step], way: float) -> _Step:
+def _point_on_path(start: FloatArray, steps: Sequence[_Step], way: float) -> _Step:
     """Return where a part of the way leads, each step being as long as another."""
     if way in (0.0, 1.0):
         return ("the mean", start) if way == 0.0 else ("", steps[-1][1])
@@ -141,7 +143,7 @@ def place_of(comparison: "PatientComparison", vertex: int) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Compared:
+class ComparedPatient:
     """A patient that was compared, with what the page shows of its file.
 
     Attributes
@@ -164,12 +166,12 @@ class Compared:
     voxels: "Segmentation | None"
 
 
-def compared(reference: "Reference", path: Path, values: Mapping[str, str], tick: Tick) -> Compared:
+def compared(reference: "Reference", path: Path, values: Mapping[str, str], tick: Tick) -> ComparedPatient:
     """Compare a patient's file with a reference; raises InputError if it can't be compared."""
     from homolog.patient import compare_patient
     from homolog_app.pictures.layout import view_of_region
     from homolog_app.report.patient import patients_of
-    from homolog_app.window.survey import survey_subject
+    from homolog_app.window.file_survey import survey_subject
 
     subjects = patients_of([path])
     if len(subjects) != 1:
@@ -179,14 +181,14 @@ def compared(reference: "Reference", path: Path, values: Mapping[str, str], tick
     views = [view_of_region(shape, region.vertices, region.centre) for region in comparison.regions]
     groom = reference.provenance.groom
     survey = survey_subject(subjects[0], groom.label, groom.segment)
-    return Compared(
+    return ComparedPatient(
         comparison, subjects[0], [view.axes[2] for view in views], subjects[0].image, survey.voxels
     )
 
 
-def patient_slices(compared: Compared, reference: "Reference") -> "Sliced":
+def patient_slices(compared: ComparedPatient, reference: "Reference") -> "SliceScene":
     """Return what slices show of a patient: scan, segmentation, and the map of z as a contour."""
-    from homolog_app.window.slices.planes import Outline, Sliced
+    from homolog_app.window.slices.planes import Outline, SliceScene
 
     comparison = compared.comparison
     scale, z = _scale(comparison, reference, Z)
@@ -194,7 +196,7 @@ def patient_slices(compared: Compared, reference: "Reference") -> "Sliced":
     local = transform_points(inverse_matrices(comparison.placement), surface.vertices)
     note = f"Contour: z, blue outward, yellow inward, ends ± {scale.high:.1f}, limit ± {reference.limit:.1f}"
     outline = Outline("Map", TriangleMesh(local, surface.faces), scale.colours(z), note)
-    return Sliced(comparison.name, compared.image, compared.voxels, [outline])
+    return SliceScene(comparison.name, compared.image, compared.voxels, [outline])
 
 
 def _scale(

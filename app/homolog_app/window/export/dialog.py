@@ -24,10 +24,10 @@ from homolog_app.cli.options import options_of
 from homolog_app.films.settings import CutAway, CutSettings, PictureSettings
 from homolog_app.rendering.camera import Clip
 from homolog_app.window.export.checks import content_problem, place_problem
-from homolog_app.window.export.child import Child
 from homolog_app.window.export.choosers import GroupChooser, MotionChooser
 from homolog_app.window.export.kinds import ExportKind
 from homolog_app.window.export.preview import Preview
+from homolog_app.window.export.process import ExportProcess
 from homolog_app.window.form import SettingsForm, SettingsPair
 from homolog_app.window.widgets import GRID, button, label
 
@@ -53,7 +53,7 @@ class Exported:
     columns : mapping of str to sequence of str
         Columns of the cohort's table with a value for each subject.
     camera : str
-        How the window's views are seen (`films.settings.camera_sight`); may be empty.
+        How the window's views are seen (`films.settings.camera_direction`); may be empty.
     clip : Clip or None
         The plane that cuts them open.
     caution : str
@@ -82,7 +82,7 @@ class ExportDialog(QDialog):
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle(f"Export: {kind.title}")
         self.kind, self.exported = kind, what
-        self.child = Child(self)
+        self.child = ExportProcess(self)
         self.settings = _first_settings(kind, what.clip)
         self.chooser: MotionChooser | GroupChooser | None = None
         self.preview: Preview | None = None
@@ -99,7 +99,7 @@ class ExportDialog(QDialog):
         self._lay_out()
         self._connect()
         self._suggest_place()
-        self._tell()
+        self._update()
 
     @property
     def out(self) -> Path | None:
@@ -206,9 +206,9 @@ class ExportDialog(QDialog):
         self.close_.clicked.connect(self.reject)
         self.show_.clicked.connect(self._show_result)
         self.copy.clicked.connect(lambda: QGuiApplication.clipboard().setText(self.line.text()))
-        self.place.textChanged.connect(self._tell)
+        self.place.textChanged.connect(self._update)
         if self.chooser is not None:
-            self.chooser.changed.connect(self._tell)
+            self.chooser.changed.connect(self._update)
         self.child.progressed.connect(self._progress)
         self.child.ended.connect(self._end)
 
@@ -223,10 +223,10 @@ class ExportDialog(QDialog):
     def edit(self, _name: str, settings: object) -> None:
         """Take changed settings."""
         self.settings = settings  # type: ignore[assignment]
-        self._tell()
+        self._update()
 
     @Slot()
-    def _tell(self) -> None:
+    def _update(self) -> None:
         """Show the command line, what is wrong, and the first frame."""
         self.line.setText(shlex.join(["homolog", *self.arguments()]))
         self.line.setCursorPosition(0)

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QLabel, QWidget
 
 from homolog_app.cli.options import options_of
 from homolog_app.films.settings import PictureSettings, StillSettings
-from homolog_app.window.export.child import Child
+from homolog_app.window.export.process import ExportProcess
 
 __all__ = ["Preview"]
 
@@ -32,7 +32,7 @@ class Preview(QLabel):
         self._project = project
         self._folder = QTemporaryDir()
         self._wanted: tuple[list[str], PictureSettings] | None = None
-        self._child = Child(self)
+        self._child = ExportProcess(self)
         self._child.ended.connect(self._show)
         self._pause = QTimer(self, interval=_PAUSE_MS, singleShot=True)
         self._pause.timeout.connect(self._draw)

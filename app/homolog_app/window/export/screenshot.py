@@ -8,12 +8,12 @@ from PySide6.QtWidgets import QWidget
 from homolog.errors import InputError
 from homolog_app.exports.settings import ScreenshotSettings
 from homolog_app.films.encode import write_still
-from homolog_app.window.explore.chosen import Snapshot
+from homolog_app.window.explore.view_states import Snapshot
 from homolog_app.window.export.dialog import ExportDialog, Exported
 from homolog_app.window.export.kinds import SCREENSHOT
 from homolog_app.window.scene.canvas import Canvas
-from homolog_app.window.scene.content import Shown
-from homolog_app.window.scene.kept import KEPT, write_shown
+from homolog_app.window.scene.content import ViewContents
+from homolog_app.window.scene.contents_file import KEPT, write_shown
 from homolog_app.window.scene.offscreen import drawn
 
 __all__ = ["ScreenshotDialog"]
@@ -34,7 +34,7 @@ class ScreenshotDialog(ExportDialog):
     """
 
     def __init__(
-        self, parent: QWidget, what: Exported, shown: Shown, canvas: Canvas, snapshot: Snapshot | None
+        self, parent: QWidget, what: Exported, shown: ViewContents, canvas: Canvas, snapshot: Snapshot | None
     ) -> None:
         self._shown, self._canvas, self._snapshot = shown, canvas, snapshot
         super().__init__(parent, SCREENSHOT, what)

@@ -10,9 +10,9 @@ from homolog_app.rendering.camera import VIEWS as ANATOMICAL
 from homolog_app.rendering.camera import View
 
 if TYPE_CHECKING:
-    from homolog_app.window.scene.cell import Cell
+    from homolog_app.window.scene.cell import ViewCell
 
-__all__ = ["VIEWS", "Cameras", "Room"]
+__all__ = ["VIEWS", "Cameras", "ViewMargins"]
 
 VIEWS = {
     "right": ANATOMICAL["right"],
@@ -30,7 +30,7 @@ _FREE = 0.6
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class ViewMargins:
     """A view and the rim of it that shapes leave to texts; lengths in pixels.
 
     Attributes
@@ -56,7 +56,7 @@ class Room:
 class Cameras:
     """The cameras of all views, linked at first."""
 
-    def __init__(self, cells: "Sequence[Cell]") -> None:
+    def __init__(self, cells: "Sequence[ViewCell]") -> None:
         self._cells = cells
         self._linked = True
         for cell in cells:
@@ -93,7 +93,7 @@ class Cameras:
             camera.SetPosition(*look.toward)
             camera.SetViewUp(*look.up)
 
-    def fit(self, count: int, room: Room) -> bool:
+    def fit(self, count: int, room: ViewMargins) -> bool:
         """Show the whole shapes of the first views, as large as the largest allows.
 
         Parameters
@@ -114,12 +114,12 @@ class Cameras:
             cell.fit(points, room)
         return len(points) > 0
 
-    def widen(self, count: int, room: Room) -> None:
+    def widen(self, count: int, room: ViewMargins) -> None:
         """Zoom out where shapes of the first views would be cut; parameters as for `fit`."""
         cells = self._cells[:count]
         points = np.concatenate([cell.points for cell in cells])
         for cell in self._first(cells) if len(points) else ():
             cell.widen(points, room)
 
-    def _first(self, cells: "Sequence[Cell]") -> "Sequence[Cell]":
+    def _first(self, cells: "Sequence[ViewCell]") -> "Sequence[ViewCell]":
         return cells[: 1 if self._linked else None]

@@ -12,12 +12,12 @@ from homolog_app.rendering.actors import QuickBalls, SceneActors
 from homolog_app.rendering.camera import Box, Clip, Cut, around, extent_of
 from homolog_app.rendering.scene import Balls, Scene, Surface
 from homolog_app.rendering.scheme import LIGHT, Colours, rgb, rgb_bytes
-from homolog_app.window.scene.cameras import Room
+from homolog_app.window.scene.cameras import ViewMargins
+from homolog_app.window.scene.captions import Caption, NumberLabels
 from homolog_app.window.scene.content import Content
 from homolog_app.window.scene.scale_bar import ScaleBar
-from homolog_app.window.scene.words import NumberTexts, Words
 
-__all__ = ["Cell"]
+__all__ = ["ViewCell"]
 
 _OVER = 0.5
 """Opacity of a surface that is overlaid on another."""
@@ -25,7 +25,7 @@ _LEAST_MARGIN, _SPARSE = 0.94, 5
 _SURFACES = ("raw", "groomed", "coarse")
 
 
-class Cell:
+class ViewCell:
     """One renderer and its actors; made once and filled again and again."""
 
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
@@ -40,7 +40,7 @@ class Cell:
         self._cut: Cut | None = None
         self._colours = LIGHT
         self._plain: dict[str, Array] = {}
-        self.texts, self._bar, self._numbers = Words(renderer), ScaleBar(renderer), NumberTexts(renderer)
+        self.texts, self._bar, self._numbers = Caption(renderer), ScaleBar(renderer), NumberLabels(renderer)
 
     def place(self, viewport: tuple[float, float, float, float] | None) -> None:
         """Give the view a part of the window, or none."""
@@ -137,7 +137,7 @@ class Cell:
             self._surfaces[name] = replace(before, colours=colours, opacity=opacity)
         return self._surfaces[name]
 
-    def show_words(self, size: int, *, small: bool, letters: bool, bar: bool) -> None:
+    def show_caption(self, size: int, *, small: bool, letters: bool, bar: bool) -> None:
         """Write the subject's name and note, the letters and a scale bar, so many pixels high."""
         lines = [self.content.name, self.content.note] if self.content is not None else []
         self.texts.show([line for line in lines if line], size, small=small, letters=letters)
@@ -179,7 +179,7 @@ class Cell:
         """Some vertices of the surfaces [mm], (n, 3), whether shown or not."""
         return np.concatenate([np.empty((0, 3)), *(placed[::_SPARSE] for placed in self._placed.values())])
 
-    def fit(self, points: FloatArray, room: Room) -> None:
+    def fit(self, points: FloatArray, room: ViewMargins) -> None:
         """Let points (n, 3) fill the room of the view as it is seen now."""
         camera, axes = self.renderer.GetActiveCamera(), self.axes
         low, high = (pick(points @ axes.T, axis=0) for pick in (np.min, np.max))
@@ -189,7 +189,7 @@ class Cell:
         across, along, _ = (high - low) / 2.0
         camera.SetParallelScale(max(room.scale(across, along), 1e-6))
 
-    def widen(self, points: FloatArray, room: Room) -> None:
+    def widen(self, points: FloatArray, room: ViewMargins) -> None:
         """Zoom out if points (n, 3) would reach the letters at the edges; the view's middle stays.
 
         So what moves is seen to move.

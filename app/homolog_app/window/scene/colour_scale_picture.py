@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from homolog_app.rendering.colours import GREY, ColourScale
 from homolog_app.rendering.scheme import Colours
-from homolog_app.rendering.text import font_file, tick_words, written
+from homolog_app.rendering.text import font_file, tick_labels, written
 
 __all__ = ["HEIGHT", "MOST", "SIDE", "scale_picture"]
 
@@ -82,7 +82,7 @@ def _words(values: list[float]) -> list[str]:
     """Return the ticks' words with three digits at the ends, and as many places in all."""
     most = max(abs(value) for value in values)
     places = max(0, 2 - int(np.floor(np.log10(most)))) if most else 0
-    return tick_words([round(value, places) for value in values])
+    return tick_labels([round(value, places) for value in values])
 
 
 @cache

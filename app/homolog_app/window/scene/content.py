@@ -10,7 +10,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colours import ColourScale
 from homolog_app.rendering.scene import Arrows
 
-__all__ = ["Content", "Numbers", "Shown"]
+__all__ = ["Content", "Numbers", "ViewContents"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +89,7 @@ class Content:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shown:
+class ViewContents:
     """Everything that the views show at a time.
 
     Attributes

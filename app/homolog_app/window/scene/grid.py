@@ -11,9 +11,9 @@ from homolog_app.rendering.camera import Box, Clip, around
 from homolog_app.rendering.colours import colours_by_place
 from homolog_app.rendering.scene import ball_radius
 from homolog_app.rendering.scheme import Colours, rgb
-from homolog_app.window.scene.cameras import Cameras, Room
-from homolog_app.window.scene.cell import Cell
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scene.cameras import Cameras, ViewMargins
+from homolog_app.window.scene.cell import ViewCell
+from homolog_app.window.scene.content import Content, ViewContents
 
 __all__ = ["MOST", "Grid"]
 
@@ -40,7 +40,7 @@ class Grid:
         self._window = window
         self._backdrop = vtkRenderer()
         self._backdrop.InteractiveOff()
-        self.cells = [Cell(renderer) for renderer in renderers]
+        self.cells = [ViewCell(renderer) for renderer in renderers]
         for renderer in (self._backdrop, *renderers):
             window.AddRenderer(renderer)
         self._observer = window.AddObserver("StartEvent", self._before_drawing)
@@ -92,14 +92,14 @@ class Grid:
         """The contents of the page."""
         return self._contents[self.page * self.count : (self.page + 1) * self.count]
 
-    def take(self, shown: Shown) -> None:
+    def take(self, shown: ViewContents) -> None:
         """Have other contents; `show_page` follows."""
         self._contents, self.columns = shown.contents, shown.columns or 0
         if shown.particles is not None:
-            self.take_particles(shown.particles, shown.tints)
+            self.set_particles(shown.particles, shown.tints)
         self.place_cells()
 
-    def take_particles(
+    def set_particles(
         self, particles: Mapping[str, FloatArray], tints: Array | Mapping[str, Array] | None
     ) -> None:
         """Have other particles, each coloured by its place if no colours are given."""
@@ -125,7 +125,7 @@ class Grid:
         for index, cell in enumerate(self.cells[: self.count]):
             cell.show(self.raw, self.groomed, self.quick, self.opacity)
             bar = self.scale_bar and (self.count <= _FEW or index == 0 or not self.cameras.linked)
-            cell.show_words(round(size), small=self.count > _FEW, letters=self.letters, bar=bar)
+            cell.show_caption(round(size), small=self.count > _FEW, letters=self.letters, bar=bar)
         self.radius = self._ball_radius(len(next(iter(self.particles.values()), ())))
         self.refresh_particles(range(self.count))
 
@@ -135,7 +135,7 @@ class Grid:
             cell = self.cells[index]
             cell.show_particles(self.particles_of(cell)[0], self._tints_of(cell), self.radius)
 
-    def particles_of(self, cell: Cell) -> tuple[FloatArray | None, float]:
+    def particles_of(self, cell: ViewCell) -> tuple[FloatArray | None, float]:
         """Return the particles that a view shows, and how large."""
         content = cell.content if self.balls else None
         return self.particles.get(content.name) if content is not None else None, self.radius
@@ -148,12 +148,12 @@ class Grid:
         """Zoom out where shapes would be cut."""
         self.cameras.widen(self.count, self._room(width, height))
 
-    def _room(self, width: float, height: float) -> Room:
+    def _room(self, width: float, height: float) -> ViewMargins:
         """Return the room of a view: a caption of two lines is above the only one, letters are in others."""
         rows, columns = self.shape
         wide, high = max(1.0, width / columns), max(1.0, height / rows)
         lines = 2.6 if self.count == 1 else 1.4
-        return Room(wide, high, 1.6 * self._text_px, lines * self._text_px + 0.025 * high)
+        return ViewMargins(wide, high, 1.6 * self._text_px, lines * self._text_px + 0.025 * high)
 
     @property
     def _text_px(self) -> float:
@@ -190,7 +190,7 @@ class Grid:
         return around([box for cell in self.cells[: self.count] if (box := cell.bounds) is not None])
 
     @property
-    def whole_clip(self) -> Clip | None:
+    def full_clip(self) -> Clip | None:
         """The cutting plane with the extent that its position refers to."""
         return self.clip and self.clip.model_copy(update={"box": self.clip.box or self._box})
 
@@ -201,7 +201,7 @@ class Grid:
                 cell.face_camera(bounds)
                 cell.cut(self.clip, self._box or bounds)
 
-    def _tints_of(self, cell: Cell) -> Array | None:
+    def _tints_of(self, cell: ViewCell) -> Array | None:
         if isinstance(self.tints, Mapping):
             return self.tints.get(cell.content.name) if cell.content is not None else None
         return self.tints

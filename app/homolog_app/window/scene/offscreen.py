@@ -13,13 +13,15 @@ from homolog_app.rendering.opengl import SMOOTH, need_no_display, pixels_of
 from homolog_app.rendering.scheme import DARK, LIGHT
 from homolog_app.window.scene.canvas import Canvas
 from homolog_app.window.scene.colour_scale_picture import scale_picture
-from homolog_app.window.scene.content import Shown
+from homolog_app.window.scene.content import ViewContents
 from homolog_app.window.scene.grid import MOST, Grid
 
 __all__ = ["drawn"]
 
 
-def drawn(shown: Shown, canvas: Canvas, scale: int = 1, *, transparent: bool = False) -> NDArray[np.uint8]:
+def drawn(
+    shown: ViewContents, canvas: Canvas, scale: int = 1, *, transparent: bool = False
+) -> NDArray[np.uint8]:
     """Draw the views.
 
     Parameters

@@ -12,7 +12,7 @@ from vtkmodules.vtkRenderingCore import vtkCellPicker
 from homolog.arrays import FloatArray
 
 if TYPE_CHECKING:
-    from homolog_app.window.scene.cell import Cell
+    from homolog_app.window.scene.cell import ViewCell
     from homolog_app.window.scene.interactor import Interactor
 
 __all__ = ["Pick", "Picker", "aim"]
@@ -50,7 +50,7 @@ class Picker(QObject):
     menu_wanted = Signal(str, QPoint)
 
     def __init__(
-        self, plot: "Interactor", cells: "Sequence[Cell]", particles_of: "Callable[[Cell], Any]"
+        self, plot: "Interactor", cells: "Sequence[ViewCell]", particles_of: "Callable[[ViewCell], Any]"
     ) -> None:
         super().__init__(plot)
         self.plot, self._cells, self._particles_of = plot, cells, particles_of
@@ -85,7 +85,7 @@ class Picker(QObject):
         ratio = self.plot.devicePixelRatioF()
         return at.x() * ratio, (self.plot.height() - 1 - at.y()) * ratio
 
-    def _cell_at(self, at: QPointF) -> "Cell | None":
+    def _cell_at(self, at: QPointF) -> "ViewCell | None":
         """Return the view at a place of the widget that shows something."""
         x, y = (int(value) for value in self._pixel(at))
         for cell in self._cells:
@@ -94,7 +94,7 @@ class Picker(QObject):
                 return cell
         return None
 
-    def _pick_in(self, cell: "Cell", x: float, y: float) -> Pick | None:
+    def _pick_in(self, cell: "ViewCell", x: float, y: float) -> Pick | None:
         picker = vtkCellPicker()
         picker.SetTolerance(0.0)
         picker.PickFromListOn()
@@ -107,7 +107,7 @@ class Picker(QObject):
         place = np.array(picker.GetPickPosition())
         return Pick(cell.content.name, place, self._particle_near(cell, place))
 
-    def _particle_near(self, cell: "Cell", place: FloatArray) -> int | None:
+    def _particle_near(self, cell: "ViewCell", place: FloatArray) -> int | None:
         particles, radius = self._particles_of(cell)
         if particles is None or len(particles) == 0:
             return None

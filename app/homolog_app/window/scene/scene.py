@@ -13,7 +13,7 @@ from homolog_app.rendering.camera import Clip
 from homolog_app.rendering.scheme import DARK, LIGHT, Colours
 from homolog_app.window.scene.canvas import CameraState, Canvas
 from homolog_app.window.scene.colour_bar import ColourBar
-from homolog_app.window.scene.content import Content, Shown
+from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.scene.grid import MOST, Grid
 from homolog_app.window.scene.interactor import Interactor
 from homolog_app.window.scene.offscreen import drawn
@@ -53,7 +53,7 @@ class Scene(QWidget):
         )
         self.grid = Grid(window, renderers)
         self.picker = Picker(self.plot, self.grid.cells, self.grid.particles_of)
-        self.displayed = Shown(())
+        self.displayed = ViewContents(())
         self._colours = LIGHT
         self._told = (-1, 0, 0)
         self._left_at = 0  # the page of subjects to come back to from shapes of the model
@@ -106,7 +106,7 @@ class Scene(QWidget):
             self.show_page(first // count)
             self._keep_whole()
 
-    def display(self, shown: Shown) -> None:
+    def display(self, shown: ViewContents) -> None:
         """Show other contents.
 
         Parameters
@@ -190,7 +190,7 @@ class Scene(QWidget):
         before = self.grid.tints
         if tints is None and live and before is not None and not isinstance(before, Mapping):
             tints = before if len(before) == count else None
-        self.grid.take_particles(particles, tints)
+        self.grid.set_particles(particles, tints)
         if live:
             self._draw_quick()
             self.refine_timer.start()
@@ -208,7 +208,7 @@ class Scene(QWidget):
         self.grid.cameras.turn(view)
         self.fit()
 
-    def look_from(self, state: CameraState) -> None:
+    def set_camera(self, state: CameraState) -> None:
         """Look from where a camera was, at the whole shapes."""
         for camera in self.grid.cameras.each:
             state.set(camera)
@@ -269,14 +269,16 @@ class Scene(QWidget):
             scheme="dark" if self._colours is DARK else "light",
             layout=grid.layout, page=grid.page, raw=grid.raw, groomed=grid.groomed, particles=grid.balls,
             opacity=grid.opacity, cameras=tuple(CameraState.of(camera) for camera in grid.cameras.each),
-            letters=grid.letters, scale_bar=grid.scale_bar, clip=grid.whole_clip,
+            letters=grid.letters, scale_bar=grid.scale_bar, clip=grid.full_clip,
         )  # fmt: skip
 
     @property
-    def shown_now(self) -> Shown:
+    def shown_now(self) -> ViewContents:
         """What the views show, with particles and their colours; it stays as it is when they go on."""
         grid = self.grid
-        return Shown(grid.contents, grid.columns or None, self.displayed.scale, grid.particles, grid.tints)
+        return ViewContents(
+            grid.contents, grid.columns or None, self.displayed.scale, grid.particles, grid.tints
+        )
 
     def picture(self, scale: int = 1, *, transparent: bool = False) -> QImage:
         """Return what is shown, up to four times as large."""

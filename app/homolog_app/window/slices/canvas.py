@@ -22,7 +22,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from homolog.arrays import Array, FloatArray
 from homolog_app.window.theme import Theme
 
-__all__ = ["MARGIN", "Drawn", "Line", "SliceCanvas"]
+__all__ = ["MARGIN", "Line", "SliceCanvas", "SliceContent"]
 
 MARGIN = 28
 """Pixels around the slice, for letters."""
@@ -49,7 +49,7 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
+class SliceContent:
     """All that a plane shows.
 
     Attributes
@@ -96,7 +96,7 @@ class SliceCanvas(QWidget):
     def __init__(self, theme: Theme, title: str) -> None:
         super().__init__()
         self._theme = theme
-        self.drawn: Drawn | None = None
+        self.drawn: SliceContent | None = None
         self._last: QPointF | None = None
         self.setAccessibleName(f"{title} slice")
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
@@ -104,7 +104,7 @@ class SliceCanvas(QWidget):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         theme.changed.connect(self.update)
 
-    def show_plane(self, drawn: Drawn | None) -> None:
+    def show_plane(self, drawn: SliceContent | None) -> None:
         """Draw something else."""
         self.drawn = drawn
         self.update()
@@ -188,11 +188,11 @@ class SliceCanvas(QWidget):
             self.pointed.emit(x, y)
 
     @staticmethod
-    def _pixels(drawn: Drawn) -> tuple[float, float]:
+    def _pixels(drawn: SliceContent) -> tuple[float, float]:
         """Return how large a voxel is on the screen."""
         return drawn.spacing[0] * drawn.scale, drawn.spacing[1] * drawn.scale
 
-    def _paint(self, painter: QPainter, drawn: Drawn) -> None:
+    def _paint(self, painter: QPainter, drawn: SliceContent) -> None:
         across, down = self._pixels(drawn)
         corner = np.array(
             [0.5 * self.width() - drawn.centre[0] * across, 0.5 * self.height() - drawn.centre[1] * down]
@@ -231,7 +231,7 @@ class SliceCanvas(QWidget):
             painter.setPen(QPen(QColor(*tint), line.width, c=Qt.PenCapStyle.RoundCap))
             painter.drawLine(QLineF(*four))
 
-    def _paint_texts(self, painter: QPainter, drawn: Drawn) -> None:
+    def _paint_texts(self, painter: QPainter, drawn: SliceContent) -> None:
         """Write title, slice and letters on patches of the background: scans are black or white there."""
         wide, high = float(self.width()), float(self.height())
         colours = self._theme.colours

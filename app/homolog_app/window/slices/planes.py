@@ -15,7 +15,7 @@ from homolog.grooming.scans import Scan
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.text import edge_letters
 
-__all__ = ["Grid", "Outline", "Plane", "Section", "Sliced", "mask_contour", "planes_of", "section_of"]
+__all__ = ["Grid", "Outline", "Plane", "Section", "SliceScene", "mask_contour", "planes_of", "section_of"]
 
 _MOST_SAMPLES = 1024
 """Per side of a slice, where a mask is sampled for its contour."""
@@ -44,7 +44,7 @@ class Outline:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sliced:
+class SliceScene:
     """What the planes show.
 
     Attributes

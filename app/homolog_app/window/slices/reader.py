@@ -10,8 +10,8 @@ from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.grooming.scans import Scan, check_frame, read_scan
 from homolog.progress import Tick
-from homolog_app.window.runner import Ended, Runner, Task
-from homolog_app.window.slices.planes import Sliced
+from homolog_app.window.runner import JobOutcome, Runner, Task
+from homolog_app.window.slices.planes import SliceScene
 from homolog_app.window.slices.windowing import first_preset
 
 __all__ = ["ReadScan", "ScanReader"]
@@ -49,7 +49,7 @@ class ScanReader(QObject):
         """Whether the scan is being read."""
         return self._runner is not None and self._runner.job is not None
 
-    def want(self, sliced: Sliced) -> None:
+    def want(self, sliced: SliceScene) -> None:
         """Read a subject's scan unless it is there already, or being read."""
         wanted = None if sliced.image is None else (sliced.name, sliced.image)
         if wanted == self._wanted:
@@ -74,7 +74,7 @@ class ScanReader(QObject):
             self._runner.close()
 
     @Slot(object)
-    def _ended(self, ended: Ended) -> None:
+    def _ended(self, ended: JobOutcome) -> None:
         assert self._runner is not None
         if self._next is not None:
             task, self._next = self._next, None

@@ -11,8 +11,8 @@ from PySide6.QtWidgets import QCheckBox, QGridLayout, QVBoxLayout, QWidget
 from homolog.arrays import Array, FloatArray
 from homolog.geometry import transform_points
 from homolog_app.rendering.scheme import rgb
-from homolog_app.window.slices.canvas import MARGIN, Drawn, Line, SliceCanvas
-from homolog_app.window.slices.planes import Grid, Plane, Sliced, mask_contour, planes_of, section_of
+from homolog_app.window.slices.canvas import MARGIN, Line, SliceCanvas, SliceContent
+from homolog_app.window.slices.planes import Grid, Plane, SliceScene, mask_contour, planes_of, section_of
 from homolog_app.window.slices.reader import ScanReader
 from homolog_app.window.slices.windowing import AUTOMATIC, PRESETS, GreyWindow
 from homolog_app.window.theme import Theme
@@ -40,7 +40,7 @@ class SliceView(QWidget):
     def __init__(self, theme: Theme) -> None:
         super().__init__()
         self._theme = theme
-        self.sliced = Sliced("")
+        self.sliced = SliceScene("")
         self._grid: Grid | None = None
         self._planes: tuple[Plane, ...] = ()
         self._corners: list[FloatArray] = []
@@ -111,7 +111,7 @@ class SliceView(QWidget):
             canvas.windowed.connect(self._drag_window)
             canvas.enlarged.connect(partial(self._enlarge, canvas))
             canvas.resized.connect(self._draw)
-        self.reader.changed.connect(self._take_scan)
+        self.reader.changed.connect(self._receive_scan)
         self.window_box.activated.connect(self._choose_window)
         self.field.activated.connect(self._fit)
         for box, colour in ((self.segmentation, _SEGMENTATION), (self.contours, _GROOMED)):
@@ -123,12 +123,12 @@ class SliceView(QWidget):
             box.toggled.connect(self._draw)
         self.choose.clicked.connect(lambda: self.scan_wanted.emit(self.sliced.name))
 
-    def show_subject(self, sliced: Sliced) -> None:
+    def show_subject(self, sliced: SliceScene) -> None:
         """Show a subject, its scan as soon as it is read."""
         before, self.sliced = self.sliced, sliced
         self.reader.want(sliced)
         same = before.name == sliced.name and before.voxels is sliced.voxels
-        self._take_grid(keep=same and self._grid is not None)
+        self._set_grid(keep=same and self._grid is not None)
 
     def go_to(self, name: str, place: FloatArray) -> None:
         """Put the crosshair to a place of a subject, LPS [mm], also if it is shown only later."""
@@ -151,14 +151,14 @@ class SliceView(QWidget):
         """End the thread that reads scans."""
         self.reader.close()
 
-    def _take_scan(self) -> None:
+    def _receive_scan(self) -> None:
         read = self.reader.read
         if read is not None:
             self.window_box.setCurrentText(read.preset)
             self._choose_window()
-        self._take_grid(keep=False)
+        self._set_grid(keep=False)
 
-    def _take_grid(self, *, keep: bool) -> None:
+    def _set_grid(self, *, keep: bool) -> None:
         """Take the grid of the scan, else that of the segmentation; the crosshair begins in its middle."""
         read, voxels = self.reader.read, self.sliced.voxels
         self._grid = Grid.of_scan(read.scan) if read else Grid.of_mask(voxels) if voxels else None
@@ -276,7 +276,7 @@ class SliceView(QWidget):
                     canvas.show_plane(self._drawn(grid, plane, scale))
         self._say(grid)
 
-    def _drawn(self, grid: Grid, plane: Plane, scale: float) -> Drawn:
+    def _drawn(self, grid: Grid, plane: Plane, scale: float) -> SliceContent:
         index, middle = self._index(grid), grid.indices(self._centre[None])[0]
         at = round(float(index[plane.axis]))
         read, voxels = self.reader.read, self.sliced.voxels
@@ -299,7 +299,7 @@ class SliceView(QWidget):
                 )
         x, y = plane.places(index, grid.shape).tolist()
         right, low = plane.places(middle, grid.shape).tolist()
-        return Drawn(
+        return SliceContent(
             plane.title, f"{at + 1} of {grid.shape[plane.axis]} · {grid.spacing[plane.axis]:.3g} mm",
             picture, read is not None,
             (float(grid.spacing[plane.across]), float(grid.spacing[plane.down])), scale,

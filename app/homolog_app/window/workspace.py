@@ -1,4 +1,4 @@
-"""What one window works on: theme, preferences, session, work and journal."""
+"""The state of a window that no widget owns: theme, preferences, session, jobs and journal."""
 
 import logging
 import os
@@ -11,23 +11,23 @@ from PySide6.QtCore import QObject, QTimer, Slot
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.settings import RunSettings
+from homolog_app.window.garbage_collector import GarbageCollector
 from homolog_app.window.journal import Journal, JournalRecord
 from homolog_app.window.log_pane import LogMemory
 from homolog_app.window.preferences import Preferences
 from homolog_app.window.session import Session
 from homolog_app.window.study_files import ViewRecord, record_of
-from homolog_app.window.sweeper import Sweeper
 from homolog_app.window.theme import Theme
 from homolog_app.window.work import Work
 
-__all__ = ["Desk"]
+__all__ = ["Workspace"]
 
 _log = logging.getLogger(__name__)
 _JOURNAL_MS = 1000
 
 
-class Desk(QObject):
-    """Everything of a window that is not a widget."""
+class Workspace(QObject):
+    """Theme, preferences, session, jobs and journal of one window."""
 
     def __init__(self, home: Path, theme: Theme, memory: LogMemory) -> None:
         super().__init__()
@@ -37,7 +37,7 @@ class Desk(QObject):
         self.sessions = home / "sessions"
         self.journal = Journal(self.sessions)
         self.session = Session(self)
-        self.sweeper = Sweeper(self)  # before the computing thread starts
+        self.garbage_collector = GarbageCollector(self)  # before the computing thread starts
         self.work = Work(self.session, self)
         self.closed = False
         self._held = ExitStack()
@@ -58,17 +58,17 @@ class Desk(QObject):
         if session.read_only:
             return False
         unsaved = session.folder is None and bool(session.study.members)
-        return unsaved or self.work.is_keeping or not session.undo.isClean()
+        return unsaved or self.work.is_saving or not session.undo.isClean()
 
-    def hold(self, folder: Path | None) -> None:
-        """Keep other programs out of the project that is open, and let go of the one before.
+    def lock_project(self, folder: Path | None) -> None:
+        """Lock the open project against other programs, and release the previous one.
 
-        A project that can't be written to needs no keeper.
+        A project that can't be written to needs no lock.
 
         Raises
         ------
         InUseError
-            If another program has it open; the one before is then still held.
+            If another program has it open; the previous project then stays locked.
         """
         held = ExitStack()
         if folder is not None and os.access(folder, os.W_OK):
@@ -77,7 +77,7 @@ class Desk(QObject):
         self._held = held
 
     def handlers(self) -> dict[str, Callable[[], object]]:
-        """Return what the commands of the work do."""
+        """Return the handlers of the commands of *Groom* and *Run*."""
         return {
             "run.groom": self.groom,
             "run.regroom": self.groom_selected,
@@ -85,7 +85,7 @@ class Desk(QObject):
             "run.resume": lambda: self.run(resume=True),
             "run.more": lambda: self.run(from_result=True),
             "run.fit": lambda: self.run(from_result=True),
-            "run.pause": self.work.pause_or_go_on,
+            "run.pause": self.work.toggle_pause,
             "run.cancel": self.work.cancel,
             "run.keep": self.work.keep,
         }
@@ -99,7 +99,7 @@ class Desk(QObject):
         self.work.groom_one(self.session.selection[0], self.project)
 
     def run(self, *, resume: bool = False, from_result: bool = False) -> None:
-        """Place the particles, and note in the journal that a run is going on."""
+        """Place the particles, and record in the journal that a run is in progress."""
         self.work.run(self.project, resume=resume, from_result=from_result)
         self.write_journal()
 
@@ -111,7 +111,7 @@ class Desk(QObject):
 
     @Slot()
     def write_journal(self) -> None:
-        """Write down what is open, for the case that the program dies."""
+        """Record what is open, so that it can be recovered after a crash."""
         running = self.work.run_job is not None
         if not self.is_changed and not running:
             self.journal.clear_record()
@@ -133,6 +133,6 @@ class Desk(QObject):
         self._autosave.stop()
         if not self.work.runner.close():
             _log.error("the computing thread did not stop in time")
-        self.sweeper.close()
+        self.garbage_collector.close()
         self._held.close()
         self.journal.close()

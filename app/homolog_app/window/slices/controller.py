@@ -8,16 +8,16 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtWidgets import QFileDialog, QMenu
 
 from homolog.cohort import IMAGE_SUFFIXES, dicom_files, suffix_of
-from homolog_app.window.asking import Part, reported
+from homolog_app.window.questions import Controller, reported
 from homolog_app.window.session import Session
-from homolog_app.window.slices.planes import Outline, Sliced
+from homolog_app.window.slices.planes import Outline, SliceScene
 
-__all__ = ["Scans", "sliced_subject"]
+__all__ = ["ScanController", "sliced_subject"]
 
 _FILES = f"Scans ({' '.join(f'*{suffix}' for suffix in IMAGE_SUFFIXES)})"
 
 
-def sliced_subject(session: Session, name: str) -> Sliced:
+def sliced_subject(session: Session, name: str) -> SliceScene:
     """Return what slices show of a subject: scan, segmentation, and groomed surface or the result's."""
     subject = next(member.subject for member in session.study.members if member.name == name)
     survey, groomed, result = session.surveys.get(name), session.groomed.get(name), session.result
@@ -28,10 +28,10 @@ def sliced_subject(session: Session, name: str) -> Sliced:
         outlines = [Outline("Groomed surface", result.surfaces[name][0])]
     elif survey is not None and survey.surface is not None and survey.voxels is None:
         outlines = [Outline("Surface", survey.surface)]
-    return Sliced(name, subject.image, survey.voxels if survey else None, outlines)
+    return SliceScene(name, subject.image, survey.voxels if survey else None, outlines)
 
 
-class Scans(Part):
+class ScanController(Controller):
     """Gives subjects, and the patient of Explore's page, their scans."""
 
     @reported
@@ -44,8 +44,8 @@ class Scans(Part):
 
     def give(self, name: str, path: Path) -> None:
         """Make a file, or the folder of a DICOM series, the scan of a subject or of the patient."""
-        session, page = self._desk.session, self._window.inspector.explore.page
-        if self._window.step == "explore" and page.take_scan(name, path):
+        session, page = self._workspace.session, self._window.inspector.explore.page
+        if self._window.step == "explore" and page.set_scan(name, path):
             return
         members = {
             member.name: replace(member, subject=replace(member.subject, image=path))
@@ -77,7 +77,7 @@ class Scans(Part):
         menu = QMenu(self._window)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         menu.addAction(f"Scan of {name.replace('&', '&&')}", lambda: self.give(name, path))
-        menu.addAction("Another subject", lambda: self._window.library.take([path]))
+        menu.addAction("Another subject", lambda: self._window.projects.open_paths([path]))
         menu.popup(self._window.mapToGlobal(at))
         return True
 

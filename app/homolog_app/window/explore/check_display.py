@@ -8,17 +8,17 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from homolog.arrays import FloatArray, IntArray
-from homolog_app.window.desk import Desk
-from homolog_app.window.explore.check_shown import ALONG, ENERGIES, STRAIGHT, Distances, Marks
+from homolog_app.window.explore.check_scene import ALONG, ENERGIES, STRAIGHT, Distances, Marks
 from homolog_app.window.explore.check_work import distances_on, energies_of, textures_of
-from homolog_app.window.explore.chosen import CheckView
+from homolog_app.window.explore.view_states import CheckView
 from homolog_app.window.widgets import GRID, NumberBox, choice, label
+from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, ParticleEnergies
     from homolog_app.window.scene.picking import Pick
 
-__all__ = ["LookAt"]
+__all__ = ["CheckDisplay"]
 
 _HINT = Qt.ItemDataRole.UserRole + 1
 _NOBODY: IntArray = np.empty(0, np.int64)
@@ -37,15 +37,15 @@ _SHOW = {
 }
 
 
-class LookAt(QWidget):
+class CheckDisplay(QWidget):
     """What is computed for it comes from the computing thread, when it is first shown."""
 
     changed = Signal()
     wanted = Signal(int, object)
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, workspace: Workspace) -> None:
         super().__init__()
-        self._desk = desk
+        self._workspace = workspace
         self._found: Inspection | None = None
         self._names: tuple[str, ...] = ()
         self._others = _NOBODY
@@ -63,7 +63,7 @@ class LookAt(QWidget):
         self.particle.valueChanged.connect(lambda _: self._look())
         self.subject.activated.connect(lambda _: self._look())
         self.show_what.currentIndexChanged.connect(lambda _: self._refresh())
-        desk.work.changed.connect(self._compute)
+        workspace.work.changed.connect(self._compute)
 
     @property
     def chosen(self) -> int | None:
@@ -114,7 +114,7 @@ class LookAt(QWidget):
         self._quietly(lambda: self.particle.setValue(particle))
         self._refresh()
 
-    def take_pick(self, pick: "Pick") -> None:
+    def handle_pick(self, pick: "Pick") -> None:
         """Choose what was clicked."""
         name = pick.name.removesuffix(f": {ALONG}").removesuffix(f": {STRAIGHT}")
         at = self.subject.findText(name)
@@ -184,39 +184,42 @@ class LookAt(QWidget):
     def _compute(self) -> None:
         """Have computed what is to be shown and not known yet."""
         inspection, mode, origin = self._found, self._mode, self._origin
-        if inspection is None or self._desk.work.is_busy or not self.isVisible():
+        if inspection is None or self._workspace.work.is_busy or not self.isVisible():
             return
         if mode == "distances" and origin is not None and not self._is_measured:
             m, place = origin
-            self._desk.work.compute(
+            self._workspace.work.compute(
                 "distances",
                 lambda tick: distances_on(inspection, m, place, self._names[m], tick),
                 "distances",
-                self._take_distances,
+                self._receive_distances,
             )
         elif mode in ENERGIES and self._energies is None:
-            project = self._desk.project
-            self._desk.work.compute(
+            project = self._workspace.project
+            self._workspace.work.compute(
                 "energies",
                 lambda tick: energies_of(inspection, project, tick),
                 "energies",
-                self._take_energies,
+                self._receive_energies,
             )
         elif mode in ("checkerboard", "stripes") and not self._textures:
             names = self._names
-            self._desk.work.compute(
-                "texture", lambda tick: textures_of(inspection, names, tick), "texture", self._take_textures
+            self._workspace.work.compute(
+                "texture",
+                lambda tick: textures_of(inspection, names, tick),
+                "texture",
+                self._receive_textures,
             )
 
-    def _take_distances(self, distances: Distances) -> None:
+    def _receive_distances(self, distances: Distances) -> None:
         self._distances = distances
         self.changed.emit()
 
-    def _take_energies(self, energies: "ParticleEnergies") -> None:
+    def _receive_energies(self, energies: "ParticleEnergies") -> None:
         self._energies = energies
         self.changed.emit()
 
-    def _take_textures(self, textures: dict[str, dict[str, FloatArray]]) -> None:
+    def _receive_textures(self, textures: dict[str, dict[str, FloatArray]]) -> None:
         self._textures = textures
         self.changed.emit()
 

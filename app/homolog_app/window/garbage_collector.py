@@ -9,14 +9,14 @@ import time
 
 from PySide6.QtCore import QObject, QTimer, Slot
 
-__all__ = ["Sweeper"]
+__all__ = ["GarbageCollector"]
 
 _EVERY_MS = 500
 _REST = 100.0
 """After a collection of everything there is none for so many times as long as it took."""
 
 
-class Sweeper(QObject):
+class GarbageCollector(QObject):
     """Collects garbage in place of Python's own collector, which is off until `close`."""
 
     def __init__(self, parent: QObject) -> None:

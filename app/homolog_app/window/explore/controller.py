@@ -7,24 +7,24 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtWidgets import QFileDialog
 
-from homolog_app.window.asking import Part, reported
 from homolog_app.window.explore.check_page import CheckPage
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.measure_page import MeasurePage
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.patient_page import PatientPage
+from homolog_app.window.questions import Controller, reported
 from homolog_app.window.study import FILES
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
-__all__ = ["Exploring"]
+__all__ = ["ExploreController"]
 
 _REFERENCES = "References (*.npz)"
 
 
-class Exploring(Part):
+class ExploreController(Controller):
     """Turns pages and carries out what is ordered of them."""
 
     def __init__(self, window: "MainWindow") -> None:
@@ -46,19 +46,19 @@ class Exploring(Part):
             "explore.check": lambda: self._turn_to(self._check),
             "check.look": self._check.checked.want,
             "check.next": self._next_suspect,
-            "check.mend": self._check.mend_chosen,
-            "check.mend_all": self._check.mend_all,
+            "check.mend": self._check.repair_chosen,
+            "check.mend_all": self._check.repair_all,
             "check.keep": self._check.checked.write,
             "check.export": self.write_suspects,
             "explore.mean": self._modes.sliders.reset.click,
             "explore.test": self._groups.test,
-            "explore.keep": self._groups.keep_study,
+            "explore.keep": self._groups.save_study,
             "explore.compare": self.compare,
             "explore.table": self.write_table,
             "explore.patient": lambda: self._turn_to(self._patient),
             "patient.reference": self._patient.make_reference,
             "patient.open_reference": self.open_reference,
-            "patient.keep_reference": self.keep_reference,
+            "patient.keep_reference": self.save_reference,
             "patient.open": self.open_patient,
             "patient.groups": self.compare_groups,
             "patient.later": lambda: self.add_time(repeats=False),
@@ -89,9 +89,9 @@ class Exploring(Part):
         if path:
             self._check.checked.export(Path(path))
 
-    def take_files(self, paths: Sequence[Path]) -> bool:
+    def drop_files(self, paths: Sequence[Path]) -> bool:
         """Let the open page have files that were dropped; return whether it took them."""
-        return self._panel.page.take_files(paths)
+        return self._panel.page.drop_files(paths)
 
     @reported
     def open_reference(self) -> None:
@@ -102,11 +102,11 @@ class Exploring(Part):
             self._window.refresh()
 
     @reported
-    def keep_reference(self) -> None:
+    def save_reference(self) -> None:
         """Ask for a file and write the reference."""
         path, _ = QFileDialog.getSaveFileName(self._window, "Save reference", "reference.npz", _REFERENCES)
         if path:
-            self._patient.keep_reference(Path(path))
+            self._patient.save_reference(Path(path))
 
     @reported
     def open_patient(self) -> None:

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from PySide6.QtCore import QObject, QProcess, QTimer, Signal, Slot
 
-__all__ = ["Child"]
+__all__ = ["ExportProcess"]
 
 _PATIENCE_MS = 3000
 _CANCELLED = 130
 
 
-class Child(QObject):
+class ExportProcess(QObject):
     """One export. `ended` tells ``"done"``, ``"cancelled"`` or ``"failed"`` and what was said last."""
 
     progressed = Signal(float, str)

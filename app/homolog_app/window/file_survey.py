@@ -13,7 +13,7 @@ from homolog.grooming.images import Segmentation, Volume, read_volume
 from homolog.grooming.structures import mask_of, masks_of, structures_of
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["LabelFound", "Survey", "survey_subject"]
+__all__ = ["FileSurvey", "LabelSummary", "survey_subject"]
 
 THUMBNAIL = 64
 _MARGIN = 6
@@ -27,7 +27,7 @@ _LIGHT = np.array([-0.4, -0.8, 0.45])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LabelFound:
+class LabelSummary:
     """One structure of a subject's files.
 
     Attributes
@@ -52,7 +52,7 @@ class LabelFound:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Survey:
+class FileSurvey:
     """What a subject's file holds.
 
     Attributes
@@ -81,7 +81,7 @@ class Survey:
     problem: str = ""
     volume_ml: float = 0.0
     thumbnail: Array | None = None
-    labels: tuple[LabelFound, ...] = ()
+    labels: tuple[LabelSummary, ...] = ()
     voxels: Segmentation | None = None
     surface: TriangleMesh | None = None
     every: int = 1
@@ -93,12 +93,12 @@ class Survey:
         return bool(self.problem and self.labels) and self.label is None and self.segment is None
 
 
-def survey_subject(subject: Subject, label: int | None, segment: str | None = None) -> Survey:
+def survey_subject(subject: Subject, label: int | None, segment: str | None = None) -> FileSurvey:
     """Look into a subject's file. Bad files make a survey with a problem, not an error.
 
     A file whose structures can't be taken together, because they overlap, has a problem and its labels.
     """
-    survey = Survey(subject, label, segment=segment)
+    survey = FileSurvey(subject, label, segment=segment)
     try:
         if masks := masks_of(subject):
             survey = replace(survey, labels=_of_masks(subject, masks))
@@ -113,21 +113,21 @@ def survey_subject(subject: Subject, label: int | None, segment: str | None = No
         return replace(survey, problem=message[:1].upper() + message[1:])
 
 
-def _with_mask(survey: Survey, path: Path) -> Survey:
+def _with_mask(survey: FileSurvey, path: Path) -> FileSurvey:
     """Return the survey with the file of the chosen structure."""
     if Subject(survey.subject.name, path).is_mesh:
         return _with_mesh(survey, path)
     return _with_voxels(survey, read_volume(path).segmentation(None))
 
 
-def _with_mesh(survey: Survey, path: Path) -> Survey:
+def _with_mesh(survey: FileSurvey, path: Path) -> FileSurvey:
     from homolog.files.meshes import read_mesh
 
     mesh = read_mesh(path)
     return replace(survey, volume_ml=abs(mesh.volume) / 1000.0, thumbnail=_mesh_thumbnail(mesh), surface=mesh)
 
 
-def _with_voxels(survey: Survey, chosen: Segmentation) -> Survey:
+def _with_voxels(survey: FileSurvey, chosen: Segmentation) -> FileSurvey:
     voxels = _framed(chosen)
     surface, every = _surface(voxels)
     return replace(
@@ -136,12 +136,12 @@ def _with_voxels(survey: Survey, chosen: Segmentation) -> Survey:
     )  # fmt: skip
 
 
-def _labels(volume: Volume) -> tuple[LabelFound, ...]:
+def _labels(volume: Volume) -> tuple[LabelSummary, ...]:
     """Return the structures of a file, with pictures if it does not take long to draw them."""
     extents = volume.extents()
     drawn = len(extents) * volume.layers[0].size < _MOST_DRAWN
     return tuple(
-        LabelFound(
+        LabelSummary(
             extent.segment.value,
             extent.volume / 1000.0,
             _thumbnail(_framed(part)) if drawn and (part := volume.placed(extent.segment)) else None,
@@ -152,12 +152,12 @@ def _labels(volume: Volume) -> tuple[LabelFound, ...]:
     )
 
 
-def _of_masks(subject: Subject, masks: Mapping[str, Path]) -> tuple[LabelFound, ...]:
+def _of_masks(subject: Subject, masks: Mapping[str, Path]) -> tuple[LabelSummary, ...]:
     """Return the structures of a subject that has a file for each; measured if it does not take long."""
     if sum(map(_unpacked_bytes, masks.values())) > _MOST_MEASURED:
-        return tuple(LabelFound(None, None, None, name) for name in masks)
+        return tuple(LabelSummary(None, None, None, name) for name in masks)
     return tuple(
-        LabelFound(structure.value, structure.volume, None, structure.name, structure.at_border)
+        LabelSummary(structure.value, structure.volume, None, structure.name, structure.at_border)
         for structure in structures_of(subject)
     )
 

@@ -10,25 +10,25 @@ import numpy as np
 
 from homolog.errors import InputError
 from homolog.files.names import file_stems
-from homolog_app.window.asking import Part, reported
 from homolog_app.window.explore.check_page import CheckPage
+from homolog_app.window.explore.current_table import with_present_table
 from homolog_app.window.explore.modes_page import ModesPage
-from homolog_app.window.explore.present import with_present_table
 from homolog_app.window.export.kinds import KINDS
+from homolog_app.window.questions import Controller, reported
 from homolog_app.window.study_files import ViewRecord, save_project
 
 if TYPE_CHECKING:
     from PySide6.QtGui import QPixmap
 
-    from homolog_app.window.explore.chosen import Snapshot
+    from homolog_app.window.explore.view_states import Snapshot
     from homolog_app.window.export.dialog import Exported
     from homolog_app.window.scene.canvas import Canvas
-    from homolog_app.window.scene.content import Shown
+    from homolog_app.window.scene.content import ViewContents
 
-__all__ = ["Exporting"]
+__all__ = ["ExportController"]
 
 
-class Exporting(Part):
+class ExportController(Controller):
     """The commands of File > Export."""
 
     def handlers(self) -> dict[str, Callable[[], object]]:
@@ -43,9 +43,9 @@ class Exporting(Part):
         kind = KINDS[name]
         dialog = ExportDialog(self._window, kind, self._exported())
         if not kind.place:  # written into the project, which the window holds meanwhile for itself
-            folder = self._desk.session.folder
-            dialog.started_export.connect(lambda: self._desk.hold(None))
-            dialog.finished_export.connect(lambda _: self._hold_again(folder))
+            folder = self._workspace.session.folder
+            dialog.started_export.connect(lambda: self._workspace.lock_project(None))
+            dialog.finished_export.connect(lambda _: self._lock_again(folder))
         dialog.show()
 
     @reported
@@ -58,7 +58,7 @@ class Exporting(Part):
             raise InputError(f"{path}: can't be written; choose another folder, or a name that ends in .png")
 
     @reported
-    def open_screenshot(self, shown: "Shown", canvas: "Canvas", snapshot: "Snapshot | None") -> None:
+    def open_screenshot(self, shown: "ViewContents", canvas: "Canvas", snapshot: "Snapshot | None") -> None:
         """Open the dialog for a picture of the views.
 
         Parameters
@@ -76,10 +76,10 @@ class Exporting(Part):
     @property
     def missing(self) -> tuple[str, ...]:
         """What of the open study is not in the project's folder, in words."""
-        session = self._desk.session
+        session = self._workspace.session
         edits = session.folder is not None and not session.undo.isClean()
-        mended = not self._window.inspector.explore.page_of(CheckPage).checked.is_written
-        cautions = {"Unsaved edits": edits, "Changed particles": mended}
+        repaired = not self._window.inspector.explore.page_of(CheckPage).checked.is_written
+        cautions = {"Unsaved edits": edits, "Changed particles": repaired}
         return tuple(text for text, given in cautions.items() if given)
 
     def close(self) -> None:
@@ -90,14 +90,14 @@ class Exporting(Part):
             dialog.close()
 
     @reported
-    def _hold_again(self, folder: Path | None) -> None:
-        if folder == self._desk.session.folder and not self._desk.closed:
-            self._desk.hold(folder)
+    def _lock_again(self, folder: Path | None) -> None:
+        if folder == self._workspace.session.folder and not self._workspace.closed:
+            self._workspace.lock_project(folder)
 
     def _exported(self) -> "Exported":
         from homolog_app.window.export.dialog import Exported
 
-        session, project = self._desk.session, self._desk.project
+        session, project = self._workspace.session, self._workspace.project
         columns, modes = self._columns(), len(session.study.included) - 1
         explore = self._window.inspector.explore
         shape = explore.fitted.shape
@@ -118,18 +118,18 @@ class Exporting(Part):
 
     def _camera(self) -> str:
         """Return from where the views are seen; the first of them, where each has its own camera."""
-        from homolog_app.films.settings import camera_sight
+        from homolog_app.films.settings import camera_direction
 
         if (views := self._window.views) is None:
             return ""
         camera = views.stage.scene.canvas.cameras[0]
-        return camera_sight(np.subtract(camera.eye, camera.at).tolist(), camera.up)
+        return camera_direction(np.subtract(camera.eye, camera.at).tolist(), camera.up)
 
     def _columns(self) -> dict[str, list[str]]:
         """Return the columns of the result's subjects, as the table has them now."""
         from homolog_app.report.study import column_of
 
-        session = self._desk.session
+        session = self._workspace.session
         if session.result is None:
             return {}
         result = with_present_table(session.result.result, session.study)
@@ -138,8 +138,8 @@ class Exporting(Part):
 
     def _caution(self) -> str:
         """Put the table into a draft, which is the window's own, and say what else is not in the folder."""
-        desk, session = self._desk, self._desk.session
-        if session.folder is None and not desk.work.is_busy:
-            save_project(desk.project, session.study, ViewRecord())
+        workspace, session = self._workspace, self._workspace.session
+        if session.folder is None and not workspace.work.is_busy:
+            save_project(workspace.project, session.study, ViewRecord())
         missing = self.missing
         return f"{' and '.join(missing)} are exported only after the project is saved." if missing else ""

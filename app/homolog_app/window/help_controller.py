@@ -10,21 +10,21 @@ from PySide6.QtWidgets import QDialog, QFileDialog, QMessageBox
 from homolog import __version__
 from homolog.errors import user_message
 from homolog.files.atomic import write_text
-from homolog_app.window.asking import Part, reported
 from homolog_app.window.error_dialog import ErrorDialog
 from homolog_app.window.icons import pixmap
 from homolog_app.window.palette import CommandPalette
 from homolog_app.window.preferences import PreferencesDialog
 from homolog_app.window.problem_report import problem_report
+from homolog_app.window.questions import Controller, reported
 from homolog_app.window.shortcut_sheet import ShortcutSheet
 
-__all__ = ["Helping"]
+__all__ = ["HelpController"]
 
 _AGAIN = {"groom": "run.groom", "run": "run.start"}
 _TITLES = {"groom": "Grooming stopped", "run": "The run stopped", "open": "The result can't be read"}
 
 
-class Helping(Part):
+class HelpController(Controller):
     """Everything that explains."""
 
     def handlers(self) -> dict[str, Callable[[], object]]:
@@ -48,11 +48,13 @@ class Helping(Part):
         )
         details = "".join(traceback.format_exception(error))
         remedies = self._remedies(kind, text)
-        ErrorDialog(self._window, self._desk.theme, title, text, details, self.save_report, remedies).open()
+        ErrorDialog(
+            self._window, self._workspace.theme, title, text, details, self.save_report, remedies
+        ).open()
 
     def _remedies(self, kind: str, message: str) -> dict[str, Callable[[], object]]:
         """Return what can be done about the subject that an error of grooming or a run names."""
-        session, commands = self._desk.session, self._window.commands
+        session, commands = self._workspace.session, self._window.commands
         names = [
             subject.name for subject in session.study.included if message.startswith(f"{subject.name}: ")
         ]
@@ -88,17 +90,17 @@ class Helping(Part):
 
     def show_preferences(self) -> None:
         """Let the user change preferences."""
-        preferences = self._desk.preferences
+        preferences = self._workspace.preferences
         dialog = PreferencesDialog(self._window, preferences)
         if dialog.exec() == QDialog.DialogCode.Accepted:
             dialog.store(preferences)
-            self._desk.theme.choose(preferences.scheme)
+            self._workspace.theme.choose(preferences.scheme)
         dialog.deleteLater()
 
     def change_scheme(self) -> None:
         """Change between light and dark."""
-        self._desk.preferences.scheme = "light" if self._desk.theme.is_dark else "dark"
-        self._desk.theme.choose(self._desk.preferences.scheme)
+        self._workspace.preferences.scheme = "light" if self._workspace.theme.is_dark else "dark"
+        self._workspace.theme.choose(self._workspace.preferences.scheme)
 
     @reported
     def save_report(self, details: str = "") -> None:
@@ -107,7 +109,9 @@ class Helping(Part):
             self._window, "Save report", "homolog-report.txt", "Texts (*.txt)"
         )
         if path:
-            write_text(Path(path), problem_report(self._desk.session, self._desk.memory, details or ""))
+            write_text(
+                Path(path), problem_report(self._workspace.session, self._workspace.memory, details or "")
+            )
 
     def show_about(self) -> None:
         """Show version, device and licence."""

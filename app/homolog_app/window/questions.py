@@ -1,4 +1,4 @@
-"""Questions to the user, and errors of what the user ordered."""
+"""Questions to the user, and error reports of commands."""
 
 import logging
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from homolog.errors import HomologError
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
-__all__ = ["Part", "ask", "reported", "waited"]
+__all__ = ["Controller", "ask", "reported", "waited"]
 
 _log = logging.getLogger(__name__)
 _LOOK_MS = 100
@@ -23,20 +23,20 @@ _Given = ParamSpec("_Given")
 _Result = TypeVar("_Result")
 
 
-class Part(QObject):
-    """A part of the window's behaviour: it has commands, and knows the window that it belongs to."""
+class Controller(QObject):
+    """Base of the controllers: each handles a group of the window's commands."""
 
     def __init__(self, window: "MainWindow") -> None:
         super().__init__(window)
-        self._window, self._desk = window, window.desk
+        self._window, self._workspace = window, window.workspace
 
     def show_error(self, kind: str, error: BaseException) -> None:
         """Show what went wrong."""
-        self._window.helping.show_error(kind, error)
+        self._window.help.show_error(kind, error)
 
 
-_AnyPart = TypeVar("_AnyPart", bound=Part)
-_Method = Callable[Concatenate[_AnyPart, _Given], None]
+_AnyController = TypeVar("_AnyController", bound=Controller)
+_Method = Callable[Concatenate[_AnyController, _Given], None]
 
 
 def ask(
@@ -109,15 +109,15 @@ def waited(parent: QWidget, text: str, work: Callable[[], _Result]) -> _Result:
     return future.result()
 
 
-def reported(method: "_Method[_AnyPart, _Given]") -> "_Method[_AnyPart, _Given]":
+def reported(method: "_Method[_AnyController, _Given]") -> "_Method[_AnyController, _Given]":
     """Show an error of a part's method in the error dialog instead of raising it."""
 
     @wraps(method)
-    def wrapper(self: _AnyPart, *args: _Given.args, **kwargs: _Given.kwargs) -> None:
+    def wrapper(self: _AnyController, *args: _Given.args, **kwargs: _Given.kwargs) -> None:
         try:
             method(self, *args, **kwargs)
         except (HomologError, OSError) as error:
             _log.warning("%s", error)
             self.show_error(method.__name__, error)
 
-    return cast("_Method[_AnyPart, _Given]", wrapper)
+    return cast("_Method[_AnyController, _Given]", wrapper)

@@ -14,7 +14,7 @@ from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colours import ColourScale
 from homolog_app.rendering.scene import Arrows
 from homolog_app.window.scene.canvas import Canvas
-from homolog_app.window.scene.content import Content, Numbers, Shown
+from homolog_app.window.scene.content import Content, Numbers, ViewContents
 from homolog_app.window.scene.grid import MOST
 
 __all__ = ["KEPT", "read_shown", "write_shown"]
@@ -54,7 +54,7 @@ class _Words(BaseModel):
     canvas: Canvas
 
 
-def write_shown(path: Path, shown: Shown, canvas: Canvas) -> None:
+def write_shown(path: Path, shown: ViewContents, canvas: Canvas) -> None:
     """Write what is on the open page of the views, and how it is looked at.
 
     Parameters
@@ -89,7 +89,7 @@ def write_shown(path: Path, shown: Shown, canvas: Canvas) -> None:
     write_arrays(path, arrays)
 
 
-def read_shown(path: Path) -> tuple[Shown, Canvas]:
+def read_shown(path: Path) -> tuple[ViewContents, Canvas]:
     """Read what `write_shown` wrote.
 
     Raises
@@ -112,10 +112,10 @@ def read_shown(path: Path) -> tuple[Shown, Canvas]:
         raise InputError(f"{path}: contains no views of Homolog; take the picture again") from error
     particles = {name: points for name, (points, _) in balls.items() if len(points)}
     tints = {name: colours for name, (_, colours) in balls.items() if len(colours)}
-    return Shown(contents, texts.columns, scale, particles, tints), texts.canvas
+    return ViewContents(contents, texts.columns, scale, particles, tints), texts.canvas
 
 
-def _arrays_of(content: Content, shown: Shown) -> _Arrays:
+def _arrays_of(content: Content, shown: ViewContents) -> _Arrays:
     """Return the arrays of a content and of its particles by name."""
     arrays: _Arrays = {"alignment": content.alignment}
     for name in _SURFACES:

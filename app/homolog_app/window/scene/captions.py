@@ -10,7 +10,7 @@ from homolog_app.rendering.scheme import Colours, rgb
 from homolog_app.rendering.text import edge_letters, font_file, written
 from homolog_app.window.scene.content import Numbers
 
-__all__ = ["NumberTexts", "Words"]
+__all__ = ["Caption", "NumberLabels"]
 
 _FONT_FILE = 4  # VTK_FONT_FILE: VTK's own fonts know no Greek
 _EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
@@ -19,7 +19,7 @@ _CUT = "…"
 _PLATE = 0.75  # opacity
 
 
-class Words:
+class Caption:
     """A caption of two lines that never leaves its view, and four letters."""
 
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
@@ -96,7 +96,7 @@ class Words:
         return size[0]
 
 
-class NumberTexts:
+class NumberLabels:
     """Numbers next to places, each on a plate, so that it is read on any shape."""
 
     def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped

@@ -16,7 +16,7 @@ from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
 
-__all__ = ["Loaded", "RecordedFrame", "Recorder", "load_result", "write_held"]
+__all__ = ["LoadedResult", "RecordedFrame", "Recorder", "load_result", "write_from_memory"]
 
 _FRAMES = "frames.npz"
 _MOST_FRAMES = 200
@@ -31,7 +31,7 @@ class RecordedFrame:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Loaded:
+class LoadedResult:
     """A result with the subjects' surfaces.
 
     Attributes
@@ -97,7 +97,7 @@ class Recorder:
         write_arrays(project.folder / _FRAMES, arrays)
 
 
-def load_result(project: ProjectFolder) -> Loaded:
+def load_result(project: ProjectFolder) -> LoadedResult:
     """Read a project's result with everything that the window shows of it.
 
     Raises
@@ -122,11 +122,13 @@ def load_result(project: ProjectFolder) -> Loaded:
         else f"{record.metric} distances, {record.iterations} iterations in "
         f"{sum(record.seconds.values()):.0f} s on {record.device}"
     )
-    summary += f"; {record.mirrored_words}" if record.mirrored_words else ""
-    return Loaded(result, surfaces, _energies(project), _frames(project), summary, record)
+    summary += f"; {record.mirrored_text}" if record.mirrored_text else ""
+    return LoadedResult(result, surfaces, _energies(project), _frames(project), summary, record)
 
 
-def write_held(project: ProjectFolder, loaded: Loaded, cohort: Cohort, tick: Tick = no_tick) -> None:
+def write_from_memory(
+    project: ProjectFolder, loaded: LoadedResult, cohort: Cohort, tick: Tick = no_tick
+) -> None:
     """Write a result into a project from memory alone, for one whose own folder is gone.
 
     Parameters

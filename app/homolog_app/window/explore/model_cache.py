@@ -8,41 +8,41 @@ from PySide6.QtCore import QObject, Signal, Slot
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
-from homolog_app.window.desk import Desk
-from homolog_app.window.loaded import Loaded
+from homolog_app.window.loaded_result import LoadedResult
 from homolog_app.window.preliminary import PreliminaryModel
+from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.model_shape import ModelShape
 
-__all__ = ["Fitted"]
+__all__ = ["ModelCache"]
 
 
-class Fitted(QObject):
+class ModelCache(QObject):
     """Fits the model of the session's result when a page first wants it, in the computing thread."""
 
     changed = Signal()
 
-    def __init__(self, desk: Desk, parent: QObject) -> None:
+    def __init__(self, workspace: Workspace, parent: QObject) -> None:
         super().__init__(parent)
-        self._desk = desk
+        self._workspace = workspace
         self._wanted = False
-        self._asked: Loaded | None = None
-        self._of: Loaded | None = None
+        self._asked: LoadedResult | None = None
+        self._of: LoadedResult | None = None
         self._shape: ModelShape | None = None
         self._other: ModelShape | None = None
         self._folder: Path | None = None
         self._early: PreliminaryModel | None = None
-        self._early_of: tuple[int, Loaded | None] = (0, None)
+        self._early_of: tuple[int, LoadedResult | None] = (0, None)
         self.draw_ms = 0.0
         """How long the views take to draw [ms]; what plays rests accordingly."""
-        desk.session.facts_changed.connect(self._look)
-        desk.work.changed.connect(self._look)
+        workspace.session.facts_changed.connect(self._look)
+        workspace.work.changed.connect(self._look)
 
     @property
     def shape(self) -> "ModelShape | None":
         """The model of the result that is open; None until it is fitted."""
-        return self._shape if self._of is self._desk.session.result else None
+        return self._shape if self._of is self._workspace.session.result else None
 
     @property
     def preliminary(self) -> PreliminaryModel | None:
@@ -89,29 +89,29 @@ class Fitted(QObject):
 
         def take(other: "ModelShape") -> None:
             self._folder = folder
-            self._take_other(other)
+            self._set_other(other)
 
-        self._desk.work.compute("compare", read, f"reading {folder.name}", take)
+        self._workspace.work.compute("compare", read, f"reading {folder.name}", take)
 
     def compare_no_more(self) -> None:
         """Show the open result alone again."""
-        self._take_other(None)
+        self._set_other(None)
 
-    def _take_other(self, shape: "ModelShape | None") -> None:
+    def _set_other(self, shape: "ModelShape | None") -> None:
         self._other = shape
         self.changed.emit()
 
     @Slot()
     def _look(self) -> None:
-        result, work = self._desk.session.result, self._desk.work
-        self._look_for_preliminary(result)
+        result, work = self._workspace.session.result, self._workspace.work
+        self._update_preliminary(result)
         if self._of is not None and self._of is not result:
             self._of = self._shape = self._other = None
             self.changed.emit()
         if not self._wanted or result is None or result in (self._of, self._asked) or work.is_busy:
             return
         self._asked = result
-        name = self._desk.session.title
+        name = self._workspace.session.title
 
         def fit(tick: Tick) -> "ModelShape":
             import homolog_app.plots  # noqa: F401 - slow; the plots that follow need it
@@ -125,9 +125,9 @@ class Fitted(QObject):
 
         work.compute("model", fit, "fitting the shape model", take)
 
-    def _look_for_preliminary(self, result: Loaded | None) -> None:
+    def _update_preliminary(self, result: LoadedResult | None) -> None:
         """Take the newest preliminary model; drop one whose study, run or result is gone."""
-        early, generation = self._desk.work.preliminary, self._desk.session.generation
+        early, generation = self._workspace.work.preliminary, self._workspace.session.generation
         if early is not None:
             self._early_of = generation, None
         elif self._early is not None:

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from homolog.files.records import ResultRecord
 from homolog_app.window.study import Study
 
-__all__ = ["GoingOn", "going_on", "outdated_words"]
+__all__ = ["Extension", "extension_of", "outdated_text"]
 
 _CANCELLED = "cancelled"
 
 
 @dataclass(frozen=True, slots=True)
-class GoingOn:
+class Extension:
     """What a run can add to a result.
 
     Attributes
@@ -29,7 +29,7 @@ class GoingOn:
     message: str
 
 
-def going_on(study: Study, result: ResultRecord) -> GoingOn:
+def extension_of(study: Study, result: ResultRecord) -> Extension:
     """Return what a run of a study can add to a result."""
     known = [subject.name for subject in result.subjects]
     names = [subject.name for subject in study.included]
@@ -54,9 +54,9 @@ def going_on(study: Study, result: ResultRecord) -> GoingOn:
         )
     if fresh:
         new = f"{_listed(list(fresh))} {'gets' if len(fresh) == 1 else 'get'}"
-        return GoingOn(0, fresh, f"{new} the result's particles; those of the {len(known)} others stay.")
+        return Extension(0, fresh, f"{new} the result's particles; those of the {len(known)} others stay.")
     if more > 0 and same and result.ended != _CANCELLED:
-        return GoingOn(
+        return Extension(
             more, (), f"The result's {result.particles} particles are split further, not placed again."
         )
     if more > 0:
@@ -69,7 +69,7 @@ def going_on(study: Study, result: ResultRecord) -> GoingOn:
     )
 
 
-def outdated_words(study: Study, result: ResultRecord) -> str:
+def outdated_text(study: Study, result: ResultRecord) -> str:
     """Say in what cohort and settings have changed since a result was computed; nothing if they have not."""
     known = [subject.name for subject in result.subjects]
     names = [subject.name for subject in study.included]
@@ -89,8 +89,8 @@ def outdated_words(study: Study, result: ResultRecord) -> str:
     return f"This result is out of date: {'; '.join(parts)}. Run again to update it." if parts else ""
 
 
-def _not(text: str) -> GoingOn:
-    return GoingOn(0, (), text)
+def _not(text: str) -> Extension:
+    return Extension(0, (), text)
 
 
 def _listed(names: list[str]) -> str:

@@ -12,17 +12,17 @@ from PySide6.QtWidgets import QFileDialog, QInputDialog
 from homolog.errors import InputError, InUseError
 from homolog.files.atomic import replace_folder
 from homolog.files.project import ProjectFolder
-from homolog_app.window.asking import Part, ask, reported, waited
-from homolog_app.window.interrupted import interrupted_words
-from homolog_app.window.journal import Lost, find_lost
-from homolog_app.window.loaded import write_held
+from homolog_app.window.interrupted import interrupted_text
+from homolog_app.window.journal import InterruptedSession, find_lost
+from homolog_app.window.loaded_result import write_from_memory
+from homolog_app.window.questions import Controller, ask, reported, waited
 from homolog_app.window.study import FILES, Study, found_subjects, is_there, with_table
 from homolog_app.window.study_files import ViewRecord, open_project, save_project, study_of
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
 
-__all__ = ["Library", "dropped_paths"]
+__all__ = ["ProjectController", "dropped_paths"]
 
 _TABLES, _READ = "Tables (*.csv)", "Tables (*.csv *.tsv *.txt *.xlsx)"
 _NOT_HELD = (
@@ -40,13 +40,13 @@ def dropped_paths(data: QMimeData) -> list[Path]:
     return [Path(url.toLocalFile()) for url in data.urls() if url.isLocalFile()]
 
 
-class Library(Part):
+class ProjectController(Controller):
     """Opens and saves; asks before anything is lost."""
 
     def __init__(self, window: "MainWindow") -> None:
         super().__init__(window)
         page = window.start_page
-        page.opened.connect(lambda path: self.take([Path(path)]))
+        page.opened.connect(lambda path: self.open_paths([Path(path)]))
         page.located.connect(lambda path: self.locate(Path(path)))
         page.forgotten.connect(self._forget)
         self.show_recent()
@@ -63,16 +63,16 @@ class Library(Part):
 
     def show_recent(self) -> None:
         """List the projects opened last on the start page."""
-        self._window.start_page.show_recent(self._desk.preferences.recent)
+        self._window.start_page.show_recent(self._workspace.preferences.recent)
 
     @reported
-    def take(self, paths: Sequence[Path]) -> None:
+    def open_paths(self, paths: Sequence[Path]) -> None:
         """Open a project, or add what was dropped or chosen to the study."""
         if len(paths) == 1 and ProjectFolder(paths[0]).exists:
             if self.may_leave():
                 self.open(paths[0])
             return
-        session = self._desk.session
+        session = self._workspace.session
         added = found_subjects(paths)
         study = session.study.adding(added.subjects)
         session.edit("Add subjects", study)
@@ -88,39 +88,39 @@ class Library(Part):
         opened = open_project(project)
         read_only = "" if os.access(folder, os.W_OK) else _UNWRITABLE
         try:
-            self._desk.hold(folder)
+            self._workspace.lock_project(folder)
         except InUseError as error:
             details = f"{error}.\n\nRead-only, all of it can be seen and exported, and nothing is saved."
             if ask(self._window, f"Open {folder.name} read-only?", details, _ANSWERS, 1) == _ANSWERS[1]:
                 return
-            self._desk.hold(None)
+            self._workspace.lock_project(None)
             read_only = _IN_USE
-        elsewhere = self._asked_where(opened.study)
-        self._desk.work.forget()
-        self._desk.work.awaits_result = opened.has_result
-        self._desk.journal.clear()
+        elsewhere = self._ask_location(opened.study)
+        self._workspace.work.forget()
+        self._workspace.work.awaits_result = opened.has_result
+        self._workspace.journal.clear()
         study = opened.study if elsewhere is None else opened.study.relocated(elsewhere)
-        self._desk.work.look_for_groomed(project)
-        self._desk.session.open(study, folder, read_only)
+        self._workspace.work.restore_groomed(project)
+        self._workspace.session.open(study, folder, read_only)
         if elsewhere is not None:
-            self._desk.session.undo.resetClean()
-        self._desk.session.select(
+            self._workspace.session.undo.resetClean()
+        self._workspace.session.select(
             opened.view.selection or [member.name for member in opened.study.members[:1]]
         )
-        self._desk.preferences.remember(folder)
+        self._workspace.preferences.remember(folder)
         self.show_recent()
         self._window.commands[f"view.grid{opened.view.layout}"].trigger()
         resumable = opened.unfinished and project.checkpoint.is_file()
         self._window.show_step("correspond" if resumable and not opened.has_result else "cohort")
         if opened.has_result:
-            self._desk.work.open_result(project, lambda: self._show_as(opened.view))
+            self._workspace.work.open_result(project, lambda: self._show_as(opened.view))
         if resumable:
             particles = opened.study.settings.optimize.particles
-            self._window.status.say(interrupted_words(project.checkpoint, particles))
+            self._window.status.say(interrupted_text(project.checkpoint, particles))
 
     def save(self) -> None:
         """Save to the project's folder, or ask for one."""
-        folder = self._desk.session.folder
+        folder = self._workspace.session.folder
         if folder is None:
             self.save_as()
         else:
@@ -135,7 +135,7 @@ class Library(Part):
     @reported
     def save_to(self, folder: Path) -> None:
         """Save the study, and what was computed for it, to a folder."""
-        session, before = self._desk.session, self._desk.project
+        session, before = self._workspace.session, self._workspace.project
         if folder != session.folder and folder.exists() and any(folder.iterdir()):
             raise InputError(f"{folder}: is not empty; choose a new name for the project")
         gone = session.result is not None and not (before.exists and before.read().result)
@@ -146,18 +146,18 @@ class Library(Part):
                 "what is still in memory with Save as"
             )
         if gone or in_use:  # of another program, the folder may be half written
-            self._write_held(folder)
+            self._write_from_memory(folder)
         elif folder != session.folder and before.folder.is_dir():
             waited(self._window, f"Saving to {folder.name}…", lambda: _copy(before.folder, folder))
         save_project(ProjectFolder(folder), session.study, self._view())
         moved = folder != session.folder
-        self._desk.hold(folder)
+        self._workspace.lock_project(folder)
         session.folder, session.read_only = folder, ""
         session.undo.setClean()
         if moved:
-            self._desk.journal.clear()
-        self._desk.journal.clear_record()
-        self._desk.preferences.remember(folder)
+            self._workspace.journal.clear()
+        self._workspace.journal.clear_record()
+        self._workspace.preferences.remember(folder)
         self.show_recent()
         session.project_changed.emit()
         self._window.status.say(f"Saved to {folder}")
@@ -165,41 +165,42 @@ class Library(Part):
             why = "is gone" if gone else "is in use"
             ask(self._window, "Saved from memory", f"{before.folder} {why}. {_NOT_HELD}", ("Close",))
 
-    def _write_held(self, folder: Path) -> None:
+    def _write_from_memory(self, folder: Path) -> None:
         """Write what is in memory of a result whose folder is gone, whole or not at all."""
-        loaded, cohort = self._desk.session.result, self._desk.session.study.whole
+        loaded, cohort = self._workspace.session.result, self._workspace.session.study.whole
         assert loaded is not None, "there is nothing to write otherwise"
 
         def write() -> None:
             with replace_folder(folder) as part:
-                write_held(ProjectFolder(part), loaded, cohort)
+                write_from_memory(ProjectFolder(part), loaded, cohort)
 
         waited(self._window, f"Saving to {folder.name}…", write)
 
     def may_leave(self) -> bool:
         """Ask about a run that goes on and about unsaved edits; return whether to go on."""
-        desk = self._desk
-        if not desk.preferences.ask_on_close:
+        workspace = self._workspace
+        if not workspace.preferences.ask_on_close:
             return True
-        if desk.work.is_busy:
+        if workspace.work.is_busy:
             answer = ask(
                 self._window, "The work is not finished",
                 "Stop it? A run can be resumed from its checkpoint.", ("Stop", "Keep working"),
-                1, lambda: not desk.work.is_busy,
+                1, lambda: not workspace.work.is_busy,
             )  # fmt: skip
             if answer == "Keep working":
                 return False
             if answer == "Stop":
-                desk.work.cancel()
-        if not desk.is_changed:
+                workspace.work.cancel()
+        if not workspace.is_changed:
             return True
         answer = ask(
-            self._window, f"Save {desk.session.title}?", "Edits since the last time will be lost otherwise.",
+            self._window, f"Save {workspace.session.title}?",
+            "Edits since the last time will be lost otherwise.",
             ("Save", "Don't save", "Cancel"),
         )  # fmt: skip
         if answer == "Save":
             self.save()
-            return not desk.is_changed
+            return not workspace.is_changed
         return answer == "Don't save"
 
     def leave(self) -> None:
@@ -209,10 +210,10 @@ class Library(Part):
 
     def begin(self) -> None:
         """Give up what is open and begin with an empty study."""
-        self._desk.work.forget()
-        self._desk.journal.clear()
-        self._desk.hold(None)
-        self._desk.session.open(Study(), None)
+        self._workspace.work.forget()
+        self._workspace.journal.clear()
+        self._workspace.lock_project(None)
+        self._workspace.session.open(Study(), None)
         self._window.show_step("cohort")
 
     @reported
@@ -220,13 +221,13 @@ class Library(Part):
         """Ask where a project is now."""
         path = QFileDialog.getExistingDirectory(self._window, f"Where is {gone.name}?")
         if path:
-            self._desk.preferences.relocate(gone, Path(path))
+            self._workspace.preferences.relocate(gone, Path(path))
             self.open(Path(path))
 
     @reported
     def offer_recovery(self) -> None:
         """Offer what windows that are gone left behind; the newest first."""
-        for lost in find_lost(self._desk.sessions):
+        for lost in find_lost(self._workspace.sessions):
             name = Path(lost.record.folder).name if lost.record.folder else "a study that was never saved"
             text = f"{len(lost.record.study.subjects)} subjects" + (
                 ", a run was in progress" if lost.record.running else ", unsaved edits"
@@ -241,20 +242,20 @@ class Library(Part):
                 self._recover(lost)
                 return
 
-    def _recover(self, lost: Lost) -> None:
-        desk, session = self._desk, self._desk.session
+    def _recover(self, lost: InterruptedSession) -> None:
+        workspace, session = self._workspace, self._workspace.session
         study = study_of(lost.record.study, lost.base)
         folder = Path(lost.record.folder) if lost.record.folder else None
-        desk.hold(folder)
+        workspace.lock_project(folder)
         saved = open_project(ProjectFolder(folder)).study if folder is not None else Study()
-        desk.journal.adopt(lost)
-        desk.work.look_for_groomed(desk.project)
+        workspace.journal.adopt(lost)
+        workspace.work.restore_groomed(workspace.project)
         session.open(saved, folder)
         session.edit("Recovered edits", study)
-        if desk.project.exists and desk.project.read().result is not None:
-            desk.work.open_result(desk.project, lambda: self._window.show_step("explore"))
-        desk.write_journal()
-        resumable = lost.record.running and desk.project.checkpoint.is_file()
+        if workspace.project.exists and workspace.project.read().result is not None:
+            workspace.work.open_result(workspace.project, lambda: self._window.show_step("explore"))
+        workspace.write_journal()
+        resumable = lost.record.running and workspace.project.checkpoint.is_file()
         self._window.show_step("correspond" if resumable else "cohort")
         if resumable:
             self._window.status.say("Resume continues from the checkpoint of the run.")
@@ -263,12 +264,12 @@ class Library(Part):
         path = QFileDialog.getExistingDirectory(self._window, "Folder of segmentations or surfaces")
         if path and self.may_leave():
             self.begin()
-            self.take([Path(path)])
+            self.open_paths([Path(path)])
 
     def _add(self) -> None:
         paths, _ = QFileDialog.getOpenFileNames(self._window, "Add files", "", FILES)
         if paths:
-            self.take([Path(path) for path in paths])
+            self.open_paths([Path(path) for path in paths])
 
     def _open(self) -> None:
         path = QFileDialog.getExistingDirectory(self._window, "Open project folder")
@@ -284,11 +285,11 @@ class Library(Part):
     @reported
     def import_table(self, path: Path) -> None:
         """Read groups and covariates, once the user has seen what changes."""
-        study, changes = with_table(self._desk.session.study, path)
+        study, changes = with_table(self._workspace.session.study, path)
         answers = ("Close",) if changes.is_empty else ("Import", "Cancel")
         if ask(self._window, f"Import {path.name}?", "\n".join(changes.lines), answers) != "Import":
             return
-        self._desk.session.edit("Import table", study)
+        self._workspace.session.edit("Import table", study)
         self._window.status.say(f"Rows for {len(changes.matched)} subjects read from {path.name}")
 
     @reported
@@ -323,7 +324,7 @@ class Library(Part):
             self.open(folder)
             self._window.status.say(" · ".join(notes) or f"Imported from {source.name}")
 
-        self._desk.work.import_model(source, folder, domain, take)
+        self._workspace.work.import_model(source, folder, domain, take)
 
     @reported
     def _export(self) -> None:
@@ -336,11 +337,11 @@ class Library(Part):
         """Write names, files, groups and covariates; the file can be read as a cohort again."""
         from homolog_app.exports.measures import write_cohort
 
-        write_cohort(path, self._desk.session.study.whole)
+        write_cohort(path, self._workspace.session.study.whole)
         self._window.status.say(f"Table written to {path}")
 
     def _group(self) -> None:
-        session = self._desk.session
+        session = self._workspace.session
         name, chosen = QInputDialog.getItem(
             self._window,
             "Set group",
@@ -351,13 +352,13 @@ class Library(Part):
             session.set_group(name.strip() or None)
 
     def _include(self) -> None:
-        self._desk.session.toggle_included()
+        self._workspace.session.toggle_included()
 
     def _remove(self) -> None:
-        session = self._desk.session
+        session = self._workspace.session
         session.edit("Remove subjects", session.study.without(session.selection))
 
-    def _asked_where(self, study: Study) -> Path | None:
+    def _ask_location(self, study: Study) -> Path | None:
         """Ask where input files are that have moved; None if none has, or nobody knows."""
         missing = [member.name for member in study.members if not is_there(member.subject)]
         if not missing:
@@ -379,19 +380,19 @@ class Library(Part):
             if page.title == view.page:
                 explore.open_page(page)
         if views is not None:
-            views.look_as(view)
+            views.restore_view(view)
 
     def _view(self) -> ViewRecord:
         window = self._window
         view = ViewRecord(
             step=window.step,
             page=window.inspector.explore.page.title,
-            selection=tuple(self._desk.session.selection),
+            selection=tuple(self._workspace.session.selection),
         )
         return view if window.views is None else window.views.noted(view)
 
     def _forget(self) -> None:
-        self._desk.preferences.forget()
+        self._workspace.preferences.forget()
         self.show_recent()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.surfaces.mirroring import scale_of
 from homolog_app.rendering.colours import ColourScale, viridis
-from homolog_app.window.scene.content import Content, Numbers, Shown
+from homolog_app.window.scene.content import Content, Numbers, ViewContents
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, ParticleEnergies
@@ -78,7 +78,7 @@ class Marks:
 
 def checked_scene(
     subjects: Sequence[Content], inspection: "Inspection", names: Sequence[str], marks: Marks
-) -> Shown:
+) -> ViewContents:
     """Return what the views show."""
     number = {name: m for m, name in enumerate(names)}
     if marks.show == "distances" and marks.distances is not None:
@@ -91,25 +91,25 @@ def checked_scene(
     ]
     if marks.show == "neighbours" and marks.particle is not None:
         scale, tints = _neighbours(inspection, names, marks.particle)
-        return Shown(contents, scale=scale, tints=tints)
+        return ViewContents(contents, scale=scale, tints=tints)
     if marks.show in ENERGIES and marks.energies is not None:
         scale, tints = _energies(marks, names)
-        return Shown(contents, scale=scale, tints=tints)
+        return ViewContents(contents, scale=scale, tints=tints)
     if marks.show == "texture" and marks.texture is not None:
         texture = marks.texture
         contents = [
             replace(content, colours=_toned(texture[content.name])) if content.name in texture else content
             for content in contents
         ]
-        return Shown(contents, particles={})
+        return ViewContents(contents, particles={})
     if marks.pair is not None:
         return _in_two_colours(contents, inspection, names, marks.pair)
-    return Shown(contents)
+    return ViewContents(contents)
 
 
 def _in_two_colours(
     contents: Sequence[Content], inspection: "Inspection", names: Sequence[str], pair: tuple[int, int]
-) -> Shown:
+) -> ViewContents:
     """Mark two particles on every shape in two colours, which the captions name."""
     tint = np.full((inspection.located.world.shape[1], 3), _PALE, np.uint8)
     tint[list(pair)] = _MARK, _SECOND
@@ -118,7 +118,7 @@ def _in_two_colours(
         replace(content, note=" · ".join(part for part in (content.note, note) if part))
         for content in contents
     ]
-    return Shown(noted, tints=dict.fromkeys(names, tint))
+    return ViewContents(noted, tints=dict.fromkeys(names, tint))
 
 
 def _neighbours(
@@ -153,11 +153,11 @@ def _energies(marks: Marks, names: Sequence[str]) -> tuple[ColourScale, Mapping[
 
 def _distances(
     subjects: Sequence[Content], inspection: "Inspection", distances: Distances, names: Sequence[str]
-) -> Shown:
+) -> ViewContents:
     name = names[distances.subject]
     own = next((content for content in subjects if content.name == name), None)
     if own is None:
-        return Shown(subjects)
+        return ViewContents(subjects)
     limit = float(distances.along.max())
     scale = _distance_scale("Distance from the place", limit, "one scale for both")
     ring = _circles(inspection, distances.subject, distances.place[None], distances.normal[None])
@@ -173,7 +173,7 @@ def _distances(
         )
         for label, values in ((ALONG, distances.along), (STRAIGHT, distances.straight))
     ]
-    return Shown(contents, columns=2, scale=scale, particles={})
+    return ViewContents(contents, columns=2, scale=scale, particles={})
 
 
 def _marked(inspection: "Inspection", m: int, marks: Marks) -> dict[str, Any]:
