@@ -37,13 +37,13 @@ def until(condition):
         app.processEvents()
         time.sleep(0.001)
 until(lambda: window.views is not None)
-window.desk.sweeper.settle()
+window.workspace.garbage_collector.settle()
 ready = time.process_time()
 print("3-D views loaded", ready, flush=True)
 window.projects.open_paths([Path(sys.argv[2])])
-until(lambda: window.desk.session.surveys)
+until(lambda: window.workspace.session.surveys)
 print("first shape of a dropped folder, from the drop", time.process_time() - ready, flush=True)
-window.desk.preferences.ask_on_close = False
+window.workspace.preferences.ask_on_close = False
 window.close()
 """
 

@@ -159,21 +159,21 @@ if __name__ == "__main__":
     window = make_window(app, home)
     window.show()
     window.load_views()
-    desk = window.desk
+    workspace = window.workspace
     def until(condition):
         while not condition():
             app.processEvents()
             time.sleep(0.002)
     window.projects.open_paths([cohort])
-    desk.edit_settings("optimize", "particles", OptimizeSettings(
+    workspace.edit_settings("optimize", "particles", OptimizeSettings(
         particles=128, split_iterations=30, anneal_iterations=100, settle_iterations=5))
-    until(lambda: len(desk.session.surveys) == 4)
+    until(lambda: len(workspace.session.surveys) == 4)
     import shutil
-    shutil.copytree(cache, desk.project.groomed)
+    shutil.copytree(cache, workspace.project.groomed)
     window.commands["run.groom"].trigger()
-    until(lambda: not desk.work.is_busy)
+    until(lambda: not workspace.work.is_busy)
     window.commands["run.start"].trigger()
-    until(lambda: desk.project.checkpoint.is_file())
+    until(lambda: workspace.project.checkpoint.is_file())
     print("ready", flush=True)
     until(lambda: False)
 """
