@@ -21,6 +21,11 @@ def files_of(cohort):
     return {subject.name: subject.path.relative_to(cohort.folder).as_posix() for subject in cohort.subjects}
 
 
+def dicom(path, kind=b"1.2.840.10008.5.1.4.1.1.2"):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(bytes(128) + b"DICM" + kind)
+
+
 def test_bids_subjects_are_their_label_maps_in_their_own_space(tmp_path):
     files = (
         "desc-aseg_dseg",
@@ -118,8 +123,11 @@ def test_files_one_folder_deeper_are_their_patients(tmp_path):
     assert files_of(found) == {f"p{i}": f"p{i}/2020-0{i}/heart.nii.gz" for i in (1, 2)}
     (tmp_path / "p3" / "empty").mkdir(parents=True)
     assert read_cohort(tmp_path).notes == ("skipped, without a segmentation or mesh: p3",)
-    with pytest.raises(InputError, match=r"several folders .*: x, y"):
-        cohort_of(tmp_path / "p3", *(f"{place}/p{i}/a.stl" for place in "xy" for i in (1, 2)))
+    with pytest.raises(InputError, match=r"several .*: x, y"):
+        cohort_of(
+            tmp_path / "p3",
+            *(f"{place}/p{i}/{j}/{k}.stl" for place in "xy" for i in "12" for j in "12" for k in "ab"),
+        )
 
 
 def test_a_folder_for_each_group_gives_the_groups(tmp_path):
@@ -129,9 +137,88 @@ def test_a_folder_for_each_group_gives_the_groups(tmp_path):
     ]  # fmt: skip
 
 
-def test_a_folder_for_each_structure_with_the_same_subjects_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"liver \(3\), spleen \(3\)"):
-        cohort_of(tmp_path, *(f"{item}/p{i}.nii.gz" for item in ("liver", "spleen") for i in (1, 2, 3)))
+@pytest.mark.parametrize(
+    "place",
+    ["{0}/p{1}.nii.gz", "{0}/{0}_p{1}.nii.gz", "{0}/p{1}_{0}.stl", "{0}/p{1}/mask.nii.gz", "x/{0}/p{1}.ply"],
+)
+def test_a_folder_for_each_structure_of_the_same_subjects_gives_their_structures(tmp_path, place):
+    names = [place.format(item, i) for item in ("liver", "spleen") for i in (1, 2, 3)]
+    found = cohort_of(tmp_path, *names[:-1], "CT/p1.txt")
+    assert [one.name for one in found.subjects] == ["p1", "p2", "p3"]
+    counts = {item.name: len(item.by_subject) for item in structures_of_files(found)}
+    assert counts == {"liver": 3, "spleen": 2}
+    assert mask_files(found.subjects[0].path)["spleen"] == tmp_path / names[3]
+
+
+def test_folders_of_groups_may_have_files_of_the_same_names(tmp_path):
+    found = cohort_of(tmp_path, *(f"{group}/s{i}.stl" for group in ("controls", "patients") for i in (1, 2)))
+    assert {one.name: one.group for one in found.subjects} == {
+        f"s{i}_{group}": group for group in ("controls", "patients") for i in (1, 2)
+    }
+
+
+def test_parts_of_a_data_set_are_taken_together(tmp_path):
+    names = [
+        f"{kind}{part}/a{part}_{i}.nii.gz"
+        for kind in ("images", "labels")
+        for part in ("Tr", "Va")
+        for i in (1, 2)
+    ]
+    found = cohort_of(tmp_path, *names, "imagesTs/aTs_9_0000.nii.gz")
+    assert files_of(found) == {
+        f"a{part}_{i}": f"labels{part}/a{part}_{i}.nii.gz" for part in ("Tr", "Va") for i in (1, 2)
+    }
+
+
+def test_parts_of_a_data_set_without_label_maps_are_left_out(tmp_path):
+    names = ["train/img/img1.nii.gz", "train/label/label1.nii.gz", "train/label/label2.nii.gz"]
+    found = cohort_of(tmp_path, *names, "test/img/img3.nii.gz", "test/img/img4.nii.gz")
+    assert [one.name for one in found.subjects] == ["label1", "label2"]
+
+
+@pytest.mark.parametrize("above", ["T1/T1_first/", "T1_first/", "a/b/c/", "structure_label/", ""])
+def test_a_subjects_files_may_lie_several_folders_deeper(tmp_path, above):
+    names = [f"{i}/{above}T1_{kind}" for i in (11, 12) for kind in ("all_firstseg.nii.gz", "first.com")]
+    found = cohort_of(tmp_path / "study" / "part", *names)
+    assert [one.name for one in read_cohort(tmp_path).subjects] == ["11", "12"]
+    assert [*files_of(found).values()] == names[::2]
+
+
+def test_a_map_of_all_structures_in_a_folder_below_goes_before_a_mask(tmp_path):
+    names = [
+        f"{i}/T1/{item}.nii.gz"
+        for i in (1, 2)
+        for item in ("T1", "T1_brain_mask", "T1_first/T1_all_firstseg")
+    ]
+    assert [one.path.name for one in cohort_of(tmp_path, *names).subjects] == ["T1_all_firstseg.nii.gz"] * 2
+
+
+def test_folders_of_slices_are_a_patients_structures(tmp_path):
+    for patient in ("p1", "p2"):
+        for place in ("PATIENT_DICOM", "LABELLED_DICOM", "MASKS_DICOM/liver", "MASKS_DICOM/spleen"):
+            dicom(tmp_path / patient / place / "image_0")
+    found = read_cohort(tmp_path)
+    assert [one.name for one in found.subjects] == ["p1", "p2"]
+    assert mask_files(found.subjects[1].path) == {
+        item: tmp_path / "p2" / "MASKS_DICOM" / item for item in ("liver", "spleen")
+    }
+
+
+def test_a_surface_in_two_formats_is_one_subject(tmp_path):
+    found = cohort_of(tmp_path, *(f"s{i}.{kind}" for i in (1, 2) for kind in ("stl", "ply")))
+    assert files_of(found) == {"s1": "s1.ply", "s2": "s2.ply"}
+    assert "s1.stl, s2.stl" in found.notes[0]
+
+
+def test_the_data_set_s_name_above_a_subject_s_folder_is_no_part_of_structures_names(tmp_path):
+    names = [f"ibsr/IBSR_0{i}/IBSR_0{i}_{item}.nii.gz" for i in (1, 2) for item in ("seg", "segTRI")]
+    found = cohort_of(tmp_path, *names)
+    assert [*mask_files(found.subjects[0].path)] == ["seg", "segTRI"]
+
+
+def test_what_is_no_segmentation_is_named_in_the_refusal(tmp_path):
+    with pytest.raises(InputError, match=r"\.tif \(2\), \.zip \(1\)"):
+        cohort_of(tmp_path, "a/1.tif", "a/2.tif", "b.zip")
 
 
 def test_folders_with_files_of_the_same_subjects_are_no_groups(tmp_path):
@@ -182,7 +269,7 @@ def test_meshes_beside_segmentations_of_their_names_are_left_out(tmp_path):
 def test_a_folder_of_meshes_beside_one_of_segmentations_of_their_names_is_left_out(tmp_path):
     found = cohort_of(tmp_path, *(f"{kind}/h{i}{end}" for i in (1, 2) for kind, end in KINDS))
     assert files_of(found) == {"h1": "h1.nrrd", "h2": "h2.nrrd"}
-    assert found.notes == ("skipped, next to segmentations of the same names: meshes",)
+    assert found.notes == ("skipped, next to files of the same names: meshes",)
 
 
 def test_a_table_of_groups_only_belongs_to_the_files_beside_it(tmp_path):
@@ -210,11 +297,6 @@ def test_a_subjects_structures_are_named_without_the_names_of_its_folders(tmp_pa
     names = [f"sub-1/ses-2/anat/sub-1_ses-2_{item}.nii.gz" for item in ("liver", "spleen")]
     cohort_of(tmp_path, *names)
     assert set(mask_files(tmp_path / "sub-1" / "ses-2" / "anat")) == {"liver", "spleen"}
-
-
-def dicom(path, kind=b"1.2.840.10008.5.1.4.1.1.2"):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(bytes(128) + b"DICM" + kind)
 
 
 @pytest.mark.parametrize("places", [("", ""), ("study/ct/", "study/seg/")])

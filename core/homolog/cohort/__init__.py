@@ -4,7 +4,8 @@ from collections import Counter
 from os import PathLike
 from pathlib import Path
 
-from homolog.cohort.folder import dicom_files, is_dicom_seg, read_folder
+from homolog.cohort.dicom import dicom_files, is_dicom_seg
+from homolog.cohort.folder import read_folder
 from homolog.cohort.manifest import MANIFEST, names_files, read_manifest
 from homolog.cohort.sides import FROM_NAMES, LEFT, RIGHT, SIDE_COLUMN, Sides, other_side, sides_of
 from homolog.cohort.subject import (

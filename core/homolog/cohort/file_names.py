@@ -11,11 +11,14 @@ from homolog.cohort.subject import IMAGE_SUFFIXES, MESH_SUFFIXES, stem_of, suffi
 __all__ = [
     "are_times",
     "best_label_maps",
+    "copies_among",
     "corrected",
+    "is_group",
     "is_picture",
     "kinds_before_numbers",
     "known_files",
     "maps_of_all",
+    "name_within",
     "numbered_part",
     "owner_of",
     "pictures_among",
@@ -32,16 +35,24 @@ _MASKS = frozenset([
 ])
 """Words that say that a file is a label map."""
 _MODALITIES = frozenset([
-    "4d", "adc", "bold", "cbct", "ct", "cta", "dwi", "flair", "mr", "mri", "pd", "pdw", "pet", "probseg",
-    "swi", "t1", "t1c", "t1ce", "t1gd", "t1n", "t1w", "t2", "t2f", "t2star", "t2w",
+    "4d", "adc", "bold", "cbct", "cine", "ct", "cta", "dicom", "dwi", "flair", "mr", "mri", "pd", "pdw",
+    "pet", "probseg", "swi", "t1", "t1c", "t1ce", "t1gd", "t1n", "t1w", "t2", "t2f", "t2star", "t2w",
 ])
 # fmt: on
 _PICTURES = _MODALITIES | {"brain", "image", "imaging", "img", "norm", "nu", "orig", "scan", "volume"}
 """What pictures are called that lie next to label maps."""
 _NORMALIZED = {"norm", "nu", "orig"}
 """Last words of FreeSurfer's pictures."""
-_LABEL_MAPS = frozenset({"dseg", "firstseg"})
-"""Words of BIDS and FSL for a map of all structures."""
+_LABEL_MAPS = frozenset({"aseg", "dseg", "firstseg", "wmparc"})
+"""Words of BIDS, FSL and FreeSurfer for a map of all structures."""
+# fmt: off
+_GROUPS = frozenset([
+    "case", "cases", "control", "controls", "disease", "diseased", "female", "females", "healthy", "male",
+    "males", "men", "normal", "normals", "pathological", "patient", "patients", "test", "testing", "train",
+    "training", "val", "valid", "validation", "women",
+])
+# fmt: on
+"""Words of folders that say which subjects are in them."""
 _TIME = re.compile(
     r"(day|frame|month|phase|ses|session|time|timepoint|tp|visit|week|year)\d{1,4}"
     r"|baseline|diastole|ed|es|followup|post|postop|pre|preop|systole"
@@ -70,10 +81,27 @@ def known_files(entries: Sequence[Path]) -> list[Path]:
     ]
 
 
-def meshes_beside(files: Sequence[Path]) -> list[Path]:
-    """Return the meshes that have the name of a segmentation next to them."""
-    images = {stem_of(file) for file in files if suffix_of(file) in IMAGE_SUFFIXES}
-    return [file for file in files if suffix_of(file) in MESH_SUFFIXES and stem_of(file) in images]
+def copies_among(files: Sequence[Path]) -> list[Path]:
+    """Return the meshes that have the name of a segmentation or of a mesh in another format next to them."""
+    order = (*IMAGE_SUFFIXES, *MESH_SUFFIXES)
+    first: dict[str, Path] = {}
+    for file in sorted(files, key=lambda file: order.index(suffix_of(file))):
+        first.setdefault(stem_of(file), file)
+    return [file for file in files if suffix_of(file) in MESH_SUFFIXES and first[stem_of(file)] != file]
+
+
+def is_group(name: str) -> bool:
+    """Return whether a folder's name says which subjects are in it: ``patients``, ``train``, ``pre``."""
+    tokens = _words(name)
+    return bool(tokens) and all(
+        word in _GROUPS or word in _MODALITIES or _TIME.fullmatch(word) for word in tokens
+    )
+
+
+def name_within(kind: str, name: str) -> str:
+    """Return a name without that of its structure at either end: ``01`` of ``liver_01`` in ``liver``."""
+    inner = re.sub(rf"^{re.escape(kind)}[-_. ]+|[-_. ]+{re.escape(kind)}$", "", name, flags=re.IGNORECASE)
+    return inner or name
 
 
 def _words(text: str) -> list[str]:
@@ -97,7 +125,8 @@ def scans_beside(files: Sequence[Path]) -> dict[Path, Path]:
     by_subject: dict[tuple[str, ...], list[tuple[int, Path]]] = defaultdict(list)
     for file in files:
         tokens = _words(stem_of(file))
-        rank = 2 if not _MASKS.isdisjoint(tokens) else 0 if not _PICTURES.isdisjoint(tokens) else 1
+        is_mask = not _MASKS.isdisjoint(tokens) or suffix_of(file) == ".seg.nrrd"
+        rank = 2 if is_mask else 0 if not _PICTURES.isdisjoint(tokens) else 1
         by_subject[_whose(tokens)].append((rank, file))
     scans: dict[Path, Path] = {}
     for ranked in by_subject.values():

@@ -6,12 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from homolog.cohort.dicom import holds_dicom, is_dicom_seg, series_below, series_of
 from homolog.cohort.file_names import (
+    copies_among,
     corrected,
+    is_group,
     kinds_before_numbers,
     known_files,
     maps_of_all,
-    meshes_beside,
     numbered_part,
     owner_of,
     pictures_among,
@@ -29,28 +31,28 @@ from homolog.cohort.subject import (
     stem_of,
     suffix_of,
 )
-from homolog.cohort.subject_folder import entries_of, subjects_in
+from homolog.cohort.subject_folder import entries_of, holds_files, owned_files, subjects_in
 from homolog.errors import InputError
 
-__all__ = ["dicom_files", "is_dicom_seg", "read_folder"]
+__all__ = ["read_folder"]
 
 _NAMED = 5
 """Files or folders that a message names, at most."""
-_LABEL_FOLDER = re.compile(r"(segmentation|label|mask|structure)s?([-_.]?(tr|ts|train|test))?", re.IGNORECASE)
-_IMAGE_FOLDER = re.compile(r"(image|scan|volume|picture)s?([-_.]?(tr|ts|train|test))?", re.IGNORECASE)
+_PART = r"([-_.]?(tr|ts|va|train|training|test|testing|val|validation))?"
+_LABEL_FOLDER = re.compile(
+    rf"(segmentation|seg|label|mask|structure|annotation|gt|ground[-_ ]?truth)s?{_PART}", re.IGNORECASE
+)
+_IMAGE_FOLDER = re.compile(rf"(image|img|scan|volume|picture)s?{_PART}", re.IGNORECASE)
 _MESH_FOLDER = re.compile(r"(mesh|meshe|surface|model)s?", re.IGNORECASE)
 """Names of folders that say what is in them, not of whom it is."""
 _DERIVATIVES = "derivatives"
 """Where BIDS data sets keep what was computed from the scans."""
 _TEMPLATE = re.compile(r"fsaverage.*|[lr]h\.EC_average|cvs_avg.*", re.IGNORECASE)
 """FreeSurfer's own subjects."""
-_SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7")
-"""Of segments that may overlap, and of label maps."""
-
 _LABEL_MAPS_OF_FREESURFER = (
     "the label maps in mri/ were read; to take surfaces instead, name them in a cohort.csv (surf/lh.pial)"
 )
-_SAME_NAMES = "next to segmentations of the same names"
+_SAME_NAMES = "next to files of the same names"
 
 _Files = Mapping[str, Path]
 """Of a subject, by structure."""
@@ -66,16 +68,17 @@ def read_folder(folder: Path) -> Cohort:
     ]
     files = known_files(entries)
     folders = [entry for entry in entries if entry.is_dir()]
-    series = {item: _of_series(item) for item in folders if dicom_files(item)}
-    if slices or not (files or series or not dicom_files(folder)):
+    series = {item: series_of(item) for item in folders if holds_dicom(item)}
+    if slices or not (files or series or not holds_dicom(folder)):
         raise InputError(
             f"{folder}: contains the slices of a DICOM series; give the folder above it, which contains one "
             "folder for each subject"
         )
     if not files and not series:
-        series = {item: below for item in folders if (below := _series_below(item))}
-    if not files and not series:
-        return _read_folders(folder, folders)
+        below = {item: places for item in folders if (places := series_below(item))}
+        if not below or max(map(len, below.values())) > 1:
+            return _read_folders(folder, folders)
+        series = {item: places[0] for item, places in below.items()}
     subjects, notes = _of_files(folder, files)
     subjects += [Subject(item.name, place, image=image_beside(place)) for item, place in series.items()]
     return Cohort(tuple(sorted(subjects, key=lambda subject: subject.path)), folder, tuple(notes))
@@ -83,8 +86,8 @@ def read_folder(folder: Path) -> Cohort:
 
 def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[str]]:
     """Return the subjects of the files in one folder, and a note of those that are none."""
-    scans, meshes = scans_beside(files), meshes_beside(files)
-    labels = [file for file in files if file not in scans and file not in meshes]
+    scans, copies = scans_beside(files), copies_among(files)
+    labels = [file for file in files if file not in scans and file not in copies]
     chosen = maps_of_all(labels) or corrected(labels)
     pictures = pictures_among(chosen)
     chosen = [file for file in chosen if file not in pictures.values()]
@@ -92,7 +95,7 @@ def _of_files(folder: Path, files: Sequence[Path]) -> tuple[list[Subject], list[
     scan_of = {label: scan for scan, label in scans.items()}
     skipped = {
         "next to label maps of the same subjects": [*scans, *pictures.values()],
-        _SAME_NAMES: meshes,
+        _SAME_NAMES: copies,
         f"next to {'maps of all structures' if maps_of_all(labels) else 'corrected ones'}": [
             file for file in labels if file not in chosen and file not in pictures.values()
         ],
@@ -132,6 +135,7 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     pipelines = [item for item in below if item.name.casefold() == _DERIVATIVES]
     if pipelines and below != pipelines:
         return read_folder(pipelines[0])
+    below = [item for item in below if not _only_scans(item)] or below
     templates = [item for item in below if _TEMPLATE.fullmatch(item.name)]
     by_place = {item: subjects for item in below if item not in templates and (subjects := subjects_in(item))}
     by_folder = {
@@ -139,21 +143,20 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     }
     several = [item for item, files in by_folder.items() if len(files) > 1]
     if several and len(by_place) == 1:
+        if any(file.is_dir() for file in by_folder[several[0]].values()):  # other patients would say what of
+            raise _several_meant(folder, {several[0]: {}})
         return read_folder(several[0])
-    if several and (labels := _label_folder(by_folder)):
-        left = [item for item in by_folder if _MESH_FOLDER.fullmatch(item.name)]
-        labelled = read_folder(labels)
-        return replace(labelled, notes=(*labelled.notes, *([_skipped(_SAME_NAMES, left)] if left else [])))
-    if several and len(by_place) > 1 and all(is_side(item.name) for item in by_place):
-        return _of_sides(folder, list(by_place))
-    if several and not _are_subjects(by_folder):
-        return _of_groups(folder, by_folder)
+    if several and (labels := _label_folders(by_folder)):
+        return _of_label_folders(folder, labels, [item for item in by_folder if item not in labels])
+    if several and (all(is_side(item.name) for item in by_place) or not _are_subjects(by_folder)):
+        return _of_parts(folder, list(by_folder))
     if not by_place:
-        inner = {item: _subjects_below(item) for item in below}
-        by_place = {item: places[0] for item, places in inner.items() if [*map(len, places)] == [1]}
-        above = [item for item, places in inner.items() if places]
-        if len(above) == 1 or by_place.keys() != set(above) or not above:
-            return read_folder(_only_folder_above_subjects(folder, above))
+        above = [item for item in below if holds_files(item)]
+        if len(above) == 1:
+            return read_folder(above[0])
+        if not above:
+            raise _nothing_in(folder)
+        return _of_parts(folder, above)
     every = {name: files for subjects in by_place.values() for name, files in subjects.items()}
     by_structure = any(len(files) > 1 for files in every.values())
     cohort = tuple(_subject_of(name, files, by_structure) for name, files in every.items())
@@ -168,25 +171,24 @@ def _read_folders(folder: Path, below: Sequence[Path]) -> Cohort:
     return Cohort(cohort, folder, tuple(notes))
 
 
-def _subjects_below(folder: Path) -> list[dict[str, dict[str, Path]]]:
-    """Return what the folders in a folder hold, under the name of that folder."""
-    inner = [subjects_in(entry, folder.name) for entry in entries_of(folder) if entry.is_dir()]
-    return [subjects for subjects in inner if subjects]
+def _only_scans(folder: Path) -> bool:
+    """Return whether all files lie in folders whose names say that they are scans: ``imagesTs``."""
+    return holds_files(folder) and (
+        bool(_IMAGE_FOLDER.fullmatch(folder.name)) or not holds_files(folder, _IMAGE_FOLDER)
+    )
 
 
-def _only_folder_above_subjects(folder: Path, above: Sequence[Path]) -> Path:
-    """Return the one folder that has folders of subjects; raises InputError if none or several have."""
-    if len(above) > 1:
-        raise InputError(
-            f"{folder}: several folders have folders of subjects: {_listed([item.name for item in above])}; "
-            "give one of them"
-        )
-    if not above:
-        raise InputError(
-            f"{folder}: contains no segmentation or mesh; known files are "
-            f"{', '.join(IMAGE_SUFFIXES + MESH_SUFFIXES)} and folders of DICOM files"
-        )
-    return above[0]
+def _nothing_in(folder: Path) -> InputError:
+    known = f"{', '.join(IMAGE_SUFFIXES + MESH_SUFFIXES)} and folders of DICOM files"
+    others = Counter(
+        suffix
+        for pattern in ("*", "*/*", "*/*/*")
+        for file in folder.glob(pattern)
+        if (suffix := suffix_of(file)) and file.name[0] != "." and file.is_file()
+    )
+    there = ", ".join(f"{suffix} ({count})" for suffix, count in others.most_common(_NAMED))
+    found = f"; it contains {there}, which have to be unpacked or converted first" if there else ""
+    return InputError(f"{folder}: contains no segmentation or mesh{found}; known files are {known}")
 
 
 def _subject_of(name: str, files: _Files, by_structure: bool) -> Subject:
@@ -201,18 +203,27 @@ def _subject(name: str, file: Path) -> Subject:
     return Subject(name, file, landmarks=landmarks_beside(file), image=image_beside(file))
 
 
-def _label_folder(by_folder: Mapping[Path, _Files]) -> Path | None:
-    """Return the folder of label maps where all others hold pictures (imagesTr) or meshes of their names."""
+def _label_folders(by_folder: Mapping[Path, _Files]) -> list[Path]:
+    """Return the folders of label maps where all others hold meshes of the same names."""
     labels = [item for item in by_folder if _LABEL_FOLDER.fullmatch(item.name)]
-    if len(labels) != 1 or len(by_folder) == 1:
-        return None
-    names = by_folder[labels[0]].keys()
+    names = {name for item in labels for name in by_folder[item]}
     known = [
-        _IMAGE_FOLDER.fullmatch(item.name) or (_MESH_FOLDER.fullmatch(item.name) and files.keys() <= names)
+        _MESH_FOLDER.fullmatch(item.name) and files.keys() <= names
         for item, files in by_folder.items()
-        if item != labels[0]
+        if item not in labels
     ]
-    return labels[0] if all(known) else None
+    return labels if all(known) else []
+
+
+def _of_label_folders(folder: Path, labels: Sequence[Path], others: Sequence[Path]) -> Cohort:
+    cohorts = [read_folder(item) for item in labels]
+    notes = [note for cohort in cohorts for note in cohort.notes]
+    if len(labels) > 1:
+        notes.append(f"the folders {_listed([item.name for item in labels])} were taken together")
+    if meshes := [item.name for item in others if _MESH_FOLDER.fullmatch(item.name)]:
+        notes.append(f"skipped, {_SAME_NAMES}: {_listed(meshes)}")
+    subjects = tuple(subject for cohort in cohorts for subject in cohort.subjects)
+    return Cohort(subjects, cohorts[0].folder if len(cohorts) == 1 else folder, tuple(notes))
 
 
 def _are_subjects(by_folder: Mapping[Path, _Files]) -> bool:
@@ -234,6 +245,50 @@ def _describe_contents(folders: Iterable[Path]) -> bool:
     return any(kind.fullmatch(item.name) for item in folders for kind in kinds)
 
 
+def _of_parts(folder: Path, parts: Sequence[Path]) -> Cohort:
+    """Return the cohort of folders with several subjects each: sides, groups, or structures."""
+    if all(is_side(item.name) for item in parts):
+        return _of_sides(folder, parts)
+    if all(is_group(item.name) for item in parts):
+        return _of_groups(folder, parts)
+    owned = {item: owned_files(item) for item in parts}
+    if _are_structures(owned):
+        owners = sorted({name for files in owned.values() for name in files})
+        note = f"the folders {_listed([item.name for item in parts])} were taken as structures"
+        return Cohort(tuple(Subject(name, folder / name) for name in owners), folder, (note,))
+    names = Counter(
+        owner
+        for files in owned.values()
+        for owner in {numbered_part(name.casefold()) or name.casefold() for name in files}
+    )
+    mixed = max(names.values(), default=2) > 1 or any(re.search(r"\d", item.name) for item in parts)
+    if mixed or _describe_contents(parts):
+        raise _several_meant(folder, owned)
+    return _of_groups(folder, parts)
+
+
+def _several_meant(folder: Path, owned: Mapping[Path, _Files]) -> InputError:
+    for item, files in owned.items():
+        if not files and (series := len(series_below(item))) > 1:
+            return InputError(
+                f"{item}: contains {series} DICOM series; give a cohort.csv that names one of them"
+            )
+    counts = [f"{item.name} ({len(files)})" for item, files in owned.items() if len(files) > 1]
+    return InputError(
+        f"{folder}: contains folders with several segmentations or meshes: "
+        f"{_listed(counts or [item.name for item in owned])}; give one of them, or a cohort.csv that names "
+        "the files"
+    )
+
+
+def _are_structures(owned: Mapping[Path, Mapping[str, Path]]) -> bool:
+    """Return whether folders hold a structure each, of the same subjects: most are in two of them or more."""
+    if len(owned) < 2 or _describe_contents(owned) or not all(owned.values()):
+        return False
+    counts = Counter(name for files in owned.values() for name in files)
+    return 2 * sum(count > 1 for count in counts.values()) > len(counts)
+
+
 def _of_sides(folder: Path, below: Sequence[Path]) -> Cohort:
     """Return the cohort of a folder for each side of the body, whose subjects may have the same names."""
     cohorts = {item.name: read_folder(item) for item in below}
@@ -247,70 +302,16 @@ def _of_sides(folder: Path, below: Sequence[Path]) -> Cohort:
     return Cohort(tuple(subjects), folder, tuple(notes))
 
 
-def _of_groups(folder: Path, by_folder: Mapping[Path, _Files]) -> Cohort:
+def _of_groups(folder: Path, parts: Sequence[Path]) -> Cohort:
     """Return the cohort of a folder for each group (controls, patients): its name is the subjects' group."""
-    names = Counter(
-        owner
-        for files in by_folder.values()
-        for owner in {numbered_part(name.casefold()) or name.casefold() for name in files}
-    )
-    mixed = max(names.values()) > 1 or any(re.search(r"\d", item.name) for item in by_folder)
-    if mixed or _describe_contents(by_folder):
-        counts = _listed(
-            [f"{item.name} ({len(files)})" for item, files in by_folder.items() if len(files) > 1]
-        )
-        raise InputError(
-            f"{folder}: contains folders with several segmentations or meshes: {counts}; give one of them, "
-            "or a cohort.csv that names the files"
-        )
-    cohorts = {item.name: read_folder(item) for item in by_folder}
+    cohorts = {item.name: read_folder(item) for item in parts}
+    names = Counter(subject.name for cohort in cohorts.values() for subject in cohort.subjects)
+    alike = max(names.values()) > 1
     subjects = [
-        replace(subject, group=group) for group, cohort in cohorts.items() for subject in cohort.subjects
+        replace(subject, name=f"{subject.name}_{group}" if alike else subject.name, group=group)
+        for group, cohort in cohorts.items()
+        for subject in cohort.subjects
     ]
     notes = [f"the folders {_listed(list(cohorts))} were taken as groups"]
     notes += [f"{group}: {note}" for group, cohort in cohorts.items() for note in cohort.notes]
     return Cohort(tuple(subjects), folder, tuple(notes))
-
-
-def _series_below(folder: Path) -> Path | None:
-    """Return where a patient's one series or DICOM SEG lies, as hospitals export it: PATIENT/STUDY/SERIES."""
-    for pattern in ("*/", "*/*/"):
-        series = [
-            _of_series(path) for path in sorted(folder.glob(pattern)) if path.is_dir() and dicom_files(path)
-        ]
-        segmentations = [path for path in series if path.is_file()]
-        if len(segmentations or series) > 1:
-            raise InputError(
-                f"{folder}: contains {len(series)} DICOM series; give a cohort.csv that names one of them"
-            )
-        if series:
-            return (segmentations or series)[0]
-    return None
-
-
-def _of_series(folder: Path) -> Path:
-    """Return the one DICOM SEG that lies among the slices of a scan, else the folder."""
-    segmentations = [file for file in dicom_files(folder) if is_dicom_seg(file)]
-    return segmentations[0] if len(segmentations) == 1 else folder
-
-
-def dicom_files(folder: Path) -> list[Path]:
-    """Return the DICOM files of a folder, by their content; their names may end in anything.
-
-    A DICOMDIR, the table of contents of a disc, is none of them.
-    """
-    files = [path for path in sorted(folder.iterdir()) if path.is_file() and path.name.upper() != "DICOMDIR"]
-    return [file for file in files if _beginning(file)[128:132] == b"DICM"]
-
-
-def is_dicom_seg(path: Path) -> bool:
-    """Return whether a DICOM file is a segmentation object."""
-    return any(item in _beginning(path) for item in _SEG_CLASSES)
-
-
-def _beginning(path: Path) -> bytes:
-    try:
-        with path.open("rb") as stream:
-            return stream.read(1024)
-    except OSError:
-        return b""

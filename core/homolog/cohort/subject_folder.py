@@ -1,21 +1,27 @@
 """The files of one subject's folder: one, one for each structure, or one for each point in time."""
 
 import re
+from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 
+from homolog.cohort.dicom import holds_dicom
 from homolog.cohort.file_names import (
     are_times,
     best_label_maps,
     corrected,
     is_picture,
     known_files,
+    maps_of_all,
+    name_within,
     owner_of,
     scans_beside,
     structure_in,
 )
 from homolog.cohort.subject import IMAGE_ENDING, stem_of, suffix_of
 
-__all__ = ["entries_of", "mask_files", "subjects_in"]
+__all__ = ["entries_of", "holds_files", "mask_files", "owned_files", "subjects_in"]
 
 _FREESURFER = tuple(
     f"mri/{name}.{suffix}"
@@ -25,11 +31,13 @@ _FREESURFER = tuple(
 """Where FreeSurfer and FastSurfer keep a subject's structures, the fewest first."""
 _LABELS = ("segmentation", "label", "mask", "structure")
 """How folders of label maps begin, in any case and number."""
-_KINDS_OF_SCAN = ("anat", "ct", "dwi", "func", "perf")
+_KINDS_OF_SCAN = ("anat", "ct", "dwi", "func", "perf", "t1", "t1w")
 _SESSION = re.compile(r"ses-.+", re.IGNORECASE)
 """Folders within a subject's folder, of BIDS."""
 _OWNERS = 3
 """Folders above a file whose names may begin its own."""
+_DEPTH = 5
+"""Folders below one in which files are looked for."""
 
 
 def subjects_in(folder: Path, name: str = "") -> dict[str, dict[str, Path]]:
@@ -52,18 +60,24 @@ def subjects_in(folder: Path, name: str = "") -> dict[str, dict[str, Path]]:
     for place in _FREESURFER:
         if (folder / place).is_file():
             return {name: {place[len("mri/") :].split(".")[0]: folder / place}}
-    files = mask_files(folder)
+    files, below = mask_files(folder), [entry for entry in entries_of(folder) if entry.is_dir()]
     if are_times(files):
         return {f"{name}_{structure}": {"": file} for structure, file in files.items()}
+    if files and not maps_of_all(list(files.values())):
+        inner = (mask_files(item) for item in below)
+        files = next((item for item in inner if maps_of_all(list(item.values()))), files)
     if files:
         return {name: files}
     subjects: dict[str, dict[str, Path]] = {}
-    for item in entries_of(folder):
-        if item.is_dir() and item.name.casefold() in _KINDS_OF_SCAN:
+    for item in below:
+        if item.name.casefold() in _KINDS_OF_SCAN:
             subjects |= subjects_in(item, name)
-        elif item.is_dir() and _SESSION.fullmatch(item.name):
+        elif _SESSION.fullmatch(item.name):
             subjects |= subjects_in(item, f"{name}_{item.name}")
-    return subjects
+    if subjects:
+        return subjects
+    deeper = [found for item in below if (found := subjects_in(item, name))]
+    return deeper[0] if len(deeper) == 1 else {}
 
 
 def mask_files(folder: Path) -> dict[str, Path]:
@@ -76,7 +90,8 @@ def mask_files(folder: Path) -> dict[str, Path]:
     ----------
     folder : Path
         The subject's; its folder of segmentations is taken if it has one. If there is no such folder,
-        ``FOLDER/p1`` stands for the files ``p1_liver.nii.gz``, ``p1_spleen.nii.gz``, … of a common folder.
+        ``FOLDER/p1`` stands for the files ``p1_liver.nii.gz``, ``p1_spleen.nii.gz``, … of a common folder, or
+        for ``liver/p1.nii.gz``, ``spleen/p1.nii.gz``, … of a folder for each structure.
 
     Returns
     -------
@@ -84,7 +99,8 @@ def mask_files(folder: Path) -> dict[str, Path]:
         Empty if there are none.
     """
     if not folder.exists():
-        return _masks_of_owner(folder.parent, folder.name)
+        owner = folder.name
+        return _masks_of_owner(folder.parent, owner) or _masks_in_folders(folder.parent, owner)
     below = [
         entry for entry in entries_of(folder) if entry.is_dir() and entry.name.casefold().startswith(_LABELS)
     ]
@@ -94,6 +110,8 @@ def mask_files(folder: Path) -> dict[str, Path]:
 
 def _masks(folder: Path) -> dict[str, Path]:
     known = [file for file in known_files(entries_of(folder)) if suffix_of(file) != ".dcm"]
+    if not known:
+        return _series_of_masks(folder)
     scans, files, best = scans_beside(known), dict[str, Path](), corrected(known)
     ending = "_corr" if len(best) < len(known) else ""
     for file in best:
@@ -115,14 +133,58 @@ def _masks_of_owner(folder: Path, owner: str) -> dict[str, Path]:
     return {name: masks[name] for name in sorted(masks) if name and not is_picture(name)}
 
 
+def _series_of_masks(folder: Path) -> dict[str, Path]:
+    """Return the folders with the slices of a structure each, as 3D-IRCADb has them."""
+    inner = [entry for entry in entries_of(folder) if entry.is_dir() and not is_picture(entry.name)]
+    return {entry.name: entry for entry in inner if holds_dicom(entry)}
+
+
+def _masks_in_folders(folder: Path, owner: str) -> dict[str, Path]:
+    """Return what a subject has in folders of a structure each: ``liver/p1.nii.gz``, ``spleen/p1.nii.gz``."""
+    if not folder.is_dir():
+        return {}
+    parts = [entry for entry in entries_of(folder) if entry.is_dir() and not is_picture(entry.name)]
+    files = {part.name: owned_files(part).get(owner) for part in parts}
+    return {name: file for name, file in files.items() if file is not None}
+
+
+def owned_files(folder: Path) -> Mapping[str, Path]:
+    """Return the files in the folder of a structure, by whose they are; or what lies in subjects' folders."""
+    return _owned_files(folder, folder.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=512)
+def _owned_files(folder: Path, changed: int) -> Mapping[str, Path]:
+    entries = entries_of(folder)
+    known = known_files(entries)
+    scans = scans_beside(known)
+    files = {file: stem_of(file) for file in reversed(known) if file not in scans}
+    for entry in entries if not files else ():
+        masks = mask_files(entry) if entry.is_dir() else {}
+        if len(masks) == 1:
+            files[next(iter(masks.values()))] = entry.name
+        elif entry.is_dir() and not masks and holds_dicom(entry):
+            files[entry] = entry.name
+    return MappingProxyType({name_within(folder.name, name): file for file, name in files.items()})
+
+
 def _structure(path: Path) -> str:
-    """Return a file's name without those of the folders above it that it begins with."""
-    stem = stem_of(path)
-    for folder in reversed(path.parents[:_OWNERS]):
-        owner, rest = folder.name, stem[len(folder.name) :]
-        if owner and stem.casefold().startswith(owner.casefold()) and rest[:1] in ("_", "-", ".", " "):
-            stem = rest[1:].strip() or stem
+    """Return a file's name without those of the folders above it that it begins with, the longest first."""
+    stem, owners = stem_of(path), [folder.name for folder in path.parents[:_OWNERS] if folder.name]
+    while ahead := [name for name in owners if re.match(rf"{re.escape(name)}[-_. ]+\S", stem, re.IGNORECASE)]:
+        stem = stem[len(max(ahead, key=len)) :].lstrip("-_. ")
     return stem
+
+
+def holds_files(folder: Path, skipping: re.Pattern[str] | None = None, depth: int = _DEPTH) -> bool:
+    """Return whether a segmentation or mesh lies in a folder or below it, but in folders of some names."""
+    entries = entries_of(folder)
+    if known_files(entries) or holds_dicom(folder):
+        return True
+    below = [
+        entry for entry in entries if entry.is_dir() and not (skipping and skipping.fullmatch(entry.name))
+    ]
+    return depth > 0 and any(holds_files(entry, skipping, depth - 1) for entry in below)
 
 
 def entries_of(folder: Path) -> list[Path]:

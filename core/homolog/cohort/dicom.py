@@ -1,0 +1,60 @@
+"""Which of the files in folders are DICOM: slices of a series, or objects with structures."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+__all__ = ["dicom_files", "holds_dicom", "is_dicom_seg", "series_below", "series_of"]
+
+_SEG_CLASSES = (b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7")
+"""Of segments that may overlap, and of label maps."""
+
+
+def dicom_files(folder: Path) -> list[Path]:
+    """Return the DICOM files of a folder, by their content; their names may end in anything.
+
+    A DICOMDIR, the table of contents of a disc, is none of them.
+    """
+    return list(_dicom_files(folder))
+
+
+def holds_dicom(folder: Path) -> bool:
+    """Return whether a folder has a DICOM file."""
+    return any(True for _ in _dicom_files(folder))
+
+
+def _dicom_files(folder: Path) -> Iterator[Path]:
+    for path in sorted(folder.iterdir()):
+        if path.is_file() and path.name.upper() != "DICOMDIR" and _beginning(path)[128:132] == b"DICM":
+            yield path
+
+
+def is_dicom_seg(path: Path) -> bool:
+    """Return whether a DICOM file is a segmentation object."""
+    return any(item in _beginning(path) for item in _SEG_CLASSES)
+
+
+def series_below(folder: Path) -> list[Path]:
+    """Return where a patient's series lie, as hospitals export them: PATIENT/STUDY/SERIES.
+
+    Where there are segmentation objects, they are returned alone.
+    """
+    for pattern in ("*/", "*/*/"):
+        places = (path for path in sorted(folder.glob(pattern)) if path.is_dir() and path.name[0] != ".")
+        series = [series_of(path) for path in places if holds_dicom(path)]
+        if series:
+            return [path for path in series if path.is_file()] or series
+    return []
+
+
+def series_of(folder: Path) -> Path:
+    """Return the one DICOM SEG that lies among the slices of a scan, else the folder."""
+    segmentations = [file for file in dicom_files(folder) if is_dicom_seg(file)]
+    return segmentations[0] if len(segmentations) == 1 else folder
+
+
+def _beginning(path: Path) -> bytes:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(1024)
+    except OSError:
+        return b""
