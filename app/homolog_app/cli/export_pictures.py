@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from homolog_app.films.motion import Motion
+    from homolog_app.rendering.camera import Canvas
+    from homolog_app.views.content import ViewContents
     from homolog_app.window.explore.view_states import Snapshot
-    from homolog_app.window.scene.canvas import Canvas
-    from homolog_app.window.scene.content import ViewContents
 
 __all__ = [
     "add_film",
@@ -207,7 +207,7 @@ def run_screenshot(arguments: argparse.Namespace) -> int:
     settings = with_options(ScreenshotSettings(), arguments)
     from homolog_app.films.encode import write_still
     from homolog_app.rendering.draw import with_opengl
-    from homolog_app.window.scene.contents_file import KEPT, read_shown
+    from homolog_app.views.content import KEPT, read_shown
     from homolog_app.window.snapshot import view_contents_of
 
     with exporting(arguments) as tick:
@@ -224,7 +224,7 @@ def run_screenshot(arguments: argparse.Namespace) -> int:
 
 
 def _drawn(shown: "ViewContents", canvas: "Canvas", scale: int, transparent: bool) -> "NDArray[np.uint8]":
-    from homolog_app.window.scene.offscreen import drawn
+    from homolog_app.views.grid import drawn
 
     return drawn(shown, canvas, scale, transparent=transparent)
 

@@ -10,6 +10,7 @@ from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick, part_of
+from homolog_app.views.content import Content, ViewContents
 from homolog_app.window.explore.check_scene import ENERGIES, Marks, checked_scene
 from homolog_app.window.explore.group_views import group_scene
 from homolog_app.window.explore.measure_views import measured_scene
@@ -19,7 +20,6 @@ from homolog_app.window.explore.view_states import CheckView, GroupsView, Measur
 from homolog_app.window.file_survey import survey_subject
 from homolog_app.window.jobs import groomed_before
 from homolog_app.window.loaded_result import LoadedResult, load_result
-from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.subjects import Groomed, moment_of, subject_contents
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from PySide6.QtWidgets import QLabel, QSplitter, QStackedWidget, QVBoxLayout, QW
 from homolog_app.window.actions import Actions
 from homolog_app.window.clip_bar import ClipBar
 from homolog_app.window.icons import pixmap
-from homolog_app.window.scene.scene import Scene
-from homolog_app.window.slices.view import SliceView
+from homolog_app.window.scene import Scene
+from homolog_app.window.slice_view import SliceView
 from homolog_app.window.theme import Theme
 from homolog_app.window.view_bar import ViewBar, ViewFooter
 from homolog_app.window.widgets import GRID, label

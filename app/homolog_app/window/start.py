@@ -106,7 +106,7 @@ def _load_views_soon(window: MainWindow) -> None:
     """Import what the views need beside the living window, then make them."""
     window.start_page.notice.setText("Loading the 3-D views…")
     imports = threading.Thread(
-        target=importlib.import_module, args=["homolog_app.window.scene.scene"], name="homolog-imports"
+        target=importlib.import_module, args=["homolog_app.window.scene"], name="homolog-imports"
     )
     look = QTimer(window, interval=_LOOK_MS)
 

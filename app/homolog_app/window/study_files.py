@@ -13,7 +13,7 @@ from homolog.files.project import ProjectFolder
 from homolog.files.project_table import update_table
 from homolog.files.records import ProjectRecord, SubjectRecord
 from homolog.settings import RunSettings
-from homolog_app.window.scene.canvas import CameraState, Canvas
+from homolog_app.rendering.camera import CameraState, Canvas
 from homolog_app.window.study import Member, Study
 
 __all__ = ["Opened", "StudyRecord", "ViewRecord", "open_project", "record_of", "save_project", "study_of"]

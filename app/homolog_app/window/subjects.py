@@ -11,8 +11,8 @@ from homolog.cohort import Subject
 from homolog.settings import GroomSettings
 from homolog.surfaces.mirroring import mirrors
 from homolog_app.rendering.colours import colours_by_place
+from homolog_app.views.content import Content
 from homolog_app.window.loaded_result import LoadedResult
-from homolog_app.window.scene.content import Content
 
 if TYPE_CHECKING:
     from homolog.grooming import GroomedSubject

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtWidgets import QMenu
 
-from homolog_app.window.scene.cameras import VIEWS
+from homolog_app.views.cell import VIEWS
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow

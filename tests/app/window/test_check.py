@@ -254,7 +254,7 @@ def test_distances_along_the_surface_stand_beside_straight_ones_on_one_scale(che
     assert (distances.along >= distances.straight - 1e-3).all()
     assert distances.along.max() <= scene.bar.scale.high < 1.35 * distances.along.max()
     # another place is picked on the surface
-    from homolog_app.window.scene.picking import Pick
+    from homolog_app.window.interactor import Pick
 
     place = page.checked.inspection.located.world[0, 30]
     page.handle_pick(Pick(scene.shown[1].name, place, None))
@@ -265,7 +265,7 @@ def test_distances_along_the_surface_stand_beside_straight_ones_on_one_scale(che
 
 
 def test_the_last_of_several_places_clicked_in_a_row_is_the_one_that_is_measured(checking, wait):
-    from homolog_app.window.scene.picking import Pick
+    from homolog_app.window.interactor import Pick
 
     page, names = page_of(checking), checking.workspace.session.result.result.names
     world = page.checked.inspection.located.world

@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from homolog_app.rendering.camera import Clip
+from homolog_app.rendering.camera import CameraState, Clip
 from homolog_app.rendering.scheme import LIGHT, rgb
+from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.grid import drawn
 from homolog_app.window.explore.view_states import Snapshot, SubjectsView
-from homolog_app.window.scene.canvas import CameraState
-from homolog_app.window.scene.content import Content, ViewContents
-from homolog_app.window.scene.offscreen import drawn
 
 pytestmark = pytest.mark.window
 

@@ -14,8 +14,8 @@ def dialog(qapp, finished):
     """Return a function that opens the dialog of an export of a finished project."""
     from PySide6.QtWidgets import QWidget
 
+    from homolog_app.window.export.choosers import KINDS
     from homolog_app.window.export.dialog import ExportDialog, Exported
-    from homolog_app.window.export.kinds import KINDS
 
     parent, opened = QWidget(), []
     what = Exported(finished, "study", finished.parent, 3, 1, {"group": ["A", "A", "B", "B"]})
@@ -137,8 +137,8 @@ def test_the_command_line_that_is_shown_writes_what_the_dialog_says(dialog, tmp_
 
 
 def test_the_menu_opens_each_export_with_the_project_and_its_groups(explored):
+    from homolog_app.window.export.choosers import KINDS
     from homolog_app.window.export.dialog import ExportDialog
-    from homolog_app.window.export.kinds import KINDS
 
     for name in KINDS:
         explored.commands[f"export.{name}"].trigger()

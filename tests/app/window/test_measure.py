@@ -52,7 +52,7 @@ def test_the_distance_is_that_of_the_chosen_particles(page, window):
 
 
 def test_clicks_on_the_shape_set_the_two_particles_in_turn(page):
-    from homolog_app.window.scene.picking import Pick
+    from homolog_app.window.interactor import Pick
 
     page.place.setValue(100)
     particles = page.fitted.shape.model.instance(np.array([1.0]))

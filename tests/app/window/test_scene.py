@@ -9,9 +9,8 @@ import pytest
 from homolog_app.rendering.camera import round_length
 from homolog_app.rendering.colours import colours_by_place
 from homolog_app.rendering.text import direction_letters, edge_letters
-from homolog_app.window.scene.content import Content, ViewContents
-from homolog_app.window.scene.contents_file import KEPT, read_shown, write_shown
-from homolog_app.window.scene.offscreen import drawn
+from homolog_app.views.content import KEPT, Content, ViewContents, read_shown, write_shown
+from homolog_app.views.grid import drawn
 
 
 @pytest.mark.parametrize(

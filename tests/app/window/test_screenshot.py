@@ -22,7 +22,7 @@ def pixels(path):
 def both(window, tmp_path, wait):
     """Return a function that saves a picture of the views from the dialog, and by its command line."""
     from homolog_app.cli import main
-    from homolog_app.window.export.screenshot import ScreenshotDialog
+    from homolog_app.window.export.dialog import ScreenshotDialog
 
     window.resize(960, 720)  # drawing takes time by the pixel
 
@@ -65,7 +65,7 @@ def test_subjects_are_drawn_again_with_layout_camera_opacity_scheme_and_size_of_
     dark, theirs, _ = both()
     assert_same(dark, theirs)
     assert dark.mean() < mine.mean()
-    monkeypatch.setattr("homolog_app.window.scene.scene.text_scale", lambda: 1.5)  # of the system's font
+    monkeypatch.setattr("homolog_app.window.scene.text_scale", lambda: 1.5)  # of the system's font
     explored.views.stage.scene.switch()
     larger, theirs, _ = both()
     assert_same(larger, theirs)
@@ -197,7 +197,7 @@ def running(groomed, wait):
 
 
 def dialog_of(window):
-    from homolog_app.window.export.screenshot import ScreenshotDialog
+    from homolog_app.window.export.dialog import ScreenshotDialog
 
     window.commands["view.screenshot"].trigger()
     (dialog,) = [one for one in window.findChildren(ScreenshotDialog) if one.isVisible()]
@@ -253,7 +253,7 @@ def test_a_picture_shows_what_was_seen_when_it_was_asked_for(explored, tmp_path)
 
 def test_damaged_files_beside_a_picture_are_refused(explored, tmp_path, capsys):
     from homolog_app.cli import main
-    from homolog_app.window.scene.contents_file import write_shown
+    from homolog_app.views.content import write_shown
 
     whole = tmp_path / "whole.views.npz"
     scene = explored.views.stage.scene

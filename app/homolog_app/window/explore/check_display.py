@@ -16,7 +16,7 @@ from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, ParticleEnergies
-    from homolog_app.window.scene.picking import Pick
+    from homolog_app.window.interactor import Pick
 
 __all__ = ["CheckDisplay"]
 

@@ -9,6 +9,7 @@ from PySide6.QtCore import Slot
 from PySide6.QtWidgets import QHBoxLayout
 
 from homolog.arrays import FloatArray
+from homolog_app.views.content import Content, ViewContents
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_display import CheckDisplay
 from homolog_app.window.explore.check_scene import checked_scene
@@ -19,13 +20,12 @@ from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.view_states import CheckView
 from homolog_app.window.progress import Progress
-from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.widgets import GRID, button, label
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog.inspection import Suspect
-    from homolog_app.window.scene.picking import Pick
+    from homolog_app.window.interactor import Pick
 
 __all__ = ["CheckPage"]
 

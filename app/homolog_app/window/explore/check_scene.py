@@ -9,7 +9,7 @@ import numpy as np
 from homolog.arrays import Array, FloatArray, IntArray
 from homolog.surfaces.mirroring import scale_of
 from homolog_app.rendering.colours import ColourScale, viridis
-from homolog_app.window.scene.content import Content, Numbers, ViewContents
+from homolog_app.views.content import Content, Numbers, ViewContents
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, ParticleEnergies

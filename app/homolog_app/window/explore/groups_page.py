@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from homolog_app.views.content import Content, ViewContents
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.compare_box import CompareBox
 from homolog_app.window.explore.group_form import GroupForm
@@ -37,7 +38,6 @@ from homolog_app.window.explore.player import Player
 from homolog_app.window.explore.regions import largest_region, middle_of
 from homolog_app.window.explore.view_states import GroupsView
 from homolog_app.window.progress import Progress
-from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.widgets import GRID, button, choice, label, rule, set_dimmed
 from homolog_app.window.workspace import Workspace
 

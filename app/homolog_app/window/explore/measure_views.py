@@ -10,9 +10,9 @@ from homolog.arrays import FloatArray
 from homolog_app.rendering.colours import ColourScale, displacement_scale, viridis
 from homolog_app.rendering.scene import Arrows
 from homolog_app.rendering.text import signed
+from homolog_app.views.content import Content, ViewContents
 from homolog_app.window.explore.model_content import DisplayOptions, model_content
 from homolog_app.window.explore.view_states import MeasureView
-from homolog_app.window.scene.content import Content, ViewContents
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.model_shape import ModelShape

@@ -8,9 +8,9 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog_app.rendering.colours import displacement_scale
 from homolog_app.rendering.text import short, signed
+from homolog_app.views.content import Content, ViewContents
 from homolog_app.window.explore.model_content import DisplayOptions, arrow_factor, model_content
 from homolog_app.window.explore.view_states import ModesView
-from homolog_app.window.scene.content import Content, ViewContents
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.model_shape import ModelShape

@@ -9,7 +9,7 @@ from homolog.arrays import Array, BoolArray, FloatArray
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colours import ColourScale
 from homolog_app.rendering.scene import Arrows
-from homolog_app.window.scene.content import Content
+from homolog_app.views.content import Content
 
 if TYPE_CHECKING:
     from homolog_app.window.explore.model_shape import ModelShape

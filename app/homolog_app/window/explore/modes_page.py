@@ -8,6 +8,7 @@ import numpy as np
 from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel
 
 from homolog.arrays import FloatArray
+from homolog_app.views.content import Content, ViewContents
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.compare_box import CompareBox
 from homolog_app.window.explore.mode_plots import ModePlots
@@ -17,7 +18,6 @@ from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.player import Player
 from homolog_app.window.explore.view_states import ModesView
-from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.widgets import GRID, choice, label
 from homolog_app.window.workspace import Workspace
 

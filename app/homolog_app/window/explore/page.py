@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QWidget
 
+from homolog_app.views.content import Content, ViewContents
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.explore.view_states import View
-from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.widgets import Panel
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
-    from homolog_app.window.scene.picking import Pick
-    from homolog_app.window.slices.planes import SliceScene
+    from homolog_app.views.slices import SliceScene
+    from homolog_app.window.interactor import Pick
 
 __all__ = ["ExplorePage"]
 

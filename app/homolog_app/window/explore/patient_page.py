@@ -23,6 +23,7 @@ from PySide6.QtWidgets import (
 from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick
+from homolog_app.views.content import Content, ViewContents
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.follow_up_part import FollowUpPart
 from homolog_app.window.explore.model_cache import ModelCache
@@ -42,13 +43,12 @@ from homolog_app.window.explore.patient_views import (
 )
 from homolog_app.window.explore.percentile_bars import PercentileBars
 from homolog_app.window.explore.subject_table import SubjectTable
-from homolog_app.window.scene.content import Content, ViewContents
 from homolog_app.window.widgets import ActionButton, choice, dress_table, label, rule
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog.patient import FollowUp, PatientComparison, Reference
-    from homolog_app.window.slices.planes import SliceScene
+    from homolog_app.views.slices import SliceScene
 
 __all__ = ["PatientPage"]
 

@@ -11,8 +11,8 @@ from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of
 from homolog_app.rendering.colours import displacement_scale
+from homolog_app.views.content import ViewContents
 from homolog_app.window.explore.patient_views import on_patient
-from homolog_app.window.scene.content import ViewContents
 
 if TYPE_CHECKING:
     from homolog.patient import FollowUp, PatientComparison, Reference, Region

@@ -14,13 +14,13 @@ from homolog.geometry import inverse_matrices, transform_points
 from homolog.progress import Tick
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colours import ColourScale, displacement_scale
+from homolog_app.views.content import Content, ViewContents
 from homolog_app.window.explore.model_content import region_border
-from homolog_app.window.scene.content import Content, ViewContents
 
 if TYPE_CHECKING:
     from homolog.grooming.images import Segmentation
     from homolog.patient import PatientComparison, Reference
-    from homolog_app.window.slices.planes import SliceScene
+    from homolog_app.views.slices import SliceScene
 
 __all__ = [
     "EXPECTED",
@@ -188,7 +188,7 @@ def compared(reference: "Reference", path: Path, values: Mapping[str, str], tick
 
 def patient_slices(compared: ComparedPatient, reference: "Reference") -> "SliceScene":
     """Return what slices show of a patient: scan, segmentation, and the map of z as a contour."""
-    from homolog_app.window.slices.planes import Outline, SliceScene
+    from homolog_app.views.slices import Outline, SliceScene
 
     comparison = compared.comparison
     scale, z = _scale(comparison, reference, Z)

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from homolog_app.rendering.camera import Canvas
 from homolog_app.report.request import StudyRequest
-from homolog_app.window.scene.canvas import Canvas
 
 __all__ = [
     "CheckView",

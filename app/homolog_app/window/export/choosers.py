@@ -1,22 +1,149 @@
-"""What an export shows: modes or groups, and from where."""
+"""What can be exported, and the controls that choose modes and groups."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
+from pydantic import BaseModel
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import (
-    QCheckBox,
-    QComboBox,
-    QGridLayout,
-    QLabel,
-    QLineEdit,
-    QVBoxLayout,
-    QWidget,
-)
+from PySide6.QtWidgets import QCheckBox, QComboBox, QGridLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
 
-from homolog_app.films.settings import SIGHTS
+from homolog_app.exports.settings import (
+    MeshSettings,
+    ParticleSettings,
+    PlotSettings,
+    ScreenshotSettings,
+    TableSettings,
+)
+from homolog_app.films.settings import SIGHTS, CutSettings, FilmSettings, StillSettings
 from homolog_app.window.widgets import GRID, choice, label
 
-__all__ = ["GroupChooser", "MotionChooser", "group_columns"]
+__all__ = [
+    "KINDS",
+    "SCREENSHOT",
+    "ExportKind",
+    "GroupChooser",
+    "MotionChooser",
+    "content_problem",
+    "group_columns",
+    "place_problem",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class ExportKind:
+    """One export.
+
+    Attributes
+    ----------
+    name : str
+        Its word on the command line.
+    title : str
+        Of the dialog.
+    hint : str
+        What it makes, in a sentence.
+    settings : model or None
+        Its options.
+    main : tuple of str
+        The options that are not folded away.
+    suffixes : tuple of str
+        Of the file; a folder is made if there are none, or if one of them is empty.
+    content : str
+        What is chosen besides: ``"motion"``, ``"groups"`` or nothing.
+    place : bool
+        Whether the user says where it goes.
+    """
+
+    name: str
+    title: str
+    hint: str
+    settings: type[BaseModel] | None = None
+    main: tuple[str, ...] = ()
+    suffixes: tuple[str, ...] = ()
+    content: str = ""
+    place: bool = True
+
+
+SCREENSHOT = ExportKind(
+    "screenshot",
+    "Screenshot",
+    "The views as they are now, with what colours mean.",
+    ScreenshotSettings,
+    suffixes=(".png",),
+)
+"""The picture of the views, which the window draws itself."""
+
+KINDS = {
+    kind.name: kind
+    for kind in (
+        ExportKind(
+            "film",
+            "Film",
+            "The shape moves along modes or from group to group, or turns.",
+            FilmSettings,
+            ("width", "height", "fps", "seconds", "deviations", "loop", "turntable"),
+            (".mp4", ".gif", ""),
+            "motion",
+        ),
+        ExportKind(
+            "still",
+            "Picture",
+            "One picture of any size for a paper, a slide or a poster.",
+            StillSettings,
+            ("width", "height", "at", "transparent", "background"),
+            (".png",),
+            "motion",
+        ),
+        ExportKind(
+            "plot",
+            "Plot",
+            "Vector graphics: eigenvalues, scores, model quality, groups.",
+            PlotSettings,
+            ("kind", "background"),
+            (".svg", ".pdf", ".png"),
+            "groups",
+        ),
+        ExportKind(
+            "meshes",
+            "Meshes",
+            "Mean, modes, groups and subjects with displacement, p and q at the vertices.",
+            MeshSettings,
+            ("format", "modes", "deviations", "subjects"),
+            (),
+            "groups",
+        ),
+        ExportKind(
+            "table",
+            "Tables",
+            "Scores, modes, measures of the subjects and group results as CSV.",
+            TableSettings,
+            (),
+            (),
+            "groups",
+        ),
+        ExportKind(
+            "particles",
+            "Particles",
+            "A .particles file for each subject.",
+            ParticleSettings,
+        ),
+        ExportKind("shapeworks", "ShapeWorks project", "A project that ShapeWorks Studio opens."),
+        ExportKind(
+            "markups",
+            "Slicer markups",
+            "A point list for each subject, for 3D Slicer.",
+            ParticleSettings,
+        ),
+        ExportKind(
+            "report",
+            "Report",
+            "One page about the model and its studies, in the project's folder.",
+            CutSettings,
+            place=False,
+        ),
+    )
+}
+
 
 _NOTHING = "No comparison"
 
@@ -183,3 +310,28 @@ class MotionChooser(QWidget):
         self._mode_page.setVisible(self.kind == "mode")
         self.groups.setVisible(self.kind == "group")
         self.changed.emit()
+
+
+def content_problem(chooser: MotionChooser | GroupChooser, settings: BaseModel | None) -> str:
+    """Return what is wrong with what is chosen to be exported, or nothing."""
+    at_rest = isinstance(chooser, MotionChooser) and chooser.kind == "mean"
+    if isinstance(settings, FilmSettings) and at_rest and not settings.turntable:
+        return "The mean shape does not move: switch the turntable on."
+    if isinstance(settings, PlotSettings):
+        named = bool(chooser.arguments())
+        if named != settings.kind.needs_groups:
+            return "This plot compares no groups." if named else "Choose two groups to compare."
+    return chooser.problem
+
+
+def place_problem(out: Path | None, suffixes: tuple[str, ...]) -> str:
+    """Return what is wrong with the place of a file with one of the suffixes, or of a folder, or nothing."""
+    if out is None:
+        return "Choose where to save."
+    if suffixes and out.suffix.lower() not in suffixes:
+        kinds = ", ".join(suffix or "no ending for a folder of pictures" for suffix in suffixes)
+        return f"The name must end in {kinds}."
+    is_folder = not suffixes or not out.suffix
+    if is_folder and out.exists() and (not out.is_dir() or any(out.iterdir())):
+        return "That folder already exists; choose a new name."
+    return ""

@@ -13,17 +13,17 @@ from homolog.files.names import file_stems
 from homolog_app.window.explore.check_page import CheckPage
 from homolog_app.window.explore.current_table import with_present_table
 from homolog_app.window.explore.modes_page import ModesPage
-from homolog_app.window.export.kinds import KINDS
+from homolog_app.window.export.choosers import KINDS
 from homolog_app.window.questions import Controller, reported
 from homolog_app.window.study_files import ViewRecord, save_project
 
 if TYPE_CHECKING:
     from PySide6.QtGui import QPixmap
 
+    from homolog_app.rendering.camera import Canvas
+    from homolog_app.views.content import ViewContents
     from homolog_app.window.explore.view_states import Snapshot
     from homolog_app.window.export.dialog import Exported
-    from homolog_app.window.scene.canvas import Canvas
-    from homolog_app.window.scene.content import ViewContents
 
 __all__ = ["ExportController"]
 
@@ -68,7 +68,7 @@ class ExportController(Controller):
         snapshot : Snapshot or None
             What they show, for the command line; None if the project's folder does not have it.
         """
-        from homolog_app.window.export.screenshot import ScreenshotDialog
+        from homolog_app.window.export.dialog import ScreenshotDialog
 
         what = replace(self._exported(), caution="")  # what is missing there is kept beside the picture
         ScreenshotDialog(self._window, what, shown, canvas, snapshot).show()

@@ -1,4 +1,4 @@
-"""One dialog for every export: what, how, where; then progress."""
+"""The dialog of an export, and that of a picture of the views."""
 
 import shlex
 from collections.abc import Mapping, Sequence
@@ -20,18 +20,29 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from homolog.errors import InputError
 from homolog_app.cli.options import options_of
+from homolog_app.exports.settings import ScreenshotSettings
+from homolog_app.films.encode import write_still
 from homolog_app.films.settings import CutAway, CutSettings, PictureSettings
-from homolog_app.rendering.camera import Clip
-from homolog_app.window.export.checks import content_problem, place_problem
-from homolog_app.window.export.choosers import GroupChooser, MotionChooser
-from homolog_app.window.export.kinds import ExportKind
-from homolog_app.window.export.preview import Preview
-from homolog_app.window.export.process import ExportProcess
+from homolog_app.rendering.camera import Canvas, Clip
+from homolog_app.views.content import KEPT, ViewContents, write_shown
+from homolog_app.views.grid import drawn
+from homolog_app.window.explore.view_states import Snapshot
+from homolog_app.window.export.choosers import (
+    SCREENSHOT,
+    ExportKind,
+    GroupChooser,
+    MotionChooser,
+    content_problem,
+    place_problem,
+)
+from homolog_app.window.export.process import ExportProcess, Preview
 from homolog_app.window.form import SettingsForm, SettingsPair
 from homolog_app.window.widgets import GRID, button, label
 
-__all__ = ["ExportDialog", "Exported"]
+__all__ = ["ExportDialog", "Exported", "ScreenshotDialog"]
+
 
 _FRAME = 80  # pixels of a screen that title bar and borders may take
 
@@ -312,3 +323,58 @@ def _row(text: str, line: QLineEdit, *after: QWidget) -> QHBoxLayout:
     for widget in after:
         row.addWidget(widget)
     return row
+
+
+class ScreenshotDialog(ExportDialog):
+    """Size, background and place of the picture; the views may go on meanwhile.
+
+    Parameters
+    ----------
+    parent : QWidget
+    what : Exported
+    shown : Shown
+    canvas : Canvas
+    snapshot : Snapshot or None
+        What the views show, for the command line. What no project holds, such as the particles of a run that
+        goes on, is written beside the picture instead.
+    """
+
+    def __init__(
+        self, parent: QWidget, what: Exported, shown: ViewContents, canvas: Canvas, snapshot: Snapshot | None
+    ) -> None:
+        self._shown, self._canvas, self._snapshot = shown, canvas, snapshot
+        super().__init__(parent, SCREENSHOT, what)
+
+    @property
+    def kept(self) -> Path | None:
+        """The file beside the picture that holds what is shown; None if the project does."""
+        return self.out.with_suffix(KEPT) if self.out is not None and self._snapshot is None else None
+
+    def content(self) -> list[str]:
+        """Return what is shown as options of the command line."""
+        return ["--view", self._snapshot.as_json if self._snapshot else str(self.kept)]
+
+    def _warning(self) -> str:
+        beside = self.kept
+        sentences = [super()._warning()]
+        if beside is not None:
+            sentences.append(
+                "The project does not contain what is shown, so it is written with the picture, for the "
+                f"command line: {beside.name}."
+            )
+        return " ".join(sentence for sentence in sentences if sentence)
+
+    @Slot()
+    def _start(self) -> None:
+        settings, out = self.settings, self.out
+        assert isinstance(settings, ScreenshotSettings), "the kind says so"
+        assert out is not None, "nothing is started without a place"
+        try:
+            pixels = drawn(self._shown, self._canvas, settings.scale, transparent=settings.transparent)
+            write_still(out, pixels)
+            if self.kept is not None:
+                write_shown(self.kept, self._shown, self._canvas)
+        except InputError as error:
+            self._end("failed", str(error))
+        else:
+            self._end("done", f"{out}: {pixels.shape[1]} x {pixels.shape[0]} pixels")

@@ -24,6 +24,7 @@ from homolog_app.window.theme import Theme
 
 __all__ = ["MARGIN", "Line", "SliceCanvas", "SliceContent"]
 
+
 MARGIN = 28
 """Pixels around the slice, for letters."""
 _EDGE = 4.0

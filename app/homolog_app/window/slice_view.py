@@ -11,14 +11,24 @@ from PySide6.QtWidgets import QCheckBox, QGridLayout, QVBoxLayout, QWidget
 from homolog.arrays import Array, FloatArray
 from homolog.geometry import transform_points
 from homolog_app.rendering.scheme import rgb
-from homolog_app.window.slices.canvas import MARGIN, Line, SliceCanvas, SliceContent
-from homolog_app.window.slices.planes import Grid, Plane, SliceScene, mask_contour, planes_of, section_of
-from homolog_app.window.slices.reader import ScanReader
-from homolog_app.window.slices.windowing import AUTOMATIC, PRESETS, GreyWindow
+from homolog_app.views.slices import (
+    AUTOMATIC,
+    PRESETS,
+    GreyWindow,
+    Grid,
+    Plane,
+    SliceScene,
+    mask_contour,
+    planes_of,
+    section_of,
+)
+from homolog_app.window.scans import ScanReader
+from homolog_app.window.slice_canvas import MARGIN, Line, SliceCanvas, SliceContent
 from homolog_app.window.theme import Theme
 from homolog_app.window.widgets import GRID, button, choice, label
 
 __all__ = ["SliceView"]
+
 
 _NARROWEST = 176
 _TITLES = ("Axial", "Coronal", "Sagittal")

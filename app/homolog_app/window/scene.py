@@ -9,15 +9,11 @@ from PySide6.QtGui import QImage, QResizeEvent
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from homolog.arrays import Array, FloatArray
-from homolog_app.rendering.camera import Clip
+from homolog_app.rendering.camera import CameraState, Canvas, Clip
 from homolog_app.rendering.scheme import DARK, LIGHT, Colours
-from homolog_app.window.scene.canvas import CameraState, Canvas
-from homolog_app.window.scene.colour_bar import ColourBar
-from homolog_app.window.scene.content import Content, ViewContents
-from homolog_app.window.scene.grid import MOST, Grid
-from homolog_app.window.scene.interactor import Interactor
-from homolog_app.window.scene.offscreen import drawn
-from homolog_app.window.scene.picking import Picker, aim
+from homolog_app.views.content import MOST, Content, ViewContents
+from homolog_app.views.grid import Grid, drawn
+from homolog_app.window.interactor import ColourBar, Interactor, Picker, aim
 from homolog_app.window.theme import text_scale
 
 __all__ = ["Scene"]

@@ -1,0 +1,1 @@
+"""What the views of the window show, drawn on a screen, or aside for pictures and the command line; no Qt."""

@@ -1,0 +1,297 @@
+"""What is written in views: names, letters, numbers at particles, the scale bar, the scale of colours."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+from vtkmodules.vtkCommonCore import vtkPoints
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D, vtkTextActor
+
+from homolog.arrays import FloatArray
+from homolog_app.rendering.camera import round_length
+from homolog_app.rendering.colours import GREY, ColourScale
+from homolog_app.rendering.scheme import Colours, rgb
+from homolog_app.rendering.text import edge_letters, font_file, short, tick_labels, written
+from homolog_app.views.content import Numbers
+
+__all__ = ["HEIGHT", "MOST", "SIDE", "Caption", "NumberLabels", "ScaleBar", "scale_picture"]
+
+
+_FONT_FILE = 4  # VTK_FONT_FILE: VTK's own fonts know no Greek
+_EDGES = ((0.015, 0.5), (0.985, 0.5), (0.5, 0.015), (0.5, 0.985))
+_FREE, _ROOM, _LEAST = 0.43, 0.97, 4
+_CUT = "…"
+_PLATE = 0.75  # opacity
+
+
+class Caption:
+    """A caption of two lines that never leaves its view, and four letters."""
+
+    def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
+        self._renderer = renderer
+        self._lines: list[str] = []
+        self._small, self._lettered = False, True
+        self._shown: object = None
+        self._fitted: object = None
+        self.caption = _text(0.015, 0.975)
+        self.caption.GetTextProperty().SetVerticalJustificationToTop()
+        self._letters = [_text(x, y) for x, y in _EDGES]
+        for actor, across, along in zip(self._letters, (0, 2, 1, 1), (1, 1, 0, 2), strict=True):
+            actor.GetTextProperty().SetJustification(across)
+            actor.GetTextProperty().SetVerticalJustification(along)
+        for actor in (self.caption, *self._letters):
+            renderer.AddViewProp(actor)
+
+    def show(self, lines: list[str], size: int, *, small: bool, letters: bool) -> None:
+        """Write a caption of so many lines, or nothing, so many pixels high.
+
+        Small views leave out the letter at the top, where the name is; its opposite is at the bottom.
+        """
+        wanted = (lines, size, small, letters)
+        if wanted == self._shown:
+            return
+        self._shown, self._fitted = wanted, None
+        self._lines, self._small, self._lettered = lines, small, letters
+        for actor in (self.caption, *self._letters):
+            actor.SetVisibility(bool(lines) and (letters or actor is self.caption))
+            actor.GetTextProperty().SetFontSize(size)
+
+    def face(self, axes: FloatArray, right: FloatArray, up: FloatArray) -> None:
+        """Before each drawing: the letters of a patient's axes (3, 3) as seen now, and the caption's room."""
+        for actor, text in zip(self._letters, edge_letters(axes, right, up), strict=True):
+            if actor.GetInput() != text:
+                actor.SetInput(text)
+        width, _ = self._renderer.GetSize()
+        if width != self._fitted:
+            self._fitted = width
+            self._fit(width)
+
+    def paint(self, colours: Colours) -> None:
+        """Take the colours of the scheme."""
+        self.caption.GetTextProperty().SetColor(*rgb(colours.text))
+        for actor in self._letters:
+            actor.GetTextProperty().SetColor(*rgb(colours.accent))
+
+    def _fit(self, width: int) -> None:
+        """Shorten lines that the view has no room for; leave out the letter that the caption would touch."""
+        text = "\n".join(self._lines)
+        font = font_file(text + _CUT)
+        self.caption.GetTextProperty().SetFontFile(str(font))
+        lines = written(text, font).split("\n")
+        lengths = [self._length(line) for line in lines]
+        fitting = [self._shortened(*parts, _ROOM * width) for parts in zip(lines, lengths, strict=True)]
+        self.caption.SetInput("\n".join(fitting))
+        free = max(lengths, default=0.0) <= _FREE * width
+        self._letters[-1].SetVisibility(bool(lines) and self._lettered and not self._small and free)
+
+    def _shortened(self, line: str, length: float, room: float) -> str:
+        """Return a line, so many pixels long, without so much of its middle that it fits into the room."""
+        short, keep = line, len(line)
+        while length > room and keep > _LEAST:
+            keep = max(_LEAST, min(keep - 1, int(keep * room / length)))
+            short = f"{line[: keep - keep // 2]}{_CUT}{line[-(keep // 2) :]}"
+            length = self._length(short)
+        return short
+
+    def _length(self, line: str) -> float:
+        """Return how many pixels a line takes."""
+        size = [0.0, 0.0]
+        self.caption.SetInput(line)
+        self.caption.GetSize(self._renderer, size)
+        return size[0]
+
+
+class NumberLabels:
+    """Numbers next to places, each on a plate, so that it is read on any shape."""
+
+    def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
+        self._renderer = renderer
+        self._texts: list[Any] = []
+        self._numbers: Numbers | None = None
+        self._plate = (1.0, 1.0, 1.0)
+
+    def show(self, numbers: Numbers | None, size: int) -> None:
+        """Write these numbers, so many pixels high."""
+        self._numbers = numbers
+        values = [] if numbers is None else numbers.values.tolist()
+        while len(self._texts) < len(values):
+            text = _text(0.0, 0.0)
+            text.GetPositionCoordinate().SetCoordinateSystemToWorld()
+            text.GetTextProperty().SetVerticalJustificationToCentered()
+            text.GetTextProperty().SetBackgroundOpacity(_PLATE)
+            self._renderer.AddViewProp(text)
+            self._texts.append(text)
+        for index, text in enumerate(self._texts):
+            text.SetVisibility(index < len(values))
+            if numbers is not None and index < len(values):
+                text.SetInput(f" {values[index]} ")
+                look = text.GetTextProperty()
+                look.SetFontSize(size)
+                look.SetBold(True)
+                look.SetBackgroundColor(*self._plate)
+                look.SetColor(*(numbers.colours[index] / 255.0).tolist())
+
+    def face(self, right: FloatArray) -> None:
+        """Before each drawing: put them to the right of their places as they are seen now."""
+        if self._numbers is not None:
+            places = self._numbers.places + self._numbers.beside * right
+            for text, place in zip(self._texts, places.tolist(), strict=False):
+                text.GetPositionCoordinate().SetValue(*place)
+
+    def paint(self, colours: Colours) -> None:
+        """Take the colours of the scheme; `show` follows."""
+        self._plate = rgb(colours.scene)
+
+
+def _text(x: float, y: float) -> Any:  # noqa: ANN401
+    actor = vtkTextActor()
+    actor.GetPositionCoordinate().SetCoordinateSystemToNormalizedViewport()
+    actor.SetPosition(x, y)
+    look = actor.GetTextProperty()
+    look.SetFontFamily(_FONT_FILE)
+    look.SetFontFile(str(font_file()))
+    look.SetLineSpacing(1.2)
+    return actor
+
+
+_SHARE, _MOST = 0.22, 140
+
+
+class ScaleBar:
+    """A line with its length in millimetres, at the lower left of a view in parallel projection."""
+
+    def __init__(self, renderer: Any) -> None:  # noqa: ANN401 - VTK is untyped
+        self._renderer = renderer
+        self._data = vtkPolyData()
+        lines = vtkCellArray()
+        for ends in ((0, 1), (1, 2), (2, 3)):
+            lines.InsertNextCell(2, ends)
+        self._data.SetPoints(vtkPoints())
+        self._data.GetPoints().SetNumberOfPoints(4)
+        self._data.SetLines(lines)
+        mapper = vtkPolyDataMapper2D()
+        mapper.SetInputData(self._data)
+        self._line, self._text = vtkActor2D(), vtkTextActor()
+        self._line.SetMapper(mapper)
+        look = self._text.GetTextProperty()
+        look.SetFontFamily(_FONT_FILE)
+        look.SetFontFile(str(font_file()))
+        look.SetJustificationToCentered()
+        self._size = 0
+        self._drawn: object = None
+        self.show(False, 12)
+        for actor in (self._line, self._text):
+            renderer.AddViewProp(actor)
+
+    def show(self, shown: bool, size: int) -> None:
+        """Show the bar, its words so many pixels high, or hide it."""
+        self._size = size
+        for actor in (self._line, self._text):
+            actor.SetVisibility(shown)
+
+    def paint(self, colour: tuple[float, float, float]) -> None:
+        """Take a colour."""
+        self._line.GetProperty().SetColor(*colour)
+        self._text.GetTextProperty().SetColor(*colour)
+
+    def face(self) -> None:
+        """Before each drawing: be as long as the camera shows so many millimetres."""
+        width, height = self._renderer.GetSize()
+        wanted = width, height, self._size, self._renderer.GetActiveCamera().GetParallelScale()
+        if not self._line.GetVisibility() or not width * height or wanted == self._drawn:
+            return
+        self._drawn = wanted
+        millimetres = 2.0 * wanted[3] / height
+        ratio = self._size / 12.0
+        length = round_length(min(_SHARE * width, _MOST * ratio) * millimetres)
+        left, bottom, tick = 1.2 * self._size, 1.1 * self._size, 0.3 * self._size
+        right = left + length / millimetres
+        places = ((left, bottom + tick), (left, bottom), (right, bottom), (right, bottom + tick))
+        for index, (x, y) in enumerate(places):
+            self._data.GetPoints().SetPoint(index, x, y, 0.0)
+        self._data.GetPoints().Modified()
+        self._line.GetProperty().SetLineWidth(max(1.0, 1.6 * ratio))
+        self._text.GetTextProperty().SetFontSize(self._size)
+        self._text.SetInput(f"{short(length)} mm")
+        self._text.SetPosition((left + right) / 2.0, bottom + 0.3 * self._size)
+
+
+HEIGHT, MOST, SIDE = 64, 520, 120
+"""Height of the strip, most of the bar's length, and room at its sides [pixels of a usual screen]."""
+
+_BAR, _TOP = 12, 24
+_TICKS = 5
+_LETTERS, _PATCH = 12, 18
+
+
+def scale_picture(
+    scale: ColourScale, colours: Colours, width: int, ratio: float, *, transparent: bool = False
+) -> NDArray[np.uint8]:
+    """Return the scale as a strip of a picture, shape (height, width, 4).
+
+    Parameters
+    ----------
+    scale : ColourScale
+    colours : Colours
+        Of the scheme.
+    width : int
+        Of the picture [pixels].
+    ratio : float
+        How many times as large as on a usual screen.
+    transparent : bool
+        Whether there is no background.
+    """
+    paper = "#00000000" if transparent else colours.scene
+    page = Image.new("RGBA", (width, round(HEIGHT * ratio)), paper)
+    draw = ImageDraw.Draw(page)
+    size = round(_LETTERS * ratio)
+    line = f"{scale.title} ({scale.unit})" if scale.unit else scale.title
+    line += f" · {scale.note}" if scale.note else ""
+    own = font_file(line + scale.grey_words)  # groups may be named in any script
+    grey = f" · {scale.grey_words}" if scale.grey_words else ""
+    patch = round(_PATCH * ratio) if grey else 0
+    text, letters = written(line, own), _font(own, size)
+    tail = written(grey, own)
+    start = (width - draw.textlength(text, letters) - draw.textlength(tail, letters) - patch) / 2
+    draw.text((start, 12 * ratio), text, colours.text, letters, anchor="lm")
+    font = _font(font_file(), size)
+    if grey:
+        start += draw.textlength(f"{text} · ", letters)
+        side = _LETTERS * ratio
+        box = (start, 12 * ratio - side / 2, start + side, 12 * ratio + side / 2)
+        draw.rectangle(box, GREY, colours.dim, max(1, round(ratio)))
+        draw.text(
+            (start + patch, 12 * ratio), written(scale.grey_words, own), colours.text, letters, anchor="lm"
+        )
+    length = round(min(MOST * ratio, width - 2 * SIDE * ratio))
+    left, top = round((width - length) / 2), round(_TOP * ratio)
+    bottom = top + round(_BAR * ratio)
+    thin = max(1, round(ratio))
+    table = Image.fromarray(np.ascontiguousarray(scale.table[None]))
+    page.paste(table.resize((length, bottom - top), Image.Resampling.BILINEAR), (left, top))
+    draw.rectangle((left, top, left + length, bottom), outline=colours.dim, width=thin)
+    middle = (top + bottom) / 2
+    draw.text((left - 8 * ratio, middle), scale.low_words, colours.text, font, anchor="rm")
+    draw.text((left + length + 8 * ratio, middle), scale.high_words, colours.text, font, anchor="lm")
+    values = np.linspace(scale.low, scale.high, _TICKS).tolist()
+    for value, text in zip(values, _words(values), strict=True):
+        x = left + length * (value - scale.low) / (scale.high - scale.low)
+        draw.line((x, bottom, x, bottom + 4 * ratio), colours.text, thin)
+        draw.text((x, bottom + 13 * ratio), text, colours.text, font, anchor="mm")
+    return np.array(page)
+
+
+def _words(values: list[float]) -> list[str]:
+    """Return the ticks' words with three digits at the ends, and as many places in all."""
+    most = max(abs(value) for value in values)
+    places = max(0, 2 - int(np.floor(np.log10(most)))) if most else 0
+    return tick_labels([round(value, places) for value in values])
+
+
+@cache
+def _font(path: Path, size: int) -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(str(path), max(size, 6))

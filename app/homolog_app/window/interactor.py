@@ -1,0 +1,268 @@
+"""The widget that VTK draws into, what a click in it meets, and the colour bar below."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent
+from PySide6.QtWidgets import QWidget
+from pyvistaqt import QtInteractor
+from vtkmodules.vtkRenderingCore import vtkCellPicker
+
+from homolog.arrays import FloatArray
+from homolog_app.rendering.colours import ColourScale
+from homolog_app.rendering.opengl import SMOOTH
+from homolog_app.rendering.scheme import LIGHT, Colours
+from homolog_app.rendering.text import short
+from homolog_app.views.captions import HEIGHT, MOST, SIDE, scale_picture
+from homolog_app.window.theme import text_scale
+
+if TYPE_CHECKING:
+    from homolog_app.views.cell import ViewCell
+
+__all__ = ["ColourBar", "Interactor", "Pick", "Picker", "aim"]
+
+
+_CELLS = (4, 4)
+_SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "swrast", "basic render")
+
+
+class Interactor(QtInteractor):  # type: ignore[misc] # pyvistaqt is untyped
+    """A QtInteractor that draws once for each paint event, and only then.
+
+    VTK's interactor style renders at every mouse move, and the frame that comes of it asks for a paint that
+    renders again. Here its wish to render only asks for a paint, which Qt merges with others, so that moves
+    of the mouse never queue up behind drawings.
+    """
+
+    def __init__(self, parent: QWidget) -> None:
+        self.draw_ms = self.last_ms = 0.0
+        self._painting = False
+        super().__init__(
+            parent, shape=_CELLS, border=False, auto_update=False, multi_samples=0, lighting="none"
+        )
+        self.setAcceptDrops(False)
+        self._vtk: Any = self.ren_win.GetInteractor()
+        self._vtk.EnableRenderOff()
+        self._observer = self._vtk.AddObserver("RenderEvent", self._wish)
+
+    @property
+    def smoothing(self) -> int:
+        """Samples a pixel that this machine can afford: none where the processor does the drawing."""
+        capabilities = str(self.ren_win.ReportCapabilities()).lower()
+        return 0 if any(name in capabilities for name in _SOFTWARE) else SMOOTH
+
+    def paintGL(self) -> None:
+        """Draw, and remember how long that took."""
+        began = time.perf_counter()
+        self._painting = True
+        self._vtk.EnableRenderOn()
+        super().paintGL()
+        self._vtk.EnableRenderOff()
+        self._painting = False
+        self.last_ms = 1000.0 * (time.perf_counter() - began)
+        self.draw_ms = self.last_ms if not self.draw_ms else 0.8 * self.draw_ms + 0.2 * self.last_ms
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Leave the keys to the window's commands; VTK's own would turn surfaces to wires."""
+        event.ignore()
+
+    def keyReleaseEvent(self, event: QKeyEvent) -> None:
+        """Leave the keys to the window's commands."""
+        event.ignore()
+
+    def close(self) -> None:
+        """Let go of the graphics."""
+        if getattr(self, "_vtk", None) is not None:
+            self._vtk.RemoveObserver(self._observer)
+            self._vtk = None
+        super().close()
+
+    def _wish(self, *_: object) -> None:
+        if not self._painting:
+            self.update()
+
+
+_STILL = 4.0
+"""Pixels that the mouse may move between press and release of a click."""
+_BUTTONS = (Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton)
+_CLOSE = 2.0
+"""Radii of a ball from the place that was clicked, within which the particle is meant."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pick:
+    """What was clicked.
+
+    Attributes
+    ----------
+    name : str
+        Of the content: a subject's name, or a shape's.
+    place : (3,) array
+        On the surface [mm], in the coordinates that are shown.
+    particle : int or None
+        The particle there.
+    """
+
+    name: str
+    place: FloatArray
+    particle: int | None
+
+
+class Picker(QObject):
+    """Watches the mouse for clicks that are no drags and tells what they met."""
+
+    picked = Signal(object)
+    menu_wanted = Signal(str, QPoint)
+
+    def __init__(
+        self, plot: "Interactor", cells: "Sequence[ViewCell]", particles_of: "Callable[[ViewCell], Any]"
+    ) -> None:
+        super().__init__(plot)
+        self.plot, self._cells, self._particles_of = plot, cells, particles_of
+        self._pressed: dict[Qt.MouseButton, QPointF] = {}
+        plot.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Remember where the button went down, and pick where it comes up close by."""
+        if isinstance(event, QMouseEvent) and event.button() in _BUTTONS:
+            button = event.button()
+            if event.type() == QEvent.Type.MouseButtonPress:
+                self._pressed[button] = event.position()
+            elif event.type() == QEvent.Type.MouseButtonRelease and button in self._pressed:
+                moved = event.position() - self._pressed.pop(button)
+                if moved.manhattanLength() <= _STILL and button == Qt.MouseButton.LeftButton:
+                    self.pick_at(event.position())
+                elif moved.manhattanLength() <= _STILL:
+                    cell = self._cell_at(event.position())
+                    name = cell.content.name if cell is not None and cell.content is not None else ""
+                    self.menu_wanted.emit(name, event.globalPosition().toPoint())
+        return False
+
+    def pick_at(self, at: QPointF) -> None:
+        """Tell what is at a place of the widget, if anything."""
+        cell = self._cell_at(at)
+        pick = None if cell is None else self._pick_in(cell, *self._pixel(at))
+        if pick is not None:
+            self.picked.emit(pick)
+
+    def _pixel(self, at: QPointF) -> tuple[float, float]:
+        """Return a place of the widget in VTK's pixels."""
+        ratio = self.plot.devicePixelRatioF()
+        return at.x() * ratio, (self.plot.height() - 1 - at.y()) * ratio
+
+    def _cell_at(self, at: QPointF) -> "ViewCell | None":
+        """Return the view at a place of the widget that shows something."""
+        x, y = (int(value) for value in self._pixel(at))
+        for cell in self._cells:
+            shown = cell.content is not None and cell.renderer.GetDraw()
+            if shown and cell.renderer.IsInViewport(x, y):
+                return cell
+        return None
+
+    def _pick_in(self, cell: "ViewCell", x: float, y: float) -> Pick | None:
+        picker = vtkCellPicker()
+        picker.SetTolerance(0.0)
+        picker.PickFromListOn()
+        for actor in cell.surface_actors:
+            picker.AddPickList(actor)
+        if cell.content is None or not picker.Pick(x, y, 0.0, cell.renderer):
+            return None
+        if cell.is_cap(picker.GetActor()):  # inside the shape: no place of its surface
+            return None
+        place = np.array(picker.GetPickPosition())
+        return Pick(cell.content.name, place, self._particle_near(cell, place))
+
+    def _particle_near(self, cell: "ViewCell", place: FloatArray) -> int | None:
+        particles, radius = self._particles_of(cell)
+        if particles is None or len(particles) == 0:
+            return None
+        distances = np.linalg.norm(np.asarray(particles) - place, axis=1)
+        nearest = int(distances.argmin())
+        return nearest if distances[nearest] <= _CLOSE * radius else None
+
+
+def aim(camera: Any, place: FloatArray, normal: FloatArray, height: float) -> None:  # noqa: ANN401 - VTK is untyped
+    """Look at a place of a surface from outside, so that the view is so many millimetres high."""
+    up = np.array(camera.GetViewUp())
+    if abs(np.dot(up, normal)) > 0.9:
+        up = np.array((0.0, 1.0, 0.0) if abs(normal[1]) < 0.7 else (0.0, 0.0, 1.0))
+    far = camera.GetDistance()
+    camera.SetFocalPoint(*place)
+    camera.SetPosition(*(place + far * normal))
+    camera.SetViewUp(*up)
+    camera.OrthogonalizeViewUp()
+    camera.SetParallelScale(height / 2.0)
+
+
+class ColourBar(QWidget):
+    """Shows what is put below saved pictures as well. A click asks for another range."""
+
+    clicked = Signal()
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setFixedHeight(round(HEIGHT * text_scale()))
+        self._scale: ColourScale | None = None
+        self._colours = LIGHT
+        self._drawn: tuple[object, QImage] | None = None
+        self.setAccessibleName("Colour scale")
+        self.setCursor(Qt.CursorShape.PointingHandCursor)
+        self.hide()
+
+    @property
+    def scale(self) -> ColourScale | None:
+        """What is shown; None hides the bar."""
+        return self._scale
+
+    def show_scale(self, scale: ColourScale | None) -> None:
+        """Show a scale, or none."""
+        if scale is self._scale:
+            return
+        self._scale = scale
+        self.setVisible(scale is not None)
+        if scale is not None:
+            text = (f"{scale.title} in {scale.unit}, from {short(scale.low)} {scale.low_words} "
+                     f"to {short(scale.high)} {scale.high_words}")  # fmt: skip
+            self.setAccessibleDescription(text)
+            text += f"; grey: {scale.grey_words}" if scale.grey_words else ""
+            hollow = " On the inner wall of a hollow organ, out of the tissue makes the cavity smaller."
+            self.setToolTip(text + ". Click to set the range." + hollow * ("tissue" in scale.high_words))
+        self.update()
+
+    def paint(self, colours: Colours) -> None:
+        """Take the colours of the scheme."""
+        self._colours = colours
+        self.update()
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        """Ask for another range."""
+        if event.button() == Qt.MouseButton.LeftButton and self.rect().contains(event.position().toPoint()):
+            self.clicked.emit()
+
+    def sizeHint(self) -> QSize:
+        """Return the usual size."""
+        return QSize(MOST + 2 * SIDE, self.height())
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Paint the bar."""
+        painter = QPainter(self)
+        painter.fillRect(self.rect(), QColor(self._colours.scene))
+        if self._scale is not None:
+            painter.drawImage(0, 0, self._picture(self._scale))
+        painter.end()
+
+    def _picture(self, scale: ColourScale) -> QImage:
+        """Return the scale's picture, kept as long as nothing of it changes."""
+        ratio, text = self.devicePixelRatioF(), text_scale()
+        wanted = scale, self._colours, self.width(), ratio, text
+        if self._drawn is None or self._drawn[0] != wanted:
+            pixels = scale_picture(scale, self._colours, round(self.width() * ratio), ratio * text)
+            height, width, _ = pixels.shape
+            image = QImage(pixels.tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888).copy()
+            image.setDevicePixelRatio(ratio)
+            self._drawn = wanted, image
+        return self._drawn[1]

@@ -1,1 +1,0 @@
-"""A subject's voxels in three linked planes, with contours over them."""
