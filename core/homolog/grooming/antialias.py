@@ -13,7 +13,7 @@ _REACH = 7
 """Voxels: farther from the border, distances make no difference to the surface."""
 
 
-def antialiased(mask: BoolArray, sigma: float = 1.0, *, is_large: bool = False) -> Float32Array:
+def antialiased(mask: BoolArray, sigma: float = 1.0, *, near_only: bool = False) -> Float32Array:
     """Return a level function of a binary grid without the grid's steps.
 
     The signed distance of the voxels is smoothed over and over, and after each round the voxels on either
@@ -28,7 +28,7 @@ def antialiased(mask: BoolArray, sigma: float = 1.0, *, is_large: bool = False) 
         True inside; the border of the grid is outside.
     sigma : float
         Standard deviation of the smoothing [voxels].
-    is_large : bool
+    near_only : bool
         Whether distances far from the border are not to be computed, which takes most of the time.
 
     Returns
@@ -36,7 +36,7 @@ def antialiased(mask: BoolArray, sigma: float = 1.0, *, is_large: bool = False) 
     float32 array
         Negative at the voxels inside, positive outside; roughly the signed distance [voxels].
     """
-    if is_large:
+    if near_only:
         level = near_distance(~mask, _REACH)
         np.subtract(near_distance(mask, _REACH), level, out=level)
     else:

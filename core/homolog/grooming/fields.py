@@ -57,7 +57,7 @@ def distance_field(
     if filled:
         solid = np.where(inside & (solid > 0.0), _OF_PATCHES, solid)
         notes = (*notes, f"tunnels narrower than {tunnels:g} nodes of the grid were filled: {filled}")
-    distances = redistanced(solid, reach=NEAR if level.is_large else None)
+    distances = redistanced(solid, reach=NEAR)
     values = _smoothed_alike(distances, _FINAL * smoothing)
     return DistanceField(values * np.float32(level.step), level.index_to_world), notes, loose
 

@@ -27,7 +27,7 @@ USUAL_NODES = 2**24
 MANY_NODES = 2_000_000
 """A larger grid is made coarser, as far as the thinnest parts of the structure allow."""
 NEAR = 4
-"""Nodes: how far from the surface of a large structure distances are those of the eikonal equation."""
+"""Nodes: how far from the surface distances are those of the eikonal equation."""
 FINEST_PART = 4.0
 """Nodes across these parts."""
 LOOKED_AT = 250_000
@@ -66,16 +66,12 @@ class Level:
         Distance between nodes [mm].
     notes : tuple of str
         Sentences for the user on how it was made.
-    is_large : bool
-        Whether it is of so many voxels that what is far from the surface is to be looked at as little as
-        possible.
     """
 
     values: Array
     index_to_world: FloatArray
     step: float
     notes: tuple[str, ...] = ()
-    is_large: bool = False
 
 
 def level_of_voxels(segmentation: Segmentation, spacing: float | None, sigma: float) -> Level:
@@ -107,11 +103,11 @@ def level_of_voxels(segmentation: Segmentation, spacing: float | None, sigma: fl
     shape, start = _grid((np.array(segmentation.mask.shape) - 1) * segmentation.spacing, margin, step)
     is_stack = segmentation.spacing[2] > STACK_FROM * segmentation.spacing[:2].max()
     make = _from_stack if is_stack else _from_volume
-    values, further = make(segmentation, step, shape, start, sigma, is_large)
+    values, further = make(segmentation, step, shape, start, sigma)
     affine = np.eye(4)
     affine[:3, :3] = segmentation.rotation * step
     affine[:3, 3] = segmentation.origin + segmentation.rotation @ start
-    return Level(_closed_at_border(values), affine, step, notes + further, is_large)
+    return Level(_closed_at_border(values), affine, step, notes + further)
 
 
 def level_of_mesh(mesh: TriangleMesh, spacing: float | None) -> Level:
@@ -131,8 +127,7 @@ def level_of_mesh(mesh: TriangleMesh, spacing: float | None) -> Level:
     """
     shape, start, step, affine = _grid_around(mesh, spacing)
     thicker, notes = _thickened(mesh, WALL * step)
-    values = mesh_level(thicker, start, step, shape)
-    return Level(values, affine, step, notes, is_large=values.size > MANY_NODES)
+    return Level(mesh_level(thicker, start, step, shape), affine, step, notes)
 
 
 def level_of_solid(solid: Solid, spacing: float | None) -> Level:
@@ -150,16 +145,15 @@ def level_of_solid(solid: Solid, spacing: float | None) -> Level:
     boundary = TriangleMesh(solid.mesh.vertices, solid.mesh.faces[solid.bounds])
     shape, start, step, affine = _grid_around(boundary, spacing)
     values = mesh_level(solid.mesh, start, step, shape, bounds=solid.bounds)
-    is_large = values.size > MANY_NODES
     if solid.bounds.all() and solid.is_closed:
-        return Level(values, affine, step, is_large=is_large)
+        return Level(values, affine, step)
     inside = values < 0.0 if solid.is_closed else mesh_sides(solid.mesh, start, step, values)
     if inside.any():
         apart = np.clip(np.abs(values) - 1.0, 0.0, 1.0)
-        even = np.clip(antialiased(inside), -REACH, REACH)
+        even = np.clip(antialiased(inside, near_only=True), -REACH, REACH)
         exact = np.where(inside, -1.0, 1.0) * np.abs(values)
         values = ((1.0 - apart) * exact + apart * even).astype(np.float32)
-    return Level(_closed_at_border(values), affine, step, is_large=is_large)
+    return Level(_closed_at_border(values), affine, step)
 
 
 def _grid_around(
@@ -296,11 +290,10 @@ def _from_volume(
     shape: tuple[int, ...],
     start: FloatArray,
     smoothing: float,
-    is_large: bool,
 ) -> tuple[Array, tuple[str, ...]]:
     padded, first = _padded(segmentation, start, (0, 1, 2))
-    level = antialiased(padded, smoothing, is_large=is_large)
-    return _resampled(level, segmentation.spacing, step, shape, start, first, is_large), ()
+    level = antialiased(padded, smoothing, near_only=True)
+    return _resampled(level, segmentation.spacing, step, shape, start, first), ()
 
 
 def _from_stack(
@@ -309,17 +302,16 @@ def _from_stack(
     shape: tuple[int, ...],
     start: FloatArray,
     smoothing: float,
-    is_large: bool,
 ) -> tuple[Array, tuple[str, ...]]:
     spacing = segmentation.spacing
     padded, first = _padded(segmentation, start, (0, 1))
     heights = (start[2] + step * np.arange(shape[2])) / spacing[2]
     stack = interpolated(padded, spacing[2] / spacing[:2].mean(), heights, smoothing)
-    place = np.array([*spacing[:2], step]), step, shape, start, np.array([*first[:2], start[2]]), is_large
+    place = np.array([*spacing[:2], step]), step, shape, start, np.array([*first[:2], start[2]])
     outline = _resampled(stack.outline, *place)
     level = np.maximum(outline, stack.ends)
     if stack.hole is not None:
-        wall = redistanced(outline, reach=NEAR if is_large else None) + THINNEST
+        wall = redistanced(outline, reach=NEAR) + THINNEST
         level = np.maximum(level, -np.maximum(_resampled(stack.hole, *place), wall))
     notes = [f"slices {spacing[2]:g} mm apart were interpolated as outlines"]
     if stack.closed:
@@ -344,25 +336,16 @@ def _resampled(
     shape: tuple[int, ...],
     start: FloatArray,
     first: FloatArray,
-    is_large: bool,
 ) -> Array:
-    """Interpolate a level function at the nodes of the grid with cubic splines.
-
-    Axis by axis with a matrix for each it is the same to rounding, and quick.
-    """
+    """Interpolate a level function at the nodes of the grid with cubic splines, axis by axis."""
     offset = (start - first) / spacing
     if level.shape == shape and np.allclose(spacing, step) and np.allclose(offset, 0.0):
         return level
-    if is_large:
-        for axis in range(3):
-            along = np.eye(level.shape[axis], dtype=np.float32)
-            places = offset[axis] + step / spacing[axis] * np.arange(shape[axis])
-            weights = np.stack(
-                [ndimage.map_coordinates(row, places[None], order=3, mode="nearest") for row in along], axis=1
-            )
-            level = np.moveaxis(np.tensordot(weights, level, (1, axis)), 0, axis)
-        return np.ascontiguousarray(level)
-    resampled: Array = ndimage.affine_transform(
-        level, step / spacing, offset, output_shape=shape, order=3, mode="nearest", output=np.float32
-    )
-    return resampled
+    for axis in range(3):
+        along = np.eye(level.shape[axis], dtype=np.float32)
+        places = offset[axis] + step / spacing[axis] * np.arange(shape[axis])
+        weights = np.stack(
+            [ndimage.map_coordinates(row, places[None], order=3, mode="nearest") for row in along], axis=1
+        )
+        level = np.moveaxis(np.tensordot(weights, level, (1, axis)), 0, axis)
+    return np.ascontiguousarray(level)

@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+import warp as wp
 
 from homolog.arrays import Float32Array, FloatArray, frozen
 from homolog.memory import Store
+from homolog.surfaces.kernels import distances as kernels
 from homolog.surfaces.mirroring import MIRROR
 
 __all__ = ["DistanceField"]
@@ -67,22 +68,14 @@ class DistanceField:
             Trilinear in the central differences of the values, in LPS.
         """
         axes, nodes = self._nodes(points)
-        values = ndimage.map_coordinates(self.values, nodes, np.float64, order=1, mode="nearest")
         slopes = np.empty((len(points), 3))
-        for axis in range(3):
-            ahead, behind = nodes.copy(), nodes.copy()
-            ahead[axis] += 1.0
-            behind[axis] -= 1.0
-            slopes[:, axis] = ndimage.map_coordinates(self.values, ahead, np.float64, order=1, mode="nearest")
-            slopes[:, axis] -= ndimage.map_coordinates(
-                self.values, behind, np.float64, order=1, mode="nearest"
-            )
-        return values, slopes @ axes.T / (2.0 * self.spacing)
+        self._ask(kernels.sample_slopes, nodes, wp.array(slopes, dtype=wp.vec3d, device="cpu", copy=False))
+        return self.sample_values(points), slopes @ axes.T / self.spacing
 
     def sample_values(self, points: FloatArray) -> FloatArray:
         """Return the value [mm] at points (N, 3), as `sample` does, without the gradient; shape (N,)."""
-        nodes = self._nodes(points)[1]
-        values: FloatArray = ndimage.map_coordinates(self.values, nodes, np.float64, order=1, mode="nearest")
+        values = np.empty(len(points))
+        self._ask(kernels.sample_values, self._nodes(points)[1], wp.array(values, device="cpu", copy=False))
         return values
 
     def curvedness(self, points: FloatArray) -> FloatArray:
@@ -95,9 +88,15 @@ class DistanceField:
         return np.asarray(np.sqrt(squared))
 
     def _nodes(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the grid's axes in LPS, columns of (3, 3), and the points in grid indices, (3, N)."""
+        """Return the grid's axes in LPS, columns of (3, 3), and the points in grid indices, (N, 3)."""
         axes = self.index_to_world[:3, :3] / self.spacing
-        return axes, ((points - self.index_to_world[:3, 3]) @ axes / self.spacing).T
+        return axes, (points - self.index_to_world[:3, 3]) @ axes / self.spacing
+
+    def _ask(self, kernel: wp.Kernel, nodes: FloatArray, result: wp.array) -> None:
+        """Launch a kernel on the grid and points in grid indices, which writes its result."""
+        grid = wp.array(self.values, device="cpu", copy=False)
+        places = wp.array(np.ascontiguousarray(nodes), dtype=wp.vec3d, device="cpu", copy=False)
+        wp.launch(kernel, len(nodes), [grid, places, result], device="cpu")
 
     def projected(self, points: FloatArray, steps: int = 3) -> FloatArray:
         """Return the points put onto the zero level by Newton steps along the gradient, shape (N, 3) [mm]."""

@@ -4,7 +4,7 @@ import numpy as np
 import warp as wp
 from scipy import ndimage
 
-from homolog.arrays import Array, BoolArray, Float32Array
+from homolog.arrays import Array, Float32Array
 from homolog.device import choose_device
 from homolog.surfaces.kernels import distances as kernels
 
@@ -15,7 +15,7 @@ _EVERY = 3  # nodes between those where rough distances are computed
 
 
 def redistanced(
-    level: Array, *, reach: int | None = None, device: str = "cpu", second_order: bool = True
+    level: Array, *, reach: float | None = None, device: str = "cpu", second_order: bool = True
 ) -> Float32Array:
     """Return the signed distance to the zero level of a function on a regular grid.
 
@@ -30,7 +30,7 @@ def redistanced(
         Negative inside, of any scale; crosses zero somewhere.
     reach : int, optional
         How far from the zero level this is done [voxels]; farther away distances are rough, to a voxel or
-        two. Everywhere if not given.
+        so. Everywhere if not given.
     device : str
         ``"cpu"`` or a CUDA device.
     second_order : bool
@@ -49,25 +49,16 @@ def redistanced(
         signed, state = wp.empty_like(given), wp.zeros(level.shape, dtype=wp.int32)
         slopes = wp.array(gradient, dtype=wp.vec3)
         wp.launch(kernels.start_band, level.shape, [given, slopes, signed, state])
-        fixed = state.numpy() == 2
-        far = _far_from(fixed, reach) if reach else None
-        _propagate(signed, state, fixed, far, second_order)
+        _propagate(signed, state, kernels.FAR if reach is None else reach, second_order)
         result = np.asarray(signed.numpy())
-    return result if reach is None or far is None else _filled(result, far, reach)
+    return result if reach is None else _filled(result, reach)
 
 
-def _far_from(fixed: BoolArray, reach: int) -> BoolArray:
-    """Return which nodes are more than `reach` steps along the axes from the fixed ones."""
-    near = ndimage.binary_dilation(fixed, iterations=reach)
-    return np.asarray(~near)
-
-
-def _filled(signed: Float32Array, far: BoolArray, reach: int) -> Float32Array:
+def _filled(signed: Float32Array, reach: float) -> Float32Array:
     """Fill in what is far from the zero level: distances on a grid of every few nodes, interpolated."""
-    inside = signed < 0.0
-    every = tuple(slice(None, None, _EVERY) for _ in range(3))
-    near = np.pad(~far, 1)[1:-1, 1:-1, 1:-1][every]
-    rough: Array = _EVERY * ndimage.distance_transform_edt(~near)
+    far = np.abs(signed) == kernels.FAR
+    rough: Array = ndimage.distance_transform_edt(far[::_EVERY, ::_EVERY, ::_EVERY])
+    rough = _EVERY * np.maximum(rough - 0.5, 0.0)  # the border of what is near lies between two nodes
     for axis, size in enumerate(signed.shape):
         places = np.arange(size) / _EVERY
         low = np.minimum(places.astype(int), rough.shape[axis] - 1)
@@ -75,26 +66,23 @@ def _filled(signed: Float32Array, far: BoolArray, reach: int) -> Float32Array:
         share = np.expand_dims(places - low, tuple(range(1, 3 - axis)))
         a, b = np.take(rough, low, axis), np.take(rough, high, axis)
         rough = (a + share * (b - a)).astype(np.float32)
-    result = np.where(far, np.where(inside, -1.0, 1.0) * (reach + rough), signed)
+    result = np.where(far, np.copysign(np.float32(reach) + rough, signed), signed)
     return np.asarray(result, dtype=np.float32)
 
 
-def _propagate(
-    signed: wp.array, state: wp.array, fixed: BoolArray, far: BoolArray | None, second_order: bool
-) -> None:
-    """Relax from the fixed nodes outward until nothing changes; far nodes are not looked at."""
+def _propagate(signed: wp.array, state: wp.array, reach: float, second_order: bool) -> None:
+    """Relax from the fixed nodes outward until nothing changes within reach."""
+    marks = state.numpy()
+    fixed = marks == 2
     near = np.zeros_like(fixed)
     for axis in range(3):
         moved, still = np.moveaxis(near, axis, 0), np.moveaxis(fixed, axis, 0)
         moved[1:] |= still[:-1]
         moved[:-1] |= still[1:]
     start = np.argwhere(near & ~fixed).astype(np.int32)
-    marks = fixed.astype(np.int32) * 2
     marks[tuple(start.T)] = 1
-    if far is not None:
-        marks[far] = 3
     state.assign(marks)
-    capacity = 1 + int(np.count_nonzero(~fixed if far is None else ~(fixed | far)))
+    capacity = 1 + int(np.count_nonzero(~fixed))
     lists = [wp.empty(capacity, dtype=wp.vec3i) for _ in range(2)]
     if len(start):
         lists[0][: len(start)].assign(start)
@@ -102,6 +90,6 @@ def _propagate(
     count, total = len(start), wp.zeros(1, dtype=wp.int32)
     while count:
         total.zero_()
-        wp.launch(kernels.relax, count, [signed, state, turns, *lists, total, _TOLERANCE, second_order])
+        wp.launch(kernels.relax, count, [signed, state, turns, *lists, total, reach, _TOLERANCE, second_order])
         lists.reverse()
         count = int(total.numpy()[0])

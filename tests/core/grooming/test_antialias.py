@@ -57,14 +57,14 @@ def test_smoothing_keeps_cubics_and_dampens_noise():
     assert smoothed(noise, 1.0).std() < 0.45
 
 
-def test_near_the_border_distances_of_large_volumes_are_exact(grid):
+def test_near_the_border_distances_are_exact(grid):
     mask = np.linalg.norm(grid(14.0, (1.0, 1.3, 0.8)) - [0.1, 0.2, 0.3], axis=-1) < 8.3
     exact = ndimage.distance_transform_edt(~mask)
     assert np.array_equal(near_distance(mask, 7), np.minimum(exact, 7.0).astype(np.float32))
 
 
-def test_a_large_volume_gets_the_same_surface(grid):
+def test_distances_near_the_border_give_the_same_surface(grid):
     mask = np.linalg.norm(grid(17.0) - [0.13, 0.27, 0.41], axis=-1) < 12.0
-    whole, near = antialiased(mask), antialiased(mask, is_large=True)
+    whole, near = antialiased(mask), antialiased(mask, near_only=True)
     band = np.abs(whole) < 0.8
     assert np.abs(whole - near)[band].max() < 0.02

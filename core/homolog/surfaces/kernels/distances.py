@@ -40,6 +40,50 @@ def _sample(grid: wp.array3d(dtype=Any), x: wp.vec3) -> Any:
 
 
 @wp.func
+def _value(grid: wp.array3d(dtype=wp.float32), x: wp.vec3d) -> wp.float64:
+    """Trilinear interpolant at a point in double precision; that of the nearest one beyond the border."""
+    low, share = wp.vec3i(), wp.vec3d()
+    for axis in range(3):
+        place = wp.clamp(x[axis], wp.float64(0.0), wp.float64(grid.shape[axis] - 1))
+        low[axis] = int(wp.floor(place))
+        share[axis] = place - wp.floor(place)
+    i, j, k = low[0], low[1], low[2]
+    next_i, next_j = wp.min(i + 1, grid.shape[0] - 1), wp.min(j + 1, grid.shape[1] - 1)
+    next_k = wp.min(k + 1, grid.shape[2] - 1)
+    v00 = wp.lerp(wp.float64(grid[i, j, k]), wp.float64(grid[next_i, j, k]), share[0])
+    v01 = wp.lerp(wp.float64(grid[i, j, next_k]), wp.float64(grid[next_i, j, next_k]), share[0])
+    v10 = wp.lerp(wp.float64(grid[i, next_j, k]), wp.float64(grid[next_i, next_j, k]), share[0])
+    v11 = wp.lerp(wp.float64(grid[i, next_j, next_k]), wp.float64(grid[next_i, next_j, next_k]), share[0])
+    return wp.lerp(wp.lerp(v00, v10, share[1]), wp.lerp(v01, v11, share[1]), share[2])
+
+
+@wp.kernel
+def sample_values(
+    grid: wp.array3d(dtype=wp.float32),
+    points: wp.array(dtype=wp.vec3d),
+    values: wp.array(dtype=wp.float64),
+) -> None:
+    """Trilinear interpolant at points [nodes]."""
+    values[wp.tid()] = _value(grid, points[wp.tid()])
+
+
+@wp.kernel
+def sample_slopes(
+    grid: wp.array3d(dtype=wp.float32),
+    points: wp.array(dtype=wp.vec3d),
+    slopes: wp.array(dtype=wp.vec3d),
+) -> None:
+    """Central differences over two nodes of the interpolant at points."""
+    point = points[wp.tid()]
+    slope = wp.vec3d()
+    for axis in range(3):
+        step = wp.vec3d()
+        step[axis] = wp.float64(1.0)
+        slope[axis] = wp.float64(0.5) * (_value(grid, point + step) - _value(grid, point - step))
+    slopes[wp.tid()] = slope
+
+
+@wp.func
 def _crossing(here: float, there: float) -> float:
     """Distance from a node to the zero between it and a neighbour; far if there is none."""
     if (here < 0.0) == (there < 0.0):
@@ -86,6 +130,8 @@ def start_band(
     foot = node
     moved = float(1.0)
     for _ in range(_TRIALS):
+        if moved < 1.0e-4:
+            break
         slope = _sample(gradient, foot)
         squared = wp.max(wp.dot(slope, slope), 1.0e-6)
         onto = -_sample(level, foot) / squared * slope
@@ -160,13 +206,15 @@ def relax(
     active: wp.array(dtype=wp.vec3i),
     following: wp.array(dtype=wp.vec3i),
     n_following: wp.array(dtype=wp.int32),
+    reach: float,
     tolerance: float,
     second_order: bool,
 ) -> None:
     """One round of the fast iterative method (Jeong and Whitaker 2008, algorithm 2.1).
 
     A node of the active list takes the value that its neighbours give it. Once that no longer changes, it
-    leaves the list (state 0) and hands over to those neighbours that it improves (state 1). Second
+    leaves the list (state 0) and hands over to those neighbours within reach that it improves (state 1); none
+    that is nearer to the zero level depends on it. Second
     differences can make values swing for ever where fronts meet: after many turns a node only decreases. (Few
     turns are enough on a CPU; a GPU, where neighbours change together, would stop while values still rise.)
     """
@@ -193,11 +241,13 @@ def relax(
         if outside or state[a, b, c] != 0:
             continue
         beyond = wp.where(field[a, b, c] < 0.0, -1.0, 1.0)
+        if beyond * field[a, b, c] <= new:
+            continue
         better = _solve(field, a, b, c, beyond, second_order)
         change = better - beyond * field[a, b, c]
         if turns[a, b, c] < _FREE_TURNS:
             change = -wp.abs(change)
-        if change < -tolerance and wp.atomic_max(state, a, b, c, 1) == 0:
+        if better <= reach and change < -tolerance and wp.atomic_max(state, a, b, c, 1) == 0:
             field[a, b, c] = beyond * better
             following[wp.atomic_add(n_following, 0, 1)] = wp.vec3i(a, b, c)
 
