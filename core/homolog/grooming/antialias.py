@@ -9,7 +9,7 @@ __all__ = ["antialiased", "near_distance", "smoothed"]
 
 _ROUNDS = 8
 _SLACK = 0.1  # voxels
-_REACH = 7
+_REACH = 10
 """Voxels: farther from the border, distances make no difference to the surface."""
 
 

@@ -144,7 +144,7 @@ def level_of_solid(solid: Solid, spacing: float | None) -> Level:
     """
     boundary = TriangleMesh(solid.mesh.vertices, solid.mesh.faces[solid.bounds])
     shape, start, step, affine = _grid_around(boundary, spacing)
-    values = mesh_level(solid.mesh, start, step, shape, bounds=solid.bounds)
+    values = mesh_level(solid.mesh, start, step, shape, bounds=solid.bounds, is_closed=solid.is_closed)
     if solid.bounds.all() and solid.is_closed:
         return Level(values, affine, step)
     inside = values < 0.0 if solid.is_closed else mesh_sides(solid.mesh, start, step, values)

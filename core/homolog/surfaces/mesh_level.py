@@ -16,6 +16,10 @@ __all__ = ["REACH", "escaping", "mesh_level", "mesh_sides", "winding_around"]
 
 REACH = 2.5
 """Nodes: how far from the mesh its distance is computed."""
+_BLOCK = 4
+"""Nodes along the sides of the blocks that are looked at or left out as a whole."""
+_BETWEEN = 1.001
+"""Nodes: neighbours whose distances sum to more have no face between them."""
 _COARSE = 3
 """Nodes between those that are asked first for their side, far from the mesh."""
 _UNITS = 1000.0
@@ -29,14 +33,14 @@ def mesh_level(
     shape: tuple[int, ...],
     *,
     bounds: BoolArray | None = None,
-    device: str = "cpu",
+    is_closed: bool = True,
 ) -> Float32Array:
-    """Return the signed distance to a closed mesh on an axis-aligned grid, near the mesh.
+    """Return the signed distance to a mesh on an axis-aligned grid, near the mesh.
 
     Parameters
     ----------
     mesh : TriangleMesh
-        Closed, faces counter-clockwise seen from outside; parts may overlap.
+        Faces counter-clockwise seen from outside; parts may overlap.
     start : (3,) array
         Place of the first node [mm, LPS].
     spacing : float
@@ -45,8 +49,8 @@ def mesh_level(
         Number of nodes along each axis; the border is outside.
     bounds : (F,) bool array, optional
         The faces whose distance is wanted; all wind around the nodes. All if not given.
-    device : str
-        ``"cpu"`` or a CUDA device.
+    is_closed : bool
+        Whether the sides of nodes change at those faces only. Otherwise every node near them is asked.
 
     Returns
     -------
@@ -54,18 +58,63 @@ def mesh_level(
         Exact distance, negative inside, up to `REACH`; that value beyond [nodes].
     """
     # Single precision: count from the grid's first node, in nodes.
-    with wp.ScopedDevice(choose_device(device)):
+    with wp.ScopedDevice(choose_device("cpu")):
         surface = _surface(mesh, start, spacing)
-        level = wp.full(shape, REACH, dtype=wp.float32)
-        if bounds is None or bounds.all():
-            wp.launch(kernels.distance_to_mesh, shape, [surface.id, REACH, level])
-        else:
-            part = _surface(TriangleMesh(mesh.vertices, mesh.faces[bounds]), start, spacing)
-            wp.launch(kernels.distance_to_faces, shape, [part.id, surface.id, REACH, level])
-        values: Float32Array = np.array(level.numpy())
-    inside = without_cavities(values < 0.0)
-    values[inside & (values == REACH)] = -REACH
+        is_part = bounds is not None and not bounds.all()
+        part = _surface(TriangleMesh(mesh.vertices, mesh.faces[bounds]), start, spacing) if is_part else surface
+        values = _distances(part, shape)
+        if is_closed:
+            return np.where(_sides(surface, values), -values, values)
+        near = np.argwhere(values < REACH)
+        inside = np.zeros(shape, dtype=bool)
+        inside[tuple(near.T)] = _asked(surface, near)
+    values[inside] *= -1.0
+    values[without_cavities(inside) & (values == REACH)] = -REACH
     return values
+
+
+def _distances(surface: wp.Mesh, shape: tuple[int, ...]) -> Float32Array:
+    """Return the distance from nodes to a mesh, at most `REACH`, which only blocks of nodes near it ask."""
+    result = np.full(shape, REACH, np.float32)
+    blocks = np.argwhere(np.ones([-(-count // _BLOCK) for count in shape], dtype=bool))
+    middles = wp.array((_BLOCK * blocks + 0.5 * (_BLOCK - 1)).astype(np.float32), dtype=wp.vec3)
+    apart = wp.empty(len(blocks), dtype=wp.float32)
+    reach = REACH + 0.5 * (_BLOCK - 1) * np.sqrt(3.0)
+    wp.launch(kernels.distances_within, len(blocks), [surface.id, middles, float(reach), apart])
+    near = blocks[apart.numpy() < reach]
+    corners = wp.array((_BLOCK * near).astype(np.int32), dtype=wp.vec3i)
+    values = wp.array(result, device="cpu", copy=False)
+    wp.launch(kernels.distances_of_blocks, (len(near), _BLOCK**3), [surface.id, corners, _BLOCK, REACH, values])
+    return result
+
+
+def _sides(surface: wp.Mesh, distances: Float32Array) -> BoolArray:
+    """Return which nodes are inside a closed mesh, from their distances to it.
+
+    Two neighbours whose distances sum to more than one node are on one side, as no face lies between. So each
+    patch of nodes that are a node away or more is asked once; of the others most have such a neighbour.
+    """
+    patches, count = ndimage.label(distances >= 1.0)
+    owners = patches.ravel()
+    first = np.empty(count + 1, np.int64)
+    first[owners[::-1]] = np.arange(len(owners))[::-1]
+    sides = np.zeros(count + 1, np.int8)
+    sides[1:] = np.where(_asked(surface, np.stack(np.unravel_index(first[1:], distances.shape), axis=1)), -1, 1)
+    result, flat = sides[owners], distances.ravel()
+    left = np.flatnonzero(owners == 0)
+    steps = [distances.shape[1] * distances.shape[2], distances.shape[2], 1]
+    before = len(left) + 1
+    while 0 < len(left) < before:
+        before = len(left)
+        found = np.zeros(before, np.int8)
+        for step in (*steps, *(-step for step in steps)):
+            beside = np.clip(left + step, 0, len(flat) - 1)
+            found = np.where((found == 0) & (flat[left] + flat[beside] > _BETWEEN), result[beside], found)
+        result[left] = found
+        left = left[found == 0]
+    places = np.stack(np.unravel_index(left, distances.shape), axis=1)
+    result[left] = np.where(_asked(surface, places), -1, 1)
+    return np.asarray((result < 0).reshape(distances.shape))
 
 
 def mesh_sides(mesh: TriangleMesh, start: FloatArray, spacing: float, near: Float32Array) -> BoolArray:

@@ -252,16 +252,37 @@ def relax(
             following[wp.atomic_add(n_following, 0, 1)] = wp.vec3i(a, b, c)
 
 
+@wp.func
+def _distance_within(mesh: wp.uint64, point: wp.vec3, reach: float) -> float:
+    query = wp.mesh_query_point_no_sign(mesh, point, reach)
+    if not query.result:
+        return reach
+    return wp.min(wp.length(point - wp.mesh_eval_position(mesh, query.face, query.u, query.v)), reach)
+
+
 @wp.kernel
-def distance_to_mesh(mesh: wp.uint64, reach: float, distances: wp.array3d(dtype=wp.float32)) -> None:
-    """Signed distance from the nodes within reach of a mesh, inside where the mesh winds around the node."""
-    i, j, k = wp.tid()
-    node = wp.vec3(float(i), float(j), float(k))
-    query = wp.mesh_query_point_sign_winding_number(mesh, node, reach)
-    if query.result:
-        nearest = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
-        side = wp.where(query.sign < 0.0, -1.0, 1.0)
-        distances[i, j, k] = side * wp.min(wp.length(node - nearest), reach)
+def distances_within(
+    mesh: wp.uint64, points: wp.array(dtype=wp.vec3), reach: float, distances: wp.array(dtype=wp.float32)
+) -> None:
+    """Unsigned distance from points to a mesh, at most so much."""
+    distances[wp.tid()] = _distance_within(mesh, points[wp.tid()], reach)
+
+
+@wp.kernel
+def distances_of_blocks(
+    mesh: wp.uint64,
+    corners: wp.array(dtype=wp.vec3i),
+    size: int,
+    reach: float,
+    distances: wp.array3d(dtype=wp.float32),
+) -> None:
+    """As `distances_within`, from the nodes of cubic blocks whose first nodes are given."""
+    block, number = wp.tid()
+    i = corners[block][0] + number / (size * size)
+    j = corners[block][1] + number / size % size
+    k = corners[block][2] + number % size
+    if i < distances.shape[0] and j < distances.shape[1] and k < distances.shape[2]:
+        distances[i, j, k] = _distance_within(mesh, wp.vec3(float(i), float(j), float(k)), reach)
 
 
 @wp.kernel
@@ -273,21 +294,6 @@ def distances_of_points(
     query = wp.mesh_query_point_no_sign(mesh, points[i], 1.0e30)
     nearest = wp.mesh_eval_position(mesh, query.face, query.u, query.v)
     distances[i] = wp.length(points[i] - nearest)
-
-
-@wp.kernel
-def distance_to_faces(
-    faces: wp.uint64, mesh: wp.uint64, reach: float, distances: wp.array3d(dtype=wp.float32)
-) -> None:
-    """As `distance_to_mesh`, from some of a mesh's faces; all of them tell the side."""
-    i, j, k = wp.tid()
-    node = wp.vec3(float(i), float(j), float(k))
-    query = wp.mesh_query_point_no_sign(faces, node, reach)
-    if query.result:
-        nearest = wp.mesh_eval_position(faces, query.face, query.u, query.v)
-        around = wp.mesh_query_point_sign_winding_number(mesh, node, _FAR)
-        side = wp.where(around.sign < 0.0, -1.0, 1.0)
-        distances[i, j, k] = side * wp.min(wp.length(node - nearest), reach)
 
 
 @wp.kernel
