@@ -22,7 +22,7 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["content_key", "is_outdated", "load_groomed", "load_report", "read_groomed", "save_groomed"]
 
-_VERSION = "8"
+_VERSION = "9"
 """To be raised whenever grooming gives other results: older archives are then made again."""
 
 

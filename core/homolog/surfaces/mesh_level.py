@@ -61,7 +61,9 @@ def mesh_level(
     with wp.ScopedDevice(choose_device("cpu")):
         surface = _surface(mesh, start, spacing)
         is_part = bounds is not None and not bounds.all()
-        part = _surface(TriangleMesh(mesh.vertices, mesh.faces[bounds]), start, spacing) if is_part else surface
+        part = (
+            _surface(TriangleMesh(mesh.vertices, mesh.faces[bounds]), start, spacing) if is_part else surface
+        )
         values = _distances(part, shape)
         if is_closed:
             return np.where(_sides(surface, values), -values, values)
@@ -84,7 +86,9 @@ def _distances(surface: wp.Mesh, shape: tuple[int, ...]) -> Float32Array:
     near = blocks[apart.numpy() < reach]
     corners = wp.array((_BLOCK * near).astype(np.int32), dtype=wp.vec3i)
     values = wp.array(result, device="cpu", copy=False)
-    wp.launch(kernels.distances_of_blocks, (len(near), _BLOCK**3), [surface.id, corners, _BLOCK, REACH, values])
+    wp.launch(
+        kernels.distances_of_blocks, (len(near), _BLOCK**3), [surface.id, corners, _BLOCK, REACH, values]
+    )
     return result
 
 
@@ -99,7 +103,9 @@ def _sides(surface: wp.Mesh, distances: Float32Array) -> BoolArray:
     first = np.empty(count + 1, np.int64)
     first[owners[::-1]] = np.arange(len(owners))[::-1]
     sides = np.zeros(count + 1, np.int8)
-    sides[1:] = np.where(_asked(surface, np.stack(np.unravel_index(first[1:], distances.shape), axis=1)), -1, 1)
+    sides[1:] = np.where(
+        _asked(surface, np.stack(np.unravel_index(first[1:], distances.shape), axis=1)), -1, 1
+    )
     result, flat = sides[owners], distances.ravel()
     left = np.flatnonzero(owners == 0)
     steps = [distances.shape[1] * distances.shape[2], distances.shape[2], 1]

@@ -90,6 +90,8 @@ def _propagate(signed: wp.array, state: wp.array, reach: float, second_order: bo
     count, total = len(start), wp.zeros(1, dtype=wp.int32)
     while count:
         total.zero_()
-        wp.launch(kernels.relax, count, [signed, state, turns, *lists, total, reach, _TOLERANCE, second_order])
+        wp.launch(
+            kernels.relax, count, [signed, state, turns, *lists, total, reach, _TOLERANCE, second_order]
+        )
         lists.reverse()
         count = int(total.numpy()[0])

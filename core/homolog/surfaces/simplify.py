@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from homolog.errors import NumericalError
-from homolog.surfaces.collapses import MergedMesh
+from homolog.surfaces.half_edges import HalfEdges
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["levels_of_detail", "simplified"]
@@ -52,24 +52,24 @@ def levels_of_detail(mesh: TriangleMesh, counts: Sequence[int]) -> list[Triangle
     """
     centre = mesh.vertices.mean(axis=0)  # keep the numbers small
     try:
-        merged = MergedMesh.of(mesh.vertices - centre, mesh.faces)
+        edges = HalfEdges(mesh.vertices - centre, mesh.faces)
     except NumericalError:
         return [mesh] * len(counts)
     number, levels = len(mesh.vertices), []
     for count in counts:
-        number -= _merge(merged, number - count)
-        vertices, faces, _ = merged.compact()
-        levels.append(TriangleMesh(vertices + centre, faces))
+        number -= _merge(edges, number - count)
+        edges.compact()
+        levels.append(TriangleMesh(edges.vertices + centre, edges.faces))
     return levels
 
 
-def _merge(merged: MergedMesh, most: int) -> int:
+def _merge(edges: HalfEdges, most: int) -> int:
     """Merge so many of the cheapest edges, or as many as the topology allows, and return how many."""
     left, share = most, _SHARE
     while left > 0:
-        sides, costs = merged.costs()
+        sides, costs = edges.costs()
         cheap = np.flatnonzero(costs <= np.quantile(costs, share))
-        done = merged.merge(sides[cheap[np.argsort(costs[cheap], kind="stable")]], left)
+        done = edges.merge(sides[cheap[np.argsort(costs[cheap], kind="stable")]], left)
         if not done and share == 1.0:
             break
         share = _SHARE if done else 1.0

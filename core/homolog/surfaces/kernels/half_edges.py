@@ -1,4 +1,4 @@
-"""Warp kernels that merge the ends of edges of a closed mesh, one edge after another, on the CPU.
+"""Warp kernels that change the edges of a closed mesh, one after another, on the CPU.
 
 A side of a face has the number ``3 * face + corner``. It leaves the vertex ``origins[side]``, and its twin is
 the same edge in the face beyond. Sides of faces that are gone have the origin -1.
@@ -10,7 +10,14 @@ import homolog.device  # noqa: F401 - starts Warp
 
 wp.set_module_options({"enable_backward": False})
 
-__all__ = ["cost_of_edges", "merge_edges"]
+__all__ = [
+    "cost_of_edges",
+    "excess_of_edges",
+    "flip_edges",
+    "length_of_edges",
+    "merge_edges",
+    "split_edges",
+]
 
 _SHARPEST = wp.constant(wp.float64(0.3))
 """Cosine between a face's normal before and after a change."""
@@ -19,6 +26,8 @@ _FLATTEST = wp.constant(wp.float64(1.0e-3))
 _TO_MIDDLE = wp.constant(wp.float64(1.0e-3))
 """Weight of the edge's own length: where the surface is flat, short edges go first."""
 _HALF = wp.constant(wp.float64(0.5))
+_BARELY = wp.constant(wp.float64(1.0e-6))
+"""Radians: opposite angles that exceed 180° by less are left."""
 
 
 @wp.func
@@ -91,6 +100,179 @@ def cost_of_edges(
         v = origins[_next(side)]
         if u < v:
             costs[side] = _merged(u, v, vertices, quadrics)[3]
+
+
+@wp.kernel
+def length_of_edges(
+    origins: wp.array(dtype=int),
+    vertices: wp.array(dtype=wp.vec3d),
+    longest: wp.array(dtype=wp.float64),
+    lengths: wp.array(dtype=wp.float64),
+):
+    """Find how long each edge is, in parts of the longest at its ends; it counts at one of its sides."""
+    side = wp.tid()
+    u = origins[side]
+    lengths[side] = wp.float64(wp.inf)
+    if u >= 0:
+        v = origins[_next(side)]
+        if u < v:
+            lengths[side] = wp.length(vertices[u] - vertices[v]) / (_HALF * (longest[u] + longest[v]))
+
+
+@wp.func
+def _across(side: int, origins: wp.array(dtype=int), vertices: wp.array(dtype=wp.vec3d)) -> wp.vec3d:
+    """Return the normal of a side's face, as long as twice its area."""
+    a = vertices[origins[side]]
+    return wp.cross(vertices[origins[_next(side)]] - a, vertices[origins[_previous(side)]] - a)
+
+
+@wp.func
+def _angle(side: int, origins: wp.array(dtype=int), vertices: wp.array(dtype=wp.vec3d)) -> wp.float64:
+    """Return the angle opposite a side in its face."""
+    apex = vertices[origins[_previous(side)]]
+    a = vertices[origins[side]] - apex
+    b = vertices[origins[_next(side)]] - apex
+    return wp.atan2(wp.length(wp.cross(a, b)), wp.dot(a, b))
+
+
+@wp.kernel
+def excess_of_edges(
+    origins: wp.array(dtype=int),
+    vertices: wp.array(dtype=wp.vec3d),
+    twins: wp.array(dtype=int),
+    excess: wp.array(dtype=wp.float64),
+):
+    """Find by how much an edge's opposite angles exceed 180°; it counts at one of its sides.
+
+    It is 0 at an edge whose faces do not lie almost in one plane.
+    """
+    side = wp.tid()
+    u = origins[side]
+    excess[side] = wp.float64(wp.inf)
+    if u >= 0 and u < origins[_next(side)]:
+        twin = twins[side]
+        before, beyond = _across(side, origins, vertices), _across(twin, origins, vertices)
+        flatness = wp.dot(before, beyond) / wp.max(
+            wp.length(before) * wp.length(beyond), wp.float64(1.0e-300)
+        )
+        excess[side] = wp.float64(0.0)
+        if flatness >= wp.float64(1.0) - wp.float64(2.0) * _SHARPEST:
+            both = _angle(side, origins, vertices) + _angle(twin, origins, vertices)
+            excess[side] = both - wp.float64(wp.PI) - _BARELY
+
+
+@wp.func
+def _join(side: int, origin: int, twin: int, origins: wp.array(dtype=int), twins: wp.array(dtype=int)):
+    """Let a side leave a vertex, and meet a side of the face beyond."""
+    origins[side] = origin
+    twins[side] = twin
+    twins[twin] = side
+
+
+@wp.kernel
+def split_edges(
+    candidates: wp.array(dtype=int),
+    origins: wp.array(dtype=int),
+    twins: wp.array(dtype=int),
+    n_vertices: int,
+    n_faces: int,
+    vertices: wp.array(dtype=wp.vec3d),
+    longest: wp.array(dtype=wp.float64),
+    changed: wp.array(dtype=wp.bool),
+    done: wp.array(dtype=int),
+):
+    """Halve edges in their order, at most one in each face; vertices and faces are added at the end."""
+    count = int(0)
+    for number in range(candidates.shape[0]):
+        side = candidates[number]
+        twin = twins[side]
+        if changed[side / 3] or changed[twin / 3]:
+            continue
+        changed[side / 3] = True
+        changed[twin / 3] = True
+        u, v = int(origins[side]), int(origins[twin])
+        middle = n_vertices + count
+        vertices[middle] = _HALF * (vertices[u] + vertices[v])
+        longest[middle] = _HALF * (longest[u] + longest[v])
+        # of both faces the part at the side's own end stays; the other part is new
+        ahead = 3 * (n_faces + 2 * count)
+        beyond = ahead + 3
+        for half in range(2):
+            old = wp.where(half == 0, side, twin)
+            new = wp.where(half == 0, ahead, beyond)
+            end = wp.where(half == 0, v, u)
+            apex = int(origins[_previous(old)])
+            outer = int(twins[_next(old)])
+            _join(new + 1, end, outer, origins, twins)
+            origins[new] = middle
+            _join(new + 2, apex, _next(old), origins, twins)
+            origins[_next(old)] = middle
+        twins[side] = beyond
+        twins[beyond] = side
+        twins[twin] = ahead
+        twins[ahead] = twin
+        count += 1
+    done[0] = count
+
+
+@wp.func
+def _are_joined(side: int, other: int, origins: wp.array(dtype=int), twins: wp.array(dtype=int)) -> bool:
+    """Whether an edge leads from the vertex that a side leaves to another one."""
+    joined = origins[_next(side)] == other
+    step = int(_around(side, twins))
+    while step != side and not joined:
+        joined = origins[_next(step)] == other
+        step = _around(step, twins)
+    return joined
+
+
+@wp.func
+def _faces_alike(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, normal: wp.vec3d) -> bool:
+    across = wp.cross(b - a, c - a)
+    return wp.dot(across, normal) > wp.float64(2.0) * _SHARPEST * wp.length(across)
+
+
+@wp.kernel
+def flip_edges(
+    candidates: wp.array(dtype=int),
+    origins: wp.array(dtype=int),
+    twins: wp.array(dtype=int),
+    vertices: wp.array(dtype=wp.vec3d),
+    changed: wp.array(dtype=wp.bool),
+    done: wp.array(dtype=int),
+):
+    """Turn edges in their order, at most one in each face, where no such edge is and no face turns over."""
+    count = int(0)
+    for number in range(candidates.shape[0]):
+        side = candidates[number]
+        twin = twins[side]
+        if changed[side / 3] or changed[twin / 3]:
+            continue
+        ahead, behind = _next(side), _previous(side)
+        beyond, before = _next(twin), _previous(twin)
+        u, v = int(origins[side]), int(origins[twin])
+        c, d = int(origins[behind]), int(origins[before])
+        if c == d or _are_joined(behind, d, origins, twins):
+            continue
+        normal = wp.normalize(_across(side, origins, vertices))
+        normal += wp.normalize(_across(twin, origins, vertices))
+        a, b = vertices[u], vertices[v]
+        if not _faces_alike(a, vertices[d], vertices[c], normal):
+            continue
+        if not _faces_alike(b, vertices[c], vertices[d], normal):
+            continue
+        from_c, from_v = int(twins[behind]), int(twins[ahead])
+        from_d, from_u = int(twins[before]), int(twins[beyond])
+        origins[side] = d
+        origins[twin] = c
+        _join(ahead, c, from_c, origins, twins)
+        _join(behind, u, from_u, origins, twins)
+        _join(beyond, d, from_d, origins, twins)
+        _join(before, v, from_v, origins, twins)
+        changed[side / 3] = True
+        changed[twin / 3] = True
+        count += 1
+    done[0] = count
 
 
 @wp.func
@@ -178,15 +360,16 @@ def _merge(side: int, origins: wp.array(dtype=int), twins: wp.array(dtype=int)):
 @wp.kernel
 def merge_edges(
     candidates: wp.array(dtype=int),
-    most: int,
     origins: wp.array(dtype=int),
     twins: wp.array(dtype=int),
+    most: int,
     vertices: wp.array(dtype=wp.vec3d),
     quadrics: wp.array2d(dtype=wp.float64),
     longest: wp.array(dtype=wp.float64),
     marks: wp.array(dtype=int),
+    merged: wp.array(dtype=wp.bool),
     changed: wp.array(dtype=wp.bool),
-    merged: wp.array(dtype=int),
+    done: wp.array(dtype=int),
 ):
     """Merge the ends of edges in their order, each vertex once, where neither topology nor shape suffers."""
     count = int(0)
@@ -196,7 +379,7 @@ def merge_edges(
         if u < 0 or count >= most:
             continue
         v = int(origins[_next(side)])
-        if changed[u] or changed[v] or not _keeps_topology(side, number + 1, origins, twins, marks):
+        if merged[u] or merged[v] or not _keeps_topology(side, number + 1, origins, twins, marks):
             continue
         meeting = _merged(u, v, vertices, quadrics)
         place = wp.vec3d(meeting[0], meeting[1], meeting[2])
@@ -209,7 +392,7 @@ def merge_edges(
         longest[u] = _HALF * (longest[u] + longest[v])
         for term in range(10):
             quadrics[u, term] = quadrics[u, term] + quadrics[v, term]
-        changed[u] = True
-        changed[v] = True
+        merged[u] = True
+        merged[v] = True
         count += 1
-    merged[0] = count
+    done[0] = count

@@ -1,0 +1,181 @@
+"""A closed mesh whose edges are split, merged and flipped one by one, which keeps its topology."""
+
+import numpy as np
+import warp as wp
+from scipy.sparse import coo_array
+
+from homolog.arrays import Array, FloatArray, IntArray
+from homolog.errors import NumericalError
+from homolog.surfaces.kernels import half_edges as kernels
+
+__all__ = ["HalfEdges"]
+
+_WEIGHTS = 10  # terms of a quadric
+
+
+class HalfEdges:
+    """A closed mesh whose edges change; sides of its faces know the face beyond.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64 array
+        Positions [mm].
+    faces : (F, 3) int array
+        Closed, manifold and oriented.
+    longest : (V,) float64 array, optional
+        How long edges may be around each vertex [mm]. Edges then meet at their middle when they are merged,
+        without it where quadrics have their minimum.
+
+    Attributes
+    ----------
+    vertices : (V, 3) float64 array
+        Positions [mm], of merged vertices too.
+    longest : (V,) float64 array
+        Infinite where none was given.
+
+    Raises
+    ------
+    NumericalError
+        If an edge has not two faces of one orientation.
+    """
+
+    def __init__(self, vertices: FloatArray, faces: IntArray, longest: FloatArray | None = None) -> None:
+        n = len(vertices)
+        self.vertices: FloatArray = np.array(vertices, np.float64)
+        self.longest: FloatArray = np.full(n, np.inf) if longest is None else longest.copy()
+        self._quadrics = _quadrics(vertices, faces) if longest is None else np.zeros((n, _WEIGHTS))
+        self._origins: IntArray = np.array(faces, np.int32).ravel()  # the vertex that each side leaves, or -1
+        self._twins = _twins(faces)  # the same edge in the face beyond
+
+    @property
+    def faces(self) -> IntArray:
+        """Faces that are left, (F, 3)."""
+        faces = self._origins.reshape(-1, 3)
+        return faces[faces[:, 0] >= 0]
+
+    def costs(self) -> tuple[IntArray, FloatArray]:
+        """Return one side of each edge that is left, (E,), and what merging its ends costs, (E,)."""
+        return self._asked(kernels.cost_of_edges, _shared(self._quadrics))
+
+    def lengths(self) -> tuple[IntArray, FloatArray]:
+        """Return one side of each edge that is left, (E,), and its length in parts of the longest, (E,)."""
+        return self._asked(kernels.length_of_edges, _shared(self.longest))
+
+    def turns(self) -> tuple[IntArray, FloatArray]:
+        """Return one side of each edge that is left, (E,), and by how much its opposite angles exceed 180°.
+
+        It is 0 [radians] where the two faces do not lie almost in one plane.
+        """
+        return self._asked(kernels.excess_of_edges, _shared(self._twins))
+
+    def split(self, sides: IntArray) -> int:
+        """Halve edges, in this order and at most one in each face, and return how many."""
+        n_vertices, n_sides = len(self.vertices), len(self._origins)
+        self.vertices = np.concatenate([self.vertices, np.empty((len(sides), 3))])
+        self.longest = np.concatenate([self.longest, np.empty(len(sides))])
+        more = np.full(6 * len(sides), -1, np.int32)
+        self._origins, self._twins = (np.concatenate([item, more]) for item in (self._origins, self._twins))
+        given = [_shared(self.vertices, wp.vec3d), _shared(self.longest)]
+        done = self._changed(kernels.split_edges, sides, n_vertices, n_sides // 3, *given)
+        self.vertices, self.longest = self.vertices[: n_vertices + done], self.longest[: n_vertices + done]
+        self._origins, self._twins = self._origins[: n_sides + 6 * done], self._twins[: n_sides + 6 * done]
+        self._quadrics = np.zeros((len(self.vertices), _WEIGHTS))
+        return done
+
+    def merge(self, sides: IntArray, most: int | None = None) -> int:
+        """Merge the ends of edges, in this order, and return of how many.
+
+        An edge stays as it is if an end was merged before, or if the topology or the faces around would
+        suffer.
+        """
+        marks = np.zeros(len(self.vertices), np.int32)
+        given = [_shared(self.vertices, wp.vec3d), _shared(self._quadrics), _shared(self.longest)]
+        given += [_shared(marks), _shared(marks.astype(bool))]
+        return self._changed(kernels.merge_edges, sides, len(self.vertices) if most is None else most, *given)
+
+    def flip(self, sides: IntArray) -> int:
+        """Turn edges, in this order and at most one in each face, where no face turns over; say how many."""
+        return self._changed(kernels.flip_edges, sides, _shared(self.vertices, wp.vec3d))
+
+    def around(self) -> FloatArray:
+        """Return the mean of each vertex's neighbours, (V, 3) [mm]; all vertices must be in use."""
+        ends = np.roll(self._origins.reshape(-1, 3), -1, axis=1).ravel()
+        alive = self._origins >= 0
+        starts, ends = self._origins[alive], ends[alive]
+        n = len(self.vertices)
+        sums = [np.bincount(starts, column[ends], minlength=n) for column in self.vertices.T]
+        return np.stack(sums, axis=1) / np.bincount(starts, minlength=n)[:, None]
+
+    def compact(self) -> None:
+        """Leave out vertices and faces that are gone."""
+        alive = self._origins[::3] >= 0
+        number = np.cumsum(alive) - 1
+        self._origins = self._origins.reshape(-1, 3)[alive].ravel()
+        twins = self._twins.reshape(-1, 3)[alive].ravel()
+        self._twins = (3 * number[twins // 3] + twins % 3).astype(np.int32)
+        used = np.zeros(len(self.vertices), dtype=bool)
+        used[self._origins] = True
+        self._origins = (np.cumsum(used, dtype=np.int32) - 1)[self._origins]
+        self.vertices, self.longest = self.vertices[used], self.longest[used]
+        self._quadrics = self._quadrics[used]
+
+    def _asked(self, kernel: wp.Kernel, *given: wp.array) -> tuple[IntArray, FloatArray]:
+        """Return one side of each edge that is left, and what a kernel says of it."""
+        said = np.empty(len(self._origins))
+        inputs = [_shared(self._origins), _shared(self.vertices, wp.vec3d), *given, _shared(said)]
+        wp.launch(kernel, len(said), inputs, device="cpu")
+        sides = np.flatnonzero(np.isfinite(said))
+        return sides, said[sides]
+
+    def _changed(self, kernel: wp.Kernel, sides: IntArray, *given: wp.array | int) -> int:
+        """Return how many edges a kernel changed of some, which it takes one after another."""
+        done = np.zeros(1, np.int32)
+        candidates = _shared(np.ascontiguousarray(sides, np.int32))
+        changed = _shared(np.zeros(len(self._origins) // 3, dtype=bool))
+        inputs = [candidates, _shared(self._origins), _shared(self._twins), *given, changed, _shared(done)]
+        wp.launch(kernel, 1, inputs, device="cpu")
+        return int(done[0])
+
+
+def _shared(array: Array, dtype: object = None) -> wp.array:
+    """Return a Warp array on the memory of one that may be written to."""
+    return wp.array(array, dtype=dtype or wp.dtype_from_numpy(array.dtype), device="cpu", copy=False)
+
+
+def _twins(faces: IntArray) -> IntArray:
+    start = faces.ravel().astype(np.int64)
+    end = np.roll(faces, -1, axis=1).ravel().astype(np.int64)
+    count = int(faces.max()) + 1
+    codes = np.minimum(start, end) * count + np.maximum(start, end)
+    order = _stable_order(codes)
+    if len(order) % 2:
+        raise NumericalError("its surface is open or pinched; use another grid spacing")
+    first, second = order.reshape(-1, 2).T
+    if (start[first] != end[second]).any() or (end[first] != start[second]).any():
+        raise NumericalError("its surface is open or pinched; use another grid spacing")
+    twins = np.empty(len(codes), np.int32)
+    twins[first], twins[second] = second, first
+    return twins
+
+
+def _stable_order(codes: IntArray) -> IntArray:
+    """Return what a stable ``argsort`` returns, several times as fast: numbers are sorted with vectors."""
+    bits = len(codes).bit_length()
+    if len(codes) and int(codes.max()).bit_length() + bits > 63:
+        return np.argsort(codes, kind="stable")
+    packed: IntArray = np.sort((codes << bits) | np.arange(len(codes)))
+    return packed & ((1 << bits) - 1)
+
+
+def _quadrics(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    """Return the sum of the squared distances to the planes of each vertex's faces, times areas, (V, 10)."""
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    across = 0.5 * np.cross(b - a, c - a)
+    area = np.linalg.norm(across, axis=1)
+    normal = across / np.maximum(area, 1e-300)[:, None]
+    plane = np.column_stack([normal, -np.einsum("ij,ij->i", normal, a)])
+    rows, columns = [0, 0, 0, 1, 1, 2, 0, 1, 2, 3], [0, 1, 2, 1, 2, 2, 3, 3, 3, 3]
+    terms = area[:, None] * plane[:, rows] * plane[:, columns]
+    owners = np.repeat(np.arange(len(faces)), 3)
+    around = coo_array((np.ones(len(owners)), (faces.ravel(), owners)), shape=(len(vertices), len(faces)))
+    return np.asarray(around.tocsr() @ terms)
