@@ -21,7 +21,10 @@ __all__ = [
     "suffix_of",
 ]
 
-IMAGE_SUFFIXES = (".nii.gz", ".nii", ".seg.nrrd", ".nrrd", ".nhdr", ".mha", ".mhd", ".mgz", ".mgh", ".dcm")
+IMAGE_SUFFIXES = (
+    ".nii.gz", ".nii", ".seg.nrrd", ".nrrd", ".nhdr", ".mha", ".mhd", ".mgz", ".mgh", ".hdr", ".hdr.gz",
+    ".dcm",
+)  # fmt: skip
 FREESURFER_SUFFIXES = (".pial", ".white", ".smoothwm", ".midthickness", ".surf")
 """Of FreeSurfer's surfaces: the last part of their names, which says what they are (``lh.pial``)."""
 MESH_SUFFIXES = (".vtp", ".vtk", ".ply", ".stl", ".obj", ".off", ".surf.gii", ".gii", *FREESURFER_SUFFIXES)

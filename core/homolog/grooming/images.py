@@ -34,7 +34,7 @@ def read_segmentation(path: Path, label: int | None, segment: str | None = None)
     Parameters
     ----------
     path : Path
-        NRRD (also detached, also ``.seg.nrrd``), NIfTI, MetaImage, DICOM SEG, or the folder of
+        NRRD (also detached, also ``.seg.nrrd``), NIfTI, Analyze, MetaImage, DICOM SEG, or the folder of
         a DICOM series.
     label : int or None
         The value to keep; every value above 0 if neither value nor name are given.
@@ -66,6 +66,10 @@ def read_volume(path: Path) -> Volume:
         from homolog.grooming.nifti import read_mgh
 
         return read_mgh(path)
+    if name.endswith((".hdr", ".hdr.gz")):
+        from homolog.grooming.header_pairs import read_pair
+
+        return read_pair(path)
     return _read_itk(path)
 
 

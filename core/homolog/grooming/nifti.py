@@ -23,7 +23,15 @@ from homolog.grooming.scans import StoredScan
 from homolog.grooming.volumes import Segment, Volume, check_size
 from homolog.progress import Tick
 
-__all__ = ["read_mgh", "read_mgh_scan", "read_nifti", "read_nifti_scan"]
+__all__ = [
+    "DUBIOUS",
+    "placement",
+    "read_mgh",
+    "read_mgh_scan",
+    "read_nifti",
+    "read_nifti_scan",
+    "stored_values",
+]
 
 logger.setLevel(logging.CRITICAL + 1)  # what nibabel finds is said in messages, not on the standard error
 
@@ -39,7 +47,7 @@ _NAMED = re.compile(
 )
 """An entry of the table of labels that TotalSegmentator and Connectome Workbench put into an extension."""
 _GZIP = b"\x1f\x8b"
-_DUBIOUS = 30  # of nibabel's levels: sizes of zero or below, unknown codes
+DUBIOUS = 30  # of nibabel's levels: sizes of zero or below, unknown codes
 _FAULTS = (ImageFileError, HeaderDataError, OSError, EOFError, zlib.error, ValueError, OverflowError)
 _AGREE = 0.1  # voxels: more than rounding makes qform and sform differ anywhere in the volume
 _SCANNER = 1
@@ -82,7 +90,7 @@ def read_nifti_scan(path: Path, tick: Tick) -> StoredScan:
     """Read a NIfTI file of grey values as stored; see `homolog.grooming.scans.Scan`."""
     image, shape, matrix, notes = _nifti_header(path)
     proxy = image.dataobj
-    values = _stored(path, int(proxy.offset), shape, image.header.get_data_dtype(), tick)
+    values = stored_values(path, int(proxy.offset), shape, image.header.get_data_dtype(), tick)
     return values, matrix, float(proxy.slope), float(proxy.inter), notes
 
 
@@ -107,7 +115,7 @@ def _nifti_header(path: Path) -> tuple[Any, list[int], FloatArray, tuple[str, ..
     proxy: Any = image.dataobj
     scaled = (proxy.slope, proxy.inter) != (1.0, 0.0)
     check_size(path, shape, kind.itemsize + (8.0 if scaled else kind.itemsize))
-    matrix, notes = _placement(path, header, shape)
+    matrix, notes = placement(path, header, shape)
     return image, shape, _TO_LPS @ matrix, notes
 
 
@@ -143,7 +151,7 @@ def read_mgh(path: Path) -> Volume:
 def read_mgh_scan(path: Path, tick: Tick) -> StoredScan:
     """Read FreeSurfer's grey values as stored; see `homolog.grooming.scans.Scan`."""
     shape, kind, matrix, notes = _mgh_header(path)
-    return _stored(path, _MGH_HEADER, shape, kind, tick, to_end=False), matrix, 1.0, 0.0, notes
+    return stored_values(path, _MGH_HEADER, shape, kind, tick, to_end=False), matrix, 1.0, 0.0, notes
 
 
 def _mgh_header(path: Path) -> tuple[list[int], np.dtype[Any], FloatArray, tuple[str, ...]]:
@@ -167,14 +175,14 @@ def _mgh_header(path: Path) -> tuple[list[int], np.dtype[Any], FloatArray, tuple
     return shape, kind, _TO_LPS @ matrix, () if placed else (_NO_MGH_PLACE,)
 
 
-def _stored(
+def stored_values(
     path: Path, begin: int, shape: Sequence[int], kind: np.dtype[Any], tick: Tick, *, to_end: bool = True
 ) -> Array:
     """Return a file's voxels as stored: mapped, or unpacked into one array, part by part.
 
     With `to_end`, a file that goes on after them is refused.
     """
-    if not 0 < begin <= _FARTHEST:
+    if not 0 <= begin <= _FARTHEST:
         raise InputError(f"{path}: says that its voxels begin at byte {begin}; export it again")
     count = math.prod(shape)
     size = count * kind.itemsize
@@ -221,7 +229,7 @@ def _check_packing(path: Path) -> None:
 
 def _opened(path: Path) -> Any:  # noqa: ANN401 - half of nibabel is untyped
     """Return an image whose header makes sense; nibabel would correct others."""
-    with ErrorLevel(_DUBIOUS):  # type: ignore[no-untyped-call]
+    with ErrorLevel(DUBIOUS):  # type: ignore[no-untyped-call]
         return nibabel.load(path, mmap=False)
 
 
@@ -254,7 +262,7 @@ def _first_line(error: BaseException) -> str:
     return str(error).partition("\n")[0]
 
 
-def _placement(
+def placement(
     path: Path,
     header: Any,  # noqa: ANN401 - half of nibabel is untyped
     shape: list[int],
