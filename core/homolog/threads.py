@@ -1,19 +1,44 @@
-"""Keeping BLAS to one thread where matrices are small."""
+"""Work on several threads, and BLAS kept to one where matrices are small."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
-__all__ = ["blas_threads", "on_one_thread"]
+__all__ = ["blas_threads", "in_threads", "on_one_thread"]
 
 _LARGE = 200  # rows of a matrix from which several threads pay
 
+_MOST_THREADS = 8  # more wait for the interpreter's lock
+
+_Item = TypeVar("_Item")
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
+
+
+def in_threads(function: Callable[[_Item], _Result], items: Iterable[_Item]) -> Iterator[_Result]:
+    """Yield a function's results in the order of the items, a few of them computed ahead on other threads."""
+    from homolog.device import cores  # starts Warp
+
+    threads = min(cores(), _MOST_THREADS)
+    if threads == 1:
+        yield from map(function, items)
+        return
+    pool, ahead = ThreadPoolExecutor(threads), deque[Future[_Result]]()
+    try:
+        for item in items:
+            ahead.append(pool.submit(function, item))
+            if len(ahead) > threads:
+                yield ahead.popleft().result()
+        while ahead:
+            yield ahead.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def on_one_thread(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:

@@ -17,6 +17,7 @@ from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.schedule import Weights
 from homolog.correspondence.surface_sets import SurfaceSet, nearest_faces
 from homolog.geodesics.kernels.lookup import SurfacePoint
+from homolog.threads import in_threads
 
 __all__ = ["Engine", "Particles", "rotations"]
 
@@ -84,6 +85,7 @@ class Engine:
         poses: FloatArray | None = None,
         free: BoolArray | None = None,
     ) -> None:
+        launcher.forget()
         saved = particles if isinstance(particles, Particles) else None
         positions = particles.positions if isinstance(particles, Particles) else particles
         self.shapes, self.count = positions.shape[:2]
@@ -125,10 +127,11 @@ class Engine:
         self._poses: DeviceArray = wp.zeros(self.shapes, dtype=kernels.Pose, **on_device)
 
     def _nearest_faces(self) -> IntArray:
+        parts = zip(self.surface_set.meshes, self.host_positions(), self.host_normals(), strict=True)
         faces = []
-        for parts in zip(self.surface_set.meshes, self.host_positions(), self.host_normals(), strict=True):
+        for nearest in in_threads(lambda part: nearest_faces(*part), parts):
             self.launch.poll_cancel()
-            faces.append(nearest_faces(*parts))
+            faces.append(nearest)
         return np.concatenate(faces)
 
     def _initialize(self) -> None:
@@ -265,40 +268,49 @@ class Engine:
         self.launch(step_kernels.mean_normals, self.count, [self.layout, *surface, *compared])
 
     def _move(self) -> None:
-        layout, parameters = self.layout, (self.stage, self.iteration)
-        sampling, coupling = self.sampling, self.coupling
-        self.locate()
-        sampling.compute_forces(self.positions, self.normals, self.closest)
         self.compare()
-        coupling.solve(*parameters, self.centred, self.logs)
-        coupling.directions(self.centred, self.logs, self.ensemble_part, self.normals_part)
-        parts = [sampling.forces, self.ensemble_part, self.normals_part]
+        with self.launch.beside(self.compute_forces, self.count):
+            self.coupling.solve(self.stage, self.iteration, self.centred, self.logs)
+            self.coupling.directions(self.centred, self.logs, self.ensemble_part, self.normals_part)
+        self.combine()
+        self.coupling.damp(self.stage, self.iteration, self.steps, self.ensemble_part)
+        self.launch.in_order(self.take_step, self.count)
+        self.count_iteration()
+
+    def compute_forces(self) -> None:
+        """Compute the forces of the sampling entropy."""
+        self.locate()
+        self.sampling.compute_forces(self.positions, self.normals, self.closest)
+
+    def combine(self) -> None:
+        """Sum the forces on every particle."""
+        surface = [self._poses, self.normals, self.means, self.shape_operators, self.openings]
+        forces = [self.sampling.forces, self.ensemble_part, self.normals_part]
         self.launch(
             step_kernels.combine,
             self.total,
             [
-                layout,
-                *parameters,
+                self.layout,
+                self.stage,
+                self.iteration,
                 self.free,
-                coupling.stiffness,
+                self.coupling.stiffness,
                 self.surface_set.surfaces,
-                self._poses,
-                self.normals,
-                self.means,
-                self.shape_operators,
-                self.openings,
-                *parts,
+                *surface,
+                *forces,
                 self.steps,
             ],
         )
-        coupling.damp(*parameters, self.steps, self.ensemble_part)
-        widths = [sampling.widths, sampling.next_widths]
-        self.launch(
-            step_kernels.move,
-            self.total,
-            [self.count, *parameters, self.ensemble_part, self._poses, self.normals, *widths, self.positions],
-        )
+
+    def take_step(self) -> None:
+        """Move every particle by its damped step."""
+        parameters = [self.count, self.stage, self.iteration, self.ensemble_part, self._poses, self.normals]
+        widths = [self.sampling.widths, self.sampling.next_widths]
+        self.launch(step_kernels.move, self.total, [*parameters, *widths, self.positions])
         self._project(only_free=True)
+
+    def count_iteration(self) -> None:
+        """Go on to the parameters of the next iteration."""
         wp.launch(step_kernels.next_iteration, dim=1, inputs=[self.iteration], device=self.launch.device)
 
 

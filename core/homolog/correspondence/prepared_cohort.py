@@ -26,7 +26,7 @@ from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import OptimizeSettings
 from homolog.surfaces.mesh import TriangleMesh
-from homolog.threads import on_one_thread
+from homolog.threads import in_threads, on_one_thread
 
 __all__ = ["MEAN_AREA", "GeodesicSolver", "PreparedCohort", "landmarks_on_device", "prepare_cohort"]
 
@@ -142,9 +142,9 @@ def prepare_cohort(
 
     def surface_set(originals: Sequence[TriangleMesh], limits: Sequence[float], tick: Tick) -> SurfaceSet:
         meshes = []
-        for mesh, shape in zip(originals, shapes, strict=True):
+        for mesh, shape in zip(in_threads(morton_ordered, originals), shapes, strict=True):
             tick(0.0, f"mesh of {shape.name}")
-            meshes.append(morton_ordered(mesh).stored(store))
+            meshes.append(mesh.stored(store))
         tables: list[GeodesicTable | None] = [None] * len(shapes)
         if geodesic:
             solved_shapes = [k for k, is_free in enumerate(free) if is_free]

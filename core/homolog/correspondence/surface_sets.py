@@ -5,7 +5,7 @@ depend on the scale of the shapes.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from homolog.geometry import transform_points
 from homolog.memory import Store, in_memory
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
+from homolog.threads import in_threads
 
 __all__ = [
     "Similarity",
@@ -133,13 +134,16 @@ def field_array(
     -------
     array of fields on the device
     """
-    references = []
-    for index, (shape, similarity) in enumerate(zip(shapes, to_optimizer, strict=True)):
-        tick(index / len(shapes), f"distance field of {shape.name}")
+
+    def prepared(shape: Shape) -> tuple[Float32Array, FloatArray]:
         field = shape.field
-        references.append(
-            _field_data(field.values, field.index_to_world, similarity, similarity.scale, device, store)
-        )
+        return _coefficients(field.values), field.index_to_world
+
+    references = []
+    made = zip(shapes, to_optimizer, in_threads(prepared, shapes), strict=True)
+    for index, (shape, similarity, field) in enumerate(made):
+        tick(index / len(shapes), f"distance field of {shape.name}")
+        references.append(_field_data(*field, similarity, similarity.scale, device, store))
     return _pack(references, device)
 
 
@@ -174,31 +178,44 @@ def opening_array(
     """
     if weight == 0.0:
         return _pack([FieldData() for _ in shapes], device)  # kernels skip fields of scale 0
-    grids, spreads = [], []
-    for index, (shape, similarity) in enumerate(zip(shapes, to_optimizer, strict=True)):
-        tick(index / len(shapes), f"opening angles of {shape.name}")
-        values, grid = opening_grid(shape.field, BALL_SIZE / similarity.scale)
-        grids.append((store(values), grid))
-        if scale is None:
-            spreads.append(openings_at(shape.coarse_mesh.vertices, *grids[-1]).std())
-    scale = weight * float(np.mean(spreads)) if scale is None else scale
+    openings = list(_openings(shapes, to_optimizer, tick, store))
+    scale = weight * float(np.mean([item.spread for item in openings])) if scale is None else scale
     references = [
-        _field_data(values, grid, similarity, scale, device, store)
-        for (values, grid), similarity in zip(grids, to_optimizer, strict=True)
+        _field_data(item.coefficients, item.grid, similarity, scale, device, store)
+        for item, similarity in zip(openings, to_optimizer, strict=True)
     ]
     return _pack(references, device)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Openings:
+    """Opening angles of a shape as B-spline coefficients, their grid, and their deviation on the surface."""
+
+    coefficients: Float32Array
+    grid: FloatArray
+    spread: float
+
+
+def _openings(
+    shapes: Sequence[Shape], to_optimizer: Sequence[Similarity], tick: Tick, store: Store = in_memory
+) -> Iterator[_Openings]:
+    def prepared(pair: tuple[Shape, Similarity]) -> _Openings:
+        shape, similarity = pair
+        values, grid = opening_grid(shape.field, BALL_SIZE / similarity.scale)
+        spread = float(openings_at(shape.coarse_mesh.vertices, values, grid).std())
+        return _Openings(_coefficients(values), grid, spread)
+
+    pairs = zip(shapes, to_optimizer, strict=True)
+    for index, (shape, item) in enumerate(zip(shapes, in_threads(prepared, pairs), strict=True)):
+        tick(index / len(shapes), f"opening angles of {shape.name}")
+        yield replace(item, coefficients=store(item.coefficients))
 
 
 def opening_scale(
     shapes: Sequence[Shape], to_optimizer: Sequence[Similarity], weight: float, tick: Tick = no_tick
 ) -> float:
     """Return what `opening_array` multiplies the opening angles of some shapes by."""
-    spreads = []
-    for index, (shape, similarity) in enumerate(zip(shapes, to_optimizer, strict=True)):
-        tick(index / len(shapes), f"opening angles of {shape.name}")
-        grid = opening_grid(shape.field, BALL_SIZE / similarity.scale)
-        spreads.append(openings_at(shape.coarse_mesh.vertices, *grid).std())
-    return weight * float(np.mean(spreads))
+    return weight * float(np.mean([item.spread for item in _openings(shapes, to_optimizer, tick)]))
 
 
 def _pack(references: list[FieldData], device: str) -> DeviceArray:
@@ -214,8 +231,13 @@ def _on_device(array: Array, dtype: type, device: str, store: Store) -> DeviceAr
     return wp.array(store(array), dtype=dtype, device=device, copy=False)
 
 
+def _coefficients(values: Float32Array) -> Float32Array:
+    coefficients: Float32Array = ndimage.spline_filter(values, order=3, output=np.float32, mode="mirror")
+    return coefficients
+
+
 def _field_data(
-    values: Float32Array,
+    coefficients: Float32Array,
     index_to_local: FloatArray,
     similarity: Similarity,
     scale: float,
@@ -224,7 +246,6 @@ def _field_data(
 ) -> FieldData:
     to_index = np.linalg.inv(similarity.linear @ index_to_local[:3, :3])
     origin = -to_index @ similarity.apply(index_to_local[:3, 3])
-    coefficients = ndimage.spline_filter(values, order=3, output=np.float32, mode="mirror")
     data = FieldData()
     data.coefficients = _on_device(coefficients, wp.float32, device, store)
     data.to_index = wp.mat33(*to_index.astype(np.float32).ravel().tolist())
@@ -268,15 +289,11 @@ def build_surface_set(
     transformed_meshes = [
         TriangleMesh(store(f.apply(m.vertices)), m.faces) for m, f in zip(meshes, to_optimizer, strict=True)
     ]
+    neighbours = in_threads(lambda mesh: face_neighbours(mesh.faces), meshes)
+    free = [True] * len(meshes) if free_shapes is None else free_shapes
     references = [
-        _surface(mesh, table, similarity, device, free, store)
-        for mesh, table, similarity, free in zip(
-            transformed_meshes,
-            tables,
-            to_optimizer,
-            [True] * len(transformed_meshes) if free_shapes is None else free_shapes,
-            strict=True,
-        )
+        _surface(*parts, device, store)
+        for parts in zip(transformed_meshes, neighbours, tables, to_optimizer, free, strict=True)
     ]
     extent = max(float(np.abs(mesh.vertices).max()) for mesh in transformed_meshes)
     sizes = np.array([surface.size for surface in references])
@@ -287,18 +304,19 @@ def build_surface_set(
 
 def _surface(
     mesh: TriangleMesh,
+    neighbours: IntArray,
     table: GeodesicTable | None,
     similarity: Similarity,
+    is_free: bool,
     device: str,
-    free_shapes: bool,
     store: Store,
 ) -> Surface:
     surface = Surface()
-    surface.fixed = int(not free_shapes)
+    surface.fixed = int(not is_free)
     surface.size = 0.01 * math.sqrt(mesh.area)
     surface.vertices = _on_device(mesh.vertices.astype(np.float32), wp.vec3, device, store)
     surface.faces = _on_device(mesh.faces, wp.vec3i, device, store)
-    surface.face_neighbours = _on_device(face_neighbours(mesh.faces), wp.vec3i, device, store)
+    surface.face_neighbours = _on_device(neighbours, wp.vec3i, device, store)
     if table is not None:
         surface.table = table.on_device(device, similarity.scale)
     return surface

@@ -72,12 +72,16 @@ class Sampling:
         )
         self.grid.build(self.spread, min(cutoff, 2.0 * self.surface_set.extent))
         lists = [self.neighbours, self.counts]
-        self.launch(
-            sampling_kernels.link_neighbours,
-            self.total,
-            [layout, self.grid.id, self.surface_set.surfaces, self.spread, closest, *lists],
-        )
-        self.launch(sampling_kernels.link_back, self.total, [*lists, self.places])
+
+        def link() -> None:
+            self.launch(
+                sampling_kernels.link_neighbours,
+                self.total,
+                [layout, self.grid.id, self.surface_set.surfaces, self.spread, closest, *lists],
+            )
+            self.launch(sampling_kernels.link_back, self.total, [*lists, self.places])
+
+        self.launch.in_order(link, layout.per_shape)
 
     def compute_forces(self, positions: DeviceArray, normals: DeviceArray, closest: DeviceArray) -> None:
         """Compute widths, energies and forces.

@@ -23,6 +23,7 @@ from homolog.geometry import farthest_point_sampling
 from homolog.progress import Tick, no_tick, part_of, run_in_background, run_in_threads
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.topology import edges
+from homolog.threads import in_threads
 
 __all__ = ["initial_particles", "registration_tree", "shape_distances", "snap_to_mesh", "spread_vertices"]
 
@@ -102,7 +103,7 @@ def initial_particles(
     (M, count, 3) array
         On the meshes, or nearly.
     """
-    normals = [mesh.vertex_normals for mesh in meshes]
+    normals = list(in_threads(lambda mesh: mesh.vertex_normals, meshes))
     reference, parents = registration_tree(*shape_distances(meshes, part_of(tick, 0.0, 0.1)))
     source = meshes[reference]
     control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
@@ -134,9 +135,15 @@ def initial_particles(
         part = part_of(tick, 0.1 + 0.9 * done, 0.1 + 0.9 * (done + len(ready) / len(meshes)))
         works = [partial(deform, index) for index in ready]
         deformed |= dict(zip(ready, run_in_threads(works, part, "first particles", cores()), strict=True))
-    for index in (index for index in deformed if index != reference):
-        mesh, own = deformed[index], landmark_vertices[index]
-        result[index] = snap_to_mesh(mesh.vertices[chosen], mesh.vertex_normals[chosen], meshes[index])
+
+    def snapped(index: int) -> FloatArray:
+        mesh = deformed[index]
+        return snap_to_mesh(mesh.vertices[chosen], mesh.vertex_normals[chosen], meshes[index])
+
+    others = [index for index in deformed if index != reference]
+    for index, points in zip(others, in_threads(snapped, others), strict=True):
+        own = landmark_vertices[index]
+        result[index] = points
         result[index, : len(own)] = meshes[index].vertices[own]
     return result
 
@@ -232,16 +239,25 @@ def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tup
     """Return at most 40 shapes (K,) and their mean distances to all shapes, both ways, shape (K, M)."""
     trees = [cKDTree(mesh.vertices) for mesh in meshes]
     points = []
-    for index, mesh in enumerate(meshes):
+
+    def spread_points(mesh: TriangleMesh) -> FloatArray:
+        return mesh.vertices[farthest_point_sampling(mesh.vertices, N_SAMPLES)]
+
+    for index, chosen in enumerate(in_threads(spread_points, meshes)):
         tick(0.5 * index / len(meshes), "most typical shape")
-        points.append(mesh.vertices[farthest_point_sampling(mesh.vertices, N_SAMPLES)])
+        points.append(chosen)
+    together = np.concatenate(points)
+
+    def to_all(k: int) -> FloatArray:
+        forward = np.asarray(trees[k].query(together)[0]).reshape(len(meshes), -1)
+        back = [np.mean(np.asarray(tree.query(points[k])[0])) for tree in trees]
+        return np.add(forward.mean(axis=1), back)
+
     candidates = np.arange(0, len(meshes), max(1, len(meshes) // N_CANDIDATES))
     distances = np.empty((len(candidates), len(meshes)))
-    for row, k in enumerate(candidates.tolist()):
-        tick(0.5 + 0.5 * k / len(meshes), "most typical shape")
-        forward = [np.mean(np.asarray(trees[k].query(other)[0])) for other in points]
-        back = [np.mean(np.asarray(tree.query(points[k])[0])) for tree in trees]
-        distances[row] = np.add(forward, back)
+    for row, found in enumerate(in_threads(to_all, candidates.tolist())):
+        tick(0.5 + 0.5 * row / len(candidates), "most typical shape")
+        distances[row] = found
     return candidates, distances
 
 
