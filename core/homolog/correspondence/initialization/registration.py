@@ -251,7 +251,8 @@ def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tup
     def to_all(k: int) -> FloatArray:
         forward = np.asarray(trees[k].query(together)[0]).reshape(len(meshes), -1)
         back = [np.mean(np.asarray(tree.query(points[k])[0])) for tree in trees]
-        return np.add(forward.mean(axis=1), back)
+        both: FloatArray = forward.mean(axis=1) + np.array(back)
+        return both
 
     candidates = np.arange(0, len(meshes), max(1, len(meshes) // N_CANDIDATES))
     distances = np.empty((len(candidates), len(meshes)))
