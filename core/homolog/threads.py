@@ -21,11 +21,11 @@ _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 
 
-def in_threads(function: Callable[[_Item], _Result], items: Iterable[_Item]) -> Iterator[_Result]:
+def in_threads(
+    function: Callable[[_Item], _Result], items: Iterable[_Item], threads: int
+) -> Iterator[_Result]:
     """Yield a function's results in the order of the items, a few of them computed ahead on other threads."""
-    from homolog.device import cores  # starts Warp
-
-    threads = min(cores(), _MOST_THREADS)
+    threads = min(threads, _MOST_THREADS)
     if threads == 1:
         yield from map(function, items)
         return

@@ -16,6 +16,7 @@ from homolog.correspondence.kernels import step as step_kernels
 from homolog.correspondence.launcher import Launcher
 from homolog.correspondence.schedule import Weights
 from homolog.correspondence.surface_sets import SurfaceSet, nearest_faces
+from homolog.device import cores
 from homolog.geodesics.kernels.lookup import SurfacePoint
 from homolog.threads import in_threads
 
@@ -129,7 +130,7 @@ class Engine:
     def _nearest_faces(self) -> IntArray:
         parts = zip(self.surface_set.meshes, self.host_positions(), self.host_normals(), strict=True)
         faces = []
-        for nearest in in_threads(lambda part: nearest_faces(*part), parts):
+        for nearest in in_threads(lambda part: nearest_faces(*part), parts, cores()):
             self.launch.poll_cancel()
             faces.append(nearest)
         return np.concatenate(faces)

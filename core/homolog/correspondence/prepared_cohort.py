@@ -20,6 +20,7 @@ from homolog.correspondence.surface_sets import (
     opening_array,
 )
 from homolog.correspondence.types import Shape
+from homolog.device import cores
 from homolog.errors import InputError
 from homolog.geodesics import GeodesicTable, solve_tables
 from homolog.memory import Store, in_memory
@@ -142,7 +143,7 @@ def prepare_cohort(
 
     def surface_set(originals: Sequence[TriangleMesh], limits: Sequence[float], tick: Tick) -> SurfaceSet:
         meshes = []
-        for mesh, shape in zip(in_threads(morton_ordered, originals), shapes, strict=True):
+        for mesh, shape in zip(in_threads(morton_ordered, originals, cores()), shapes, strict=True):
             tick(0.0, f"mesh of {shape.name}")
             meshes.append(mesh.stored(store))
         tables: list[GeodesicTable | None] = [None] * len(shapes)

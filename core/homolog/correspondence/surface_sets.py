@@ -19,6 +19,7 @@ from homolog.correspondence.kernels.functions import FieldData
 from homolog.correspondence.kernels.particles import Surface
 from homolog.correspondence.poses import rescale, scales_of
 from homolog.correspondence.types import Shape
+from homolog.device import cores
 from homolog.errors import NumericalError
 from homolog.geodesics import GeodesicTable
 from homolog.geometry import transform_points
@@ -140,7 +141,7 @@ def field_array(
         return _coefficients(field.values), field.index_to_world
 
     references = []
-    made = zip(shapes, to_optimizer, in_threads(prepared, shapes), strict=True)
+    made = zip(shapes, to_optimizer, in_threads(prepared, shapes, cores()), strict=True)
     for index, (shape, similarity, field) in enumerate(made):
         tick(index / len(shapes), f"distance field of {shape.name}")
         references.append(_field_data(*field, similarity, similarity.scale, device, store))
@@ -206,7 +207,7 @@ def _openings(
         return _Openings(_coefficients(values), grid, spread)
 
     pairs = zip(shapes, to_optimizer, strict=True)
-    for index, (shape, item) in enumerate(zip(shapes, in_threads(prepared, pairs), strict=True)):
+    for index, (shape, item) in enumerate(zip(shapes, in_threads(prepared, pairs, cores()), strict=True)):
         tick(index / len(shapes), f"opening angles of {shape.name}")
         yield replace(item, coefficients=store(item.coefficients))
 
@@ -289,7 +290,7 @@ def build_surface_set(
     transformed_meshes = [
         TriangleMesh(store(f.apply(m.vertices)), m.faces) for m, f in zip(meshes, to_optimizer, strict=True)
     ]
-    neighbours = in_threads(lambda mesh: face_neighbours(mesh.faces), meshes)
+    neighbours = in_threads(lambda mesh: face_neighbours(mesh.faces), meshes, cores())
     free = [True] * len(meshes) if free_shapes is None else free_shapes
     references = [
         _surface(*parts, device, store)

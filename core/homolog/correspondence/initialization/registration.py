@@ -103,7 +103,7 @@ def initial_particles(
     (M, count, 3) array
         On the meshes, or nearly.
     """
-    normals = list(in_threads(lambda mesh: mesh.vertex_normals, meshes))
+    normals = list(in_threads(lambda mesh: mesh.vertex_normals, meshes, cores()))
     reference, parents = registration_tree(*shape_distances(meshes, part_of(tick, 0.0, 0.1)))
     source = meshes[reference]
     control = farthest_point_sampling(source.vertices, min(N_CONTROL_POINTS, len(source.vertices)))
@@ -141,7 +141,7 @@ def initial_particles(
         return snap_to_mesh(mesh.vertices[chosen], mesh.vertex_normals[chosen], meshes[index])
 
     others = [index for index in deformed if index != reference]
-    for index, points in zip(others, in_threads(snapped, others), strict=True):
+    for index, points in zip(others, in_threads(snapped, others, cores()), strict=True):
         own = landmark_vertices[index]
         result[index] = points
         result[index, : len(own)] = meshes[index].vertices[own]
@@ -243,7 +243,7 @@ def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tup
     def spread_points(mesh: TriangleMesh) -> FloatArray:
         return mesh.vertices[farthest_point_sampling(mesh.vertices, N_SAMPLES)]
 
-    for index, chosen in enumerate(in_threads(spread_points, meshes)):
+    for index, chosen in enumerate(in_threads(spread_points, meshes, cores())):
         tick(0.5 * index / len(meshes), "most typical shape")
         points.append(chosen)
     together = np.concatenate(points)
@@ -256,7 +256,7 @@ def shape_distances(meshes: Sequence[TriangleMesh], tick: Tick = no_tick) -> tup
 
     candidates = np.arange(0, len(meshes), max(1, len(meshes) // N_CANDIDATES))
     distances = np.empty((len(candidates), len(meshes)))
-    for row, found in enumerate(in_threads(to_all, candidates.tolist())):
+    for row, found in enumerate(in_threads(to_all, candidates.tolist(), cores())):
         tick(0.5 + 0.5 * row / len(candidates), "most typical shape")
         distances[row] = found
     return candidates, distances
