@@ -64,9 +64,9 @@ def choose_device(name: str = "auto") -> str:
 
 
 def describe_device(alias: str) -> str:
-    """Return a line for people, such as ``"cuda:0 (NVIDIA H100, 80 GB)"`` or ``"cpu (2 cores)"``."""
+    """Return a line for people, such as ``"cuda:0 (NVIDIA H100, 80 GB)"`` or ``"CPU (2 cores)"``."""
     if alias == "cpu":
-        return f"cpu ({cores()} cores)"
+        return f"CPU ({cores()} cores)"
     device = wp.get_device(alias)
     return f"{alias} ({device.name}, {device.total_memory / 2**30:.0f} GB)"
 

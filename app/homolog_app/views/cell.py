@@ -251,8 +251,8 @@ class ViewCell:
 
     def show_caption(self, size: int, *, small: bool, letters: bool, bar: bool) -> None:
         """Write the subject's name and note, the letters and a scale bar, so many pixels high."""
-        lines = [self.content.name, self.content.note] if self.content is not None else []
-        self.texts.show([line for line in lines if line], size, small=small, letters=letters)
+        lines = self.content.caption if self.content is not None else []
+        self.texts.show(lines, size, small=small, letters=letters)
         self._bar.show(bar and self.content is not None, round(0.85 * size))
         self._numbers.show(self.content.numbers if self.content is not None else None, size)
 

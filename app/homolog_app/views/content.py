@@ -74,6 +74,8 @@ class Content:
         Whether `groomed` is seen transparent over `raw`, whatever the user has switched on.
     numbers : Numbers, optional
         Seen in front of everything.
+    titled : bool
+        Whether the caption begins with the name.
     """
 
     name: str
@@ -89,6 +91,12 @@ class Content:
     through: bool = False
     overlaid: bool = False
     numbers: Numbers | None = None
+    titled: bool = True
+
+    @property
+    def caption(self) -> list[str]:
+        """The lines at the top of the view."""
+        return [line for line in (self.name if self.titled else "", self.note) if line]
 
     @property
     def patient_axes(self) -> FloatArray:
@@ -237,6 +245,8 @@ def _arrays_of(content: Content, shown: ViewContents) -> _Arrays:
         arrays["through"] = np.array(True)
     if content.overlaid:
         arrays["overlaid"] = np.array(True)
+    if not content.titled:
+        arrays["untitled"] = np.array(True)
     arrays |= {name: array for name in _EACH if (array := getattr(content, name)) is not None}
     if shown.particles and content.name in shown.particles:
         arrays["particles"] = shown.particles[content.name]
@@ -264,7 +274,7 @@ def _content(name: str, note: str, arrays: _Arrays) -> Content:
         colours=_table(arrays, "colours", points, kind="u1") if "colours" in arrays else None,
         normals=_table(arrays, "normals", points) if "normals" in arrays else None,
         through="through" in arrays,
-        overlaid="overlaid" in arrays, numbers=_numbers(arrays),
+        overlaid="overlaid" in arrays, titled="untitled" not in arrays, numbers=_numbers(arrays),
     )  # fmt: skip
 
 

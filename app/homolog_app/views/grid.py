@@ -23,6 +23,9 @@ __all__ = ["Grid", "drawn"]
 
 _GAP = 0.0015
 _FEW = 4
+_TEXT_PX = {1: 16, 4: 15, 9: 13}  # by the largest number of views
+_LETTER = 0.55  # width of a letter by its height, about
+_ASIDE = 0.35  # share of a view's width that a caption beside shapes may take
 
 
 class Grid:
@@ -150,16 +153,18 @@ class Grid:
         self.cameras.widen(self.count, self._room(width, height))
 
     def _room(self, width: float, height: float) -> ViewMargins:
-        """Return the room of a view: a caption of two lines is above the only one, letters are in others."""
+        """Return the room of a view: shapes stay below captions that reach over them, clear of letters."""
         rows, columns = self.shape
         wide, high = max(1.0, width / columns), max(1.0, height / rows)
-        lines = 2.6 if self.count == 1 else 1.4
+        longest = max((len(line) for item in self.shown for line in item.caption), default=0)
+        below = self.count == 1 or longest * _LETTER * self._text_px > _ASIDE * wide
+        lines = 2.6 if below else 1.4
         return ViewMargins(wide, high, 1.6 * self._text_px, lines * self._text_px + 0.025 * high)
 
     @property
     def _text_px(self) -> float:
         """Height of the texts, in pixels of a usual screen."""
-        return self.text * {1: 16, 4: 15, 9: 13}.get(self.count, 12)
+        return self.text * next((size for most, size in _TEXT_PX.items() if self.count <= most), 12)
 
     def paint(self, colours: Colours) -> None:
         """Take the colours of the scheme."""

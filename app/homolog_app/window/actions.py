@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping
 
-from PySide6.QtCore import QObject, QSize
-from PySide6.QtGui import QAction, QActionGroup, QKeySequence
-from PySide6.QtWidgets import QMainWindow, QMenu, QToolButton, QWidget
+from PySide6.QtCore import QEvent, QObject, QSize, QTimer, Slot
+from PySide6.QtGui import QAction, QActionGroup, QCursor, QEnterEvent, QKeySequence
+from PySide6.QtWidgets import QMainWindow, QMenu, QToolButton, QToolTip, QWidget
 
 from homolog_app.window.availability import REASONS
 from homolog_app.window.commands import COMMANDS, MENUS, Command, command
@@ -14,6 +14,8 @@ from homolog_app.window.theme import Theme
 __all__ = ["Actions", "shortcuts"]
 
 Handler = Callable[[], object]
+
+_TIP_MS = 400  # Qt's own tips come after 700
 
 
 _STANDARD = {
@@ -34,6 +36,28 @@ def shortcuts(entry: Command) -> list[QKeySequence]:
     own = [QKeySequence(entry.shortcut)] if entry.shortcut else []
     standard = _STANDARD.get(entry.id)
     return (QKeySequence.keyBindings(standard) if standard is not None else []) or own
+
+
+class _ToolButton(QToolButton):
+    """A button of a command without a text: its tooltip comes soon."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._soon = QTimer(self, singleShot=True, interval=_TIP_MS)
+        self._soon.timeout.connect(self._show_tip)
+
+    def enterEvent(self, event: QEnterEvent) -> None:
+        super().enterEvent(event)
+        self._soon.start()
+
+    def leaveEvent(self, event: QEvent) -> None:
+        super().leaveEvent(event)
+        self._soon.stop()
+
+    @Slot()
+    def _show_tip(self) -> None:
+        if self.underMouse():
+            QToolTip.showText(QCursor.pos(), self.toolTip(), self)
 
 
 class Actions(QObject):
@@ -91,7 +115,7 @@ class Actions(QObject):
 
     def button(self, identifier: str, parent: QWidget, size: int = 20) -> QToolButton:
         """Return a tool button of a command."""
-        result = QToolButton(parent)
+        result = _ToolButton(parent)
         result.setDefaultAction(self._actions[identifier])
         result.setIconSize(QSize(size, size))
         result.setAccessibleName(command(identifier).title)
@@ -100,9 +124,9 @@ class Actions(QObject):
     def _tip(self, entry: Command, reason: str) -> str:
         known = shortcuts(entry)
         keys = known[0].toString(QKeySequence.SequenceFormat.NativeText) if known else ""
-        return (f"{entry.help} ({keys})" if keys else entry.help) + (
-            f"\nNot now: {reason}." if reason else ""
-        )
+        name = entry.title.rstrip("…")
+        lines = [f"{name} ({keys})" if keys else name, entry.help, f"Not now: {reason}." if reason else ""]
+        return "\n".join(filter(None, lines))
 
     def _fill_menus(self, window: QMainWindow) -> None:
         menus: dict[str, QMenu] = {name: window.menuBar().addMenu(f"&{name}") for name in MENUS}

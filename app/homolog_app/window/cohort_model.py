@@ -171,12 +171,15 @@ class CohortModel(QAbstractTableModel):
         if groomed.settings != self._session.study.settings.groom:
             return "Settings changed", "redo_one"
         notes = groomed.subject.report.notes
-        return (notes[0], "warning") if notes else ("Groomed", "done")
+        if notes:
+            return ("1 note" if len(notes) == 1 else f"{len(notes)} notes"), "warning"
+        return "Groomed", "done"
 
     def _tip(self, member: Member) -> str:
         groomed = self._session.groomed.get(member.name)
         notes = groomed.subject.report.notes if groomed else ()
-        return "\n".join([str(member.subject.path), self._status(member)[0], *notes[1:]])
+        status = () if notes else (self._status(member)[0],)
+        return "\n".join([str(member.subject.path), *status, *notes])
 
     def _picture(self, member: Member, column: int) -> QPixmap | None:
         colours = self._theme.colours

@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QItemSelectionModel, QModelIndex, QPoint, QSize, QSortFilterProxyModel, Qt
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QHeaderView, QLabel, QLineEdit, QTableView, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QHeaderView, QLabel, QLineEdit, QTableView
 
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_model import GROUP, NAME, STATUS, VOLUME, CohortModel
@@ -15,7 +15,7 @@ __all__ = ["CohortPanel"]
 
 _TOOLS = ("file.add", "file.import", "file.export", "edit.group", "edit.include", "edit.remove")
 _GROUP_PX = (56, 120)
-_NAME_PX, _STATUS_PX = 140, 76
+_NAME_PX, _STATUS_PX = 140, 112
 _MEASURED_ROWS = 100  # beyond those in sight, whose names are looked at for the width
 
 
@@ -62,16 +62,16 @@ class CohortPanel(Panel):
         self.body.addWidget(self.table, 1)
         self.count = label("", "Hint", wrap=True)
         self.problems: QLabel = label("", "Problem", wrap=True)
-        proceed = button("Next: Groom", "primary")
-        proceed.clicked.connect(actions["view.groom"].trigger)
-        for widget in (self.count, self.problems, proceed):
+        self.proceed = button("Next: Groom", "primary")
+        self.proceed.clicked.connect(actions["view.groom"].trigger)
+        for widget in (self.count, self.problems, self.proceed):
             self.footer.addWidget(widget)
-        self._proceed: QWidget = proceed
         self.table.selectionModel().selectionChanged.connect(self._update_selection)
         session.selection_changed.connect(self._show_selection)
         session.study_changed.connect(self._count)
         session.facts_changed.connect(self._count)
         self.model.modelReset.connect(self.table.fit_names)
+        self.model.modelReset.connect(self._show_selection)
         session.facts_changed.connect(self.table.fit_names)
         self._count()
 
@@ -135,7 +135,7 @@ class CohortPanel(Panel):
         lines += [f"{owners} several structures; choose one above."] if waiting else []
         self.problems.setText("\n".join(lines))
         self.problems.setVisible(bool(lines))
-        self._proceed.setEnabled(included >= 2 and not waiting)
+        self.proceed.setEnabled(included >= 2 and not waiting)
 
     def _update_selection(self) -> None:
         if self._following:

@@ -28,7 +28,7 @@ _LINES = 3
 _EDITOR = 112
 _NO_BOUND = 2**31 - 1  # as many as an editor of whole numbers takes
 _WORDS = {
-    "geodesic-normals": "Geodesics and normals (the paper's)",
+    "geodesic-normals": "Geodesics and normals",
     "geodesic": "Geodesics only",
     "normals": "Normals only",
     "euclidean": "Euclidean (Cates et al.)",
@@ -67,7 +67,8 @@ class _Help(QLabel):
 class SettingsForm(QWidget):
     """Shows a settings model and reports each valid edit as a changed model.
 
-    `help` is a label that the owner puts where it is always seen.
+    `help` is a label that the owner puts where it is always seen, `name_px` the width of the names, also of
+    those of the settings left out.
     """
 
     edited = Signal(str, object)
@@ -82,10 +83,12 @@ class SettingsForm(QWidget):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(GRID)
-        shown = [parameter for parameter in parameters(model) if parameter.name not in leave_out]
-        room = max((label(item.unit, "Unit").sizeHint().width() for item in shown if item.unit), default=0)
-        for parameter in shown:
-            row = _Row(parameter, room)
+        known = parameters(model)
+        self.name_px = max(QLabel(item.label.capitalize()).sizeHint().width() for item in known)
+        for parameter in known:
+            if parameter.name in leave_out:
+                continue
+            row = _Row(parameter, self.name_px)
             row.entered.connect(self._enter)
             row.helped.connect(self.help.setText)
             self._rows[parameter.name] = row
@@ -118,7 +121,7 @@ class SettingsPair(QWidget):
         super().__init__()
         more = tuple(parameter.name for parameter in parameters(model) if parameter.name not in main)
         self.main = SettingsForm(model, leave_out=more)
-        self.help = self.main.help
+        self.help, self.name_px = self.main.help, self.main.name_px
         self.more = SettingsForm(model, leave_out=main, help_=self.help)
         self.more.hide()
         self.unfold = button("More settings ▸", "flat")
@@ -153,7 +156,7 @@ class _Row(QWidget):
     entered = Signal(str, object)
     helped = Signal(str)
 
-    def __init__(self, parameter: Parameter, unit_room: int) -> None:
+    def __init__(self, parameter: Parameter, name_px: int) -> None:
         super().__init__()
         self._parameter = parameter
         self._problem = label("", "Problem", wrap=True)
@@ -167,18 +170,14 @@ class _Row(QWidget):
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setHorizontalSpacing(GRID)
         grid.setVerticalSpacing(GRID // 2)
-        wide = isinstance(self._editor, QComboBox)
-        columns = 3 if unit_room else 2
         name = QLabel(parameter.label.capitalize())
         name.setBuddy(self._editor)
         grid.addWidget(name, 0, 0)
-        grid.addWidget(self._editor, 0, 1, 1, columns - 1 if wide else 1)
-        if parameter.unit:
-            grid.addWidget(label(parameter.unit, "Unit"), 0, 2)
-        grid.addWidget(self._problem, 1, 0, 1, columns)
-        grid.setColumnStretch(0, 1)
-        if unit_room:  # editors stand below each other, with and without a unit
-            grid.setColumnMinimumWidth(2, unit_room)
+        grid.addWidget(self._editor, 0, 1)
+        grid.addWidget(label(parameter.unit, "Unit"), 0, 2)
+        grid.addWidget(self._problem, 1, 0, 1, 4)
+        grid.setColumnMinimumWidth(0, name_px)  # editors stand below each other
+        grid.setColumnStretch(3, 1)
 
     def enterEvent(self, event: QEnterEvent) -> None:
         """Show the help of what the pointer is on."""

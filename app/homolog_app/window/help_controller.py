@@ -106,7 +106,7 @@ class HelpController(Controller):
     def save_report(self, details: str = "") -> None:
         """Ask for a file and write the problem report."""
         path, _ = QFileDialog.getSaveFileName(
-            self._window, "Save report", "homolog-report.txt", "Texts (*.txt)"
+            self._window, "Save report", "homolog-report.txt", "Text files (*.txt)"
         )
         if path:
             write_text(

@@ -57,7 +57,7 @@ def prepare(tick: Tick) -> Devices:
 
     automatic = choose_device("auto")
     aliases = ["cpu", *(device.alias for device in warp.get_cuda_devices())]
-    names = {"auto": f"Automatic ({describe_device(automatic)})"}
+    names = {"auto": f"Automatic: {describe_device(automatic)}"}
     names |= {alias: describe_device(alias) for alias in aliases}
     ours = [module for name, module in sys.modules.items() if name.startswith("homolog.")]
     kernels = [item for module in ours for item in vars(module).values() if isinstance(item, warp.Kernel)]

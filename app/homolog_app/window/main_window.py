@@ -120,6 +120,7 @@ class MainWindow(QMainWindow):
         open_ = workspace.session.is_open and views is not None
         self._middle.setCurrentIndex(1 if open_ else 0)
         self.inspector.show_work(workspace.work)
+        self.start_page.show_busy(workspace.work.status if workspace.work.is_busy else None)
         self.docks.show_for(open_)
         self._name_window()
 
@@ -127,10 +128,10 @@ class MainWindow(QMainWindow):
     def _show_progress(self) -> None:
         """Show how far the work is; what is possible stays."""
         workspace = self.workspace
-        if workspace.work.kind in ("groom", "run"):
-            self.rail.show_steps(
-                steps_of(workspace.session, workspace.work), self.step if workspace.session.is_open else ""
-            )
+        if not workspace.session.is_open:
+            self.start_page.show_busy(workspace.work.status if workspace.work.is_busy else None)
+        elif workspace.work.kind in ("groom", "run"):
+            self.rail.show_steps(steps_of(workspace.session, workspace.work), self.step)
             self.inspector.show_work(workspace.work)
 
     def closeEvent(self, event: QCloseEvent) -> None:

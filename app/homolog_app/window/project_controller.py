@@ -183,8 +183,8 @@ class ProjectController(Controller):
             return True
         if workspace.work.is_busy:
             answer = ask(
-                self._window, "The work is not finished",
-                "Stop it? A run can be resumed from its checkpoint.", ("Stop", "Keep working"),
+                self._window, "Stop what is being computed?",
+                "It has not finished. A run can be resumed from its checkpoint.", ("Stop", "Keep working"),
                 1, lambda: not workspace.work.is_busy,
             )  # fmt: skip
             if answer == "Keep working":
@@ -194,9 +194,8 @@ class ProjectController(Controller):
         if not workspace.is_changed:
             return True
         answer = ask(
-            self._window, f"Save {workspace.session.title}?",
-            "Edits since the last time will be lost otherwise.",
-            ("Save", "Don't save", "Cancel"),
+            self._window, f"Save {workspace.session.title if workspace.session.folder else 'the study'}?",
+            "Changes since it was last saved are lost otherwise.", ("Save", "Don't save", "Cancel"),
         )  # fmt: skip
         if answer == "Save":
             self.save()

@@ -11,12 +11,12 @@ from homolog_app.window.interrupted import interrupted_text
 from homolog_app.window.progress import Progress
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session
-from homolog_app.window.widgets import GRID, Panel, button, label, rule, set_primary
+from homolog_app.window.widgets import GRID, ActionButton, Panel, label, rule, set_primary
 
 __all__ = ["RunPanel"]
 
 _MAIN = ("method", "particles", "seed")
-_STOPPED = "The last run was interrupted. Resume continues from its checkpoint."
+_STOPPED = "The last run was stopped. Resume continues from its checkpoint; Run again starts anew."
 _FIRST = "Groom the shapes first, and check the surfaces."
 
 
@@ -35,31 +35,41 @@ class RunPanel(Panel):
         self.device.setAccessibleName("Device")
         self.show_devices({"auto": "Automatic"})
         self.device.activated.connect(lambda _: self.device_chosen.emit(self.device.currentData()))
-        self.device_help = label("Compute device; automatic takes the first GPU.", "FieldHelp", wrap=True)
+        self.device.setToolTip("Compute device. Automatic takes the first GPU, or the CPU if there is none.")
         self.summary = label("", "Hint", wrap=True)
-        name = QLabel("Device")
-        name.setBuddy(self.device)
         self.further = label("", "Hint", wrap=True)
-        self.more, self.fit = button("Add particles"), button("Fit new subjects")
+        self.more, self.fit = (
+            ActionButton(text, actions[command])
+            for text, command in (("Add particles", "run.more"), ("Fit new subjects", "run.fit"))
+        )
         self.from_result = self._make_further()
         for widget in (
-            self.form, rule(), name, self.device, self.device_help, self.summary, self.from_result,
+            self._device_row(), self.form, rule(), self.summary, self.from_result,
         ):  # fmt: skip
             self.body.addWidget(widget)
         self.body.addStretch()
         self.progress = Progress(actions)
-        self.pause, self.go = button("Pause"), button("Run", "primary")
-        self.resume, self.keep = button("Resume"), button("Keep particles")
-        self.proceed = button("Next: Explore", "primary")
+        self.pause = ActionButton("Pause", actions["run.pause"])
+        self.go = ActionButton("Run", actions["run.start"], "primary")
+        self.resume = ActionButton("Resume", actions["run.resume"])
+        self.keep = ActionButton("Keep particles", actions["run.keep"])
+        self.proceed = ActionButton("Next: Explore", actions["view.explore"], "primary")
         self._lay_out_footer()
-        for control, command in (
-            (self.more, "run.more"), (self.fit, "run.fit"), (self.pause, "run.pause"), (self.go, "run.start"),
-            (self.resume, "run.resume"), (self.keep, "run.keep"), (self.proceed, "view.explore"),
-        ):  # fmt: skip
-            control.clicked.connect(actions[command].trigger)
         session.study_changed.connect(self.refresh)
         session.facts_changed.connect(self.refresh)
         self.refresh()
+
+    def _device_row(self) -> QWidget:
+        name = QLabel("Device")
+        name.setBuddy(self.device)
+        name.setFixedWidth(self.form.name_px)
+        result = QWidget()
+        row = QHBoxLayout(result)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(GRID)
+        row.addWidget(name)
+        row.addWidget(self.device, 1)
+        return result
 
     def _make_further(self) -> QWidget:
         """Return what is offered beside a new run."""
@@ -111,14 +121,15 @@ class RunPanel(Panel):
         self.form.show_values(session.study.settings.optimize)
         self.refresh_device()
         done = session.result is not None
-        self.go.setText("Run again" if done else "Run")
+        resumable = self._actions["run.resume"].isEnabled()
+        self.go.setText("Run again" if done or resumable else "Run")
         self._show_further()
-        self.go.setEnabled(self._actions["run.start"].isEnabled())
-        set_primary(self.go, not done)
-        self.resume.setVisible(idle and self._actions["run.resume"].isEnabled())
+        set_primary(self.go, not done and not resumable)
+        set_primary(self.resume, not done)
+        self.resume.setVisible(idle and resumable)
         self.keep.setVisible(idle and self._actions["run.keep"].isEnabled())
         self.proceed.setVisible(idle and done)
-        ready = session.is_groomed or done
+        ready = session.is_groomed or done or resumable
         text = session.result.summary if session.result else "" if ready else _FIRST
         if self.resume.isVisibleTo(self):
             text = f"{self._interrupted()}\n{text}".strip()
@@ -142,9 +153,6 @@ class RunPanel(Panel):
         count = len(possible.subjects)
         self.more.setText(f"Add {possible.particles} particles" if possible.particles else "Add particles")
         self.fit.setText(f"Fit {count} new subject{'s' * (count != 1)}" if count else "Fit new subjects")
-        for control, command in ((self.more, "run.more"), (self.fit, "run.fit")):
-            control.setEnabled(self._actions[command].isEnabled())
-            control.setToolTip(self._actions[command].toolTip())
 
     def refresh_device(self) -> None:
         """Show the chosen device; one that this machine lacks is listed as missing."""

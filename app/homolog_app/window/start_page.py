@@ -8,8 +8,10 @@ from PySide6.QtWidgets import QFrame, QGridLayout, QHBoxLayout, QLabel, QPushBut
 from homolog_app.window.actions import Actions
 from homolog_app.window.commands import command
 from homolog_app.window.icons import pixmap
+from homolog_app.window.progress import Progress
+from homolog_app.window.runner import Status
 from homolog_app.window.theme import Theme
-from homolog_app.window.widgets import GRID, button, label, rule
+from homolog_app.window.widgets import GRID, ActionButton, button, label, rule
 
 __all__ = ["StartPage"]
 
@@ -36,10 +38,11 @@ class StartPage(QFrame):
         column.setSpacing(2 * GRID)
         column.addLayout(self._head())
         column.addLayout(self._card_row())
-        column.addWidget(
-            label("Or drop a folder, files or a project anywhere on this window.", "Hint"),
-            alignment=Qt.AlignmentFlag.AlignHCenter,
-        )
+        self.hint = label("Or drop a folder, files or a project anywhere on this window.", "Hint")
+        self.progress = Progress(actions)
+        self.progress.buttons.addStretch()
+        column.addWidget(self.hint, alignment=Qt.AlignmentFlag.AlignHCenter)
+        column.addWidget(self.progress)
         column.addSpacing(GRID)
         column.addLayout(self._recent)
         centre = QWidget()
@@ -57,6 +60,11 @@ class StartPage(QFrame):
         outer.addWidget(self.notice, alignment=Qt.AlignmentFlag.AlignHCenter)
         theme.changed.connect(self._draw_icons)
         self._draw_icons()
+
+    def show_busy(self, status: Status | None) -> None:
+        """Show the progress of what was begun here, or that nothing goes on."""
+        self.progress.show_status(status)
+        self.hint.setVisible(status is None)
 
     def show_recent(self, folders: list[Path]) -> None:
         """List the projects opened last; those that are gone can be located."""
@@ -106,16 +114,16 @@ class StartPage(QFrame):
             "file.sample_hearts": "Twenty generated left ventricles, healthy or after infarct; a short tour.",
         }
         for column, identifier in enumerate(_CARDS):
-            card, icon = self._card(command(identifier).title.rstrip("…"), texts[identifier])
-            card.clicked.connect(self._actions[identifier].trigger)
+            card, icon = self._card(identifier, texts[identifier])
             card.setAccessibleName(command(identifier).title)
             card.setAccessibleDescription(texts[identifier])
             self._cards.append((card, icon, command(identifier).icon))
             grid.addWidget(card, 0, column)
         return grid
 
-    def _card(self, title: str, text: str) -> tuple[QPushButton, QLabel]:
-        card = button("", "card")
+    def _card(self, identifier: str, text: str) -> tuple[QPushButton, QLabel]:
+        card = ActionButton("", self._actions[identifier], "card")
+        title = command(identifier).title.rstrip("…")
         layout = QVBoxLayout(card)
         layout.setContentsMargins(2 * GRID, 2 * GRID, 2 * GRID, 2 * GRID)
         layout.setSpacing(GRID)

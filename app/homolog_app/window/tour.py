@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QVBoxLayout
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.samples import BEANS, HEARTS, Sample, Stop
 from homolog_app.window.steps import steps_of
-from homolog_app.window.widgets import GRID, button, label, set_primary
+from homolog_app.window.widgets import GRID, button, label
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow
@@ -34,6 +34,7 @@ class Tour(QObject):
         self.card.end.clicked.connect(self.card.hide)
         self.card.offer.clicked.connect(self._accept_offer)
         window.workspace.work.changed.connect(self._refresh)
+        window.step_changed.connect(self._follow)
         offers = {stop.offer for sample in (BEANS, HEARTS) for stop in sample.stops if stop.offer}
         for offer in sorted(offers):
             window.commands[offer].changed.connect(self._refresh)
@@ -86,6 +87,13 @@ class Tour(QObject):
     def _accept_offer(self) -> None:
         self._window.commands[self._stops[self._at].offer].trigger()
 
+    def _follow(self) -> None:
+        """Go on to the card of the step that was opened in another way."""
+        step = self._window.step
+        if not self.card.isHidden() and self._stops[self._at].step != step:
+            self._at = next(index for index, stop in enumerate(self._stops) if stop.step == step)
+            self._refresh()
+
     def _refresh(self) -> None:
         if self.card.isHidden():
             return
@@ -98,8 +106,6 @@ class Tour(QObject):
         if offer is not None:
             self.card.offer.setText(offer.text())
             self.card.offer.setEnabled(offer.isEnabled())
-            set_primary(self.card.offer, not carried_out)
-        set_primary(self.card.go_on, offer is None or carried_out)
 
 
 class _Card(QFrame):
@@ -108,12 +114,12 @@ class _Card(QFrame):
     def __init__(self) -> None:
         super().__init__()
         self.setObjectName("Banner")
-        self._title, self._text = label("", "SectionTitle"), label("", wrap=True)
+        self.title, self._text = label("", "SectionTitle"), label("", wrap=True)
         self._number = label("", "Hint")
         self.offer, self.back = button(""), button("Back", "flat")
-        self.go_on, self.end = button("Next", "primary"), button("End tour", "flat")
+        self.go_on, self.end = button("Next"), button("End tour", "flat")
         head = QHBoxLayout()
-        head.addWidget(self._title)
+        head.addWidget(self.title)
         head.addStretch()
         head.addWidget(self._number)
         row = QHBoxLayout()
@@ -130,7 +136,7 @@ class _Card(QFrame):
         layout.addLayout(row)
 
     def show_stop(self, stop: Stop, number: str, has_back: bool, done: bool, last: bool) -> None:
-        self._title.setText(stop.title)
+        self.title.setText(stop.title)
         self._text.setText(stop.text)
         self._number.setText(number)
         self.offer.setVisible(bool(stop.offer))

@@ -56,7 +56,7 @@ class ViewFooter(QFrame):
         row.setSpacing(GRID)
         self.play = actions.button("run.play", self)
         self.time = QSlider(Qt.Orientation.Horizontal)
-        self.time.setAccessibleName("Moment of the run")
+        self.time.setAccessibleName("Position in the run")
         self.time.valueChanged.connect(self.frame_chosen)
         self.moment = label("", "Hint")
         self.moment.setMinimumWidth(120)

@@ -18,6 +18,7 @@ _KEYS = ("name", "subject", "id")
 _NOT_TAKEN = ("path", "landmarks")
 _GROUP, _IMAGE = "group", "image"
 _SHOWN = 5
+_COLUMNS = 20
 _SHOWN_CHARACTERS = 80
 
 
@@ -68,7 +69,9 @@ class TableChanges:
     def lines(self) -> list[str]:
         """What changes, a line each."""
         lines = [f"{len(self.matched)} of {len(self.subjects)} subjects have a row (column {self.key})"]
-        lines += [f"{name}: {_count(number, 'new value')}" for name, number in self.added.items()]
+        for number in dict.fromkeys(self.added.values()):
+            names = [name for name, count in self.added.items() if count == number]
+            lines.append(f"{_listed(names, _COLUMNS)}: {_count(number, 'new value')}")
         for name in dict.fromkeys(item.column for item in self.replaced):
             changed = [item for item in self.replaced if item.column == name]
             shown = [f"{item.subject} {item.before} to {item.after}" for item in changed]
@@ -238,6 +241,6 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more
+def _listed(names: Sequence[str], shown: int = _SHOWN) -> str:
+    more = f" and {len(names) - shown} more" if len(names) > shown else ""
+    return ", ".join(names[:shown]) + more

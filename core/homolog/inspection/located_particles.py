@@ -145,7 +145,7 @@ def locate_particles(
         distances.append(_distances(points, own, mesh, float(spacing[m]), name, part_of(part, 0.0, 0.9)))
         corners = mesh.faces[faces[m]]
         start = np.linalg.norm(mesh.vertices[corners] - points[:, None], axis=2)
-        part(0.9, f"{name}: coverage")
+        part(0.9, f"coverage of {name}")
         reach = distances_from(mesh, corners.ravel().tolist(), start.ravel().tolist(), name=name)
         reaches.append(frozen(reach, np.float64))
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)

@@ -352,7 +352,7 @@ def test_every_dialog_panel_and_page_can_be_used_by_key_is_named_and_can_be_read
                 enlarged.show()
                 yield "a plot enlarged", enlarged
                 enlarged.close()
-                page.kind.setCurrentText("One against another")
+                page.kind.setCurrentText("Scatter plot")
                 page.choose_plots()
                 yield "two measures", page
                 yield "one measure against another", page.charts

@@ -131,3 +131,20 @@ def test_whatever_may_be_impossible_has_a_reason():
 
     assert {one.needs for one in COMMANDS} - {"always"} <= set(REASONS)
     assert all(words and not words.endswith(".") for words in REASONS.values())
+
+
+@pytest.mark.window
+def test_a_tool_without_a_text_says_its_name_when_the_pointer_is_on_it(window, qapp, wait):
+    from PySide6.QtCore import QPointF
+    from PySide6.QtGui import QEnterEvent
+    from PySide6.QtWidgets import QToolTip
+
+    from homolog_app.window.commands import command
+
+    tool = window.commands.button("view.clip", window)
+    tool.show()
+    here = QPointF(tool.rect().center())
+    qapp.sendEvent(tool, QEnterEvent(here, here, here))
+    wait(QToolTip.isVisible, 5.0)
+    assert QToolTip.text().startswith(command("view.clip").title)
+    QToolTip.hideText()

@@ -183,7 +183,7 @@ def test_two_shapes_are_seen_side_by_side_on_one_scale(page, window):
 
 
 def test_one_measure_is_plotted_against_another(page, window):
-    page.kind.setCurrentText("One against another")
+    page.kind.setCurrentText("Scatter plot")
     page.kind.activated.emit(page.kind.currentIndex())
     pairs = page.charts.pairs
     for axis, text in enumerate(("Wall", "Area")):

@@ -153,6 +153,12 @@ def test_playing_moves_the_chosen_mode_until_it_is_held(page, window, wait):
     wait(lambda: min(seen, default=0.0) < -0.3 < 0.3 < max(seen), what="for a swing to both sides")
     window.commands["run.play"].trigger()
     assert not page.player.is_playing
+    paused = page.sliders.values[0]
+    seen.clear()
+    window.commands["run.play"].trigger()
+    wait(lambda: bool(seen))
+    assert min(abs(value - paused) for value in seen) < 1.0  # not from the mean again
+    window.commands["run.play"].trigger()
 
 
 def test_without_loop_it_ends_at_the_mean_by_itself(page, window, wait):

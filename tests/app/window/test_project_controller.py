@@ -12,6 +12,7 @@ from homolog.cohort import read_cohort
 from homolog.errors import InputError, user_message
 from homolog_app.cli import main
 from homolog_app.rendering.text import millilitres
+from homolog_app.window.widgets import ActionButton
 
 HEAVY = ("warp", "SimpleITK", "pyvista", "pyvistaqt", "vtkmodules", "matplotlib", "skimage")
 
@@ -250,7 +251,7 @@ def test_none_keeps_its_references_while_the_window_is_painted(window, qapp):
 def test_closing_asks_about_unsaved_edits_and_obeys(beans, close, monkeypatch, tmp_path):
     answers, asked = iter(["Cancel", "Save"]), []
     monkeypatch.setattr(
-        "homolog_app.window.project_controller.ask", lambda *given: asked.append(given[1]) or next(answers)
+        "homolog_app.window.project_controller.ask", lambda *given: asked.append(given[3][0]) or next(answers)
     )
     monkeypatch.setattr(
         "homolog_app.window.project_controller.QFileDialog.getSaveFileName",
@@ -260,7 +261,7 @@ def test_closing_asks_about_unsaved_edits_and_obeys(beans, close, monkeypatch, t
     beans.close()
     assert beans.isVisible()
     close(beans)
-    assert asked == ["Save Unsaved study?"] * 2
+    assert asked == ["Save"] * 2
     assert (tmp_path / "kept" / "project.json").is_file()
 
 
@@ -286,16 +287,16 @@ def test_the_question_whether_to_stop_is_closed_when_the_work_has_ended(window, 
 def test_work_that_is_to_be_stopped_is_stopped_before_the_next_question(groomed, monkeypatch, wait):
     asked = []
 
-    def answer(_parent, title, *_):
-        asked.append(title)
-        return "Stop" if title == "The work is not finished" else "Cancel"
+    def answer(_parent, _title, _details, answers, *_):
+        asked.append(answers[0])
+        return "Stop" if "Stop" in answers else "Cancel"
 
     monkeypatch.setattr("homolog_app.window.project_controller.ask", answer)
     groomed.workspace.preferences.ask_on_close = True
     groomed.commands["run.start"].trigger()
     wait(lambda: groomed.workspace.work.run_job is not None)
     groomed.close()
-    assert asked == ["The work is not finished", "Save Unsaved study?"]
+    assert asked == ["Stop", "Save"]
     wait(lambda: not groomed.workspace.work.is_busy)
     assert groomed.workspace.session.result is None
     groomed.workspace.preferences.ask_on_close = False
@@ -422,13 +423,13 @@ def test_a_result_of_another_cohort_or_other_settings_says_so_on_every_page(expl
 def test_closing_in_mid_run_asks_first(groomed, monkeypatch, wait):
     asked = []
     monkeypatch.setattr(
-        "homolog_app.window.project_controller.ask", lambda *given: asked.append(given[1]) or given[3][-1]
+        "homolog_app.window.project_controller.ask", lambda *given: asked.append(given[3][0]) or given[3][-1]
     )
     groomed.workspace.preferences.ask_on_close = True
     groomed.commands["run.start"].trigger()
     wait(lambda: groomed.workspace.work.run_job is not None)
     groomed.close()
-    assert asked == ["The work is not finished"]
+    assert asked == ["Stop"]
     assert groomed.isVisible()
     assert groomed.workspace.work.is_busy
     groomed.workspace.preferences.ask_on_close = False
@@ -451,3 +452,53 @@ def test_a_table_is_imported_once_its_preview_is_accepted(beans, tmp_path, monke
     assert groups == (["case", "control", None, None] if answer == "Import" else [None] * 4)
     assert "2 of 4" in asked[0]
     assert "x" in asked[0].splitlines()[-1]
+
+
+@pytest.mark.window
+def test_the_start_page_shows_how_far_a_sample_is_and_can_cancel_it(window, monkeypatch, wait):
+    import time
+
+    def make(_sample, _folder, tick):
+        while True:
+            tick(0.5, "writing")
+            time.sleep(0.01)
+
+    monkeypatch.setattr("homolog_app.window.samples.Sample.make", make)
+    page, card = window.start_page, window.start_page.findChild(ActionButton)
+    assert card.isEnabled()
+    window.commands["file.sample_hearts"].trigger()
+    wait(lambda: page.progress.isVisible() and page.progress.bar.value() == 500)
+    assert not card.isEnabled()
+    page.progress.cancel.click()
+    wait(lambda: not window.workspace.work.is_busy)
+    assert page.progress.isHidden()
+    assert card.isEnabled()
+
+
+@pytest.mark.window
+def test_what_no_page_shows_the_progress_of_is_shown_in_the_status_bar(explored, wait):
+    import time
+
+    def work(tick):
+        while True:
+            tick(0.25, "counting")
+            time.sleep(0.01)
+
+    bar, cancel = explored.status.bar, explored.status.cancel
+    assert bar.isHidden()
+    explored.workspace.work.compute("reference", work, "counting", lambda _: None)
+    wait(lambda: bar.isVisible() and bar.value() == 250)
+    cancel.click()
+    wait(lambda: not explored.workspace.work.is_busy)
+    assert bar.isHidden()
+
+
+@pytest.mark.window
+def test_the_selection_is_still_marked_after_columns_were_imported(beans, tmp_path, monkeypatch):
+    monkeypatch.setattr("homolog_app.window.project_controller.ask", lambda *given: given[3][0])
+    (tmp_path / "ages.csv").write_text("name,age\na,50\nb,60\n", encoding="utf-8")
+    beans.workspace.session.select(["b"])
+    beans.projects.import_table(tmp_path / "ages.csv")
+    panel = beans.inspector.cohort
+    (row,) = panel.table.selectionModel().selectedRows()
+    assert row.data() == "b"

@@ -16,7 +16,7 @@ class CompareBox(QWidget):
         super().__init__()
         self._fitted = fitted
         self.choose = ActionButton("Compare with…", actions["explore.compare"])
-        self.leave = button("Show alone", "flat")
+        self.leave = button("Stop comparing", "flat")
         self.leave.clicked.connect(fitted.compare_no_more)
         self.hint = label("", "Hint", wrap=True)
         row = QHBoxLayout(self)

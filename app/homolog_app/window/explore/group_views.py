@@ -10,7 +10,7 @@ from homolog.arrays import Array, FloatArray
 from homolog_app.rendering.colours import displacement_scale
 from homolog_app.report.findings import LEVEL
 from homolog_app.views.content import Content, ViewContents
-from homolog_app.window.explore.model_content import DisplayOptions, arrow_factor, model_content
+from homolog_app.window.explore.model_content import DisplayOptions, arrow_factor, model_content, untitled
 from homolog_app.window.explore.view_states import GroupsView
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswe
                           DisplayOptions(), alignment=_placement(model, models))
             for model in models
         ]  # fmt: skip
+        plain = [untitled(content, models) for content in plain]
         return ViewContents(plain, len(plain), None, {})
     rows = sorted(
         answers, key=lambda answer: answer.shape.method.uses_geodesics + answer.shape.method.uses_normals

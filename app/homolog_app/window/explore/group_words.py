@@ -18,7 +18,21 @@ from homolog_app.report.request import SIZE_WORDS, StudyRequest
 if TYPE_CHECKING:
     from homolog_app.window.explore.group_answer import GroupAnswer
 
-__all__ = ["number_rows", "question_text"]
+__all__ = ["effect_line", "number_rows", "question_text"]
+
+
+def effect_line(answer: "GroupAnswer") -> str:
+    """Return p of the whole shape and the size of the effect, as they stand below the headline."""
+    pair, test = answer.pair, answer.pair.test
+    if not test.modes:
+        return "No mode has more variance than chance gives; nothing was tested."
+    corrected = ", corrected" if correction_text(answer.study) else ""
+    parts = [f"{p_text(pair.p_adjusted, test.permutations)}{corrected}"]
+    if pair.distance is not None:
+        slope = answer.values is not None
+        name = "change per unit" if slope else "Mahalanobis D"
+        parts.append(f"{name} {interval_text(pair.distance, 3 if slope else 2)} SD")
+    return " · ".join(parts)
 
 
 def question_text(request: StudyRequest) -> str:

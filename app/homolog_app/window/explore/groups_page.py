@@ -22,7 +22,7 @@ from homolog_app.window.explore.group_form import GroupForm
 from homolog_app.window.explore.group_plot import GroupPlot
 from homolog_app.window.explore.group_results import GroupResults, correction_sentence
 from homolog_app.window.explore.group_views import GREY_WORDS, group_scene
-from homolog_app.window.explore.group_words import number_rows, question_text
+from homolog_app.window.explore.group_words import effect_line, number_rows, question_text
 from homolog_app.window.explore.group_work import (
     Answers,
     answer_question,
@@ -38,7 +38,7 @@ from homolog_app.window.explore.player import Player
 from homolog_app.window.explore.regions import largest_region, middle_of
 from homolog_app.window.explore.view_states import GroupsView
 from homolog_app.window.progress import Progress
-from homolog_app.window.widgets import GRID, button, choice, label, rule, set_dimmed
+from homolog_app.window.widgets import GRID, button, choice, label, rule, set_dimmed, set_primary
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -74,20 +74,22 @@ class GroupsPage(ExplorePage):
             "The question has changed. Compare again to update the answer.", "Problem", wrap=True
         )
         self.verdict = label("", "SectionTitle", wrap=True)
-        self.question = label("", "Hint", wrap=True)
+        self.effect, self.question = label("", wrap=True), label("", "Hint", wrap=True)
         self.results = GroupResults()
         self.others = label("", "Hint", wrap=True)
         self.summary = label("", wrap=True)
         self.cautions = label("", "Problem", wrap=True)
         self.kept = label("", "Hint", wrap=True)
-        for widget in (self.verdict, self.question, self.others, self.summary, self.cautions, self.kept):
+        for widget in (
+            self.verdict, self.effect, self.question, self.others, self.summary, self.cautions, self.kept,
+        ):  # fmt: skip
             widget.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.numbers = NumbersTable()
         self.map = choice("Map", _MAPS)
         self.views: QComboBox = choice("Views", _LAYOUTS)
-        self.significant = QCheckBox("Only what is significant")
+        self.significant = QCheckBox("Significant only")
         self.significant.setChecked(True)
-        self.to_significant = button("Go to it")
+        self.to_significant = button("Go to largest")
         self.to_significant.setToolTip("Look at the largest place where the map is significant")
         self.arrows = QCheckBox("Arrows")
         self.way = QSlider(Qt.Orientation.Horizontal)
@@ -119,7 +121,7 @@ class GroupsPage(ExplorePage):
         answer = QVBoxLayout(self.answer)
         answer.setContentsMargins(0, 0, 0, 0)
         answer.setSpacing(GRID)
-        for widget in (self.verdict, self.question, self.results, self.others):
+        for widget in (self.verdict, self.effect, self.question, self.results, self.others):
             answer.addWidget(widget)
         slide = QHBoxLayout()
         slide.addWidget(self.first)
@@ -144,8 +146,11 @@ class GroupsPage(ExplorePage):
         self.body.addStretch()
         self.footer.setSpacing(GRID)
         self.footer.addWidget(self.progress)
-        self.footer.addWidget(self.seeds)
-        self.footer.addWidget(self.keep)
+        further = QHBoxLayout()
+        further.setSpacing(GRID)
+        for button_ in (self.seeds, self.keep):
+            further.addWidget(button_)
+        self.footer.addLayout(further)
         self.footer.addWidget(self.go)
 
     def _connect(self, actions: Actions) -> None:
@@ -342,6 +347,7 @@ class GroupsPage(ExplorePage):
         self.go.setVisible(not (own and work.status is not None))
         self.go.setText("Test the effect" if self.form.is_regression else "Compare groups")
         self.go.setEnabled(self.fitted.shape is not None and self.form.is_possible and not work.is_busy)
+        set_primary(self.go, not (self.answers and self._current))
 
     def show_answers(self) -> None:
         """Show the answers and whether they fit the settings."""
@@ -379,12 +385,13 @@ class GroupsPage(ExplorePage):
         sentences = dict(zip(study.comparisons, findings(study), strict=True))
         first = sentences[answers[0].pair]
         self.verdict.setText(first.verdict.replace(" - ", " − "))
+        self.effect.setText(effect_line(answers[0]))
         self.question.setText(question_text(study.request))
         self.results.show_answers(self.all, self._mapped)
         self.others.setText(correction_sentence(self.all, len(self._asked - self.all.question.titles)))
         self.others.setVisible(bool(self.others.text()))
         self.summary.setText(first.numbers)
-        self.cautions.setText("\n".join(cautions(study)))
+        self.cautions.setText("\n".join(cautions(study)).replace(" - ", " − "))
         self.cautions.setVisible(bool(self.cautions.text()))
         shapes = [answer.shape for answer in answers]
         self.numbers.show_rows([shape.title_among(shapes) for shape in shapes], number_rows(answers))

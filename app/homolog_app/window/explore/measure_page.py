@@ -43,16 +43,19 @@ _SAMPLES = 13
 _STEPS = 100
 _NUMBER_PX = 50
 _HEADS = ("Subject", "Group", "Dist.\n(mm)", "Vol.\n(ml)", "Area\n(cm²)", "Wall\n(mm)")
+_PARTICLES = ("First particle", "Second particle")
 _MODEL, _NOTHING = "Shape along the mode", "Nothing"
 _MAPS = {"None": "none", "Wall thickness": "thickness", "Distance from the mean surface": "distance"}
-_PLOTS = {"Along the mode": 0, "By group": 1, "One against another": 2}
+_PLOTS = {"Along the mode": 0, "By group": 1, "Scatter plot": 2}
 
 
 class MeasurePage(ExplorePage):
     """Two particles, a mode, and the table of the subjects."""
 
     title = "Measure"
-    hint = "Distances, volume, area and wall thickness: along a mode, for each subject, by group."
+    hint = (
+        "Distances, volume, area and wall thickness. Enter two particles, or click two points on the shape."
+    )
 
     def __init__(self, workspace: Workspace, actions: Actions, fitted: ModelCache) -> None:
         super().__init__(workspace, actions, fitted)
@@ -79,15 +82,9 @@ class MeasurePage(ExplorePage):
         self._connect(actions)
 
     def _lay_out(self) -> None:
-        names = ("First particle", "Second particle")
-        grid = QGridLayout()
-        grid.setHorizontalSpacing(GRID)
-        for row, (title, box) in enumerate(zip(names, self.particles, strict=True)):
+        for title, box in zip(_PARTICLES, self.particles, strict=True):
             box.setAccessibleName(title)
-            name = QLabel(title)
-            name.setBuddy(box)
-            grid.addWidget(name, row, 0)
-            grid.addWidget(box, row, 1)
+            box.setToolTip("Or click on the shape to set the two particles in turn")
         self.mode.setMinimumContentsLength(8)
         self.place.setRange(round(-_REACH * _STEPS), round(_REACH * _STEPS))
         self.place.setSingleStep(_STEPS // 10)
@@ -107,12 +104,17 @@ class MeasurePage(ExplorePage):
         for column in range(2, len(_HEADS)):
             self.view.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.Fixed)
             self.view.horizontalHeader().resizeSection(column, _NUMBER_PX)
-        self.body.addLayout(grid)
-        self.body.addWidget(label("Or click on the shape to set the two in turn.", "FieldHelp", wrap=True))
         choosers = QGridLayout()
         choosers.setHorizontalSpacing(GRID)
         choosers.setColumnStretch(1, 1)
-        rows = (("Show", self.who), ("Beside", self.beside), ("Map", self.map), ("Plots", self.kind))
+        particles = zip(_PARTICLES, self.particles, strict=True)
+        rows = (
+            *particles,
+            ("Show", self.who),
+            ("Beside", self.beside),
+            ("Map", self.map),
+            ("Plots", self.kind),
+        )
         for row, (text, chooser) in enumerate(rows):
             name = QLabel(text)
             name.setBuddy(chooser)
@@ -122,7 +124,7 @@ class MeasurePage(ExplorePage):
         self.body.addLayout(choosers)
         self.body.addLayout(along)
         self.body.addWidget(rule())
-        self.body.addWidget(label("Groomed surfaces, in the size of their files", "SectionTitle"))
+        self.body.addWidget(label("Groomed surfaces at their original size", "SectionTitle"))
         self.body.addWidget(self.view, 1)
         self.footer.addWidget(self.write_button)
 

@@ -9,9 +9,9 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog_app.rendering.colours import ColourScale, displacement_scale, viridis
 from homolog_app.rendering.scene import Arrows
-from homolog_app.rendering.text import signed
 from homolog_app.views.content import Content, ViewContents
-from homolog_app.window.explore.model_content import DisplayOptions, model_content
+from homolog_app.rendering.text import short, signed
+from homolog_app.window.explore.model_content import DisplayOptions, model_content, untitled
 from homolog_app.window.explore.view_states import MeasureView
 
 if TYPE_CHECKING:
@@ -56,9 +56,11 @@ def _measured(view: MeasureView, shape: "ModelShape", subject: Content | None) -
     if subject is None:
         deviations = deviations_of(view)
         particles = shape.model.instance(deviations)
-        text = f"mode {view.mode + 1}: {signed(view.at)} SD"
+        ends = particles[list(view.particles)]
+        distance = short(float(np.linalg.norm(ends[1] - ends[0])))
+        text = f"mode {view.mode + 1}: {signed(view.at)} SD · distance {distance} mm"
         content = model_content(shape, shape.title, text, shape.moved(deviations), DisplayOptions())
-        return _with_pins(content, particles[list(view.particles)]), particles
+        return _with_pins(untitled(content, [shape]), ends), particles
     particles = shape.result.world[shape.result.names.index(subject.name)]
     return replace(subject, lines=particles[None, list(view.particles)], through=True), particles
 

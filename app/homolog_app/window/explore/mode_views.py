@@ -9,7 +9,7 @@ from homolog.arrays import FloatArray
 from homolog_app.rendering.colours import displacement_scale
 from homolog_app.rendering.text import short, signed
 from homolog_app.views.content import Content, ViewContents
-from homolog_app.window.explore.model_content import DisplayOptions, arrow_factor, model_content
+from homolog_app.window.explore.model_content import DisplayOptions, arrow_factor, model_content, untitled
 from homolog_app.window.explore.view_states import ModesView
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ def mode_scene(view: ModesView, models: _Models, subject: Content | None = None)
             look,
             alignment=_placement(model, models),
         )
+        content = untitled(content, models)
         contents.append(content)
         local = model.model.instance(deviations[: model.modes])
         particles[content.name] = local @ content.alignment[:3, :3].T + content.alignment[:3, 3]

@@ -1,5 +1,6 @@
 """Shapes of the model as the views show them: moved, coloured by displacement, with arrows."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ __all__ = [
     "outward_sign",
     "region_border",
     "single_subject",
+    "untitled",
 ]
 
 _ARROW_SHARE = 0.09
@@ -101,6 +103,15 @@ def outward_sign(vertices: Array, normals: Array) -> Array:
     """Return 1 for vertices (V, 3) whose outward normal points away from their middle, -1 for others."""
     away = np.einsum("vi,vi->v", vertices - vertices.mean(axis=0), normals)
     return np.where(away >= 0.0, 1.0, -1.0)
+
+
+def untitled(content: Content, models: "Sequence[ModelShape]") -> Content:
+    """Return a shape of a model without the project's name, unless another project's is beside it."""
+    if len(models) > 1:
+        return content
+    mirrored = models[0].result.mirrored
+    note = f"{content.note} · {mirrored} mirrored" if mirrored else content.note
+    return replace(content, note=note, titled=False)
 
 
 def single_subject(subject: Content) -> Content:

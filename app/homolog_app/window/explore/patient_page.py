@@ -18,6 +18,8 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QSlider,
     QTableView,
+    QVBoxLayout,
+    QWidget,
 )
 
 from homolog.arrays import FloatArray
@@ -43,7 +45,7 @@ from homolog_app.window.explore.patient_views import (
 )
 from homolog_app.window.explore.percentile_bars import PercentileBars
 from homolog_app.window.explore.subject_table import SubjectTable
-from homolog_app.window.widgets import ActionButton, choice, dress_table, label, rule
+from homolog_app.window.widgets import GRID, ActionButton, choice, dress_table, label, rule, set_primary
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -80,12 +82,12 @@ class PatientPage(ExplorePage):
         self.places: list[tuple[FloatArray, FloatArray]] = []
         self.group = choice("Controls")
         self.adjust = QLineEdit()
-        self.adjust.setPlaceholderText("adjust for columns, such as age sex")
+        self.adjust.setPlaceholderText("columns, such as age sex")
         self.adjust.setAccessibleName("Columns to adjust for")
         self.twice = QLineEdit()
-        self.twice.setPlaceholderText("if seen twice: columns of person and time")
+        self.twice.setPlaceholderText("columns of person and time")
         self.twice.setAccessibleName("Columns of person and time")
-        self.make = ActionButton("Make reference", actions["patient.reference"])
+        self.make = ActionButton("Make reference", actions["patient.reference"], "primary")
         self.open = ActionButton("Open…", actions["patient.open_reference"])
         self.keep = ActionButton("Save…", actions["patient.keep_reference"])
         self.about = label("", "FieldHelp", wrap=True)
@@ -115,14 +117,14 @@ class PatientPage(ExplorePage):
 
     def _lay_out(self) -> None:
         self.body.addWidget(label("Reference", "SectionTitle"))
-        for widgets in ((self.group, self.make), (self.open, self.keep)):
-            row = QHBoxLayout()
-            for widget in widgets:
-                row.addWidget(widget, 1)
-            self.body.addLayout(row)
-            if self.make in widgets:
-                self.body.addWidget(self.adjust)
-                self.body.addWidget(self.twice)
+        asked = QFormLayout()
+        for text, box in (("Controls", self.group), ("Adjust for", self.adjust), ("Seen twice", self.twice)):
+            asked.addRow(text, box)
+        self.body.addLayout(asked)
+        row = QHBoxLayout()
+        for widget in (self.make, self.open, self.keep):
+            row.addWidget(widget, 2 if widget is self.make else 1)
+        self.body.addLayout(row)
         self.body.addWidget(self.single)
         self.body.addWidget(self.about)
         self.body.addWidget(label("Patient", "SectionTitle"))
@@ -130,36 +132,45 @@ class PatientPage(ExplorePage):
         self.body.addWidget(self.file)
         self.body.addWidget(label("Or drop a segmentation or a surface here.", "FieldHelp", wrap=True))
         self.verdict.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.body.addWidget(self.verdict)
-        self.body.addWidget(self.remarks)
-        for text, box in (("Map", self.map), ("Views", self.views), ("Way", self.path)):
+        self.answer = QWidget()
+        self.body.addWidget(self.answer)
+        self._lay_out_answer()
+        self.body.addStretch()
+        self.footer.addWidget(self.save)
+
+    def _lay_out_answer(self) -> None:
+        """Lay out what a comparison shows."""
+        answer = QVBoxLayout(self.answer)
+        answer.setContentsMargins(0, 0, 0, 0)
+        answer.setSpacing(GRID)
+        answer.addWidget(self.verdict)
+        answer.addWidget(self.remarks)
+        for text, box in (("Map", self.map), ("Views", self.views), ("Morph", self.path)):
             line = QHBoxLayout()
             name = QLabel(text)
             name.setBuddy(box)
             name.setFixedWidth(56)
             line.addWidget(name)
             line.addWidget(box, 1)
-            self.body.addLayout(line)
+            answer.addLayout(line)
         self.way.setRange(0, _STEPS)
         self.way.setValue(_STEPS)
         self.way.setAccessibleName("From the mean to the patient")
         ends = QHBoxLayout()
         for part in (label("mean", "FieldHelp"), self.way, label("patient", "FieldHelp")):
             ends.addWidget(part, int(part is self.way))
-        self.body.addLayout(ends)
+        answer.addLayout(ends)
         for check in (self.overlaid, self.only_beyond):
-            self.body.addWidget(check)
-        self.body.addWidget(rule())
-        self.body.addWidget(self.bars)
-        self.body.addWidget(self.nearest)
+            answer.addWidget(check)
+        answer.addWidget(rule())
+        answer.addWidget(self.bars)
+        answer.addWidget(self.nearest)
         dress_table(self.regions, "Regions beyond the limit", 120)
         self.regions.setModel(self.table)
         self.regions.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
         self.regions.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
-        self.body.addWidget(self.regions)
-        self.body.addWidget(self.further)
-        self.body.addStretch()
-        self.footer.addWidget(self.save)
+        answer.addWidget(self.regions)
+        answer.addWidget(self.further)
 
     def _connect(self) -> None:
         self.workspace.session.study_changed.connect(self._show_groups)
@@ -316,8 +327,8 @@ class PatientPage(ExplorePage):
         self.nearest.setVisible(bool(self.nearest.text()))
         self.further.set_patient(compared, reference, self._values)
         self._offer_change()
-        for widget in (self.verdict, self.map, self.only_beyond, self.bars, self.regions):
-            widget.setEnabled(there)
+        for widget in (self.answer, self.save):
+            widget.setVisible(there)
         self._show_map()
 
     def _offer_change(self) -> None:
@@ -368,6 +379,7 @@ class PatientPage(ExplorePage):
     def _show_reference(self) -> None:
         """Describe the reference, with a field for each covariate."""
         self.about.setText(about_text(self.reference))
+        set_primary(self.make, self.reference is None)
         while self.form.rowCount():
             self.form.removeRow(0)
         self.fields = {}

@@ -29,7 +29,7 @@ def nearest_text(comparison: "PatientComparison | None", reference: "Reference |
 def about_text(reference: "Reference | None") -> str:
     """Describe the reference, or say how to get one."""
     if reference is None:
-        return "None yet: make one of this result, or open a file."
+        return "No reference yet. Make one from this result or open a file."
     from homolog_app.report.patient_words import reference_text
 
     return "\n".join(reference_text(reference))

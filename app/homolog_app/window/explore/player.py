@@ -8,7 +8,7 @@ from PySide6.QtCore import QTimer, Signal
 from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QWidget
 
 from homolog_app.window.actions import Actions
-from homolog_app.window.widgets import GRID, button, choice
+from homolog_app.window.widgets import GRID, ActionButton, choice
 
 __all__ = ["Player"]
 
@@ -38,9 +38,7 @@ class Player(QWidget):
         self._timer = QTimer(self, interval=_LEAST_MS)
         self._timer.timeout.connect(self._step)
         self._phase = self._seen = 0.0
-        self.go = button("Play")
-        self.go.setToolTip("Play (Space)")
-        self.go.clicked.connect(actions["run.play"].trigger)
+        self.go = ActionButton("Play", actions["run.play"])
         self.speed, self.reach = choice("Speed", _SPEEDS), choice("Range", ranges)
         for box in (self.speed, self.reach):
             box.setMinimumContentsLength(6 if box is self.reach else 3)
@@ -62,11 +60,11 @@ class Player(QWidget):
         return self._timer.isActive()
 
     def play_or_stop(self) -> None:
-        """Begin at zero, or hold."""
+        """Go on from where it was paused, or pause."""
         if self.is_playing:
             self.stop()
         else:
-            self._phase, self._seen = 0.0, time.perf_counter()
+            self._seen = time.perf_counter()
             self._timer.start()
             self.go.setText("Pause")
 
@@ -81,6 +79,7 @@ class Player(QWidget):
         self._seen = now
         if self._phase >= 1.0 and not self.loop.isChecked():
             self.stop()
+            self._phase = 0.0
             self.swung.emit(0.0)
             return
         self.swung.emit(float(self.reach.currentData()) * math.sin(2.0 * math.pi * self._phase))
