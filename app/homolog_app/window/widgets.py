@@ -1,6 +1,6 @@
 """The small parts that panels are made of; distances are multiples of 8 pixels."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from PySide6.QtCore import Qt, Slot
 from PySide6.QtGui import QAction
@@ -8,6 +8,7 @@ from PySide6.QtWidgets import (
     QComboBox,
     QFrame,
     QGraphicsOpacityEffect,
+    QGridLayout,
     QLabel,
     QPushButton,
     QScrollArea,
@@ -27,6 +28,7 @@ __all__ = [
     "choice",
     "dress_table",
     "label",
+    "named_rows",
     "rule",
     "set_dimmed",
     "set_primary",
@@ -108,6 +110,19 @@ def choice(name: str, entries: Mapping[str, object] | None = None) -> QComboBox:
     for text, data in (entries or {}).items():
         box.addItem(text, data)
     return box
+
+
+def named_rows(rows: Iterable[tuple[str, QWidget]]) -> QGridLayout:
+    """Return names at the left and what they name at the right, below each other."""
+    grid = QGridLayout()
+    grid.setHorizontalSpacing(GRID)
+    grid.setColumnStretch(1, 1)
+    for line, (text, named) in enumerate(rows):
+        name = label(text)
+        name.setBuddy(named)
+        grid.addWidget(name, line, 0)
+        grid.addWidget(named, line, 1)
+    return grid
 
 
 def dress_table(table: QTableView, name: str, least_height: int) -> None:

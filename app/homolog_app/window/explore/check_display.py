@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from homolog.arrays import FloatArray, IntArray
 from homolog_app.window.explore.check_scene import ALONG, ENERGIES, STRAIGHT, Distances, Marks
 from homolog_app.window.explore.check_work import distances_on, energies_of, textures_of
 from homolog_app.window.explore.view_states import CheckView
-from homolog_app.window.widgets import GRID, NumberBox, choice, label
+from homolog_app.window.widgets import GRID, NumberBox, choice, label, named_rows
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -158,14 +158,8 @@ class CheckDisplay(QWidget):
             self.show_what.addItem(text, value)
             self.show_what.setItemData(self.show_what.count() - 1, hint, _HINT)
         self.particle.setAccessibleName("Particle")
-        for text, widget in (("&Particle", self.particle), ("&On", self.subject), ("&Show", self.show_what)):
-            name = QLabel(text)
-            name.setBuddy(widget)
-            name.setFixedWidth(64)
-            row = QHBoxLayout()
-            row.addWidget(name)
-            row.addWidget(widget, 1)
-            column.addLayout(row)
+        rows = (("&Particle", self.particle), ("&On", self.subject), ("&Show", self.show_what))
+        column.addLayout(named_rows(rows))
         column.addWidget(self.advice)
 
     def _look(self) -> None:

@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PySide6.QtCore import QModelIndex, QSortFilterProxyModel, Qt
 from PySide6.QtWidgets import (
-    QGridLayout,
     QHBoxLayout,
     QHeaderView,
-    QLabel,
     QSlider,
     QTableView,
 )
@@ -28,7 +26,15 @@ from homolog_app.window.explore.model_content import single_subject
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.subject_table import SORTED_BY, SubjectTable
 from homolog_app.window.explore.view_states import MeasureView
-from homolog_app.window.widgets import GRID, ActionButton, NumberBox, choice, dress_table, label, rule
+from homolog_app.window.widgets import (
+    ActionButton,
+    NumberBox,
+    choice,
+    dress_table,
+    label,
+    named_rows,
+    rule,
+)
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -104,9 +110,6 @@ class MeasurePage(ExplorePage):
         for column in range(2, len(_HEADS)):
             self.view.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.Fixed)
             self.view.horizontalHeader().resizeSection(column, _NUMBER_PX)
-        choosers = QGridLayout()
-        choosers.setHorizontalSpacing(GRID)
-        choosers.setColumnStretch(1, 1)
         particles = zip(_PARTICLES, self.particles, strict=True)
         rows = (
             *particles,
@@ -115,13 +118,8 @@ class MeasurePage(ExplorePage):
             ("Map", self.map),
             ("Plots", self.kind),
         )
-        for row, (text, chooser) in enumerate(rows):
-            name = QLabel(text)
-            name.setBuddy(chooser)
-            choosers.addWidget(name, row, 0)
-            choosers.addWidget(chooser, row, 1)
         self.choose_plots()
-        self.body.addLayout(choosers)
+        self.body.addLayout(named_rows(rows))
         self.body.addLayout(along)
         self.body.addWidget(rule())
         self.body.addWidget(label("Groomed surfaces at their original size", "SectionTitle"))

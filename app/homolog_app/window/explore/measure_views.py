@@ -9,8 +9,8 @@ import numpy as np
 from homolog.arrays import FloatArray
 from homolog_app.rendering.colours import ColourScale, displacement_scale, viridis
 from homolog_app.rendering.scene import Arrows
-from homolog_app.views.content import Content, ViewContents
 from homolog_app.rendering.text import short, signed
+from homolog_app.views.content import Content, ViewContents
 from homolog_app.window.explore.model_content import DisplayOptions, model_content, untitled
 from homolog_app.window.explore.view_states import MeasureView
 

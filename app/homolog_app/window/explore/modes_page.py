@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel
+from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout
 
 from homolog.arrays import FloatArray
 from homolog_app.views.content import Content, ViewContents
@@ -18,7 +18,7 @@ from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.player import Player
 from homolog_app.window.explore.view_states import ModesView
-from homolog_app.window.widgets import GRID, choice, label
+from homolog_app.window.widgets import GRID, choice, label, named_rows
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -66,14 +66,7 @@ class ModesPage(ExplorePage):
         self.body.addWidget(self.sliders)
         self.body.addWidget(self.player)
         self.body.addSpacing(GRID)
-        for text, box in (("Show", self.who), ("Views", self.views)):
-            row = QHBoxLayout()
-            name = QLabel(text)
-            name.setBuddy(box)
-            name.setFixedWidth(56)
-            row.addWidget(name)
-            row.addWidget(box, 1)
-            self.body.addLayout(row)
+        self.body.addLayout(named_rows((("Show", self.who), ("Views", self.views))))
         ticks = QHBoxLayout()
         for tick in (self.colours, self.arrows):
             ticks.addWidget(tick)

@@ -14,7 +14,6 @@ from PySide6.QtWidgets import (
     QFormLayout,
     QHBoxLayout,
     QHeaderView,
-    QLabel,
     QLineEdit,
     QSlider,
     QTableView,
@@ -45,7 +44,16 @@ from homolog_app.window.explore.patient_views import (
 )
 from homolog_app.window.explore.percentile_bars import PercentileBars
 from homolog_app.window.explore.subject_table import SubjectTable
-from homolog_app.window.widgets import GRID, ActionButton, choice, dress_table, label, rule, set_primary
+from homolog_app.window.widgets import (
+    GRID,
+    ActionButton,
+    choice,
+    dress_table,
+    label,
+    named_rows,
+    rule,
+    set_primary,
+)
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -117,10 +125,8 @@ class PatientPage(ExplorePage):
 
     def _lay_out(self) -> None:
         self.body.addWidget(label("Reference", "SectionTitle"))
-        asked = QFormLayout()
-        for text, box in (("Controls", self.group), ("Adjust for", self.adjust), ("Seen twice", self.twice)):
-            asked.addRow(text, box)
-        self.body.addLayout(asked)
+        rows = (("Controls", self.group), ("Adjust for", self.adjust), ("Seen twice", self.twice))
+        self.body.addLayout(named_rows(rows))
         row = QHBoxLayout()
         for widget in (self.make, self.open, self.keep):
             row.addWidget(widget, 2 if widget is self.make else 1)
@@ -145,14 +151,8 @@ class PatientPage(ExplorePage):
         answer.setSpacing(GRID)
         answer.addWidget(self.verdict)
         answer.addWidget(self.remarks)
-        for text, box in (("Map", self.map), ("Views", self.views), ("Morph", self.path)):
-            line = QHBoxLayout()
-            name = QLabel(text)
-            name.setBuddy(box)
-            name.setFixedWidth(56)
-            line.addWidget(name)
-            line.addWidget(box, 1)
-            answer.addLayout(line)
+        rows = (("Map", self.map), ("Views", self.views), ("Morph", self.path))
+        answer.addLayout(named_rows(rows))
         self.way.setRange(0, _STEPS)
         self.way.setValue(_STEPS)
         self.way.setAccessibleName("From the mean to the patient")
