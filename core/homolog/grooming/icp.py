@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from homolog.arrays import FloatArray, IntArray
-from homolog.geometry import fit_rotation, transform_points
+from homolog.geometry import fit_rotation
 from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["Fit", "OrientedPoints", "axes_rotation", "fit_at", "oriented_points", "registered"]
@@ -92,19 +92,19 @@ def registered(moving: OrientedPoints, fixed: OrientedPoints) -> Fit:
     orientation is kept unless another fits clearly better, so that near-symmetric shapes keep theirs.
     """
     own, other = _Half(moving), _Half(fixed)
-    given = _iterated(own, other, np.eye(4), _FEW, _TRIAL_ROUNDS)
-    looks = [_iterated(own, other, start, _GLANCE, _GLANCE_ROUNDS) for start in _starts(moving, fixed)]
+    looks = _iterated(own, other, np.array(_starts(moving, fixed)), _GLANCE, _GLANCE_ROUNDS)
     looks.sort(key=lambda fit: fit.distance)
-    trials = [_iterated(own, other, look.pose, _FEW, _TRIAL_ROUNDS) for look in looks[:_TRIALS]]
+    starts = np.array([np.eye(4), *(look.pose for look in looks[:_TRIALS])])
+    given, *trials = _iterated(own, other, starts, _FEW, _TRIAL_ROUNDS)
     best = min(trials, key=lambda fit: fit.distance)
     if best.distance > _CLEARLY_BETTER * given.distance:
         best = given
-    return _iterated(own, other, best.pose, _MANY, _ROUNDS)
+    return _iterated(own, other, best.pose[None], _MANY, _ROUNDS)[0]
 
 
 def fit_at(moving: OrientedPoints, fixed: OrientedPoints, pose: FloatArray) -> Fit:
     """Return a similarity (4, 4) of one cloud onto another as it is, with the distance of the matches."""
-    return Fit(pose, _iterated(_Half(moving), _Half(fixed), pose, _MANY, 1).distance)
+    return Fit(pose, _iterated(_Half(moving), _Half(fixed), pose[None], _MANY, 1)[0].distance)
 
 
 class _Half:
@@ -119,8 +119,8 @@ class _Half:
         return slice(None, None, max(1, len(self.points) // count))
 
     def nearest(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return distances to the nearest points in position and normal, and their indices."""
-        distances, indices = self.tree.query(np.concatenate([points, _NORMAL_WEIGHT * normals], axis=1))
+        """Return distances to the nearest points in position and normal, and their indices, (..., N)."""
+        distances, indices = self.tree.query(np.concatenate([points, _NORMAL_WEIGHT * normals], axis=-1))
         return np.asarray(distances), np.asarray(indices)
 
 
@@ -145,36 +145,43 @@ def _starts(moving: OrientedPoints, fixed: OrientedPoints) -> list[FloatArray]:
     return starts
 
 
-def _iterated(own: _Half, other: _Half, pose: FloatArray, count: int, rounds: int) -> Fit:
-    """Alternate matching, in both directions, and moving."""
+def _iterated(own: _Half, other: _Half, poses: FloatArray, count: int, rounds: int) -> list[Fit]:
+    """Alternate matching, in both directions, and moving, from each of several poses (S, 4, 4) at once."""
     mine, theirs = own.some(count), other.some(count)
     a, na, b, nb = own.points[mine], own.normals[mine], other.points[theirs], other.normals[theirs]
-    distance = np.inf
+    poses, distances = poses.copy(), np.full(len(poses), np.inf)
+    moving = np.arange(len(poses))  # those that have not settled
     for _ in range(rounds):
-        scale = np.cbrt(np.linalg.det(pose[:3, :3]))
-        turn = pose[:3, :3] / scale
-        there, onto = other.nearest(transform_points(pose, a), na @ turn.T)
-        back, from_ = own.nearest((b - pose[:3, 3]) @ turn / scale, nb @ turn)
-        distances = np.concatenate([there, back * scale])
-        before, distance = distance, float(np.median(distances))
-        usual = _TOLERANT * max(distance, 1e-9)
-        weights = 1.0 / np.square(1.0 + np.square(distances / usual))
-        pose = _best_fit(
-            np.concatenate([a, own.points[from_]]), np.concatenate([other.points[onto], b]), weights
+        pose = poses[moving]
+        scale = np.cbrt(np.linalg.det(pose[:, :3, :3]))[:, None, None]
+        turn, shift = pose[:, :3, :3] / scale, pose[:, None, :3, 3]
+        there, onto = other.nearest(
+            a @ pose[:, :3, :3].transpose(0, 2, 1) + shift, na @ turn.transpose(0, 2, 1)
         )
-        if abs(before - distance) < _SETTLED:
+        back, from_ = own.nearest((b - shift) @ turn / scale, nb @ turn)
+        gaps = np.concatenate([there, back * scale[..., 0]], axis=1)
+        before, distances[moving] = distances[moving], np.median(gaps, axis=1)
+        usual = _TOLERANT * np.maximum(distances[moving], 1e-9)[:, None]
+        weights = 1.0 / np.square(1.0 + np.square(gaps / usual))
+        pairs = np.empty((2, len(moving), len(a) + len(b), 3))
+        pairs[0, :, : len(a)], pairs[0, :, len(a) :] = a, own.points[from_]
+        pairs[1, :, : len(a)], pairs[1, :, len(a) :] = other.points[onto], b
+        poses[moving] = _best_fits(pairs[0], pairs[1], weights)
+        moving = moving[~(np.abs(before - distances[moving]) < _SETTLED)]
+        if not len(moving):
             break
-    return Fit(pose, distance)
+    return [Fit(pose, float(distance)) for pose, distance in zip(poses, distances, strict=True)]
 
 
-def _best_fit(points: FloatArray, targets: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the similarity of points to targets with weighted least squares (Umeyama 1991)."""
-    share = weights / weights.sum()
+def _best_fits(points: FloatArray, targets: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the similarities (S, 4, 4) of points to targets (S, N, 3), least squares (Umeyama 1991)."""
+    share = (weights / weights.sum(axis=1, keepdims=True))[:, None]
     middle, goal = share @ points, share @ targets
     own, other = points - middle, targets - goal
-    left, right, _ = fit_rotation((other * share[:, None]).T @ own)
-    scale = float(np.sqrt((share @ np.square(other)).sum() / (share @ np.square(own)).sum()))
-    pose = np.eye(4)
-    pose[:3, :3] = np.clip(scale, 1.0 / _LIMIT, _LIMIT) * left @ right
-    pose[:3, 3] = goal - pose[:3, :3] @ middle
-    return pose
+    left, right, _ = fit_rotation((other * share.transpose(0, 2, 1)).transpose(0, 2, 1) @ own)
+    spread = [(share @ np.square(item)).sum(axis=(1, 2)) for item in (other, own)]
+    scale = np.clip(np.sqrt(spread[0] / spread[1]), 1.0 / _LIMIT, _LIMIT)
+    poses = np.tile(np.eye(4), (len(points), 1, 1))
+    poses[:, :3, :3] = scale[:, None, None] * left @ right
+    poses[:, :3, 3] = (goal - middle @ poses[:, :3, :3].transpose(0, 2, 1))[:, 0]
+    return poses

@@ -18,6 +18,7 @@ from homolog.grooming.subject import GroomedSubject
 from homolog.progress import Tick, no_tick, part_of, run_in_threads
 from homolog.settings import Alignment, GroomSettings, Mirror
 from homolog.surfaces.mirroring import MIRROR, mirrors
+from homolog.threads import on_one_thread
 
 __all__ = ["align_cohort", "check_sides"]
 
@@ -32,6 +33,7 @@ def check_sides(cohort: Cohort, settings: GroomSettings) -> None:
     _plan(cohort, settings, {})
 
 
+@on_one_thread
 def align_cohort(
     cohort: Cohort,
     groomed: Sequence[GroomedSubject],

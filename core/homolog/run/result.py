@@ -25,6 +25,7 @@ from homolog.progress import Tick, part_of
 from homolog.run.fingerprints import surface_hash, versions
 from homolog.run.shape_files import surface_of_model, write_model, write_surfaces
 from homolog.settings import Mirror, RunSettings
+from homolog.threads import blas_threads
 
 __all__ = [
     "CANCELLED",
@@ -155,9 +156,10 @@ def model_of(outcome: OptimizationOutcome, tick: Tick) -> tuple[ShapeModel, Mean
         If particles coincide, so that no surface can be carried by them.
     """
     shapes, world = outcome.inputs.shapes, outcome.world
-    model = ShapeModel.fit(world, names=[shape.name for shape in shapes])
     meshes = OnDemand(len(shapes), lambda index: shapes[index].mesh)
-    return model, surface_of_model(model, world, meshes, outcome.alignments, tick)
+    with blas_threads(len(shapes)):
+        model = ShapeModel.fit(world, names=[shape.name for shape in shapes])
+        return model, surface_of_model(model, world, meshes, outcome.alignments, tick)
 
 
 def write_result(
@@ -188,7 +190,7 @@ def write_result(
     """
     inputs = outcome.inputs
     stems = file_stems([shape.name for shape in inputs.shapes])
-    with project.replacing_result() as new:
+    with project.replacing_result() as new, blas_threads(len(inputs.shapes)):
         _write_subjects(new, project, outcome, stems, part_of(tick, 0.0, 0.6))
         tick(0.6, "shape model")
         write_model(new, inputs.cohort, model)
