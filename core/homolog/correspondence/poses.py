@@ -257,9 +257,8 @@ def entropy_step(
         rows = (points - points.mean(axis=0)).reshape(shapes, -1)
         weights = inverse_dual(covariance(rows), regularization)
         for k in np.flatnonzero(free).tolist():
-            pull = np.einsum("m,mni->ni", weights[k], points) / weights[k, k]
-            robust = _robust_weights(np.square(pull).sum(axis=1))[:, None, None] * np.eye(3)
-            step = _weighted_step(points[k], points[k] - pull, robust, scaling)
+            pull = (weights[k] @ points.reshape(shapes, -1)).reshape(-1, 3) / weights[k, k]
+            step = _evenly_weighted_step(points[k], -pull, scaling)
             points[k] = transform_points(step, points[k])
             result[k] = step @ result[k]
     if scaling and free.all():
@@ -273,8 +272,7 @@ def entropy_step(
 
 def robust_step(points: FloatArray, targets: FloatArray, *, scaling: bool) -> FloatArray:
     """Return the similarity that aligns points (n, 3) to targets to first order, outliers counting little."""
-    weights = _robust_weights(np.square(points - targets).sum(axis=1))[:, None, None] * np.eye(3)
-    return _weighted_step(points, targets, weights, scaling)
+    return _evenly_weighted_step(points, targets - points, scaling)
 
 
 def _weighted_step(points: FloatArray, targets: FloatArray, weights: FloatArray, scaling: bool) -> FloatArray:
@@ -290,6 +288,35 @@ def _weighted_step(points: FloatArray, targets: FloatArray, weights: FloatArray,
     weighted = np.einsum("nia,nij->naj", by_pose, weights)
     matrix = np.einsum("nai,nib->ab", weighted, by_pose)
     change = np.linalg.solve(matrix, np.einsum("nai,ni->a", weighted, targets - points))
+    return _similarity(centre, change, scaling)
+
+
+def _evenly_weighted_step(points: FloatArray, offsets: FloatArray, scaling: bool) -> FloatArray:
+    """Return what `_weighted_step` does for targets `points + offsets`, robust and alike in all directions.
+
+    The normal equations then follow from moments of the points, which takes a tenth of the time.
+    """
+    weights = _robust_weights(np.square(offsets).sum(axis=1))
+    centre = points.mean(axis=0)
+    centred = points - centre
+    weighted = weights[:, None] * centred
+    second, cross = weighted.T @ centred, weighted.T @ offsets
+    first = weighted.sum(axis=0)
+    matrix, right = np.zeros((7, 7)), np.zeros(7)
+    matrix[:3, :3] = np.trace(second) * np.eye(3) - second
+    matrix[:3, 3:6] = np.cross(np.eye(3), first)
+    matrix[3:6, :3] = matrix[:3, 3:6].T
+    matrix[3:6, 3:6] = weights.sum() * np.eye(3)
+    matrix[3:6, 6] = matrix[6, 3:6] = first
+    matrix[6, 6] = np.trace(second)
+    right[:3] = [cross[1, 2] - cross[2, 1], cross[2, 0] - cross[0, 2], cross[0, 1] - cross[1, 0]]
+    right[3:6], right[6] = weights @ offsets, np.trace(cross)
+    size = 7 if scaling else 6
+    return _similarity(centre, np.linalg.solve(matrix[:size, :size], right[:size]), scaling)
+
+
+def _similarity(centre: FloatArray, change: FloatArray, scaling: bool) -> FloatArray:
+    """Return the similarity of a turn about a centre, a shift and a growth."""
     result = np.eye(4)
     result[:3, :3] = Rotation.from_rotvec(change[:3]).as_matrix() * (np.exp(change[6]) if scaling else 1.0)
     result[:3, 3] = centre + change[3:6] - result[:3, :3] @ centre
