@@ -1,6 +1,8 @@
 """The zero level of a distance field as a mesh of even triangles."""
 
 import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
 from homolog.arrays import Array, BoolArray, FloatArray, IntArray
@@ -11,6 +13,7 @@ from homolog.surfaces.distance_field import DistanceField
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.remesh import Sizes, curvature_sizes, remeshed
 from homolog.surfaces.simplify import levels_of_detail, simplified
+from homolog.surfaces.topology import edges as edges_of
 from homolog.surfaces.topology import euler_number, face_components, is_sound
 
 __all__ = ["coarse_isosurface", "isosurface", "marching_cubes"]
@@ -29,13 +32,13 @@ _CHORD = 0.7  # of the longest edge whose chord stays within the tolerance on a 
 _REFINEMENTS = 2
 _FINER = 0.5  # of the edges where a mesh is too far from the surface, in each refinement
 _START = 1.5  # times the expected number of vertices: remeshing starts with so many
-_GRADING = 0.4  # mm of edge length per mm of distance: neighbouring triangles differ little
+_GRADING = 0.3  # mm of edge length per mm of distance: neighbouring triangles differ little
 _MOST_TIMES = 2.0  # the wanted number of vertices
 _TOO_FINE = (
     4.0  # times the wanted number of vertices, of the source, which is used where no other mesh will do
 )
 _VOLUME = 0.2  # of the source's volume: triangles too large for thin parts lose so much of it
-_REFERENCES = 20_000  # points of the surface at which a mesh is compared with it
+_REFERENCES = 20_000  # points of the surface at which a mesh is compared with it, or more if it is finer
 
 
 def isosurface(field: DistanceField, edge: float | None = None, adaptive: bool = False) -> TriangleMesh:
@@ -108,22 +111,22 @@ def _meshed(
     field: DistanceField, source: TriangleMesh, count: int, edge: float, adaptive: bool = False
 ) -> TriangleMesh:
     """Return a sound mesh of the zero level with the source's topology, finer where thin and curved."""
-    references = source.vertices[:: max(1, len(source.vertices) // _REFERENCES)]
-    tree = KDTree(references)
+    lighter = simplified(source, max(_REFERENCES, round(_START * _MOST_TIMES * count)))
+    references = lighter.vertices
+    tree, edges = KDTree(references), _weighted(lighter)
     curvature = field.curvedness(references)
     tolerance = np.minimum(_TOLERATED * edge, _THIN * _thickness(field, references, 4.0 * edge))
     tolerance = np.maximum(tolerance, _TOLERATED * min(field.spacing, edge))
     sizes = curvature_sizes(curvature, edge) if adaptive else np.full(len(references), edge)
     needed = _CHORD * np.sqrt(8.0 * tolerance / np.maximum(curvature, 1e-12))
     least = min(edge, field.spacing)
-    wanted, sizes = sizes, _graded(sizes, np.maximum(needed, least), tree)
+    wanted, sizes = sizes, _graded(sizes, np.maximum(needed, least), edges)
     while least < edge and np.mean((edge / sizes) ** 2) > _MOST_TIMES:  # times as many vertices
         least *= 1.2
-        sizes = _graded(wanted, np.maximum(needed, least), tree)
+        sizes = _graded(wanted, np.maximum(needed, least), edges)
     euler, volume = euler_number(source.faces), source.volume
     expected = count * float(np.mean((edge / sizes) ** 2))
     is_even = bool((sizes > 0.8 * edge).all())
-    lighter = simplified(source, round(_START * _MOST_TIMES * count))
     start = simplified(lighter, count if is_even else round(_START * expected))
     best: TriangleMesh | None = None
     fewest = len(references) + 1
@@ -137,7 +140,7 @@ def _meshed(
         if (near and not far.any()) or len(mesh.vertices) > _MOST_TIMES * count:
             break
         start = lighter
-        sizes = _graded(sizes, np.where(far, np.maximum(_FINER * sizes, 0.5 * field.spacing), edge), tree)
+        sizes = _graded(sizes, np.where(far, np.maximum(_FINER * sizes, 0.5 * field.spacing), edge), edges)
     return best or _uneven(source, round(expected), field, volume)
 
 
@@ -196,15 +199,24 @@ def _far(
     return far
 
 
-def _graded(sizes: FloatArray, needed: FloatArray, tree: KDTree) -> FloatArray:
+def _weighted(mesh: TriangleMesh) -> sparse.csr_array:
+    """Return by how much edge lengths may differ between the ends of a mesh's edges, (V, V) [mm]."""
+    ends = edges_of(mesh.faces)
+    apart = _GRADING * np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
+    return sparse.csr_array((apart, tuple(ends.T)), shape=(len(mesh.vertices),) * 2)
+
+
+def _graded(sizes: FloatArray, needed: FloatArray, edges: sparse.csr_array) -> FloatArray:
     """Return edge lengths that are no larger than needed, and grow slowly around small ones."""
-    points: FloatArray = tree.data
-    result = sizes.copy()
-    for least in np.unique(0.8 ** np.floor(np.log(needed[needed < sizes]) / np.log(0.8))):
-        small = (needed < sizes) & (needed <= least / 0.8)
-        distance = KDTree(points[small]).query(points)[0]
-        result = np.minimum(result, least / 0.8 + _GRADING * np.maximum(distance - least, 0.0))
-    return result
+    small = np.flatnonzero(needed < sizes)
+    if not len(small):
+        return sizes
+    # as paths from a vertex of its own, which is as far from each small one as edges are long there
+    n = len(sizes)
+    start = sparse.csr_array((needed[small], (np.zeros(len(small), int), small)), shape=(1, n))
+    graph = sparse.block_array([[edges, None], [start, sparse.csr_array((1, 1))]], format="csr")
+    reached = dijkstra(graph, directed=False, indices=n, limit=float(sizes.max()))[:n]
+    return np.minimum(sizes, reached)
 
 
 def _edge_for(area: float, n_vertices: int) -> float:
