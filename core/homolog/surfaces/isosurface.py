@@ -32,7 +32,7 @@ _CHORD = 0.7  # of the longest edge whose chord stays within the tolerance on a 
 _REFINEMENTS = 2
 _FINER = 0.5  # of the edges where a mesh is too far from the surface, in each refinement
 _START = 1.5  # times the expected number of vertices: remeshing starts with so many
-_GRADING = 0.3  # mm of edge length per mm of distance: neighbouring triangles differ little
+_GRADING = 0.25  # mm of edge length per mm of distance: neighbouring triangles differ little
 _MOST_TIMES = 2.0  # the wanted number of vertices
 _TOO_FINE = (
     4.0  # times the wanted number of vertices, of the source, which is used where no other mesh will do
