@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 
 import homolog as hl
 from homolog.arrays import FloatArray
-from homolog_app.pictures import View, outward_displacement, write_picture
+from homolog_app.pictures import View, write_picture
 from homolog_app.pictures.layout import Panel, arrange
 from homolog_app.rendering.camera import frame_around
-from homolog_app.rendering.colours import diverging_colours
+from homolog_app.rendering.colours import diverging_colours, outward_displacement
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import shaded
 from homolog_app.rendering.scene import Scene

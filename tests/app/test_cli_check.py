@@ -11,7 +11,7 @@ from homolog.files.particles import write_particles
 from homolog.files.project import ProjectFolder
 from homolog.files.results import particle_file, read_result
 from homolog_app.cli import INPUT_ERROR, OK, main
-from homolog_app.suspects import COLUMNS
+from homolog_app.studies.suspects import COLUMNS
 
 PAIR = [7, 30]
 

@@ -38,8 +38,8 @@ def test_a_row_of_types_declares_categories_for_the_command_line_the_api_and_the
 ):
     import homolog as hl
     from homolog_app.report.study import column_of
-    from homolog_app.window.explore.questions import covariates_of
-    from homolog_app.window.study import Member, Study
+    from homolog_app.studies.questions import covariates_of
+    from homolog_app.studies.study import Member, Study
 
     path = tmp_path / "types.csv"
     path.write_text("name,site,age\ntype,category,number\na,1,60\nb,2,50\nc,1,55\nd,2,48\n", encoding="utf-8")

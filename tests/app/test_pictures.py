@@ -17,12 +17,15 @@ from homolog_app.pictures import (
     draw_modes,
     draw_particles,
     draw_subjects,
-    outward_displacement,
     three_quarter_view,
     write_picture,
 )
-from homolog_app.pictures.layout import common_limit
-from homolog_app.rendering.colours import diverging_colours, diverging_table
+from homolog_app.rendering.colours import (
+    common_limit,
+    diverging_colours,
+    diverging_table,
+    outward_displacement,
+)
 
 
 @pytest.fixture(scope="module")

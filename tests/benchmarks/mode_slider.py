@@ -43,7 +43,7 @@ def lumpy_model(subjects: int, particles: int, vertices: int):
     from homolog.files.results import Result
     from homolog.settings import Method
     from homolog.surfaces.mesh import TriangleMesh
-    from homolog_app.window.explore.model_shape import fit_model_shape
+    from homolog_app.studies.model_shape import fit_model_shape
 
     generator = np.random.default_rng(0)
     points, surface = even_points(particles), even_points(vertices)
@@ -88,8 +88,8 @@ def time_parts(shape, modes: int, moves: int) -> dict[str, list[float]]:
 
 def content(shape, deviations):
     """Return what the views are given."""
-    from homolog_app.window.explore.mode_views import mode_scene
-    from homolog_app.window.explore.view_states import ModesView
+    from homolog_app.views.scenes import mode_scene
+    from homolog_app.views.view_states import ModesView
 
     return mode_scene(ModesView(deviations=tuple(deviations)), [shape])
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from homolog_app.films.motion import Motion
     from homolog_app.rendering.camera import Canvas
     from homolog_app.views.content import ViewContents
-    from homolog_app.window.explore.view_states import Snapshot
+    from homolog_app.views.view_states import Snapshot
 
 __all__ = [
     "add_film",
@@ -208,7 +208,7 @@ def run_screenshot(arguments: argparse.Namespace) -> int:
     from homolog_app.films.encode import write_still
     from homolog_app.rendering.draw import with_opengl
     from homolog_app.views.content import KEPT, read_shown
-    from homolog_app.window.snapshot import view_contents_of
+    from homolog_app.views.snapshot import view_contents_of
 
     with exporting(arguments) as tick:
         if arguments.view.endswith(KEPT):
@@ -232,7 +232,7 @@ def _drawn(shown: "ViewContents", canvas: "Canvas", scale: int, transparent: boo
 def _snapshot(text: str) -> "Snapshot":
     from pydantic import ValidationError
 
-    from homolog_app.window.explore.view_states import Snapshot
+    from homolog_app.views.view_states import Snapshot
 
     try:
         content = text if text.lstrip().startswith("{") else Path(text).read_bytes()

@@ -25,8 +25,8 @@ from homolog.surfaces.nearest import nearest_particles
 from homolog_app.exports.settings import MeshFormat, MeshSettings
 from homolog_app.exports.tables import compare
 from homolog_app.films.motion import Motion, group_motion, mode_motions
-from homolog_app.pictures import LIGHT, common_limit, outward_displacement
-from homolog_app.rendering.colours import diverging_colours
+from homolog_app.pictures import LIGHT
+from homolog_app.rendering.colours import common_limit, diverging_colours, outward_displacement
 
 __all__ = ["write_glb", "write_meshes"]
 

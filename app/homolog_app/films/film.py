@@ -13,18 +13,10 @@ from homolog.arrays import Array, FloatArray
 from homolog.errors import InputError
 from homolog_app.films.motion import SCALE_SHARE, Box, Motion, ViewCell, make_plan, turned
 from homolog_app.films.settings import Background, Colouring, FilmSettings, PictureSettings, camera_view
-from homolog_app.pictures import (
-    DARK,
-    LIGHT,
-    VIEWS,
-    View,
-    common_limit,
-    outward_displacement,
-    three_quarter_view,
-)
+from homolog_app.pictures import DARK, LIGHT, VIEWS, View, three_quarter_view
 from homolog_app.pictures.layout import draw_displacement_bar
 from homolog_app.rendering.camera import Clip, Frame, cut_of, round_length
-from homolog_app.rendering.colours import Theme, diverging_colours
+from homolog_app.rendering.colours import Theme, common_limit, diverging_colours, outward_displacement
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import hollows
 from homolog_app.rendering.scene import Scene, surface

@@ -11,9 +11,16 @@ from homolog_app.pictures.figures import (
     draw_particles,
     draw_subjects,
 )
-from homolog_app.pictures.layout import common_limit, outward_displacement, write_picture
+from homolog_app.pictures.layout import write_picture
 from homolog_app.rendering.camera import VIEWS, View, three_quarter_view
-from homolog_app.rendering.colours import DARK, LIGHT, Theme, colours_by_place
+from homolog_app.rendering.colours import (
+    DARK,
+    LIGHT,
+    Theme,
+    colours_by_place,
+    common_limit,
+    outward_displacement,
+)
 
 __all__ = [
     "DARK",

@@ -14,7 +14,7 @@ from homolog.files.project import ProjectFolder
 from homolog.files.results import read_modes, read_result, read_surfaces
 from homolog.progress import Tick, no_tick
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.pictures.layout import Panel, arrange, common_limit, outward_displacement, write_picture
+from homolog_app.pictures.layout import Panel, arrange, write_picture
 from homolog_app.rendering.camera import (
     Clip,
     Cut,
@@ -25,7 +25,14 @@ from homolog_app.rendering.camera import (
     frame_around,
     three_quarter_view,
 )
-from homolog_app.rendering.colours import LIGHT, Theme, colours_by_place, diverging_colours
+from homolog_app.rendering.colours import (
+    LIGHT,
+    Theme,
+    colours_by_place,
+    common_limit,
+    diverging_colours,
+    outward_displacement,
+)
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import shaded
 from homolog_app.rendering.scene import Balls, Scene, ball_radius

@@ -1,6 +1,7 @@
 """Colours: the paper's blue-yellow map, stable colours by correspondence, themes, and scales for numbers."""
 
 import colorsys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -8,6 +9,7 @@ from importlib.resources import files
 import numpy as np
 
 from homolog.arrays import Array, BoolArray, FloatArray, frozen
+from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering import scheme
 from homolog_app.rendering.scheme import Colours
 
@@ -18,9 +20,11 @@ __all__ = [
     "ColourScale",
     "Theme",
     "colours_by_place",
+    "common_limit",
     "displacement_scale",
     "diverging_colours",
     "diverging_table",
+    "outward_displacement",
     "page_colours",
     "viridis",
 ]
@@ -192,3 +196,20 @@ def viridis() -> Array:
     fine = [np.interp(np.linspace(0.0, 1.0, 256), stops, channel) for channel in _VIRIDIS.T]
     table: Array = np.rint(np.stack(fine, axis=1)).astype(np.uint8)
     return table
+
+
+_STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+
+
+def outward_displacement(mesh: TriangleMesh, displacement: FloatArray) -> FloatArray:
+    """Return the part of a displacement (V, 3) along the outward normals [mm], shape (V,)."""
+    return np.asarray((displacement * mesh.vertex_normals).sum(axis=1))
+
+
+def common_limit(values: Sequence[FloatArray]) -> float:
+    """Return a round value [mm] that 99 % of all the given values stay below."""
+    reach = float(np.percentile(np.abs(np.concatenate(values)), 99.0))
+    if reach <= 0.0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(reach))
+    return float(next(step for step in _STEPS if step * power >= 0.99 * reach) * power)

@@ -15,8 +15,8 @@ from homolog.geometry import inverse_matrices, transform_points
 from homolog.patient import Change, FollowUp, Reference
 from homolog.patient.fit import vertex_areas
 from homolog.progress import Tick, no_tick
-from homolog_app.pictures.layout import Panel, arrange, common_limit
-from homolog_app.rendering.colours import LIGHT
+from homolog_app.pictures.layout import Panel, arrange
+from homolog_app.rendering.colours import LIGHT, common_limit
 from homolog_app.report import NOTICE
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.page import Page

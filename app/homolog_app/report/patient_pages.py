@@ -11,10 +11,10 @@ from homolog.arrays import BoolArray, FloatArray
 from homolog.geometry import inverse_matrices
 from homolog.patient import PatientComparison, Reference
 from homolog.surfaces.mesh import TriangleMesh
-from homolog_app.pictures.layout import Panel, arrange, common_limit, view_of_region
+from homolog_app.pictures.layout import Panel, arrange, view_of_region
 from homolog_app.plots import draw_percentiles, new_figure
 from homolog_app.rendering.camera import VIEWS, View, frame_around, three_quarter_view
-from homolog_app.rendering.colours import LIGHT, diverging_colours, page_colours
+from homolog_app.rendering.colours import LIGHT, common_limit, diverging_colours, page_colours
 from homolog_app.rendering.draw import draw
 from homolog_app.rendering.rays import hollows
 from homolog_app.rendering.scene import Scene, Surface, surface

@@ -15,7 +15,7 @@ from homolog.arrays import BoolArray, FloatArray, IntArray
 from homolog.files.results import Result
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.nearest import nearest_particles
-from homolog_app.pictures import outward_displacement
+from homolog_app.rendering.colours import outward_displacement
 from homolog_app.report.study import Study
 
 __all__ = ["Region", "SurfaceCarrier", "significant_regions"]

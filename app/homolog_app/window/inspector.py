@@ -3,11 +3,11 @@
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QFrame, QStackedWidget, QVBoxLayout
 
+from homolog_app.studies.jobs import Devices
 from homolog_app.window.actions import Actions
 from homolog_app.window.cohort_panel import CohortPanel
 from homolog_app.window.explore.panel import ExplorePanel
 from homolog_app.window.groom_panel import GroomPanel
-from homolog_app.window.jobs import Devices
 from homolog_app.window.rail import STEPS
 from homolog_app.window.run_panel import RunPanel
 from homolog_app.window.work import Work

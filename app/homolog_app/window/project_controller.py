@@ -12,12 +12,18 @@ from PySide6.QtWidgets import QFileDialog, QInputDialog
 from homolog.errors import InputError, InUseError
 from homolog.files.atomic import replace_folder
 from homolog.files.project import ProjectFolder
-from homolog_app.window.interrupted import interrupted_text
-from homolog_app.window.journal import InterruptedSession, find_lost
-from homolog_app.window.loaded_result import write_from_memory
+from homolog_app.studies.files import (
+    InterruptedSession,
+    ViewRecord,
+    find_lost,
+    interrupted_text,
+    open_project,
+    save_project,
+    study_of,
+)
+from homolog_app.studies.loaded_result import write_from_memory
+from homolog_app.studies.study import FILES, Study, found_subjects, is_there, with_table
 from homolog_app.window.questions import Controller, ask, reported, waited
-from homolog_app.window.study import FILES, Study, found_subjects, is_there, with_table
-from homolog_app.window.study_files import ViewRecord, open_project, save_project, study_of
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow

@@ -5,9 +5,9 @@ from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QVBoxLayout, QWidg
 
 from homolog.files.project import ProjectFolder
 from homolog.settings import OptimizeSettings
+from homolog_app.studies.files import interrupted_text
 from homolog_app.window.actions import Actions
 from homolog_app.window.form import SettingsPair
-from homolog_app.window.interrupted import interrupted_text
 from homolog_app.window.progress import Progress
 from homolog_app.window.runner import Status
 from homolog_app.window.session import Session

@@ -7,7 +7,7 @@ from PySide6.QtCore import QObject, QTimer, Signal, Slot
 
 from homolog.arrays import Array, FloatArray
 from homolog.correspondence.types import Frame
-from homolog_app.window.subjects import moment_of
+from homolog_app.views.contents import moment_of
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow

@@ -11,13 +11,12 @@ from PySide6.QtGui import QUndoCommand, QUndoStack
 
 from homolog.cohort import Subject
 from homolog.settings import RunSettings
-from homolog_app.window.extension import Extension, extension_of
-from homolog_app.window.loaded_result import LoadedResult
-from homolog_app.window.study import Member, Study
-from homolog_app.window.subjects import Groomed
+from homolog_app.studies.loaded_result import LoadedResult
+from homolog_app.studies.study import Extension, Member, Study, extension_of
+from homolog_app.views.contents import Groomed
 
 if TYPE_CHECKING:
-    from homolog_app.window.file_survey import FileSurvey
+    from homolog_app.studies.file_survey import FileSurvey
 
 __all__ = ["Session"]
 

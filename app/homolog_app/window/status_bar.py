@@ -6,7 +6,7 @@ import psutil
 from PySide6.QtCore import QObject, QTimer, Slot
 from PySide6.QtWidgets import QProgressBar, QSizePolicy
 
-from homolog_app.window.jobs import Devices
+from homolog_app.studies.jobs import Devices
 from homolog_app.window.widgets import ActionButton, label
 
 if TYPE_CHECKING:

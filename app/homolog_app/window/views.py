@@ -12,17 +12,17 @@ from PySide6.QtWidgets import QApplication
 from homolog.arrays import FloatArray
 from homolog.geometry import inverse_matrices, transform_points
 from homolog_app.rendering.colours import ColourScale
+from homolog_app.studies.files import ViewRecord
+from homolog_app.studies.loaded_result import LoadedResult
 from homolog_app.views.cell import VIEWS
 from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.contents import Groomed, subject_contents
+from homolog_app.views.view_states import ColouredView, Snapshot, SubjectsView
 from homolog_app.window.availability import LAYOUTS
-from homolog_app.window.explore.view_states import ColouredView, Snapshot, SubjectsView
 from homolog_app.window.interactor import Pick
-from homolog_app.window.loaded_result import LoadedResult
 from homolog_app.window.range_dialog import RangeDialog
 from homolog_app.window.run_particles import RunParticles
 from homolog_app.window.scans import ScanController, sliced_subject
-from homolog_app.window.study_files import ViewRecord
-from homolog_app.window.subjects import Groomed, subject_contents
 from homolog_app.window.view_menu import view_menu
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from homolog.cohort import Cohort
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
 from homolog.settings import GroomSettings
-from homolog_app.window.jobs import (
+from homolog_app.studies.jobs import (
     Devices,
     RunJob,
     groom,
@@ -23,17 +23,17 @@ from homolog_app.window.jobs import (
     prepare,
     read_files,
 )
-from homolog_app.window.loaded_result import LoadedResult, load_result
-from homolog_app.window.preliminary import PreliminaryModel
+from homolog_app.studies.loaded_result import LoadedResult, load_result
+from homolog_app.studies.model_shape import PreliminaryModel
+from homolog_app.views.contents import Groomed
 from homolog_app.window.runner import JobOutcome, Runner, Status, Task
 from homolog_app.window.samples import Sample
 from homolog_app.window.session import Session
-from homolog_app.window.subjects import Groomed
 
 if TYPE_CHECKING:
     from homolog.arrays import FloatArray
     from homolog.grooming import GroomedSubject
-    from homolog_app.window.file_survey import FileSurvey
+    from homolog_app.studies.file_survey import FileSurvey
 
     GroomedCohort = tuple[list[GroomedSubject], FloatArray]
 

@@ -11,12 +11,11 @@ from PySide6.QtCore import QObject, QTimer, Slot
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.settings import RunSettings
+from homolog_app.studies.files import Journal, JournalRecord, ViewRecord, record_of
 from homolog_app.window.garbage_collector import GarbageCollector
-from homolog_app.window.journal import Journal, JournalRecord
 from homolog_app.window.log_pane import LogMemory
 from homolog_app.window.preferences import Preferences
 from homolog_app.window.session import Session
-from homolog_app.window.study_files import ViewRecord, record_of
 from homolog_app.window.theme import Theme
 from homolog_app.window.work import Work
 

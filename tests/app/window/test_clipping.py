@@ -9,7 +9,7 @@ from homolog_app.rendering.camera import CameraState, Clip
 from homolog_app.rendering.scheme import LIGHT, rgb
 from homolog_app.views.content import Content, ViewContents
 from homolog_app.views.grid import drawn
-from homolog_app.window.explore.view_states import Snapshot, SubjectsView
+from homolog_app.views.view_states import Snapshot, SubjectsView
 
 pytestmark = pytest.mark.window
 

@@ -6,7 +6,7 @@ from homolog.cohort import read_cohort
 from homolog.files.project import ProjectFolder
 from homolog.progress import no_tick
 from homolog.settings import GroomSettings, RunSettings
-from homolog_app.window.jobs import groom, groom_again
+from homolog_app.studies.jobs import groom, groom_again
 
 
 def test_a_subject_that_is_groomed_again_keeps_the_note_that_it_was_mirrored(ellipsoids, tmp_path):

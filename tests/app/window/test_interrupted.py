@@ -5,7 +5,7 @@ import os
 import numpy as np
 
 from homolog.files.arrays import write_arrays
-from homolog_app.window.interrupted import interrupted_text
+from homolog_app.studies.files import interrupted_text
 
 
 def test_an_unfinished_run_says_how_far_it_got(tmp_path):

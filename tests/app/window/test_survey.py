@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from homolog.cohort import Subject
-from homolog_app.window.file_survey import survey_subject
+from homolog_app.studies.file_survey import survey_subject
 
 
 @pytest.fixture

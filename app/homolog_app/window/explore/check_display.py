@@ -8,9 +8,17 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QVBoxLayout, QWidget
 
 from homolog.arrays import FloatArray, IntArray
-from homolog_app.window.explore.check_scene import ALONG, ENERGIES, STRAIGHT, Distances, Marks
-from homolog_app.window.explore.check_work import distances_on, energies_of, textures_of
-from homolog_app.window.explore.view_states import CheckView
+from homolog_app.views.check import (
+    ALONG,
+    ENERGIES,
+    STRAIGHT,
+    Distances,
+    Marks,
+    distances_on,
+    energies_of,
+    textures_of,
+)
+from homolog_app.views.view_states import CheckView
 from homolog_app.window.widgets import GRID, NumberBox, choice, label, named_rows
 from homolog_app.window.workspace import Workspace
 

@@ -9,16 +9,16 @@ from PySide6.QtCore import Slot
 from PySide6.QtWidgets import QHBoxLayout
 
 from homolog.arrays import FloatArray
+from homolog_app.views.check import checked_scene
 from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.view_states import CheckView
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_display import CheckDisplay
-from homolog_app.window.explore.check_scene import checked_scene
 from homolog_app.window.explore.check_sphere import NormalSphere
 from homolog_app.window.explore.check_state import InspectionState
 from homolog_app.window.explore.check_table import SuspectModel, suspect_table
 from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.explore.page import ExplorePage
-from homolog_app.window.explore.view_states import CheckView
 from homolog_app.window.progress import Progress
 from homolog_app.window.widgets import GRID, button, label
 from homolog_app.window.workspace import Workspace

@@ -9,7 +9,7 @@ import numpy as np
 from PySide6.QtCore import QObject, Signal, Slot
 
 from homolog.progress import Tick
-from homolog_app.window.loaded_result import LoadedResult, Recorder, write_from_memory
+from homolog_app.studies.loaded_result import LoadedResult, Recorder, write_from_memory
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ class InspectionState(QObject):
             from homolog.progress import part_of
             from homolog.run.shape_files import surface_of_model
             from homolog.surfaces.mesh import TriangleMesh
-            from homolog_app.suspects import repaired
+            from homolog_app.studies.suspects import repaired
 
             after = inspection
             for index, suspect in enumerate(suspects):
@@ -143,7 +143,7 @@ class InspectionState(QObject):
 
     def export(self, path: Path) -> None:
         """Write the list of suspects; raises InputError if the file can't be written."""
-        from homolog_app.suspects import rows, write_suspects
+        from homolog_app.studies.suspects import rows, write_suspects
 
         version = self._version
         if version is not None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from PySide6.QtWidgets import QFileDialog
 
+from homolog_app.studies.study import FILES
 from homolog_app.window.explore.check_page import CheckPage
 from homolog_app.window.explore.groups_page import GroupsPage
 from homolog_app.window.explore.measure_page import MeasurePage
@@ -14,7 +15,6 @@ from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.patient_page import PatientPage
 from homolog_app.window.questions import Controller, reported
-from homolog_app.window.study import FILES
 
 if TYPE_CHECKING:
     from homolog_app.window.main_window import MainWindow

@@ -10,15 +10,15 @@ from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 
 from homolog.errors import InputError
 from homolog.progress import Tick
+from homolog_app.views.patient import PatientTimes, change_text, with_file
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.patient_times import PatientTimes, change_text, with_file
 from homolog_app.window.widgets import ActionButton, label
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog.patient import Reference
     from homolog_app.report.patient_words import GroupRow
-    from homolog_app.window.explore.patient_views import ComparedPatient
+    from homolog_app.views.patient import ComparedPatient
 
 __all__ = ["FollowUpPart"]
 

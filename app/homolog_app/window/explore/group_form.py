@@ -6,7 +6,7 @@ from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QMenu, QWidget
 
 from homolog.analysis.procrustes import Alignment
 from homolog_app.report.request import StudyRequest
-from homolog_app.window.explore.questions import SIZE, covariates_of, numbers_of, size_name, values_of
+from homolog_app.studies.questions import SIZE, covariates_of, numbers_of, size_name, values_of
 from homolog_app.window.session import Session
 from homolog_app.window.widgets import GRID, button, choice, label
 

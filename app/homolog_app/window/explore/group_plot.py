@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-    from homolog_app.window.explore.group_answer import GroupAnswer
+    from homolog_app.studies.answers import GroupAnswer
 
 __all__ = ["GroupPlot"]
 

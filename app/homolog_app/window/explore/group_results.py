@@ -12,7 +12,7 @@ from homolog_app.report.request import SIZE_WORDS
 if TYPE_CHECKING:
     from homolog.analysis.comparison import Comparison
     from homolog_app.report.study import Study
-    from homolog_app.window.explore.group_work import Answers
+    from homolog_app.studies.answers import Answers
 
 __all__ = ["GroupResults", "correction_sentence"]
 

@@ -15,15 +15,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from homolog_app.views.content import Content, ViewContents
-from homolog_app.window.actions import Actions
-from homolog_app.window.explore.compare_box import CompareBox
-from homolog_app.window.explore.group_form import GroupForm
-from homolog_app.window.explore.group_plot import GroupPlot
-from homolog_app.window.explore.group_results import GroupResults, correction_sentence
-from homolog_app.window.explore.group_views import GREY_WORDS, group_scene
-from homolog_app.window.explore.group_words import effect_line, number_rows, question_text
-from homolog_app.window.explore.group_work import (
+from homolog_app.studies.answers import (
     Answers,
     answer_question,
     map_answers,
@@ -31,18 +23,26 @@ from homolog_app.window.explore.group_work import (
     repeat_by_seed,
     save_answers,
 )
+from homolog_app.studies.model_shape import largest_region, middle_of
+from homolog_app.studies.questions import effect_line, number_rows, question_text
+from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.scenes import GREY_WORDS, group_scene
+from homolog_app.views.view_states import GroupsView
+from homolog_app.window.actions import Actions
+from homolog_app.window.explore.compare_box import CompareBox
+from homolog_app.window.explore.group_form import GroupForm
+from homolog_app.window.explore.group_plot import GroupPlot
+from homolog_app.window.explore.group_results import GroupResults, correction_sentence
 from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.explore.numbers_table import NumbersTable
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.player import Player
-from homolog_app.window.explore.regions import largest_region, middle_of
-from homolog_app.window.explore.view_states import GroupsView
 from homolog_app.window.progress import Progress
 from homolog_app.window.widgets import GRID, button, choice, label, rule, set_dimmed, set_primary
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
-    from homolog_app.window.explore.group_answer import GroupAnswer, GroupMap
+    from homolog_app.studies.answers import GroupAnswer, GroupMap
 
 __all__ = ["GroupsPage"]
 

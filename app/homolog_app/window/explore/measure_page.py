@@ -16,16 +16,16 @@ from PySide6.QtWidgets import (
 from homolog.arrays import FloatArray
 from homolog.progress import Tick, part_of
 from homolog_app.rendering.text import signed
+from homolog_app.studies.questions import with_present_table
 from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.contents import single_subject
+from homolog_app.views.scenes import deviations_of, measured_scene
+from homolog_app.views.view_states import MeasureView
 from homolog_app.window.actions import Actions
-from homolog_app.window.explore.current_table import with_present_table
 from homolog_app.window.explore.measure_plot import MeasurePlots
-from homolog_app.window.explore.measure_views import deviations_of, measured_scene
 from homolog_app.window.explore.model_cache import ModelCache
-from homolog_app.window.explore.model_content import single_subject
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.subject_table import SORTED_BY, SubjectTable
-from homolog_app.window.explore.view_states import MeasureView
 from homolog_app.window.widgets import (
     ActionButton,
     NumberBox,
@@ -39,7 +39,7 @@ from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
     from homolog_app.exports.measures import Measures
-    from homolog_app.window.explore.model_shape import ModelShape
+    from homolog_app.studies.model_shape import ModelShape
     from homolog_app.window.interactor import Pick
 
 __all__ = ["MeasurePage"]

@@ -21,7 +21,7 @@ from homolog_app.window.value_edit import ValueEdit
 from homolog_app.window.widgets import GRID, button, label
 
 if TYPE_CHECKING:
-    from homolog_app.window.explore.model_shape import ModelShape
+    from homolog_app.studies.model_shape import ModelShape
 
 __all__ = ["REACH", "ModeSliders"]
 

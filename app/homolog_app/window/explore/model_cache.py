@@ -8,12 +8,12 @@ from PySide6.QtCore import QObject, Signal, Slot
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick
-from homolog_app.window.loaded_result import LoadedResult
-from homolog_app.window.preliminary import PreliminaryModel
+from homolog_app.studies.loaded_result import LoadedResult
+from homolog_app.studies.model_shape import PreliminaryModel
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
-    from homolog_app.window.explore.model_shape import ModelShape
+    from homolog_app.studies.model_shape import ModelShape
 
 __all__ = ["ModelCache"]
 
@@ -82,7 +82,7 @@ class ModelCache(QObject):
             raise InputError(f"{folder}: is not a project; choose the folder of a project with a result")
 
         def read(tick: Tick) -> "ModelShape":
-            from homolog_app.window.explore.model_shape import facing, read_model_shape
+            from homolog_app.studies.model_shape import facing, read_model_shape
 
             other = read_model_shape(folder.name, project, tick)
             return other if shape is None else facing(other, shape)
@@ -115,7 +115,7 @@ class ModelCache(QObject):
 
         def fit(tick: Tick) -> "ModelShape":
             import homolog_app.plots  # noqa: F401 - slow; the plots that follow need it
-            from homolog_app.window.explore.model_shape import fit_model_shape
+            from homolog_app.studies.model_shape import fit_model_shape
 
             return fit_model_shape(name, result.method, result.result, tick)
 

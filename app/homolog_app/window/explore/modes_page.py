@@ -9,20 +9,20 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout
 
 from homolog.arrays import FloatArray
 from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.scenes import mode_scene
+from homolog_app.views.view_states import ModesView
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.compare_box import CompareBox
 from homolog_app.window.explore.mode_plots import ModePlots
 from homolog_app.window.explore.mode_sliders import ModeSliders
-from homolog_app.window.explore.mode_views import mode_scene
 from homolog_app.window.explore.model_cache import ModelCache
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.player import Player
-from homolog_app.window.explore.view_states import ModesView
 from homolog_app.window.widgets import GRID, choice, label, named_rows
 from homolog_app.window.workspace import Workspace
 
 if TYPE_CHECKING:
-    from homolog_app.window.explore.model_shape import ModelShape
+    from homolog_app.studies.model_shape import ModelShape
 
 __all__ = ["ModesPage"]
 

@@ -8,9 +8,9 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QWidget
 
 from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.view_states import View
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.model_cache import ModelCache
-from homolog_app.window.explore.view_states import View
 from homolog_app.window.widgets import Panel
 from homolog_app.window.workspace import Workspace
 

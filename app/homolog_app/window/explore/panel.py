@@ -5,6 +5,7 @@ from typing import TypeVar
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QStackedWidget, QTabBar, QVBoxLayout, QWidget
 
+from homolog_app.studies.study import outdated_text
 from homolog_app.window.actions import Actions
 from homolog_app.window.explore.check_page import CheckPage
 from homolog_app.window.explore.groups_page import GroupsPage
@@ -14,7 +15,6 @@ from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.explore.overview_page import OverviewPage
 from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.patient_page import PatientPage
-from homolog_app.window.extension import outdated_text
 from homolog_app.window.widgets import GRID, label
 from homolog_app.window.workspace import Workspace
 

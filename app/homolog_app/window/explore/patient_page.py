@@ -25,23 +25,27 @@ from homolog.arrays import FloatArray
 from homolog.errors import InputError
 from homolog.progress import Tick
 from homolog_app.views.content import Content, ViewContents
-from homolog_app.window.actions import Actions
-from homolog_app.window.explore.follow_up_part import FollowUpPart
-from homolog_app.window.explore.model_cache import ModelCache
-from homolog_app.window.explore.page import ExplorePage
-from homolog_app.window.explore.patient_texts import about_text, nearest_text, verdict_text
-from homolog_app.window.explore.patient_times import CHANGE, change_regions, change_scene
-from homolog_app.window.explore.patient_views import (
+from homolog_app.views.patient import (
+    CHANGE,
     EXPECTED,
     MEAN,
     ComparedPatient,
     PatientDisplay,
     Z,
+    about_text,
+    change_regions,
+    change_scene,
     compared,
+    nearest_text,
     patient_scene,
     patient_slices,
     place_of,
+    verdict_text,
 )
+from homolog_app.window.actions import Actions
+from homolog_app.window.explore.follow_up_part import FollowUpPart
+from homolog_app.window.explore.model_cache import ModelCache
+from homolog_app.window.explore.page import ExplorePage
 from homolog_app.window.explore.percentile_bars import PercentileBars
 from homolog_app.window.explore.subject_table import SubjectTable
 from homolog_app.window.widgets import (

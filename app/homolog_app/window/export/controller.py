@@ -10,19 +10,19 @@ import numpy as np
 
 from homolog.errors import InputError
 from homolog.files.names import file_stems
+from homolog_app.studies.files import ViewRecord, save_project
+from homolog_app.studies.questions import with_present_table
 from homolog_app.window.explore.check_page import CheckPage
-from homolog_app.window.explore.current_table import with_present_table
 from homolog_app.window.explore.modes_page import ModesPage
 from homolog_app.window.export.choosers import KINDS
 from homolog_app.window.questions import Controller, reported
-from homolog_app.window.study_files import ViewRecord, save_project
 
 if TYPE_CHECKING:
     from PySide6.QtGui import QPixmap
 
     from homolog_app.rendering.camera import Canvas
     from homolog_app.views.content import ViewContents
-    from homolog_app.window.explore.view_states import Snapshot
+    from homolog_app.views.view_states import Snapshot
     from homolog_app.window.export.dialog import Exported
 
 __all__ = ["ExportController"]

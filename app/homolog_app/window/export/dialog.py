@@ -28,7 +28,7 @@ from homolog_app.films.settings import CutAway, CutSettings, PictureSettings
 from homolog_app.rendering.camera import Canvas, Clip
 from homolog_app.views.content import KEPT, ViewContents, write_shown
 from homolog_app.views.grid import drawn
-from homolog_app.window.explore.view_states import Snapshot
+from homolog_app.views.view_states import Snapshot
 from homolog_app.window.export.choosers import (
     SCREENSHOT,
     ExportKind,

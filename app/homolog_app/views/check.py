@@ -1,4 +1,4 @@
-"""What the views show while correspondence is checked."""
+"""What the page Check computes and shows in the views."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from homolog.arrays import Array, FloatArray, IntArray
+from homolog.errors import InputError
+from homolog.files.project import ProjectFolder
+from homolog.progress import Tick
 from homolog.surfaces.mirroring import scale_of
 from homolog_app.rendering.colours import ColourScale, viridis
 from homolog_app.views.content import Content, Numbers, ViewContents
@@ -14,7 +17,18 @@ from homolog_app.views.content import Content, Numbers, ViewContents
 if TYPE_CHECKING:
     from homolog.inspection import Inspection, ParticleEnergies
 
-__all__ = ["ALONG", "ENERGIES", "STRAIGHT", "Distances", "Marks", "checked_scene"]
+__all__ = [
+    "ALONG",
+    "ENERGIES",
+    "STRAIGHT",
+    "Distances",
+    "Marks",
+    "checked_scene",
+    "distances_on",
+    "energies_of",
+    "textures_of",
+]
+
 
 ALONG, STRAIGHT = "along the surface", "straight"
 ENERGIES = {"sampling": "crowding", "ensemble": "odd positions", "normals": "odd normals"}
@@ -219,3 +233,50 @@ def _distance_scale(title: str, limit: float, note: str) -> ColourScale:
     power = 10.0 ** np.floor(np.log10(max(limit, 1e-9)))
     high = next(factor * power for factor in _ROUND if factor * power >= limit)
     return ColourScale(title, "mm", 0.0, float(high), viridis()[::-1].copy(), note=note)
+
+
+def distances_on(
+    inspection: "Inspection", subject: int, place: FloatArray, name: str, tick: Tick
+) -> Distances:
+    """Return the distances of a subject's surface from a place (3,) on it, in aligned coordinates."""
+    from homolog.geodesics import distances_from
+    from homolog.inspection.located_particles import closest_points_on
+
+    located = inspection.located
+    mesh, matrix = located.meshes[subject], located.alignments[subject]
+    local = np.linalg.solve(matrix[:3, :3], place - matrix[:3, 3])
+    normals, faces, _ = closest_points_on(mesh, local[None])
+    normal = matrix[:3, :3] @ normals[0]
+    corners = mesh.faces[faces[0]]
+    away = np.linalg.norm(mesh.vertices[corners] - local, axis=1)
+    along = distances_from(mesh, corners.tolist(), away.tolist(), name=name, tick=tick).astype(np.float64)
+    straight = np.linalg.norm(mesh.vertices - local, axis=1)
+    return Distances(subject, place, normal / np.linalg.norm(normal), along, straight)
+
+
+def energies_of(inspection: "Inspection", project: ProjectFolder, tick: Tick) -> "ParticleEnergies":
+    """Return what each particle adds to the energies, by the settings of the project's result."""
+    from homolog.inspection import particle_energies
+
+    tick(0.0, "energies of particles")
+    record = project.read().result
+    if record is None:
+        raise InputError(f"{project.folder}: has no result any more; run again")
+    return particle_energies(inspection.located, inspection.consensus, record.settings.optimize)
+
+
+def textures_of(
+    inspection: "Inspection", names: tuple[str, ...], tick: Tick
+) -> dict[str, dict[str, FloatArray]]:
+    """Return both patterns for each subject: a tone from 0 to 1 for each vertex of its surface."""
+    from homolog.inspection import carried_places, checkerboard, stripes
+
+    patterns: dict[str, dict[str, FloatArray]] = {"checkerboard": {}, "stripes": {}}
+    for m, name in enumerate(names):
+        tick(m / len(names), f"texture on {name}")
+        carried = carried_places(inspection.located, inspection.consensus, m)
+        matrix = inspection.located.alignments[m]
+        blur = inspection.located.meshes[m].mean_edge * float(scale_of(matrix))
+        patterns["checkerboard"][name] = checkerboard(carried, inspection.consensus.shape, blur)
+        patterns["stripes"][name] = stripes(carried, inspection.consensus.shape, blur)
+    return patterns

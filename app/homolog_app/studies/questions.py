@@ -1,9 +1,15 @@
-"""The test of two groups as rows of names and values."""
+"""What questions about groups or a number can be about, and the words of their tests."""
 
+from collections import Counter
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from homolog.analysis.design import is_missing, numbers
+from homolog.cohort.column_types import CATEGORY
+from homolog.errors import InputError
+from homolog.files.results import Result
 from homolog_app.rendering.text import short, signed
 from homolog_app.report.findings import (
     LEVEL,
@@ -14,11 +20,117 @@ from homolog_app.report.findings import (
     region_text,
 )
 from homolog_app.report.request import SIZE_WORDS, StudyRequest
+from homolog_app.report.study import SHAPE_SIZE
+from homolog_app.studies.study import Study
 
 if TYPE_CHECKING:
-    from homolog_app.window.explore.group_answer import GroupAnswer
+    from homolog_app.studies.answers import GroupAnswer
 
-__all__ = ["effect_line", "number_rows", "question_text"]
+__all__ = [
+    "SIZE",
+    "covariates_of",
+    "effect_line",
+    "number_rows",
+    "numbers_of",
+    "question_text",
+    "size_name",
+    "values_of",
+    "with_present_table",
+]
+
+
+def with_present_table(result: Result, study: Study) -> Result:
+    """Return a result with groups and columns as the study's table has them now, by subject."""
+    present = {member.name: member.subject for member in study.members}
+    groups, columns = [], []
+    for name, group, values in zip(result.names, result.groups, result.columns, strict=True):
+        known = present.get(name)
+        groups.append(known.group if known is not None else group)
+        columns.append(known.columns if known is not None else values)
+    return replace(result, groups=tuple(groups), columns=tuple(columns))
+
+
+SIZE = "size"
+_LEAST = 2
+_FEWEST_NUMBERS = 3
+_MOST_CATEGORIES = 12
+
+
+def size_name(study: Study) -> str:
+    """Return what the shapes' own size is called: ``size``, unless the table has a column of that name."""
+    return SHAPE_SIZE if SIZE in study.columns else SIZE
+
+
+def values_of(study: Study, column: str) -> list[str]:
+    """Return the values of a column that two or more included subjects have, sorted."""
+    counts = Counter(_cells(study, column))
+    return sorted(cell for cell, count in counts.items() if cell and count >= _LEAST)
+
+
+def numbers_of(study: Study, *, complete: bool = False) -> dict[str, str]:
+    """Return the columns that hold numbers, not all alike, and what speaks against each, or nothing.
+
+    Size is among them; those that can't be used come last. With `complete`, missing values are no fault.
+    """
+    own = size_name(study)
+    problems = {own: ""}
+    for column in study.columns:
+        if column.endswith(CATEGORY):
+            continue
+        try:
+            values = numbers([cell for cell in _cells(study, column) if cell])
+        except InputError as error:
+            problems[column] = str(error)
+            continue
+        if values is not None and len(set(values.tolist())) >= _FEWEST_NUMBERS:
+            problems[column] = "" if complete else _missing(study, column)
+    return dict(sorted(problems.items(), key=lambda item: (bool(item[1]), item[0] == own)))
+
+
+def covariates_of(study: Study, column: str, *, complete: bool = False) -> dict[str, str]:
+    """Return the columns that can be adjusted for beside one, and what speaks against each, or nothing.
+
+    Numbers with few values are offered as codes of categories too (``site:c``).
+    """
+    problems = {}
+    own = size_name(study)
+    for name in ("group", *study.columns, own):
+        if name == column:
+            continue
+        cells = _cells(study, name)
+        if name == own:
+            problems[name] = ""
+        elif any(cells):
+            alike = len({cell for cell in cells if cell}) == 1
+            missing = "" if complete else _missing(study, name)
+            problems[name] = missing or ("The same for all subjects" if alike else "")
+            if _are_codes(cells) and not name.endswith(CATEGORY):
+                problems[f"{name}{CATEGORY}"] = problems[name]
+    return problems
+
+
+def _are_codes(cells: list[str]) -> bool:
+    try:
+        values = numbers([cell for cell in cells if cell])
+    except InputError:
+        return False
+    return values is not None and 2 < len(set(values.tolist())) <= min(_MOST_CATEGORIES, len(cells) // 2)
+
+
+def _missing(study: Study, column: str) -> str:
+    """Say which subjects have no value, if any."""
+    cells = _cells(study, column)
+    gone = [subject.name for subject, cell in zip(study.included, cells, strict=True) if not cell]
+    return f"No value for {', '.join(gone[:3])}{' …' * (len(gone) > 3)}" if gone else ""
+
+
+def _cells(study: Study, column: str) -> list[str]:
+    """Return a column of the included subjects, missing values as empty text."""
+    cells = [
+        subject.group or "" if column == "group" else subject.columns.get(column, "")
+        for subject in study.included
+    ]
+    return ["" if is_missing(cell) else cell for cell in cells]
 
 
 def effect_line(answer: "GroupAnswer") -> str:

@@ -16,14 +16,14 @@ from homolog.files.names import file_stems
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick, part_of
 from homolog.settings import GroomSettings, RunSettings
-from homolog_app.window.loaded_result import LoadedResult, Recorder, load_result
-from homolog_app.window.preliminary import PreliminaryFits, PreliminaryModel
+from homolog_app.studies.loaded_result import LoadedResult, Recorder, load_result
+from homolog_app.studies.model_shape import PreliminaryFits, PreliminaryModel
 
 if TYPE_CHECKING:
     from homolog.correspondence import Frame
     from homolog.grooming import GroomedSubject
     from homolog.run import RunStatus
-    from homolog_app.window.file_survey import FileSurvey
+    from homolog_app.studies.file_survey import FileSurvey
 
 __all__ = [
     "Devices",
@@ -72,7 +72,7 @@ def read_files(
     subjects: Sequence[Subject], groom: GroomSettings, arrived: "Callable[[FileSurvey], None]", tick: Tick
 ) -> None:
     """Look into each file and hand over what is found, one by one."""
-    from homolog_app.window.file_survey import survey_subject
+    from homolog_app.studies.file_survey import survey_subject
 
     for number, subject in enumerate(subjects):
         tick(number / len(subjects), f"reading {subject.name}")

@@ -1,4 +1,4 @@
-"""What the views show of a patient: mean, patient, and maps of the difference."""
+"""What the page Patient computes and shows in the views: a patient, and later times of the same one."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,29 +11,67 @@ from homolog.arrays import BoolArray, FloatArray
 from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.geometry import inverse_matrices, transform_points
-from homolog.progress import Tick
+from homolog.progress import Tick, part_of
 from homolog.surfaces.mesh import TriangleMesh
 from homolog_app.rendering.colours import ColourScale, displacement_scale
 from homolog_app.views.content import Content, ViewContents
-from homolog_app.window.explore.model_content import region_border
+from homolog_app.views.contents import region_border
 
 if TYPE_CHECKING:
     from homolog.grooming.images import Segmentation
-    from homolog.patient import PatientComparison, Reference
+    from homolog.patient import FollowUp, PatientComparison, Reference, Region
     from homolog_app.views.slices import SliceScene
 
 __all__ = [
+    "CHANGE",
     "EXPECTED",
     "MEAN",
+    "ChangeRegion",
     "ComparedPatient",
     "PatientDisplay",
+    "PatientTimes",
     "Z",
+    "about_text",
+    "change_regions",
+    "change_scene",
+    "change_text",
     "compared",
+    "nearest_text",
     "on_patient",
     "patient_scene",
     "patient_slices",
     "place_of",
-]  # fmt: skip
+    "verdict_text",
+    "with_file",
+]
+
+
+def verdict_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
+    """Say what was found; empty without a patient."""
+    if comparison is None or reference is None:
+        return ""
+    from homolog_app.report.patient_words import detectable_text, verdict
+
+    return f"{verdict(comparison, reference)}\n{detectable_text(reference)}"
+
+
+def nearest_text(comparison: "PatientComparison | None", reference: "Reference | None") -> str:
+    """Name the nearest controls; empty without a patient or if they are not kept."""
+    if comparison is None or reference is None:
+        return ""
+    from homolog_app.report.patient_words import nearest_controls_text
+
+    return nearest_controls_text(comparison, reference)
+
+
+def about_text(reference: "Reference | None") -> str:
+    """Describe the reference, or say how to get one."""
+    if reference is None:
+        return "No reference yet. Make one from this result or open a file."
+    from homolog_app.report.patient_words import reference_text
+
+    return "\n".join(reference_text(reference))
+
 
 EXPECTED, MEAN, Z = "expected", "mean", "z"
 """Maps: difference from the expected shape, from the mean [mm], and the former in standard deviations."""
@@ -171,7 +209,7 @@ def compared(reference: "Reference", path: Path, values: Mapping[str, str], tick
     from homolog.patient import compare_patient
     from homolog_app.pictures.layout import view_of_region
     from homolog_app.report.patient import patients_of
-    from homolog_app.window.file_survey import survey_subject
+    from homolog_app.studies.file_survey import survey_subject
 
     subjects = patients_of([path])
     if len(subjects) != 1:
@@ -202,7 +240,7 @@ def patient_slices(compared: ComparedPatient, reference: "Reference") -> "SliceS
 def _scale(
     comparison: "PatientComparison", reference: "Reference", kind: str
 ) -> tuple[ColourScale, FloatArray]:
-    from homolog_app.pictures.layout import common_limit
+    from homolog_app.rendering.colours import common_limit
 
     if kind == Z:
         reach = max(1.5 * reference.limit, 1.0)
@@ -235,3 +273,127 @@ def on_patient(
         lines = region_border(shape.vertices, shape.faces, beyond)
     local = TriangleMesh(transform_points(back, shape.vertices), shape.placed(back).faces)
     return Content(name, None, local, None, comparison.placement, note, colours, None, None, lines)
+
+
+CHANGE = "change"
+"""Map: distance from the first surface to a later one [mm]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatientTimes:
+    """A patient at several times.
+
+    Attributes
+    ----------
+    comparisons : tuple of PatientComparison
+        With the reference, the first time first.
+    repeats : tuple of PatientComparison
+        Further segmentations of the first time.
+    follow_up : FollowUp or None
+        None until there is a later time.
+    """
+
+    comparisons: "tuple[PatientComparison, ...]"
+    repeats: "tuple[PatientComparison, ...]" = ()
+    follow_up: "FollowUp | None" = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChangeRegion:
+    """A region of change: the later time, the region, its place as shown, and from where it is seen."""
+
+    time: str
+    region: "Region"
+    place: FloatArray
+    seen_from: FloatArray
+
+
+def with_file(
+    times: PatientTimes,
+    reference: "Reference",
+    path: Path,
+    values: Mapping[str, str],
+    repeats: bool,
+    tick: Tick,
+) -> PatientTimes:
+    """Return the times with one more file: a later time, or a further segmentation of the first one.
+
+    Raises
+    ------
+    InputError
+        If the file can't be compared with the reference, or is there already.
+    """
+    from homolog.patient import compare_patient, compare_times
+    from homolog_app.report.patient import patients_of
+
+    subjects = patients_of([path])
+    if len(subjects) != 1:
+        raise InputError(f"{path}: contains {len(subjects)} subjects; choose one file")
+    if subjects[0].name in {item.name for item in (*times.comparisons, *times.repeats)}:
+        raise InputError(f"{path}: a file of this name is there already; give each time its own name")
+    added = compare_patient(reference, subjects[0], values, tick=part_of(tick, 0.0, 0.8))
+    if repeats:
+        times = replace(times, repeats=(*times.repeats, added))
+    else:
+        times = replace(times, comparisons=(*times.comparisons, added))
+    if len(times.comparisons) < 2:
+        return times
+    return replace(
+        times,
+        follow_up=compare_times(
+            times.comparisons, times.repeats, part_of(tick, 0.8, 1.0), expected=reference.change
+        ),
+    )
+
+
+def change_text(times: PatientTimes) -> str:
+    """Say what changed, and what is known of the error of measuring."""
+    from homolog_app.report.follow_up import change_sentence, error_text, expected_sentence
+
+    if times.follow_up is None:
+        count = len(times.repeats)
+        return f"{count} repeated segmentation{'s' * (count != 1)}; add a later time." if count else ""
+    said = []
+    for change in times.follow_up.changes:
+        said += [change_sentence(change, times.follow_up), expected_sentence(change, times.follow_up)]
+    return "\n".join([*filter(None, said), error_text(times.follow_up)])
+
+
+def change_scene(follow_up: "FollowUp", only_beyond: bool) -> ViewContents:
+    """Return the first surface with the map of change of each later time."""
+    from homolog_app.rendering.colours import common_limit
+    from homolog_app.report.follow_up import beyond_limit, limit_text
+
+    first = follow_up.comparisons[0]
+    limit = common_limit([change.distance for change in follow_up.changes])
+    known, cause = beyond_limit(follow_up.changes[0], follow_up) is not None, limit_text(follow_up)
+    note = f"lines: limit of {cause}" if known else "without a limit"
+    scale = displacement_scale(limit, f"Change since {first.name}", note)
+    if only_beyond and known:
+        scale = replace(scale, grey_words=f"within the limit of {cause}")
+    contents = []
+    for change in follow_up.changes:
+        beyond = beyond_limit(change, follow_up)
+        faded = ~beyond if only_beyond and beyond is not None else None
+        title = f"since {first.name}: volume {100.0 * (change.volume - 1.0):+.1f} %"
+        contents.append(
+            on_patient(first, change.name, title, follow_up.surface, scale, change.distance, faded, beyond)
+        )
+    return ViewContents(contents, int(np.ceil(np.sqrt(len(contents)))), scale, {})
+
+
+def change_regions(follow_up: "FollowUp") -> Sequence[ChangeRegion]:
+    """Return the regions of all later times, in their order."""
+    from homolog_app.pictures.layout import view_of_region
+
+    surface = follow_up.surface
+    return [
+        ChangeRegion(
+            change.name,
+            region,
+            surface.vertices[region.centre],
+            view_of_region(surface, region.vertices, region.centre).axes[2],
+        )
+        for change in follow_up.changes
+        for region in (change.regions if change.expected is None else change.expected.regions)
+    ]

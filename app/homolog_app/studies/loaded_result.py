@@ -18,6 +18,7 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["LoadedResult", "RecordedFrame", "Recorder", "load_result", "write_from_memory"]
 
+
 _FRAMES = "frames.npz"
 _MOST_FRAMES = 200
 

@@ -1,12 +1,16 @@
-"""A study on disk: every subject, also those left out, and the settings of the next run."""
+"""A study on disk: saved, interrupted, and recovered after a crash."""
 
+import shutil
+import uuid
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from filelock import FileLock, Timeout
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from homolog.cohort import Subject
+from homolog.cohort import Subject, checked_path
 from homolog.errors import InputError
 from homolog.files.atomic import write_text
 from homolog.files.project import ProjectFolder
@@ -14,9 +18,23 @@ from homolog.files.project_table import update_table
 from homolog.files.records import ProjectRecord, SubjectRecord
 from homolog.settings import RunSettings
 from homolog_app.rendering.camera import CameraState, Canvas
-from homolog_app.window.study import Member, Study
+from homolog_app.studies.study import Member, Study
 
-__all__ = ["Opened", "StudyRecord", "ViewRecord", "open_project", "record_of", "save_project", "study_of"]
+__all__ = [
+    "InterruptedSession",
+    "Journal",
+    "JournalRecord",
+    "Opened",
+    "StudyRecord",
+    "ViewRecord",
+    "find_lost",
+    "interrupted_text",
+    "open_project",
+    "record_of",
+    "save_project",
+    "study_of",
+]
+
 
 _FILE = "window.json"
 
@@ -155,3 +173,126 @@ def _stored(path: Path) -> StudyRecord:
         return StudyRecord.model_validate_json(path.read_bytes())
     except (ValidationError, OSError) as error:
         raise InputError(f"{path}: is damaged: {error}; delete it to open the project without it") from error
+
+
+_RECORD, _LOCK, _DRAFT = "journal.json", "lock", "draft"
+
+
+class JournalRecord(BaseModel):
+    """What was open: the project's folder (None for a study never saved), the study, and whether it ran."""
+
+    model_config = ConfigDict(frozen=True)
+
+    folder: Annotated[str, AfterValidator(checked_path)] | None
+    study: StudyRecord
+    running: bool
+
+
+class Journal:
+    """One window's folder: its lock, its journal, and the draft project of a study that was never saved."""
+
+    def __init__(self, sessions: Path) -> None:
+        self._folder = sessions / uuid.uuid4().hex
+        self._folder.mkdir(parents=True)
+        self._lock = FileLock(self._folder / _LOCK)
+        self._lock.acquire(timeout=0)
+
+    @property
+    def draft(self) -> ProjectFolder:
+        """The project of a study that was never saved."""
+        return ProjectFolder(self._folder / _DRAFT)
+
+    def write(self, record: JournalRecord) -> None:
+        """Replace the journal."""
+        write_text(self._folder / _RECORD, record.model_dump_json())
+
+    def clear_record(self) -> None:
+        """Forget what was open: it is saved."""
+        (self._folder / _RECORD).unlink(missing_ok=True)
+
+    def clear(self) -> None:
+        """Forget what was open, and the draft: it is given up, or saved elsewhere."""
+        self.clear_record()
+        shutil.rmtree(self.draft.folder, ignore_errors=True)
+
+    def adopt(self, lost: "InterruptedSession") -> None:
+        """Take over the draft of a window that is gone."""
+        draft = lost.folder / _DRAFT
+        if draft.is_dir():
+            shutil.rmtree(self.draft.folder, ignore_errors=True)
+            draft.replace(self.draft.folder)
+        lost.discard()
+
+    def close(self) -> None:
+        """Remove everything; the window closed in good order."""
+        self._lock.release()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+@dataclass(frozen=True, slots=True)
+class InterruptedSession:
+    """The journal of a window that is gone."""
+
+    folder: Path
+    record: JournalRecord
+
+    @property
+    def base(self) -> Path:
+        """Where the relative paths of its study start."""
+        return Path(self.record.folder) if self.record.folder else self.folder / _DRAFT
+
+    def discard(self) -> None:
+        """Delete it."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def find_lost(sessions: Path) -> list[InterruptedSession]:
+    """Return the journals of windows that are gone, newest first; folders without one are removed.
+
+    A lock tells who is alive: the system lets go of it when a process ends, however it ends.
+    """
+    journals: list[tuple[float, InterruptedSession]] = []
+    for folder in sessions.iterdir() if sessions.is_dir() else ():
+        lock = FileLock(folder / _LOCK)
+        try:
+            lock.acquire(timeout=0)
+        except (Timeout, OSError):
+            continue
+        lock.release()
+        path = folder / _RECORD
+        try:
+            lost = InterruptedSession(folder, JournalRecord.model_validate_json(path.read_bytes()))
+            journals.append((path.stat().st_mtime, lost))
+        except (OSError, ValidationError):
+            shutil.rmtree(folder, ignore_errors=True)
+    return [lost for _, lost in sorted(journals, key=lambda entry: -entry[0])]
+
+
+def interrupted_text(checkpoint: Path, particles: int) -> str:
+    """Return how far a run got whose checkpoint is there.
+
+    Parameters
+    ----------
+    checkpoint : Path
+        The file.
+    particles : int
+        How many were wanted.
+    """
+    try:
+        placed, iterations = _read(checkpoint, checkpoint.stat().st_mtime_ns)
+    except (InputError, OSError, KeyError, IndexError):
+        return "The last run was interrupted, and its checkpoint can't be read; start a new run."
+    share = round(100.0 * min(1.0, placed / max(1, particles)))
+    return (
+        f"The last run was interrupted after {iterations} iterations, with {placed} of {particles} particles "
+        f"({share} %). Resume continues from its checkpoint."
+    )
+
+
+@lru_cache(maxsize=1)
+def _read(checkpoint: Path, _changed: int) -> tuple[int, int]:
+    """Return numbers of particles and iterations; read again only if the file has changed."""
+    from homolog.files.arrays import read_arrays
+
+    stored = read_arrays(checkpoint)
+    return int(stored["positions"].shape[1]), int(stored["iteration"])

@@ -19,6 +19,7 @@ from homolog.surfaces.topology import check_mesh
 
 __all__ = ["COLUMNS", "inspect_project", "repaired", "rows", "write_suspects"]
 
+
 COLUMNS = ("kind", "subject", "severity", "particles", "x_mm", "y_mm", "z_mm", "area_mm2", "words")
 """Of the table; x, y and z say where to look in the coordinates of the subject's file."""
 

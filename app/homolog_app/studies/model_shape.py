@@ -1,30 +1,46 @@
-"""Shapes of the model as surfaces, quickly: one small matrix product from sliders to vertices.
+"""The shape model of a result as a surface that moves, and preliminary ones of a run in progress."""
 
-A thin-plate spline with fixed centres is linear in its targets, so the displacement of every vertex along
-every mode is computed once. Any mixture of modes is then their sum.
-"""
-
+import logging
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from homolog.analysis.parallel import ParallelAnalysis, parallel_analysis
 from homolog.analysis.reconstruction import warp_surface
 from homolog.analysis.shape_model import ShapeModel
 from homolog.analysis.thin_plate import farthest_points
-from homolog.arrays import Array, Float32Array, FloatArray, IntArray, frozen
-from homolog.errors import InputError
+from homolog.arrays import Array, BoolArray, Float32Array, FloatArray, IntArray, frozen
+from homolog.errors import Cancelled, InputError, NumericalError
 from homolog.files.project import ProjectFolder
 from homolog.files.results import Result, read_result
 from homolog.progress import Tick, no_tick, part_of
 from homolog.settings import Method
 from homolog.surfaces.mesh import TriangleMesh
 from homolog.surfaces.mirroring import scale_of
-from homolog_app.pictures.layout import common_limit
+from homolog_app.rendering.colours import common_limit
 
-__all__ = ["ModelShape", "facing", "fit_model_shape", "placement", "read_model_shape"]
+if TYPE_CHECKING:
+    from homolog.correspondence import Frame
+    from homolog.run import Run
+
+__all__ = [
+    "ModelShape",
+    "PreliminaryFits",
+    "PreliminaryModel",
+    "facing",
+    "fit_model_shape",
+    "largest_region",
+    "middle_of",
+    "placement",
+    "read_model_shape",
+]
+
 
 _ARROWS = 240
 _METHODS = {Method.GEODESIC_NORMALS: "geodesics and normals", Method.EUCLIDEAN: "Euclidean"}
@@ -224,3 +240,109 @@ def _normals(vertices: Array, faces: IntArray, corners: "sparse.csr_array") -> F
     sums: Float32Array = corners @ across
     sums /= np.maximum(np.sqrt(np.einsum("vi,vi->v", sums, sums)), 1e-30)[:, None]
     return sums
+
+
+def largest_region(faces: IntArray, inside: BoolArray) -> BoolArray:
+    """Return the vertices (V,) of the largest region of `inside` that edges of (F, 3) faces connect."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
+    kept = edges[inside[edges].all(axis=1)]
+    graph = coo_matrix((np.ones(len(kept)), kept.T), shape=(len(inside), len(inside)))
+    labels = connected_components(graph, directed=False)[1]
+    counts = np.bincount(labels[inside])
+    return np.asarray(inside & (labels == counts.argmax()))
+
+
+def middle_of(shape: "ModelShape", region: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return the vertex of a region nearest to its middle [mm] and the mean surface's normal there."""
+    vertices = shape.mean.vertices
+    chosen = np.flatnonzero(region)
+    nearest = chosen[np.linalg.norm(vertices[chosen] - vertices[chosen].mean(axis=0), axis=1).argmin()]
+    return np.asarray(vertices[nearest], np.float64), np.asarray(shape.mean_normals[nearest], np.float64)
+
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreliminaryModel:
+    """A shape model of a run that has not finished.
+
+    Attributes
+    ----------
+    shape : ModelShape
+    particles, wanted : int
+        Particles on each shape, and how many the run places in the end.
+    iteration : int
+    """
+
+    shape: "ModelShape"
+    particles: int
+    wanted: int
+    iteration: int
+
+    @property
+    def description(self) -> str:
+        """How far the run was."""
+        return f"preliminary: {self.particles} of {self.wanted} particles, iteration {self.iteration}"
+
+
+class PreliminaryFits:
+    """Fits a model at each stage that a run completes, in a thread beside the run.
+
+    Parameters
+    ----------
+    run : Run
+    name : str
+        The project's, for captions.
+    method : Method
+    wanted : int
+        Particles that the run places in the end.
+
+    Attributes
+    ----------
+    newest : PreliminaryModel or None
+        A mailbox that any thread may look into.
+    """
+
+    def __init__(self, run: "Run", name: str, method: Method, wanted: int) -> None:
+        self._run, self._name, self._method, self._wanted = run, name, method, wanted
+        self.newest: PreliminaryModel | None = None
+        self._seen: Frame | None = None
+        self._thread: threading.Thread | None = None
+        self._closed = threading.Event()
+
+    def look(self) -> None:
+        """Begin a fit if the run has completed a stage and none is in progress."""
+        frame = self._run.preliminary
+        if frame is None or frame is self._seen or (self._thread is not None and self._thread.is_alive()):
+            return
+        self._seen = frame
+        self._thread = threading.Thread(
+            target=self._fit, args=[frame], name="homolog-preliminary", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the fit in progress; `newest` stays."""
+        self._closed.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _fit(self, frame: "Frame") -> None:
+
+        try:
+            result = self._run.preliminary_result(frame, self._tick)
+            shape = fit_model_shape(self._name, self._method, result, self._tick)
+        except Cancelled:
+            return
+        except NumericalError as error:
+            _log.warning("no preliminary model at iteration %d: %s", frame.iteration, error)
+            return
+        if self.newest is not None:
+            shape = facing(shape, self.newest.shape)
+        self.newest = PreliminaryModel(shape, frame.world.shape[1], self._wanted, frame.iteration)
+        _log.info("preliminary model of %d particles", frame.world.shape[1])
+
+    def _tick(self, fraction: float, message: str) -> None:
+        if self._closed.is_set():
+            raise Cancelled("the run has ended")

@@ -10,21 +10,18 @@ from homolog.cohort import Subject
 from homolog.errors import InputError
 from homolog.files.project import ProjectFolder
 from homolog.progress import Tick, part_of
+from homolog_app.studies.file_survey import survey_subject
+from homolog_app.studies.jobs import groomed_before
+from homolog_app.studies.loaded_result import LoadedResult, load_result
+from homolog_app.views.check import ENERGIES, Marks, checked_scene
 from homolog_app.views.content import Content, ViewContents
-from homolog_app.window.explore.check_scene import ENERGIES, Marks, checked_scene
-from homolog_app.window.explore.group_views import group_scene
-from homolog_app.window.explore.measure_views import measured_scene
-from homolog_app.window.explore.mode_views import mode_scene
-from homolog_app.window.explore.model_content import single_subject
-from homolog_app.window.explore.view_states import CheckView, GroupsView, MeasureView, ModesView, Snapshot
-from homolog_app.window.file_survey import survey_subject
-from homolog_app.window.jobs import groomed_before
-from homolog_app.window.loaded_result import LoadedResult, load_result
-from homolog_app.window.subjects import Groomed, moment_of, subject_contents
+from homolog_app.views.contents import Groomed, moment_of, single_subject, subject_contents
+from homolog_app.views.scenes import group_scene, measured_scene, mode_scene
+from homolog_app.views.view_states import CheckView, GroupsView, MeasureView, ModesView, Snapshot
 
 if TYPE_CHECKING:
     from homolog.inspection import Inspection
-    from homolog_app.window.explore.model_shape import ModelShape
+    from homolog_app.studies.model_shape import ModelShape
 
 __all__ = ["view_contents_of"]
 
@@ -116,7 +113,7 @@ def _with_particles(shown: ViewContents, loaded: LoadedResult | None, moment: in
 
 
 def _models(project: ProjectFolder, loaded: LoadedResult, wanted: Snapshot, tick: Tick) -> "list[ModelShape]":
-    from homolog_app.window.explore.model_shape import facing, fit_model_shape, read_model_shape
+    from homolog_app.studies.model_shape import facing, fit_model_shape, read_model_shape
 
     title = wanted.title or project.folder.name
     models = [fit_model_shape(title, loaded.method, loaded.result, part_of(tick, 0.0, 0.5))]
@@ -130,7 +127,7 @@ def _models(project: ProjectFolder, loaded: LoadedResult, wanted: Snapshot, tick
 def _groups(
     project: ProjectFolder, loaded: LoadedResult, wanted: Snapshot, view: GroupsView, tick: Tick
 ) -> ViewContents:
-    from homolog_app.window.explore.group_answer import answer_groups
+    from homolog_app.studies.answers import answer_groups
 
     models = _models(project, loaded, wanted, part_of(tick, 0.1, 0.5))
     if view.request is None:
@@ -149,7 +146,7 @@ def _checked(
     project: ProjectFolder, loaded: LoadedResult, view: CheckView, contents: list[Content], tick: Tick
 ) -> ViewContents:
     from homolog.inspection import inspect
-    from homolog_app.window.explore.check_work import distances_on, energies_of, textures_of
+    from homolog_app.views.check import distances_on, energies_of, textures_of
 
     own, names = loaded.result, loaded.result.names
     meshes = [loaded.surfaces[name][0] for name in names]

@@ -15,6 +15,7 @@ from homolog.surfaces.mesh import TriangleMesh
 
 __all__ = ["FileSurvey", "LabelSummary", "survey_subject"]
 
+
 THUMBNAIL = 64
 _MARGIN = 6
 _MOST_VOXELS = 128**3

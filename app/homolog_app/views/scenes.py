@@ -1,0 +1,334 @@
+"""What the pages Modes, Groups and Measure show in the views."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from homolog.arrays import Array, FloatArray
+from homolog_app.rendering.colours import ColourScale, displacement_scale, viridis
+from homolog_app.rendering.scene import Arrows
+from homolog_app.rendering.text import short, signed
+from homolog_app.report.findings import LEVEL
+from homolog_app.views.content import Content, ViewContents
+from homolog_app.views.contents import DisplayOptions, arrow_factor, model_content, untitled
+from homolog_app.views.view_states import GroupsView, MeasureView, ModesView
+
+if TYPE_CHECKING:
+    from homolog_app.studies.answers import GroupAnswer, GroupMap
+    from homolog_app.studies.model_shape import ModelShape
+
+__all__ = ["GREY_WORDS", "deviations_of", "group_scene", "measured_scene", "mode_scene"]
+
+
+_STEPS: Mapping[int, tuple[float, ...]] = {
+    4: (-1.0, 1.0), 9: (-1.0, 0.0, 1.0), 16: (-1.0, -0.5, 0.5, 1.0),
+}  # fmt: skip
+"""Parts of the reach in each row, by the number of views."""
+_MOST = 16
+_STAY = np.eye(4)
+
+_Models = Sequence["ModelShape"]
+
+
+def mode_scene(view: ModesView, models: _Models, subject: Content | None = None) -> ViewContents:
+    """Return the contents with one colour scale for all of them.
+
+    Parameters
+    ----------
+    view : ModesView
+    models : sequence of ModelShape
+        The open result's, and one to compare with or none.
+    subject : Content, optional
+        A subject whose own surface stands beside the shape.
+    """
+    look = _look(view, models)
+    if view.count > 1:
+        contents = [content for row in _rows(view, models) for content in _strip(view, models, look, row)]
+        return ViewContents(contents, len(_STEPS[view.count]) * len(models), look.scale, {})
+    deviations = np.array(view.deviations)
+    contents = [subject] if subject is not None else []
+    particles = {}
+    for model in models:
+        text = _words(deviations, model, subject if model is models[0] else None)
+        text += " · surface from particles"
+        content = model_content(
+            model,
+            model.title_among(models),
+            text,
+            model.moved(deviations),
+            look,
+            alignment=_placement(model, models),
+        )
+        content = untitled(content, models)
+        contents.append(content)
+        local = model.model.instance(deviations[: model.modes])
+        particles[content.name] = local @ content.alignment[:3, :3].T + content.alignment[:3, 3]
+    if subject is not None:
+        first = models[0].result
+        particles[subject.name] = first.world[first.names.index(subject.name)]
+    same = len({len(points) for points in particles.values()}) == 1
+    return ViewContents(contents, len(contents), look.scale, particles if same else {})
+
+
+def _look(view: ModesView, models: _Models) -> DisplayOptions:
+    limit = max(model.limit for model in models)
+    factor = arrow_factor(models[0], limit) if view.arrows else 0.0
+    note = f"arrows drawn {factor:g} × as long" if factor > 1.0 else ""
+    if not view.colours:
+        return DisplayOptions(None, factor)
+    middle = view.from_middle
+    title = f"{'Displacement' if middle else 'Outward displacement'} from the mean"
+    scale = displacement_scale(limit, title, note, from_middle=middle)
+    return DisplayOptions(scale.within(view.colour_range), factor, middle)
+
+
+def _rows(view: ModesView, models: _Models) -> list[int]:
+    """Return the modes of the rows: those of the axes, then the others in order, as many as there is room."""
+    steps = _STEPS[view.count]
+    room = min(view.count // len(steps), _MOST // (len(steps) * len(models)))
+    order = dict.fromkeys([*view.axes, *range(models[0].modes)])
+    return [mode for mode in order if mode < min(model.modes for model in models)][:room]
+
+
+def _strip(view: ModesView, models: _Models, look: DisplayOptions, mode: int) -> list[Content]:
+    strip = []
+    for model in models:
+        for step in _STEPS[view.count]:
+            deviations = np.zeros(mode + 1)
+            deviations[mode] = amount = step * view.reach
+            share = f"mode {mode + 1}: {100 * float(model.model.explained_variance_ratio[mode]):.1f} %"
+            digits = 0 if amount == round(amount) else 1
+            text = f"mode {mode + 1}: {signed(amount, digits)} SD" if step else f"mean ({share})"
+            names = (model.title_among(models), text) if len(models) > 1 else (text, "")
+            moved = model.moved(deviations)
+            strip.append(model_content(model, *names, moved, look, alignment=_placement(model, models)))
+    return strip
+
+
+def _placement(model: "ModelShape", models: _Models) -> FloatArray:
+    from homolog_app.studies.model_shape import placement
+
+    return _STAY if model is models[0] else placement(model, models[0])
+
+
+def _words(deviations: FloatArray, model: "ModelShape", subject: Content | None) -> str:
+    away = [(mode, float(value)) for mode, value in enumerate(deviations) if value]
+    if subject is not None:
+        gaps = model.model.instance(deviations) - model.result.world[model.result.names.index(subject.name)]
+        gap = float(np.linalg.norm(gaps, axis=1).mean())
+        count = len(deviations)
+        return f"from {count} mode{'s' * (count != 1)}, {short(gap)} mm from its particles"
+    if not away:
+        return "mean"
+    named = " ".join(f"{mode + 1}: {signed(value)}" for mode, value in away[:4])
+    return f"mode {named} SD" if len(away) == 1 else f"modes {named}{' …' * (len(away) > 4)} SD"
+
+
+GREY_WORDS = {
+    "difference": f"p > {LEVEL:g}, corrected over the surface",
+    "discriminant": "95 % bootstrap interval holds 0, or no difference found",
+    "both": f"difference: corrected p > {LEVEL:g}; discriminant: 95 % interval holds 0",
+}
+"""What grey means on each map."""
+_GREY, _LEFT_OF_COLOUR = 150.0, 0.2
+
+
+def group_scene(view: GroupsView, models: _Models, answers: "Sequence[GroupAnswer]") -> ViewContents:
+    """Return the maps with one colour scale for all, the original method above the proposed one.
+
+    Parameters
+    ----------
+    view : GroupsView
+    models : sequence of ModelShape
+        The open result's, and one to compare with or none.
+    answers : sequence of GroupAnswer
+        Of these models; none before the test.
+    """
+    if not answers:
+        plain = [
+            model_content(model, model.title_among(models), "mean", np.zeros_like(model.mean_normals),
+                          DisplayOptions(), alignment=_placement(model, models))
+            for model in models
+        ]  # fmt: skip
+        plain = [untitled(content, models) for content in plain]
+        return ViewContents(plain, len(plain), None, {})
+    rows = sorted(
+        answers, key=lambda answer: answer.shape.method.uses_geodesics + answer.shape.method.uses_normals
+    )
+    first = answers[0]
+    limit = max(answer.limit for answer in answers)
+    factor = arrow_factor(first.shape, limit) if view.arrows else 0.0
+    of = "" if first.values is None else f"{first.study.request.column} "
+    kind = "Difference" if view.from_middle else "Outward difference"
+    parts = [f"{kind} from {of}{first.first} to {first.second}"]
+    parts += [f"arrows drawn {factor:g} × as long"] if factor > 1.0 else []
+    parts += [f"adjusted for {', '.join(first.study.request.covariates)}"] * bool(
+        first.study.request.covariates
+    )
+    parts += ["the question has changed"] if view.outdated else []
+    scale = displacement_scale(limit, parts[0], " · ".join(parts[1:]), from_middle=view.from_middle)
+    scale = scale.within(view.colour_range)
+    if view.only_significant:
+        scale = replace(
+            scale, grey_words=GREY_WORDS["both" if view.count > 1 and first.values is None else view.map]
+        )
+    if view.outdated:
+        scale = replace(scale, table=_pale(scale.table))
+    contents = []
+    for answer in rows:
+        contents += _row(
+            view,
+            answer,
+            DisplayOptions(scale, factor, view.from_middle),
+            _placement(answer.shape, models),
+            answer.shape.title_among([row.shape for row in rows]) if len(rows) > 1 else "",
+        )
+    columns = len(contents) // len(rows)
+    return ViewContents(contents, 2 if columns == 4 and len(rows) == 1 else columns, scale, {})
+
+
+def _pale(table: Array) -> Array:
+    """Return colours near grey, for what is no answer to the question any more."""
+    return np.rint(_GREY + _LEFT_OF_COLOUR * (table - _GREY)).astype(np.uint8)
+
+
+def _row(
+    view: GroupsView, answer: "GroupAnswer", look: DisplayOptions, placed: FloatArray, title: str
+) -> list[Content]:
+    if view.count == 1:
+        return [_mapped(view, answer, look, placed, view.map, title)]
+    ends = [_mean(answer, placed, end, title) for end in (0.0, 1.0)]
+    if answer.values is None:
+        maps = [_mapped(view, answer, look, placed, kind, title) for kind in ("difference", "discriminant")]
+        return [*ends, *maps]
+    middle = _mean(answer, placed, 0.5, title)
+    return [ends[0], middle, ends[1], _mapped(view, answer, look, placed, "difference", title)]
+
+
+def _mapped(
+    view: GroupsView, answer: "GroupAnswer", look: DisplayOptions, placed: FloatArray, what: str, title: str
+) -> Content:
+    """Return the map on the shape at the place that is chosen."""
+    shape = answer.shape
+    chosen = answer.discriminant if what == "discriminant" else answer.difference
+    if chosen is None:
+        note = "parallel analysis retains no mode: no discriminant"
+        if answer.values is not None:
+            note = "a number has no discriminant; look at the difference"
+        return model_content(shape, title or "mean", note, answer.start, DisplayOptions(), alignment=placed)
+    place = answer.at(view.way)
+    slope = answer.values is not None
+    name = (
+        f"Effect of {answer.study.request.column}" if slope else f"{answer.second} − {answer.first}: {what}"
+    )
+    return model_content(
+        shape, title or name, f"{name} · {place}" if title else place,
+        _at(answer, chosen, view.way), look, values=chosen.outward, ways=chosen.ways,
+        faded=~chosen.significant if view.only_significant else None, alignment=placed,
+    )  # fmt: skip
+
+
+def _mean(answer: "GroupAnswer", placed: FloatArray, way: float, title: str) -> Content:
+    """Return a shape without colours: at an end, or half-way."""
+    if way == 0.5:
+        text, count = "half-way", ""
+    else:
+        text = answer.ends[int(way)]
+        known = answer.pair.counts.get((answer.first, answer.second)[int(way)])
+        count = f"{known} subjects" if known else "by regression"
+    names = (title, text) if title else (text, count)
+    moved = _at(answer, answer.difference, way)
+    return model_content(answer.shape, *names, moved, DisplayOptions(), alignment=placed)
+
+
+def _at(answer: "GroupAnswer", chosen: "GroupMap", way: float) -> FloatArray:
+    """Return the way from the model's mean; both maps go through the middle between the groups' means."""
+    middle = answer.start + 0.5 * answer.difference.ways
+    return np.asarray(middle + np.float32(way - 0.5) * chosen.ways)
+
+
+_PIN = 0.07
+_NEARLY_ALL, _ROOM = 95.0, 1.25  # subjects differ from the mean shape
+
+
+def deviations_of(view: MeasureView) -> FloatArray:
+    """Return how far the shape is along each of the first modes [SD]."""
+    deviations = np.zeros(view.mode + 1)
+    deviations[-1] = view.at
+    return deviations
+
+
+def measured_scene(view: MeasureView, shape: "ModelShape", subjects: Mapping[str, Content]) -> ViewContents:
+    """Return the shape, or two side by side, with both particles marked.
+
+    Parameters
+    ----------
+    view : MeasureView
+    shape : ModelShape
+    subjects : mapping of str to Content
+        The subjects that the view names.
+    """
+    names = [view.subject] if view.beside in (None, view.subject) else [view.subject, view.beside]
+    contents, particles, scale = [], {}, None
+    for name in names:
+        content, points = _measured(view, shape, subjects.get(name))
+        if view.map != "none" and content.groomed is not None:
+            content, scale = _coloured(view, content, shape)
+        contents.append(content)
+        particles[content.name] = points
+    return ViewContents(contents, len(contents), scale, particles)
+
+
+def _measured(view: MeasureView, shape: "ModelShape", subject: Content | None) -> tuple[Content, FloatArray]:
+    """Return the shape, or the own surface of a subject, and its particles (N, 3)."""
+    if subject is None:
+        deviations = deviations_of(view)
+        particles = shape.model.instance(deviations)
+        ends = particles[list(view.particles)]
+        distance = short(float(np.linalg.norm(ends[1] - ends[0])))
+        text = f"mode {view.mode + 1}: {signed(view.at)} SD · distance {distance} mm"
+        content = model_content(shape, shape.title, text, shape.moved(deviations), DisplayOptions())
+        return _with_pins(untitled(content, [shape]), ends), particles
+    particles = shape.result.world[shape.result.names.index(subject.name)]
+    return replace(subject, lines=particles[None, list(view.particles)], through=True), particles
+
+
+def _coloured(view: MeasureView, content: Content, shape: "ModelShape") -> tuple[Content, ColourScale]:
+    """Colour a surface by the thickness of its wall, in its own size, or by its distance from the mean."""
+    from homolog.surfaces.closest import signed_distances_to
+    from homolog.surfaces.walls import wall_thickness
+
+    mesh = content.groomed
+    assert mesh is not None
+    if view.map == "thickness":
+        values = wall_thickness(mesh)
+        scale = _thickness_scale(wall_thickness(shape.mean))
+    else:
+        alignment = content.alignment
+        values = signed_distances_to(shape.mean, mesh.vertices @ alignment[:3, :3].T + alignment[:3, 3])
+        scale = displacement_scale(shape.limit, "Distance from the mean surface")
+        scale = replace(scale, low_words="inside it", high_words="outside")
+    scale, unknown = scale.within(view.colour_range), np.isnan(values)
+    if unknown.any():
+        scale = replace(scale, grey_words="no opposite side")
+    colours = scale.colours(np.where(unknown, scale.low, values), unknown)
+    return replace(content, colours=colours, coarse=None), scale
+
+
+def _thickness_scale(thickness: FloatArray) -> ColourScale:
+    """Return a scale from 0 to what nearly all of the mean shape's wall stays below, with some room."""
+    known = thickness[~np.isnan(thickness)]
+    high = _ROOM * float(np.percentile(known, _NEARLY_ALL)) if len(known) else 1.0
+    return ColourScale("Wall thickness", "mm", 0.0, float(f"{high:.2g}"), viridis(), "thin", "thick")
+
+
+def _with_pins(content: Content, ends: FloatArray) -> Content:
+    """Mark two places of a surface with pins from outside, and the straight way between them."""
+    assert content.groomed is not None
+    assert content.normals is not None
+    vertices = content.groomed.vertices
+    at = [int(np.square(vertices - end).sum(axis=1).argmin()) for end in ends]
+    pins = -_PIN * float(np.ptp(vertices, axis=0).max()) * np.asarray(content.normals, np.float64)[at]
+    return replace(content, arrows=Arrows(ends - pins, pins), lines=ends[None], through=True)
