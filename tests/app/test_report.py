@@ -401,7 +401,7 @@ def test_the_report_says_what_was_found_how_and_that_it_is_for_research(report):
         "smoothing 1.0 voxels",
         "one-sided",
         "Excluded before the run: 1. scan.nrrd: is empty",
-        "sex f",
+        "sex: f",
     ):
         assert part in words, part
     assert "questions were asked" not in words  # form and shape are answers to one

@@ -14,7 +14,7 @@ from homolog_app.rendering import kernels
 from homolog_app.rendering.camera import Frame
 from homolog_app.rendering.scene import Balls, Scene, Surface, surface
 
-__all__ = ["Software", "hollows", "shaded", "warp_mesh", "warp_vectors"]
+__all__ = ["Software", "hollows", "openness", "shaded", "warp_mesh", "warp_vectors"]
 
 
 _DEVICE = "cpu"
@@ -31,7 +31,13 @@ def shaded(mesh: TriangleMesh, colours: FloatArray) -> Surface:
 
 
 def hollows(mesh: TriangleMesh) -> FloatArray:
-    """Return the share of light that reaches each vertex, (V,): less where the surface sees itself nearby.
+    """Return the share of light that reaches each vertex, (V,): less where the surface sees itself nearby."""
+    light = openness(mesh, float(_OCCLUSION_REACH * np.ptp(mesh.vertices, axis=0).max()))
+    return np.asarray(1.0 - _OCCLUSION_DEPTH * (1.0 - light))
+
+
+def openness(mesh: TriangleMesh, reach: float) -> FloatArray:
+    """Return the share of directions in which each vertex does not see the surface within reach [mm], (V,).
 
     A vertex casts a quarter of the rays; averaging over its neighbours, which cast others, removes the noise.
     """
@@ -39,23 +45,22 @@ def hollows(mesh: TriangleMesh) -> FloatArray:
     turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_OCCLUSION_RAYS)
     radius = np.sqrt(index)
     directions = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1.0 - index)], axis=1)
-    openness = wp.empty(len(mesh.vertices), dtype=float, device=_DEVICE)
+    free = wp.empty(len(mesh.vertices), dtype=float, device=_DEVICE)
     cast_on = warp_mesh(mesh.vertices, mesh.faces)
     vectors = [warp_vectors(item) for item in (mesh.vertices, mesh.vertex_normals, directions)]
-    reach = float(_OCCLUSION_REACH * np.ptp(mesh.vertices, axis=0).max())
     wp.load_module(kernels, device=_DEVICE)  # once, before threads launch on it
     cuts = np.linspace(0, len(mesh.vertices), cores() + 1).astype(int).tolist()
 
     def cast(first: int, end: int) -> None:
-        inputs = [cast_on.id, *vectors, reach, first, _OCCLUSION_SETS, openness]
+        inputs = [cast_on.id, *vectors, reach, first, _OCCLUSION_SETS, free]
         wp.launch(kernels.occlude, end - first, inputs=inputs, device=_DEVICE)
 
     with ThreadPoolExecutor(cores()) as pool:
         list(pool.map(cast, cuts[:-1], cuts[1:]))
-    light = openness.numpy().astype(np.float64)
+    light = free.numpy().astype(np.float64)
     for _ in range(_SMOOTHING_ROUNDS):
         light = _mean_around(light, mesh.faces)
-    return np.asarray(1.0 - _OCCLUSION_DEPTH * (1.0 - light))
+    return np.asarray(light, np.float64)
 
 
 def _mean_around(values: FloatArray, faces: IntArray) -> FloatArray:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.spatial import KDTree
 
 from homolog.analysis.comparison import Comparison
 from homolog.analysis.evaluation import compactness, generalization, specificity
@@ -18,6 +19,7 @@ from homolog.files.project import ProjectFolder
 from homolog.files.results import Result
 from homolog.progress import Tick
 from homolog_app.pictures import LIGHT, VIEWS, ModeSurfaces, Theme, draw_differences, draw_modes
+from homolog_app.pictures.layout import Panel, arrange, view_of_region
 from homolog_app.plots import (
     draw_discriminant,
     draw_energies,
@@ -27,11 +29,14 @@ from homolog_app.plots import (
     group_order,
     new_figure,
 )
-from homolog_app.rendering.camera import Clip, ClipPlane
+from homolog_app.rendering.camera import Clip, ClipPlane, View, frame_around
 from homolog_app.rendering.colours import page_colours
+from homolog_app.rendering.draw import draw
+from homolog_app.rendering.rays import hollows
+from homolog_app.rendering.scene import Scene, surface
 from homolog_app.report.findings import LEVEL
 from homolog_app.report.study import Study
-from homolog_app.report.surface_maps import SurfaceCarrier
+from homolog_app.report.surface_maps import SIDES, Region, SurfaceCarrier, significant_regions
 
 __all__ = [
     "ReportFigure", "discriminant_figure", "energies_figure", "map_figure", "model_figures", "quality_figure",
@@ -41,6 +46,10 @@ __all__ = [
 _SPECIFICITY_AT = (1, 2, 3, 5, 8, 13, 21)
 _DRAWS = 200
 _VIEWS = ("anterior", "posterior", "superior", "inferior")
+_MOST_REGIONS = 9
+_REGION_WIDTH = 420
+_MARKED = (0.84, 0.37, 0.0)
+"""Colour of a region: vermillion of Okabe and Ito."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,6 +117,15 @@ def study_figures(
             continue
         caption = _map_caption(study, item) + _cut_text(clip)
         yield ReportFigure(f"{stem}_map", map_figure(item, carrier, clip=clip), caption, item.title)
+        if regions := significant_regions(study, item, carrier):
+            shown = regions[:_MOST_REGIONS]
+            yield ReportFigure(
+                f"{stem}_regions",
+                regions_figure(item, shown, carrier),
+                f"Regions of significant particles, {item.title}, each coloured and seen from where most of "
+                "it is in sight; the numbers are those of the table."
+                + (f" The {_MOST_REGIONS} largest are shown." if len(regions) > len(shown) else ""),
+            )
         if item.discriminant is not None:
             yield ReportFigure(
                 f"{stem}_discriminant",
@@ -202,6 +220,33 @@ def map_figure(
         rows["discriminant, 95 % bounds"] = (mesh, way * firm[:, None])
     views = [VIEWS[name] for name in _VIEWS]
     return draw_differences(rows, views=views, clip=clip, theme=theme, width=300)
+
+
+def regions_figure(
+    comparison: Comparison, regions: Sequence[Region], carrier: SurfaceCarrier, theme: Theme = LIGHT
+) -> Figure:
+    """Draw where regions are: one picture of the mean surface for each."""
+    mesh = carrier.mean_of(comparison)
+    light = hollows(mesh)
+    widest = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    panels = []
+    for number, region in enumerate(regions, start=1):
+        vertices = np.flatnonzero(np.isin(carrier.nearest, region.particles))
+        colours = np.tile(np.array(theme.surface), (len(mesh.vertices), 1))
+        colours[vertices] = _MARKED
+        centre = int(KDTree(mesh.vertices).query(region.position)[1])
+        frame = frame_around([mesh.vertices], view_of_region(mesh, vertices, centre), width=widest)
+        picture = draw(Scene((surface(mesh, colours, light),)), frame, _REGION_WIDTH)
+        panels.append(Panel(picture, f"{number}: from {seen_from(frame.view)}"))
+    return arrange([panels[start : start + 3] for start in range(0, len(panels), 3)], theme=theme)
+
+
+def seen_from(view: View) -> str:
+    """Return the side from which a view looks, such as ``"left anterior"``."""
+    toward = np.array(view.toward) / np.linalg.norm(view.toward)
+    return " ".join(
+        pair[int(part > 0.0)] for pair, part in zip(SIDES, toward, strict=True) if abs(part) > 0.35
+    )
 
 
 def _cut_text(clip: Clip | None) -> str:

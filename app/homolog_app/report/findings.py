@@ -29,6 +29,7 @@ __all__ = [
     "p_text",
     "percent_text",
     "region_text",
+    "right_text",
 ]
 
 
@@ -61,12 +62,23 @@ def effect_text(comparison: Comparison) -> str:
     )
 
 
-def correction_text(study: Study, *, size: bool = False) -> str:
-    """Return what p-values are corrected for, such as ``"corrected for 2 answers"``, or nothing."""
-    parts = [f"{len(study.pairwise)} pairs of groups (Holm)"] if study.pairwise else []
+def correction_text(study: Study, *, size: bool = False, overall: bool = False) -> str:
+    """Return what p-values are corrected for, such as ``"corrected for 2 analyses"``, or nothing.
+
+    Those of size are corrected for pairs only, those of all groups together (`overall`) for analyses only.
+    """
+    parts = [f"{len(study.pairwise)} pairs of groups (Holm)"] if study.pairwise and not overall else []
     if study.request.answers > 1 and not size:
         parts.append(f"{study.request.answers} analyses (form and shape; Bonferroni)")
     return f"corrected for {' and '.join(parts)}" if parts else ""
+
+
+def right_text(comparison: Comparison) -> str:
+    """Return how many of each group were classified rightly, such as ``"8 of 10 A, 9 of 12 B"``."""
+    if comparison.discriminant is None:
+        return ""
+    counts = zip(comparison.discriminant.right, comparison.counts.items(), strict=True)
+    return ", ".join(f"{right} of {count} {name}" for right, (name, count) in counts)
 
 
 def region_text(study: Study, comparison: Comparison) -> str:
@@ -167,31 +179,26 @@ def _numbers(study: Study, comparison: Comparison) -> str:
         sentences.append(
             means.format(interval_text(comparison.distance, digits), column=study.request.column)
         )
-    correction = correction_text(study)
-    if comparison.test.modes and correction and (comparison is not study.overall or not study.pairwise):
-        sentences.append(
-            f"Whole shape: {p_text(comparison.p_adjusted, comparison.test.permutations)}, {correction}."
-        )
-    elif comparison.test.modes and study.request.answers > 1:
-        p = p_text(comparison.p_adjusted, comparison.test.permutations)
-        sentences.append(
-            f"Whole shape: {p}, corrected for {study.request.answers} analyses (form and shape; Bonferroni)."
-        )
+    overall = comparison is study.overall
+    correction = correction_text(study, overall=overall)
+    if comparison.test.modes and correction:
+        sentences.append(f"Whole shape: {p_text(comparison.p_adjusted, comparison.test.permutations)}.")
     sentences.append(f"{effect_text(comparison)}.")
     sentences.append(
-        f"Locally significant: {region_text(study, comparison)} (p ≤ {LEVEL:g}, corrected over the surface"
-        f"{', ' + correction if correction else ''})."
+        f"Locally significant: {region_text(study, comparison)} (p ≤ {LEVEL:g}, corrected over the surface)."
     )
     if comparison.discriminant is not None:
         separation = comparison.discriminant
         accuracy = _tested(comparison.accuracy_p_adjusted, separation.accuracy.permutations)
         auc = _tested(comparison.auc_p_adjusted, separation.auc.permutations)
-        corrected = f" (both p {correction})" if correction and accuracy else ""
         sentences.append(
             f"Cross-validated linear discriminant: balanced accuracy {percent_text(separation.accuracy)}"
-            f"{accuracy}, AUC {interval_text(separation.auc)}{auc}{corrected}."
+            f"{accuracy} (right: {right_text(comparison)}), AUC {interval_text(separation.auc)}{auc}."
         )
     sentences += _size_text(study, comparison)
+    if correction:
+        size = correction_text(study, size=True, overall=overall) or "not corrected"
+        sentences.append(f"p values without a remark are {correction}; that of size is {size}.")
     return " ".join(sentences)
 
 
@@ -204,8 +211,6 @@ def _size_text(study: Study, comparison: Comparison) -> list[str]:
     if size is None or p is None:
         return []
     sentence = p_text(p, size.permutations)
-    if comparison in study.pairwise and study.pairwise:
-        sentence += f", {correction_text(study, size=True)}"
     if np.isnan(size.value):
         return [f"Size alone: {sentence}."]
     unit = f"mm per unit of {study.request.column}" if study.request.kind == "regression" else "mm"

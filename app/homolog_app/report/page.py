@@ -2,6 +2,7 @@
 
 import base64
 import io
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -99,6 +100,7 @@ class Page:
 
 def _unbroken(text: str) -> str:
     """Keep both sides of an equation, and numbers with their percent signs, on one line."""
+    text = re.sub(r"(F\([^,()]+,) ", "\\1\u00a0", text)
     return text.replace(" = ", "\u00a0=\u00a0").replace(" %", "\u00a0%")
 
 

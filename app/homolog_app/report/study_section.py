@@ -1,19 +1,20 @@
 """The part of a report on one study: sample, results, where, assumptions, figures."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import floor, isfinite, log10
 from pathlib import Path
 
+import numpy as np
+
 from homolog.analysis.comparison import Comparison
+from homolog.analysis.effects import Effect
 from homolog.files.results import Result
 from homolog_app.report.figures import ReportFigure
 from homolog_app.report.findings import (
     LEVEL,
     correction_text,
-    interval_text,
     p_text,
-    percent_text,
-    region_text,
+    right_text,
 )
 from homolog_app.report.page import Page
 from homolog_app.report.seeds import read_spread, spread_text
@@ -36,18 +37,7 @@ def add_study(
     page.heading(f"Study: {study.request.title}")
     _sample(page, study, result)
     page.heading("Results", 3)
-    correction = correction_text(study)
-    page.paragraph(
-        "Effects come with 95 % confidence intervals, which are not corrected for pairs or answers. "
-        + (
-            f"P-values of the whole shape, of particles and of the discriminant are {correction}; "
-            "those of size are " + (f"{correction_text(study, size=True)}. " if study.pairwise else "not. ")
-            if correction
-            else "P-values are not corrected for other questions. "
-        )
-        + "p (F) assumes normal data and equal covariances and is not corrected."
-    )
-    page.table(_COLUMNS, (_row(study, comparison) for comparison in study.comparisons))
+    _results(page, study)
     _where(page, study, carrier)
     spread = spread_text(read_spread(*kept))
     page.paragraph(
@@ -95,75 +85,187 @@ def add_study(
         page.table(["comparison", "test", "type I error (%)", "95 % bounds"], false_positives, as_text=True)
 
 
+def _results(page: Page, study: Study) -> None:
+    """Add effects with their intervals and p-values: whole shape, particles, size and separation."""
+    correction, size = correction_text(study), correction_text(study, size=True) or "not corrected"
+    overall = correction_text(study, overall=True) or "not corrected"
+    sentences = [
+        "Effects come with 95 % confidence intervals, which are not corrected for pairs or analyses.",
+        f"p of the whole shape, of particles and of the discriminant are {correction}"
+        f"{f'; those of all groups together are {overall}' if study.pairwise else ''}; those of size are "
+        f"{size}."
+        if correction
+        else "p values are not corrected for other questions.",
+    ]
+    tested = list(_tested(study))
+    if any(comparison is not None for _, comparison in tested if comparison not in study.comparisons):
+        sentences.append("Where subjects lie far from the rest, all results are given without them, too.")
+    page.paragraph(" ".join(sentences))
+    page.table(
+        [
+            "whole shape", "modes", f"D (SD{_per(study)}, 95 % CI)", "p", "p, not corrected",
+            "studentized statistic", "T² or Λ", "F (df)", "p (F)",
+        ],
+        (_whole_shape_row(study, *item) for item in tested),
+    )  # fmt: skip
+    page.paragraph(
+        "df: degrees of freedom. D is the Mahalanobis distance of the means, corrected for bias. T² is "
+        "Hotelling's, Λ is Wilks' lambda. p (F) assumes normal data and equal covariances and is not "
+        "corrected."
+    )
+    page.table(
+        [
+            "particles", f"significant (p ≤ {LEVEL:g})", "area (mm²)", "area (%)", "smallest p",
+            f"q ≤ {LEVEL:g}", "smallest q",
+        ],
+        (_particles_row(study, *item) for item in tested),
+    )  # fmt: skip
+    page.paragraph(
+        "p of particles is corrected over the surface (family-wise error). q is the false discovery rate "
+        "over the surface (Benjamini and Hochberg), not corrected for pairs or analyses."
+    )
+    rows = [_separation_row(study, *item) for item in tested]
+    if any(cell != "–" for row in rows for cell in row[1:]):
+        page.table(
+            [
+                "size and separation", f"size (mm{_per(study)}, 95 % CI)", "p",
+                "balanced accuracy (%, 95 % CI)", "p", "classified rightly", "AUC (95 % CI)", "p",
+            ],
+            rows,
+            as_text=True,
+        )  # fmt: skip
+    if any(comparison.discriminant is not None for comparison in study.comparisons):
+        page.paragraph(
+            "Accuracy and AUC are cross-validated and means over the repeats; the counts of those "
+            "classified rightly are of the scores' means over the repeats."
+        )
+
+
+def _tested(study: Study) -> Iterator[tuple[str, Comparison]]:
+    """Yield each comparison with its title, and after it the same without its outliers."""
+    for comparison in study.comparisons:
+        yield comparison.title, comparison
+        if comparison.without_outliers is not None:
+            names = ", ".join(study.names[index] for index in comparison.outliers)
+            yield f"{comparison.title}, without {names}", comparison.without_outliers
+
+
+def _per(study: Study) -> str:
+    return f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
+
+
+def _whole_shape_row(study: Study, title: str, comparison: Comparison) -> tuple[str, ...]:
+    test = comparison.test
+    if not test.modes:
+        return (title, "0", *["–"] * 7)
+    digits = 3 if study.request.kind == "regression" else 2
+    return (
+        title,
+        str(test.modes),
+        _interval(comparison.distance, digits) if comparison.distance is not None else "–",
+        _p(comparison.p_adjusted, test.permutations),
+        _p(test.p_permutation, test.permutations),
+        f"{test.studentized:.2f}",
+        f"T² {test.t_squared:.1f}" if test.t_squared is not None else f"Λ {test.wilks:.3f}",
+        f"{test.f:.2f} ({test.dof[0]:g}, {test.dof[1]:.4g})",
+        _p(test.p),
+    )
+
+
+def _particles_row(study: Study, title: str, comparison: Comparison) -> tuple[str, ...]:
+    local = comparison.pointwise
+    significant = comparison.p_fwe <= LEVEL
+    area, whole = float(study.areas[significant].sum()), float(study.areas.sum())
+    return (
+        title,
+        f"{np.count_nonzero(significant)} of {len(significant)}",
+        f"{area:.0f}",
+        f"{100.0 * area / max(whole, 1e-300):.1f}",
+        _p(float(comparison.p_fwe.min()), local.permutations),
+        f"{np.count_nonzero(local.q <= LEVEL)} of {len(significant)}",
+        _p(float(local.q.min())),
+    )
+
+
+def _separation_row(study: Study, title: str, comparison: Comparison) -> tuple[str, ...]:
+    line, size, size_p = comparison.discriminant, comparison.size, comparison.size_p_adjusted
+    digits = 3 if study.request.kind == "regression" else 2
+    sizes = ["–", "–"]
+    if size is not None and size_p is not None:
+        effect = _interval(size, digits) if isfinite(size.value) else "–"
+        sizes = [effect, _p(size_p, size.permutations)]
+    if line is None:
+        return (title, *sizes, *["–"] * 5)
+    return (
+        title,
+        *sizes,
+        _interval(line.accuracy, 0, 100.0),
+        _known(comparison.accuracy_p_adjusted, line.accuracy.permutations),
+        right_text(comparison),
+        _interval(line.auc),
+        _known(comparison.auc_p_adjusted, line.auc.permutations),
+    )
+
+
+def _interval(effect: Effect, digits: int = 2, scale: float = 1.0) -> str:
+    """Return an estimate with its interval as tables have it, such as ``"1.27 (0.41 to 2.02)"``."""
+    value, low, high = (f"{scale * item:.{digits}f}" for item in (effect.value, effect.low, effect.high))
+    return f"{value} ({low} to {high})"
+
+
+def _known(p: float | None, permutations: int) -> str:
+    return "–" if p is None else _p(p, permutations)
+
+
 def _where(page: Page, study: Study, carrier: SurfaceCarrier) -> None:
     """Add the regions where particles are significant."""
-    per = f" per unit of {study.request.column}" if study.request.kind == "regression" else ""
     rows = [
         (
             comparison.title,
+            f"{number}",
             f"{len(region.particles)}",
             f"{region.area:.0f}",
-            region.place,
-            f"{interval_text(region.outward)}, {region.direction}",
+            region.where,
+            f"{_interval(region.outward)}, {region.direction}",
             f"{region.length:.2f}",
             f"{region.mean_outward:.2f}",
             _p(region.p, comparison.pointwise.permutations),
         )
         for comparison in study.comparisons
-        for region in significant_regions(study, comparison, carrier)
+        for number, region in enumerate(significant_regions(study, comparison, carrier), start=1)
     ]
     if not rows:
         return
     page.heading("Where", 3)
+    hollow = any("surface" in row[4] for row in rows)
     page.paragraph(
-        f"Connected regions of particles with family-wise p ≤ {LEVEL:g}, corrected. The peak is the "
-        "particle with the largest studentized statistic. Outward is along the normal of the mean surface, "
-        "positive out of the tissue. The position was tested in all directions: the interval of its outward "
-        "part alone may hold zero. Intervals are of the peak by itself, not corrected over the surface; "
-        "since the peak was chosen by its statistic, its effect is overestimated. Places follow the axes "
-        "of the input files, from the middle of the mean shape: they are anatomical only if those are. On an "
-        "inner surface (its normal points to the middle) into the tissue means a wider cavity."
+        f"Connected regions of particles with p ≤ {LEVEL:g}, corrected over the surface, pairs and "
+        "analyses; the pictures below show them by number. Places are directions from the middle of the "
+        "mean shape along the axes of the input files: left is towards the patient's left (file axis +L), "
+        "anterior towards the front (+A), superior towards the head (+S). They hold if the files' axes are "
+        "those of the patient. Give the parts their anatomical names from the pictures."
+        + (
+            " The shape is hollow: a region is on its inner surface, which mostly faces itself across the "
+            "cavity, or on its outer surface."
+            if hollow
+            else ""
+        )
     )
     page.table(
         [
-            "comparison", "particles", "area (mm²)", "place of the peak",
-            f"outward at the peak (mm{per}, 95 % CI)", f"displacement of the peak (mm{per})",
-            f"mean outward (mm{per})", "corrected p at the peak",
+            "comparison", "region", "particles", "area (mm²)", "place of the peak",
+            f"outward at the peak (mm{_per(study)}, 95 % CI)", f"displacement of the peak (mm{_per(study)})",
+            f"mean outward (mm{_per(study)})", "p at the peak",
         ],
         rows,
         as_text=True,
     )  # fmt: skip
-
-
-_COLUMNS = (
-    "comparison", "modes", "D, corrected for bias (95 % CI)", "studentized statistic", "p (permutation)",
-    "p (corrected)",
-    "T² or lambda", "F (degrees of freedom)", "p (F)", f"particles p ≤ {LEVEL:g}, corrected",
-    "balanced accuracy (95 % CI)", "AUC (95 % CI)", "size (95 % CI)", "size p",
-)  # fmt: skip
-
-
-def _row(study: Study, comparison: Comparison) -> tuple[str, ...]:
-    test, line, size = comparison.test, comparison.discriminant, comparison.size
-    unit = f"mm per unit of {study.request.column}" if study.request.kind == "regression" else "mm"
-    digits = 3 if study.request.kind == "regression" else 2
-    return (
-        comparison.title,
-        str(test.modes),
-        interval_text(comparison.distance, digits) if comparison.distance is not None else "–",
-        f"{test.studentized:.2f}" if test.modes else "–",
-        _p(test.p_permutation, test.permutations),
-        _p(comparison.p_adjusted, test.permutations),
-        f"T² {test.t_squared:.1f}" if test.t_squared is not None else f"Λ {test.wilks:.3f}",
-        f"{test.f:.2f} ({test.dof[0]:g}, {test.dof[1]:.4g})" if test.modes else "–",
-        _p(test.p),
-        region_text(study, comparison),
-        percent_text(line.accuracy) if line is not None else "–",
-        interval_text(line.auc) if line is not None else "–",
-        f"{interval_text(size)} {unit}" if size is not None and isfinite(size.value) else "–",
-        _p(comparison.size_p_adjusted, size.permutations)
-        if size is not None and comparison.size_p_adjusted is not None
-        else "–",
+    page.paragraph(
+        "The peak is the particle with the largest studentized statistic. Outward is along the normal of "
+        "the mean surface, positive out of the tissue. The position was tested in all directions: the "
+        "interval of its outward part alone may hold zero. Intervals are of the peak by itself, not "
+        "corrected over the surface; since the peak was chosen by its statistic, its effect is "
+        "overestimated."
     )
 
 
@@ -195,21 +297,32 @@ def _mean_text(mean: float, spread: float) -> str:
     return f"{mean:.{decimals}f} ± {spread:.{decimals}f}"
 
 
+def _sample_text(count: int, of: int, category: str, mean: float | None, spread: float | None) -> str:
+    if category:
+        return f"{count} ({100.0 * count / max(of, 1):.0f} %)"
+    if mean is None:
+        return str(count)
+    words = _mean_text(mean, spread) if spread is not None else f"{mean:.3g}"
+    return words if count == of else f"{words} (of {count})"
+
+
 def _sample(page: Page, study: Study, result: Result) -> None:
     page.heading("Sample", 3)
+    rows = sample_rows(study, result)
+    groups = list(dict.fromkeys(row[0] for row in rows))
+    cells: dict[str, dict[str, str]] = {}
+    sizes = {row[0]: row[3] for row in rows if row[1] == "subjects"}
+    for group, variable, category, count, mean, spread in rows:
+        title = f"{variable}{f': {category}' if category else ''}{' (mm)' if variable == SHAPE_SIZE else ''}"
+        cells.setdefault(title, {})[group] = _sample_text(count, sizes[group], category, mean, spread)
     page.table(
-        ["group", "variable", "n", "mean ± SD"],
-        (
-            (
-                group,
-                f"{variable} {category}".strip() + (" (mm)" if variable == SHAPE_SIZE else ""),
-                str(count),
-                "–" if mean is None or spread is None else _mean_text(mean, spread),
-            )
-            for group, variable, category, count, mean, spread in sample_rows(study, result)
-        ),
-        as_text=True,
+        ["", *groups], ([title, *(row.get(group, "–") for group in groups)] for title, row in cells.items())
     )
+    page.paragraph("Mean ± standard deviation, or number of subjects (share of the group).")
     gone = [f"{name} ({why})" for name, why in study.left_out.items()]
     excluded = f"Not compared: {len(gone)} of {len(result.names)} subjects. {', '.join(gone)}"
     page.paragraph(excluded if gone else "All subjects were compared.")
+    page.paragraph(
+        "Not in the files, for the authors to add: where and when subjects were recruited, criteria of "
+        "inclusion and diagnosis, scanner and protocol, who segmented and how, ethics approval."
+    )

@@ -18,7 +18,7 @@ from homolog.surfaces.nearest import nearest_particles
 from homolog_app.rendering.colours import outward_displacement
 from homolog_app.report.study import Study
 
-__all__ = ["Region", "SurfaceCarrier", "significant_regions"]
+__all__ = ["SIDES", "Region", "SurfaceCarrier", "significant_regions"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +74,24 @@ class SurfaceCarrier:
         low, high = comparison.discriminant.bounds(np.array(maps))
         return np.asarray(((low > 0.0) | (high < 0.0)) & (comparison.p_adjusted <= LEVEL))
 
+    def inner_at_particles(self, count: int) -> BoolArray:
+        """Return which of so many particles (N,) are on an inner surface, which mostly sees itself.
+
+        Nobody is where such places are a tenth of the area or less: the shape is not hollow.
+        """
+        from homolog_app.rendering.rays import openness  # loads Warp
+
+        diagonal = float(np.linalg.norm(np.ptp(self.mesh.vertices, axis=0)))
+        inner = openness(self.mesh, diagonal) < 1.0 - _ENCLOSED
+        areas = np.bincount(
+            self.mesh.faces.ravel(), np.repeat(self.mesh.face_areas, 3), minlength=len(self.mesh.vertices)
+        )
+        if float(areas[inner].sum()) <= _HOLLOW * float(areas.sum()):
+            inner = np.zeros(len(inner), dtype=bool)
+        share = np.bincount(self.nearest, areas * inner, minlength=count)
+        whole = np.bincount(self.nearest, areas, minlength=count)
+        return np.asarray(share > 0.5 * whole)
+
     def outward_at_particles(self, comparison: Comparison, displacement: FloatArray) -> FloatArray:
         """Return the outward part of displacements of the particles (..., N, 3) [mm], shape (..., N)."""
         outward: FloatArray = (displacement * self.normals_at_particles(comparison)).sum(axis=-1)
@@ -87,15 +105,19 @@ class SurfaceCarrier:
         return normals
 
 
-_SIDES = (("right", "left"), ("anterior", "posterior"), ("inferior", "superior"))
+SIDES = (("right", "left"), ("anterior", "posterior"), ("inferior", "superior"))
 """Of the axes of LPS coordinates: towards smaller and larger values."""
 _OFF_THE_MIDDLE = 1.0 / 3.0
 """Share of half the extent along an axis from which a place is called by that axis' side."""
+_ENCLOSED = 0.5
+"""Share of directions in which a place of an inner surface sees the surface again, as in a cavity."""
+_HOLLOW = 0.1
+"""Share of the area that inner surfaces need, for a shape to be called hollow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
-    """Significant particles next to each other.
+    """Significant particles next to each other, of a hollow shape on one side of its wall.
 
     Attributes
     ----------
@@ -108,7 +130,9 @@ class Region:
     position : (3,) array
         Its mean position [mm].
     place : str
-        The same in words, from the middle of the mean shape.
+        The same in words, from the middle of the mean shape along the axes of the files.
+    wall : str
+        ``"inner surface"`` or ``"outer surface"`` of a hollow shape; empty for others.
     outward : Effect
         Displacement at the peak along the outward normal [mm] with its interval, not corrected over the
         surface.
@@ -116,8 +140,8 @@ class Region:
         Of the whole displacement at the peak [mm].
     mean_outward : float
         Outward displacement, mean over the region's area [mm].
-    p : float
-        Corrected p of the peak.
+    p, q : float
+        Corrected p and false discovery rate of the peak.
     """
 
     particles: IntArray
@@ -125,25 +149,39 @@ class Region:
     peak: int
     position: FloatArray
     place: str
+    wall: str
     outward: Effect
     length: float
     mean_outward: float
     p: float
+    q: float
+
+    @property
+    def where(self) -> str:
+        """Wall and place, in words."""
+        return f"{self.wall}, {self.place}" if self.wall else self.place
 
     @property
     def direction(self) -> str:
         """Which way the surface lies at the peak, in words."""
-        return "out of the tissue" if self.outward.value > 0.0 else "into the tissue"
+        way = "out of the tissue" if self.outward.value > 0.0 else "into the tissue"
+        if not self.wall.startswith("inner"):
+            return way
+        return f"{way} (cavity {'narrower' if self.outward.value > 0.0 else 'wider'})"
 
 
 def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCarrier) -> list[Region]:
-    """Return the regions of a comparison with one effect, the largest first."""
+    """Return the regions of a comparison with one effect, the largest first.
+
+    Of a hollow shape, those on its inner and on its outer surface are apart.
+    """
     inside = comparison.p_fwe <= LEVEL
     if len(comparison.pointwise.effect) > 1 or not inside.any():
         return []
     faces = carrier.mesh.faces
     edges = carrier.nearest[np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])]
-    kept = edges[inside[edges].all(axis=1)]
+    inner = carrier.inner_at_particles(len(inside))
+    kept = edges[inside[edges].all(axis=1) & (inner[edges[:, 0]] == inner[edges[:, 1]])]
     graph = coo_matrix((np.ones(len(kept)), kept.T), shape=(len(inside), len(inside)))
     labels = connected_components(graph, directed=False)[1]
     normals = carrier.normals_at_particles(comparison)
@@ -161,23 +199,23 @@ def significant_regions(study: Study, comparison: Comparison, carrier: SurfaceCa
                 area=float(areas.sum()),
                 peak=peak,
                 position=comparison.mean[peak],
-                place=_place(comparison.mean, normals, peak),
+                place=_place(comparison.mean, peak),
+                wall=("inner surface" if inner[peak] else "outer surface") if inner.any() else "",
                 outward=Effect(float(outward[peak]), float(low[peak]), float(high[peak])),
                 length=float(np.linalg.norm(effect[peak])),
                 mean_outward=float(outward[own] @ areas / max(float(areas.sum()), 1e-300)),
                 p=float(comparison.p_fwe[peak]),
+                q=float(comparison.pointwise.q[peak]),
             )
         )
     return sorted(regions, key=lambda region: -region.area)
 
 
-def _place(mean: FloatArray, normals: FloatArray, particle: int) -> str:
-    """Return where a particle lies, such as ``"left posterior, inner surface"``."""
+def _place(mean: FloatArray, particle: int) -> str:
+    """Return where a particle lies from the middle of the shape, such as ``"left posterior"``."""
     middle = (mean.min(axis=0) + mean.max(axis=0)) / 2.0
-    offset = mean[particle] - middle
-    share = offset / np.maximum(np.ptp(mean, axis=0) / 2.0, 1e-300)
+    share = (mean[particle] - middle) / np.maximum(np.ptp(mean, axis=0) / 2.0, 1e-300)
     sides = [
-        pair[int(part > 0.0)] for pair, part in zip(_SIDES, share, strict=True) if abs(part) > _OFF_THE_MIDDLE
+        pair[int(part > 0.0)] for pair, part in zip(SIDES, share, strict=True) if abs(part) > _OFF_THE_MIDDLE
     ]
-    facing = ", inner surface" if normals[particle] @ offset < 0.0 else ""
-    return (" ".join(sides) or "middle") + facing
+    return " ".join(sides) or "middle"

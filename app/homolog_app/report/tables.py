@@ -115,6 +115,15 @@ def write_study_tables(
         ["group", "variable", "category", "n", "mean", "standard_deviation"],
         (list(row) for row in sample_rows(study, result)),
     )
+    without = (
+        own
+        | _test_row(study, comparison.without_outliers)
+        | {"pairs_corrected_for": own["pairs_corrected_for"]}
+        | {"without": "; ".join(study.names[index] for index in comparison.outliers)}
+        for own, comparison in zip(rows, study.comparisons, strict=True)
+        if comparison.without_outliers is not None
+    )
+    write("tests_without_outliers.csv", [*rows[0], "without"], (list(row.values()) for row in without))
     write("regions.csv", _REGION_COLUMNS, _regions(study, carrier))
     stems = file_stems([comparison.title for comparison in study.comparisons])
     for item, stem in zip(study.comparisons, stems, strict=True):
@@ -245,6 +254,8 @@ def _test_row(study: Study, comparison: Comparison) -> dict[str, _Cell]:
         **_effect("balanced_accuracy", None if separation is None else separation.accuracy),
         "balanced_accuracy_p_permutation": None if separation is None else separation.accuracy.p,
         "balanced_accuracy_p_permutation_corrected": comparison.accuracy_p_adjusted,
+        "classified_rightly_first_group": None if separation is None else separation.right[0],
+        "classified_rightly_second_group": None if separation is None else separation.right[1],
         **_effect("auc", None if separation is None else separation.auc),
         "auc_p_permutation": None if separation is None else separation.auc.p,
         "auc_p_permutation_corrected": comparison.auc_p_adjusted,
@@ -302,8 +313,9 @@ def _particles(
 
 _REGION_COLUMNS = (
     "comparison", "region", "particles", "area_mm2", "mean_outward_mm", "peak_particle",
-    "peak_x_mm", "peak_y_mm", "peak_z_mm", "peak_place", "peak_outward_mm",
+    "peak_x_mm", "peak_y_mm", "peak_z_mm", "peak_wall", "peak_place", "peak_outward_mm",
     "peak_outward_low_95_mm", "peak_outward_high_95_mm", "peak_displacement_mm", "peak_p_fwe_corrected",
+    "peak_q",
 )  # fmt: skip
 
 
@@ -312,8 +324,8 @@ def _regions(study: Study, carrier: SurfaceCarrier) -> Iterator[list[_Cell]]:
         for number, region in enumerate(significant_regions(study, comparison, carrier), start=1):
             yield [
                 comparison.title, number, len(region.particles), region.area, region.mean_outward,
-                region.peak, *region.position.tolist(), region.place, region.outward.value,
-                region.outward.low, region.outward.high, region.length, region.p,
+                region.peak, *region.position.tolist(), region.wall, region.place, region.outward.value,
+                region.outward.low, region.outward.high, region.length, region.p, region.q,
             ]  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from homolog.analysis.null_simulation import WHOLE_SHAPE_F, WHOLE_SHAPE_PERMUTAT
 from homolog.arrays import IntArray
 
 if TYPE_CHECKING:
-    from homolog.analysis.comparison import Comparison, Remainder
+    from homolog.analysis.comparison import Comparison
 
 __all__ = ["LEVEL", "cautions_of", "dispersion_caution", "outlier_caution", "p_text", "size_caution"]
 
@@ -93,7 +93,7 @@ def size_caution(skewness: SizeSkewness | None, counts: Mapping[str, int]) -> st
 
 
 def outlier_caution(
-    outliers: IntArray, names: Sequence[str] | None = None, without: "Remainder | None" = None
+    outliers: IntArray, names: Sequence[str] | None = None, without: "Comparison | None" = None
 ) -> str:
     """Return a caution that names the subjects that lie far from the others of their group.
 
@@ -103,10 +103,10 @@ def outlier_caution(
         return ""
     who = ", ".join(f"subject {index + 1}" if names is None else names[index] for index in outliers)
     rest = ""
-    if without is not None:
-        far = without.distance
+    if without is not None and without.test.modes:
+        far, test = without.distance, without.test
         effect = "" if far is None else f"D = {far.value:.2f} (95 % CI {far.low:.2f} to {far.high:.2f}), "
-        p = p_text(without.p, without.permutations)
+        p = p_text(test.p_permutation, test.permutations)
         pronoun = "it" if len(outliers) == 1 else "them"
         rest = f" Without {pronoun}, the whole shape has {effect}{p}, not corrected."
     return (

@@ -24,7 +24,7 @@ from homolog.arrays import BoolArray, FloatArray, IntArray, frozen
 from homolog.errors import InputError
 from homolog.progress import Tick, part_of
 
-__all__ = ["DEFAULT", "Comparison", "Options", "Remainder", "prepare_shapes", "run_comparison"]
+__all__ = ["DEFAULT", "Comparison", "Options", "prepare_shapes", "run_comparison"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,31 +57,13 @@ class Options:
     modes: int | None = None
     permutations: int = 10_000
     bootstraps: int = 1000
-    classifications: int = 499
+    classifications: int = 1999
     null_repeats: int = 0
     answers: int = 1
     seed: int = 0
 
 
 DEFAULT = Options()
-
-
-@dataclass(frozen=True, slots=True)
-class Remainder:
-    """The test of the whole shape without the outliers.
-
-    Attributes
-    ----------
-    p : float
-        Permutation p, not corrected.
-    permutations : int
-    distance : Effect or None
-        As in `Comparison`.
-    """
-
-    p: float
-    permutations: int
-    distance: Effect | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,8 +110,8 @@ class Comparison:
     outliers : (n,) int array
         Indices of subjects that lie far from the mean of their group, the farthest first; of pairs, of their
         first.
-    without_outliers : Remainder or None
-        The test of the whole shape without them; None if there are none, or too few others.
+    without_outliers : Comparison or None
+        All results without them, corrected in the same way; None if there are none, or too few others.
     notes : tuple of str
         What was done another way than asked for, in sentences.
     pairwise : tuple of Comparison
@@ -152,7 +134,7 @@ class Comparison:
     false_positives: tuple[FalsePositives, ...]
     size_skewness: SizeSkewness | None
     outliers: IntArray
-    without_outliers: Remainder | None = None
+    without_outliers: "Comparison | None" = None
     notes: tuple[str, ...] = ()
     accuracy_p_adjusted: float | None = None
     auc_p_adjusted: float | None = None
@@ -165,7 +147,13 @@ class Comparison:
 
     def renumbered(self, members: IntArray) -> "Comparison":
         """Return it with the indices of a larger cohort, of which those compared are the members."""
-        return replace(self, subjects=members[self.subjects], outliers=members[self.outliers])
+        rest = self.without_outliers
+        return replace(
+            self,
+            subjects=members[self.subjects],
+            outliers=members[self.outliers],
+            without_outliers=None if rest is None else rest.renumbered(members),
+        )
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -186,8 +174,9 @@ def run_comparison(
     mean: FloatArray | None = None,
     data: FloatArray | None = None,
     size: FloatArray | None = None,
+    nested: bool = True,
 ) -> Comparison:
-    """Run the tests of one design.
+    """Run the tests of one design, and once more without outliers.
 
     Parameters
     ----------
@@ -209,6 +198,8 @@ def run_comparison(
         What is tested in place of the subjects' shapes: differences of pairs [mm].
     size : (m,) array, optional
         The same for size [mm].
+    nested : bool
+        Whether to repeat it without outliers.
 
     Returns
     -------
@@ -234,13 +225,26 @@ def run_comparison(
         )
     effect = size_effect(size, design, alike, **drawn)
     outliers = outliers_in_groups(data, design, list(members.values()))
-    rest = np.full(len(subjects), True)
-    rest[outliers] = False
+    kept = np.full(len(subjects), True)
+    kept[outliers] = False
     remainder = None
-    if not rest.all() and test.modes and all(np.count_nonzero(own & rest) > 1 for own in members.values()):
-        kept = prepare_shapes(shapes[subjects[rest]], options) if given is None else given[rest]
+    if nested and len(outliers) and all(np.count_nonzero(own & kept) > 1 for own in members.values()):
+        sizes = [np.count_nonzero(own & kept) for own in members.values()] or [np.count_nonzero(kept)]
         with suppress(InputError):  # too few are left
-            remainder = _remainder(kept, design.of(rest), options)
+            remainder = run_comparison(
+                shapes,
+                subjects[kept],
+                design.of(kept),
+                title,
+                dict(zip(counts, map(int, sizes), strict=True)),
+                replace(options, null_repeats=0),
+                part_of(tick, 0.9, 1.0),
+                members={name: own[kept] for name, own in members.items()},
+                mean=mean,
+                data=None if given is None else given[kept],
+                size=size[kept],
+                nested=False,
+            )
     return Comparison(
         title=title,
         subjects=subjects,
@@ -265,11 +269,6 @@ def run_comparison(
 def prepare_shapes(shapes: FloatArray, options: Options) -> FloatArray:
     """Return the shapes as they are compared."""
     return aligned(shapes, options.alignment)
-
-
-def _remainder(data: FloatArray, design: Design, options: Options) -> Remainder | None:
-    test = mode_test(data, design, modes=options.modes, permutations=options.permutations, seed=options.seed)
-    return Remainder(test.p_permutation, test.permutations, _distance(test, design)) if test.modes else None
 
 
 def _distance(test: ModeTest, design: Design) -> Effect | None:

@@ -18,6 +18,9 @@ __all__ = ["Discriminant", "discriminant", "shrunk_covariance"]
 _MANY = 300
 """Subjects from which cross-validation is done in the leading modes of all, and `_FURTHER` after them."""
 _FURTHER = 24
+_CHUNK_VALUES = 1_000_000
+_FLAT = 1e-9
+"""Modes with less than this part of the first one's variance hold no variation."""
 _MOST_FOLDS = 10
 _REPEATS_OF_P = 2
 """Repeats of the cross-validation in each permutation, and for the observed labels."""
@@ -36,6 +39,8 @@ class Discriminant:
         modes [mm].
     bootstrap : (B, k) array
         The same of cohorts drawn with replacement within each group.
+    second : (M,) bool array
+        Members of the second group.
     scores : (M,) array
         Each subject's position along the direction [mm]; zero is midway between the groups' means.
     shrinkage : float
@@ -55,6 +60,7 @@ class Discriminant:
     modes: FloatArray
     weights: FloatArray
     bootstrap: FloatArray
+    second: BoolArray
     scores: FloatArray
     shrinkage: float
     accuracy: Effect
@@ -67,6 +73,13 @@ class Discriminant:
         """Freeze the arrays."""
         for name in ("modes", "weights", "bootstrap", "scores", "held_out"):
             object.__setattr__(self, name, frozen(getattr(self, name), np.float64))
+        object.__setattr__(self, "second", frozen(self.second))
+
+    @property
+    def right(self) -> tuple[int, int]:
+        """How many subjects of the first and of the second group fall on their own side by `held_out`."""
+        own_side = (self.held_out > 0.0) == self.second
+        return int(np.count_nonzero(own_side & ~self.second)), int(np.count_nonzero(own_side & self.second))
 
     @property
     def displacement(self) -> FloatArray:
@@ -103,7 +116,7 @@ def discriminant(
     covariates: FloatArray | None = None,
     repeats: int = 20,
     bootstraps: int = 1000,
-    permutations: int = 499,
+    permutations: int = 1999,
     seed: int = 0,
     tick: Tick = no_tick,
 ) -> Discriminant:
@@ -149,14 +162,16 @@ def discriminant(
     rows = _without_covariates(rows, second, extra, np.arange(len(rows)))
     rows = rows - rows.mean(axis=0)
     scores, basis = _leading(rows, modes)
-    direction, separation, midpoint, shrinkage = _fit(scores, second)
+    fit = _fit(scores, second, np.ones(len(second)))
     generator = np.random.default_rng(seed)
     drawn = np.empty((bootstraps, len(basis)))
-    for index in range(bootstraps):
-        tick(0.5 * index / bootstraps, "bootstrap of the discriminant")
-        again = _resampled(second, generator)
-        axis, length, _, _ = _fit(scores[again], second[again])
-        drawn[index] = axis * length
+    chunk = max(1, _CHUNK_VALUES // scores.size)
+    for start in range(0, bootstraps, chunk):
+        tick(0.5 * start / bootstraps, "bootstrap of the discriminant")
+        some = min(chunk, bootstraps - start)
+        counts = np.stack([_resampled(second, generator) for _ in range(some)])
+        again = _fit(scores, second, counts)
+        drawn[start : start + some] = again.direction * again.separation[:, None]
     folds = min(_MOST_FOLDS, smallest)
     # Of many subjects the leading modes without one fold hardly leave those of all.
     reduced, _ = leading_scores(rows, len(rows) if len(rows) <= _MANY else modes + _FURTHER)
@@ -166,18 +181,14 @@ def discriminant(
     ]
     measured = np.array([_rates(held_out, second) for held_out in rounds])
     accuracy, auc = (float(item) for item in measured.mean(axis=0))
+    # A permutation test holds for any statistic: its rounds can do with the leading modes.
+    reduced = reduced[:, : modes + _FURTHER]
+    observed = _mean_rates(reduced, second, extra, modes, folds, generator)
     null_rates = np.empty((permutations, 2))
     for entry in range(permutations):
         tick(0.6 + 0.4 * entry / permutations, "permutations of the discriminant")
         order = generator.permutation(len(second))
-        rates = [
-            _rates(
-                _round(reduced, second[order], extra[order], modes, folds, generator, no_tick), second[order]
-            )
-            for _ in range(_REPEATS_OF_P)
-        ]
-        null_rates[entry] = np.mean(rates, axis=0)
-    observed = measured[:_REPEATS_OF_P].mean(axis=0)
+        null_rates[entry] = _mean_rates(reduced, second[order], extra[order], modes, folds, generator)
     p = [
         float(permutation_p_value(item, column)) if permutations else None
         for item, column in zip(observed, null_rates.T, strict=True)
@@ -186,10 +197,11 @@ def discriminant(
     correct = np.mean([(item > 0.0) == second for item in rounds], axis=0)
     return Discriminant(
         modes=basis.reshape(-1, *particles.shape[1:]),
-        weights=direction * separation,
+        weights=fit.direction * fit.separation,
         bootstrap=drawn,
-        scores=scores @ direction - midpoint,
-        shrinkage=shrinkage,
+        second=second,
+        scores=scores @ fit.direction - fit.midpoint,
+        shrinkage=float(fit.shrinkage),
         accuracy=Effect(accuracy, *_accuracy_bounds(correct, second, accuracy), p[0], permutations),
         auc=Effect(auc, *_auc_bounds(held_out, second, auc), p[1], permutations),
         held_out=held_out,
@@ -198,50 +210,79 @@ def discriminant(
     )
 
 
-def shrunk_covariance(centred: FloatArray) -> tuple[FloatArray, float]:
-    """Return a covariance drawn towards the sphere, and by how much (Ledoit and Wolf 2004).
+def shrunk_covariance(
+    centred: FloatArray, weights: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return covariances drawn towards the sphere, and by how much (Ledoit and Wolf 2004).
 
     Parameters
     ----------
-    centred : (M, k) array
-        Rows with mean zero.
+    centred : (..., M, k) array
+        Rows with mean zero. Columns of zeros stay zeros.
+    weights : (..., M) array, optional
+        How often each row counts; once by default.
 
     Returns
     -------
-    (k, k) array
-        The covariance.
-    float
-        Weight of the sphere in it.
+    (..., k, k) array
+        The covariances.
+    (...) array
+        Weight of the sphere in each.
     """
-    count, width = centred.shape
-    covariance = centred.T @ centred / count
-    sphere = np.trace(covariance) / width * np.eye(width)
-    distance = np.square(covariance - sphere).sum()
-    spread = (np.square(centred).sum(axis=1) ** 2).sum() / count - np.square(covariance).sum()
-    shrinkage = float(np.clip(spread / count / distance, 0.0, 1.0)) if distance > 0.0 else 1.0
-    return shrinkage * sphere + (1.0 - shrinkage) * covariance, shrinkage
+    often = np.ones(centred.shape[:-1]) if weights is None else weights
+    count = often.sum(axis=-1)[..., None, None]
+    covariance = np.swapaxes(centred * often[..., None], -1, -2) @ centred / count
+    variances = np.diagonal(covariance, axis1=-2, axis2=-1)
+    varying = variances > 0.0
+    width = np.maximum(varying.sum(axis=-1), 1)
+    sphere = (variances.sum(axis=-1) / width)[..., None, None] * (
+        varying[..., None] * np.eye(centred.shape[-1])
+    )
+    distance = np.square(covariance - sphere).sum(axis=(-2, -1))
+    fourth = (often * np.square(np.square(centred).sum(axis=-1))).sum(axis=-1)
+    spread = fourth / count[..., 0, 0] - np.square(covariance).sum(axis=(-2, -1))
+    ratio = spread / count[..., 0, 0] / np.where(distance > 0.0, distance, 1.0)
+    shrinkage = np.where(distance > 0.0, np.clip(ratio, 0.0, 1.0), 1.0)
+    part = shrinkage[..., None, None]
+    return part * sphere + (1.0 - part) * covariance, shrinkage
 
 
-def _fit(scores: FloatArray, second: BoolArray) -> tuple[FloatArray, float, float, float]:
-    """Return unit direction, distance of the means along it, midpoint between them, shrinkage."""
-    first_mean, second_mean = scores[~second].mean(axis=0), scores[second].mean(axis=0)
-    covariance, shrinkage = shrunk_covariance(scores - np.where(second[:, None], second_mean, first_mean))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """Unit directions (..., k), distances of the means along them, midpoints and shrinkages (...)."""
+
+    direction: FloatArray
+    separation: FloatArray
+    midpoint: FloatArray
+    shrinkage: FloatArray
+
+
+def _fit(scores: FloatArray, second: BoolArray, weights: FloatArray) -> _Fit:
+    """Fit discriminants to scores (..., M, k) of subjects who count so often (..., M)."""
+    means = []
+    for own in (~second, second):
+        part = weights * own
+        means.append((part[..., None, :] @ scores)[..., 0, :] / part.sum(axis=-1)[..., None])
+    first_mean, second_mean = means
+    group = np.where(second[:, None], second_mean[..., None, :], first_mean[..., None, :])
+    covariance, shrinkage = shrunk_covariance(scores - group, weights)
     difference = second_mean - first_mean
-    direction = np.linalg.pinv(covariance) @ difference
-    direction /= max(float(np.linalg.norm(direction)), np.finfo(float).tiny)
-    midpoint = float((first_mean + second_mean) @ direction / 2.0)
-    return direction, float(difference @ direction), midpoint, shrinkage
+    direction = (np.linalg.pinv(covariance, hermitian=True) @ difference[..., None])[..., 0]
+    length = np.linalg.norm(direction, axis=-1, keepdims=True)
+    direction = direction / np.maximum(length, np.finfo(float).tiny)
+    midpoint = ((first_mean + second_mean) * direction).sum(axis=-1) / 2.0
+    return _Fit(direction, (difference * direction).sum(axis=-1), midpoint, shrinkage)
 
 
-def _resampled(second: BoolArray, generator: np.random.Generator) -> IntArray:
-    """Draw subjects with replacement within each group, at least two different ones of each."""
-    parts = []
+def _resampled(second: BoolArray, generator: np.random.Generator) -> FloatArray:
+    """Draw subjects with replacement within each group, two different ones at least; how often each (M,)."""
+    often = np.zeros(len(second))
     for members in (np.flatnonzero(~second), np.flatnonzero(second)):
         drawn = generator.choice(members, len(members))
         while (drawn == drawn[0]).all():
             drawn = generator.choice(members, len(members))
-        parts.append(drawn)
-    return np.concatenate(parts)
+        often += np.bincount(drawn, minlength=len(second))
+    return often
 
 
 def _leading(rows: FloatArray, modes: int) -> tuple[FloatArray, FloatArray]:
@@ -277,15 +318,40 @@ def _round(
     generator: np.random.Generator,
     tick: Tick,
 ) -> FloatArray:
-    """Return each subject's score when it is held out."""
+    """Return each subject's score when it is held out, in distances of the groups; all folds at once."""
     tick(0.0, "cross-validation of the discriminant")
-    held_out = np.empty(len(second))
     fold_of = _stratified(second, folds, generator)
-    for fold in range(folds):
-        train, test = np.flatnonzero(fold_of != fold), np.flatnonzero(fold_of == fold)
-        adjusted = _without_covariates(rows, second, covariates, train)
-        held_out[test] = _predicted(adjusted, second, train, test, modes)
-    return held_out
+    trains = (fold_of != np.arange(folds)[:, None]).astype(np.float64)
+    if covariates.shape[1]:
+        rows = np.stack(
+            [_without_covariates(rows, second, covariates, np.flatnonzero(train)) for train in trains]
+        )
+    mean = trains[:, None, :] @ rows / trains.sum(axis=1)[:, None, None]
+    centred = rows - mean
+    squares, vectors = np.linalg.eigh(np.swapaxes(centred * trains[..., None], 1, 2) @ centred)
+    squares, axes = squares[:, ::-1][:, :modes], vectors[:, :, ::-1][:, :, :modes]
+    scores = centred @ (axes * (squares > _FLAT * squares[:, :1])[:, None, :])
+    fit = _fit(scores, second, trains)
+    along = (scores @ fit.direction[..., None])[..., 0] - fit.midpoint[:, None]
+    held_out = along[fold_of, np.arange(len(second))]
+    of_fold = np.where(fit.separation == 0.0, 1.0, fit.separation)
+    return np.asarray(held_out / of_fold[fold_of], np.float64)
+
+
+def _mean_rates(
+    rows: FloatArray,
+    second: BoolArray,
+    covariates: FloatArray,
+    modes: int,
+    folds: int,
+    generator: np.random.Generator,
+) -> FloatArray:
+    """Return balanced accuracy and area under the curve, (2,), of the repeats that p is counted over."""
+    rates = [
+        _rates(_round(rows, second, covariates, modes, folds, generator, no_tick), second)
+        for _ in range(_REPEATS_OF_P)
+    ]
+    return np.asarray(np.mean(rates, axis=0), np.float64)
 
 
 def _rates(held_out: FloatArray, second: BoolArray) -> tuple[float, float]:
@@ -331,20 +397,6 @@ def _auc_bounds(held_out: FloatArray, second: BoolArray, auc: float) -> tuple[fl
     reach = stats.norm.isf(tail) * np.sqrt(variance) / (auc * (1.0 - auc))
     bounds = 1.0 / (1.0 + np.exp(-(centre + np.array([-reach, reach]))))
     return float(bounds[0]), float(bounds[1])
-
-
-def _predicted(
-    rows: FloatArray, second: BoolArray, train: IntArray, test: IntArray, modes: int
-) -> FloatArray:
-    """Return how far along the training subjects' discriminant the others lie, in distances of its groups."""
-    mean = rows[train].mean(axis=0)
-    known = rows[train] - mean
-    squares, vectors = np.linalg.eigh(known.T @ known)
-    squares, vectors = squares[::-1][:modes], vectors[:, ::-1][:, :modes]
-    axes = vectors[:, squares > 1e-9 * squares[0]]
-    direction, separation, midpoint, _ = _fit(known @ axes, second[train])
-    held_out: FloatArray = ((rows[test] - mean) @ axes @ direction - midpoint) / (separation or 1.0)
-    return held_out
 
 
 def _stratified(second: BoolArray, folds: int, generator: np.random.Generator) -> IntArray:

@@ -68,17 +68,33 @@ def compare_two_groups(
     done = run_comparison(
         shapes, subjects, design, title, counts, options, part_of(tick, 0.0, 0.6), members=members
     )
+    second, rest = labels == between[1], done.without_outliers
+    if rest is not None:
+        rest = _separated(rest, shapes, second, covariates, options, part_of(tick, 0.8, 1.0))
+    done = _separated(done, shapes, second, covariates, options, part_of(tick, 0.6, 0.8))
+    return replace(done, without_outliers=rest)
+
+
+def _separated(
+    done: Comparison,
+    shapes: FloatArray,
+    second: BoolArray,
+    covariates: FloatArray | None,
+    options: Options,
+    tick: Tick,
+) -> Comparison:
+    """Return a comparison of two groups with its discriminant, if a mode is retained."""
     if done.test.modes == 0:
         return done
     separation = discriminant(
-        prepare_shapes(shapes[subjects], options),
-        labels[subjects] == between[1],
+        prepare_shapes(shapes[done.subjects], options),
+        second[done.subjects],
         done.test.modes,
-        covariates=own,
+        covariates=None if covariates is None else covariates[done.subjects],
         bootstraps=options.bootstraps,
         permutations=min(options.classifications, options.permutations),
         seed=options.seed,
-        tick=part_of(tick, 0.6, 1.0),
+        tick=tick,
     )
     accuracy, auc = (
         None if p is None else min(options.answers * p, 1.0)
@@ -138,7 +154,11 @@ def compare_groups(
             shapes, groups, pair, covariates=columns, options=options, names=names, tick=tick_of_pair
         )
         each.append(replace(comparison, notes=notes))
-    return overall, _corrected(each)
+    rests = _corrected([pair.without_outliers or pair for pair in each])
+    return overall, tuple(
+        replace(pair, without_outliers=None if pair.without_outliers is None else rest)
+        for pair, rest in zip(_corrected(each), rests, strict=True)
+    )
 
 
 def _varying(covariates: FloatArray | None, members: BoolArray) -> tuple[FloatArray | None, tuple[str, ...]]:

@@ -73,5 +73,9 @@ def test_an_outlier_is_found_in_its_group_whatever_the_groups_differ_by():
         others, [None, *two[1:3], *two[4:]], modes=2, permutations=99, alignment="as-it-lies"
     )
     assert rest.without_outliers is None
-    assert found.without_outliers.p == rest.test.p_permutation
+    assert found.without_outliers.test.p_permutation == rest.test.p_permutation
     assert found.without_outliers.distance.value == pytest.approx(rest.distance.value)
+    assert found.without_outliers.size.value == pytest.approx(rest.size.value)
+    assert found.without_outliers.discriminant.auc.value == pytest.approx(rest.discriminant.auc.value)
+    np.testing.assert_array_equal(found.without_outliers.p_fwe, rest.p_fwe)
+    assert 3 not in found.without_outliers.subjects
