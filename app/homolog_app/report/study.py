@@ -237,6 +237,10 @@ def _check(result: Result, request: StudyRequest) -> None:
         )
     labels = column_of(result, request.column)
     there = levels(labels)
+    if not there:
+        raise InputError(
+            f"column {request.column!r}: is empty; add its values with homolog table, or name another column"
+        )
     for group in request.between:
         if group not in there:
             raise InputError(
